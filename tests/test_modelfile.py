@@ -1,3 +1,4 @@
+import dataclasses
 import hashlib
 import json
 from datetime import UTC, datetime, timedelta, timezone
@@ -45,9 +46,10 @@ MODELS = {
     "cascade": Cascade(
         PLAYS,
         Linear([0.1], [1.0, 1 / 3, 0.1], None, 0.7),
-        "linear",
+        "operator",
         Creep([0.1, 3.0], [1 / 3, 0.1], 0.5, 0.1),
         1 / 7,
+        Linear([1 / 3], [1.0, 0.1]),
     ),
     "linear": Linear([0.1, 1 / 7], [1.0, -1 / 3], 0.1, 0.3),
     "heated-wire": HeatedWire(Preisach(LEVELS, TRIANGLE), 1 / 3, 0.1),
@@ -73,6 +75,16 @@ def content(path):
     """A valid file as an object, to be spoilt."""
     save(MODELS["preisach"], path, provenance=GIVEN)
     return json.loads(path.read_text())
+
+
+def test_dynamics_on_both_sides_are_kept_and_absent_in_other_files(path):
+    model = MODELS["cascade"]
+    save(model, path)
+    assert load(path).ahead == model.ahead
+    without = dataclasses.replace(model, ahead=None, first="linear")
+    assert "ahead" not in plain(without)
+    save(without, path, force=True)
+    assert same(load(path), without)
 
 
 def same(one, other):

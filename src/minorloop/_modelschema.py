@@ -102,16 +102,21 @@ class _Strict(msgspec.Struct, forbid_unknown_fields=True):
     """Part of a file; unknown keys are refused."""
 
 
+_LATER = {(Cascade, "ahead")}
+"""Parameters that files have only if they are given, because earlier files lack them."""
 _TRIANGLES = {Preisach: -1, RelayModel: 0}
 """Classes whose weights are a triangle, and the number of its rows minus that of the levels."""
 
 
 def _struct(of: type[Any], **options: Any) -> type[msgspec.Struct]:
     """Return the type of the JSON object for a class, whose fields are its parameters."""
-    hints, fields = get_type_hints(of), []
+    hints = get_type_hints(of)
+    fields: list[Any] = []
     for name in (field.name for field in dataclasses.fields(of)):
         if of in _TRIANGLES and name == "weights":
             fields.append((name, list[list[float]]))
+        elif (of, name) in _LATER:
+            fields.append((name, _json_type(hints[name]), None))
         else:
             fields.append((name, _json_type(hints[name])))
     struct = msgspec.defstruct(of.__name__, fields, forbid_unknown_fields=True, **options)
@@ -218,7 +223,11 @@ def kind_of(model: Any) -> str:
 
 def plain(model: Any) -> dict[str, Any]:
     """Return the parameters of a model as lists and numbers, squares up to their diagonal."""
-    fields = {one.name: _plain(getattr(model, one.name)) for one in dataclasses.fields(model)}
+    fields = {
+        one.name: _plain(getattr(model, one.name))
+        for one in dataclasses.fields(model)
+        if (type(model), one.name) not in _LATER or getattr(model, one.name) is not None
+    }
     if isinstance(model, Cascade):
         fields["operator"] = {"kind": kind_of(model.operator), **fields["operator"]}
     return fields

@@ -32,7 +32,7 @@ from minorloop.lab.plan import Plan
 from minorloop.lab.store import Point
 from minorloop.operators.relays import RelayModel
 
-__all__ = ["Arrival", "DriveResult", "TargetDrive"]
+__all__ = ["Arrival", "DriveResult", "MismatchError", "TargetDrive"]
 
 SURE = 2.0
 """An error below this many standard deviations of the measured value is not corrected."""
@@ -52,6 +52,10 @@ _TELLING = 0.1
 """Share of the model's range that the predicted outputs must span for that gain to count."""
 _CLEAR = 10.0
 """Standard deviations of a measured value that they must span too."""
+
+
+class MismatchError(InstrumentError):
+    """The sensor cannot be that of the model; the same points give the same error again."""
 
 
 @dataclass(frozen=True)
@@ -320,7 +324,7 @@ class TargetDrive:
     def choose(self, points: Sequence[Point]) -> float | None:
         """Return the input to hold next; None when every target is done.
 
-        An `InstrumentError` is raised if the sensor cannot be that of the model: nothing was
+        A `MismatchError` is raised if the sensor cannot be that of the model: nothing was
         measured in saturation, its offset is larger than the range of the model, or it moves by
         less than a third or more than three times what the model predicts.
 
@@ -350,12 +354,12 @@ class TargetDrive:
         """Refuse a sensor that cannot belong to the model."""
         if not np.isfinite(offset):
             covered = f", which covers {self.covered}" if self.covered else ""
-            raise InstrumentError(
+            raise MismatchError(
                 "nothing was measured in saturation; check the sensor, its range and its "
                 f"conversion{covered}"
             )
         if abs(offset) > self._width:
-            raise InstrumentError(
+            raise MismatchError(
                 f"the sensor reads {offset:+.4g} more than the model in saturation, and all of the "
                 f"model's range is {self._width:.4g}; check the unit and the conversion of the "
                 "sensor, such as the geometry of a laser, and that this is the model's actuator"
@@ -375,7 +379,7 @@ class TargetDrive:
         if LEAST_GAIN <= gain <= MOST_GAIN:
             return
         sign = ", its sign is turned" if gain < -LEAST_GAIN else ""
-        raise InstrumentError(
+        raise MismatchError(
             f"the measured output moves by {gain:.3g} times what the model predicts{sign}; check "
             "the unit and the conversion of the sensor, such as the gain of --linear, and that "
             "this is the model's actuator"

@@ -29,7 +29,8 @@ The other keys of ``model`` depend on its kind. They are the parameters of its c
 ``polynomial``                      coefficients, low, high of `Polynomial`
 ``cascade``                         operator (one of the above), linear, first, creep, noise of
                                     `Cascade`: linear has numerator, denominator, interval,
-                                    delay; creep is null or has times, strengths, gain, offset
+                                    delay; creep is null or has times, strengths, gain, offset;
+                                    ahead, if present, has the keys of linear
 ``linear``                          numerator, denominator, interval, delay of `Linear`
 ``heated-wire``                     operator (the keys of ``preisach`` without a kind), lag,
                                     latent of `HeatedWire`

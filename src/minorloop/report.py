@@ -334,9 +334,10 @@ def _band_rows(result: Identification) -> list[tuple[str, str]]:
     import numpy as np
 
     from minorloop.identification.bands import PER_DEVIATION
+    from minorloop.identification.rough_model import one_of_each
 
     scored = np.flatnonzero(result.held_out if result.held_out.any() else result.fitted)
-    scored = scored[:: max(scored.size // _MOST_SCORED, 1)]
+    scored = scored[one_of_each(scored.size, _MOST_SCORED)]
     reach = PER_DEVIATION * result.deviation(scored)
     inside = float(np.mean(np.abs((result.prediction - result.y)[scored]) <= reach))
     where = "held-out" if result.held_out.any() else "fitted"

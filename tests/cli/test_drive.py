@@ -123,6 +123,9 @@ def test_a_sensor_that_cannot_be_that_of_the_model_stops_before_the_first_target
     assert status == 2
     assert "more than the model in saturation" in err
     assert "the geometry of a laser" in err
+    assert "begin a new drive with another --store" in err
+    assert "continue with" not in err
+    assert "begin a new drive" in run("resume --store d.sqlite")[2]
     assert answer("runs export --store d.sqlite")["columns"]["voltage [V]"] == [-1.2]
 
 

@@ -104,6 +104,14 @@ def test_two_columns_of_time_are_refused(refused):
     assert "0 holds" in refused("reduce two.csv --input u --output y --time clock")
 
 
+def test_a_second_clock_is_named_and_a_duration_is_not(answer):
+    header, *rows = Path("log.csv").read_text().splitlines()
+    two = [f"{header},t2 [s],held [s]", *(f"{row},{k},{-k}" for k, row in enumerate(rows))]
+    Path("two.csv").write_text("\n".join(two) + "\n")
+    said = " ".join(answer(LINE.replace("log.csv", "two.csv"))["notes"])
+    assert "is the time; 't2 [s]' could be too: name the right one with --time" in said
+
+
 def spoilt(column, value, every=150):
     """Replace some cells of the log; the column is counted from 0."""
     header, *rows = Path("log.csv").read_text().splitlines()

@@ -254,6 +254,45 @@ def test_the_inverse_compensates_creep(first):
     assert np.sqrt(np.mean((crept - targets) ** 2)) > 20 * errors[0]
 
 
+AHEAD = Linear.lags(0.7)
+BOTH = Cascade(PLANE, G, creep=Creep([2.0], [0.2], 0.8), ahead=AHEAD)
+
+
+@given(INPUTS, st.floats(-1, 1))
+def test_dynamics_on_both_sides_are_in_series(u, before):
+    t = 0.4 * np.arange(1, len(u) + 1)
+    filtered = AHEAD.simulate(t, u, before=before)
+    expected = Cascade(PLANE, G).simulate(t, filtered, before=before)
+    got = Cascade(PLANE, G, ahead=AHEAD).simulate(t, u, before=before)
+    np.testing.assert_allclose(got, expected, atol=1e-12)
+
+
+def test_single_steps_with_dynamics_on_both_sides_equal_simulate():
+    t = 0.1 * np.arange(1, 60)
+    u = np.sin(2 * t)
+    sampled = BOTH.sampled(0.1)
+    state, got = sampled.begin(0.3), []
+    for value in u:
+        y, state = sampled.step(state, float(value))
+        got.append(y)
+    np.testing.assert_allclose(got, BOTH.simulate(t, u, before=0.3), atol=1e-9)
+
+
+@pytest.mark.parametrize("between", ["straight", "held"])
+def test_the_inverse_undoes_dynamics_on_both_sides(between):
+    model = Cascade(PLANE, Linear.lags(0.05, 0.02), ahead=Linear.lags(0.04, delay=0.02))
+    t = 0.005 * np.arange(2000)
+    rest = model.operator.simulate([0.0])[0]
+    wanted = rest + 0.6 * (1 - np.cos(t))
+    found = model.invert(t, wanted, before=0.0, between=between)
+    assert found.rms < 2e-3 * np.ptp(wanted)
+
+
+def test_refuses_dynamics_on_both_sides_with_linear_first():
+    with pytest.raises(ParameterError, match="first is 'linear' and ahead is given too"):
+        Cascade(PLANE, G, "linear", ahead=AHEAD)
+
+
 def test_refuses_options():
     with pytest.raises(ParameterError, match="'operator', 'linear'"):
         Cascade(PLANE, G, "both")

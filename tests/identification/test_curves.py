@@ -64,6 +64,16 @@ def test_driven_inputs_put_the_reset_before_each_later_curve():
         ({"curves": [1, 2]}, SignalError, "one label for each of 480 rows"),
         ({"groups": np.full(480, np.nan)}, SignalError, "groups is NaN at index 0"),
         ({"curves": np.arange(480)}, ParameterError, "480 groups of one row, the first is 0"),
+        (
+            {"groups": np.where(np.arange(480) == 7, 9, np.arange(480) // 100)},
+            ParameterError,
+            "groups has 9 in one row only, at index 7; correct this label",
+        ),
+        (
+            {"curves": np.tile(["A", "B"], 240)},
+            ParameterError,
+            "changes from row to row, A, B, A, B, and each change begins a curve",
+        ),
         ({"groups": np.zeros(480)}, ParameterError, "all fitted rows are of one group"),
         ({"start_of_curve": "negative"}, ParameterError, "without curves"),
         ({"curves": LABELS, "start_of_curve": "odd"}, ParameterError, "is 'odd'; give one of"),

@@ -13,7 +13,7 @@ from minorloop.identification.dynamic_result import DynamicIdentification, Tried
 T = 0.01 * np.arange(200)
 U = -np.cos(5 * T) * np.exp(-T)
 PLANE = ml.Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))
-CHOSEN = TriedDynamics("linear", 1, 0.01, True, 0.002, True)
+CHOSEN = TriedDynamics(1, 0, 0.01, True, 0.002, True)
 
 
 def result(linear, first="operator", creep=None, off=0.0):
@@ -37,17 +37,36 @@ def test_rows_say_what_the_dynamics_are():
     assert dict(result(Linear.lags(0.2), "linear").rows)["order"] == "dynamics, then operator"
 
 
-@pytest.mark.parametrize(("error", "close"), [(0.0021, True), (0.004, False)])
-def test_the_other_order_is_shown_and_may_be_too_close_to_call(error, close):
-    tried = (CHOSEN, TriedDynamics("operator", 2, 0.0, False, error))
-    found = replace(result(Linear.lags(0.2), "linear"), tried=tried)
-    assert dict(found.rows)["the other order"] == f"{error:.3%} of range, not 0.200%"
-    assert any("too close to call" in text for text in found.advice) == close
+@pytest.mark.parametrize("near", [True, False])
+def test_the_runner_up_is_shown_and_may_be_too_close_to_call(near):
+    contains = TriedDynamics(2, 0, 0.0, True, 0.001)
+    other = TriedDynamics(0, 2, 0.0, False, 0.0021, near=near)
+    found = replace(result(Linear.lags(0.2), "linear"), tried=(CHOSEN, contains, other))
+    rows = dict(found.rows)
+    assert rows["chosen"] == "1 pole, operator, creep: 0.200% of range on left-out pieces"
+    assert rows["runner-up"] == "operator, 2 poles: 0.210%" + ", as good" * near
+    assert any("too close to call" in text for text in found.advice) == near
 
 
-def test_without_poles_there_is_no_other_order():
-    tried = (replace(CHOSEN, poles=0), TriedDynamics("operator", 2, 0.0, False, 0.002))
-    assert replace(result(Linear.lags(0.2), "linear"), tried=tried).other_order is None
+def test_without_another_structure_there_is_no_runner_up():
+    assert result(Linear.lags(0.2), "linear").runner_up is None
+
+
+def test_time_constants_of_both_sides_are_shown():
+    found = result(Linear.lags(0.3))
+    model = replace(found.model, ahead=Linear.lags(0.004))
+    found = replace(found, model=model)
+    rows = dict(found.rows)
+    assert rows["order"] == "dynamics, operator, dynamics"
+    assert (rows["time constants before"], rows["time constants behind"]) == ("0.004 s", "0.3 s")
+    assert any("the fastest time constant is 0.004 s" in text for text in found.advice)
+
+
+def test_a_start_up_that_no_other_row_is_like_is_named():
+    found = replace(result(Linear.lags(0.2)), startup=30)
+    assert any("skip=30 (--skip 30)" in text for text in found.advice)
+    found = replace(found, startup_fitted=False)
+    assert any("the first 30 rows are not fitted" in text for text in found.advice)
 
 
 def test_errors_are_those_of_the_whole_model():
@@ -84,9 +103,10 @@ def test_advice_is_about_the_time_constants_too():
 
 def test_prints_and_draws():
     found = result(Linear.lags(0.1), creep=Creep([0.5], [0.2], 0.8))
-    assert "tried: 1 pole, operator, creep, dead time 0.01 s: 0.2% of range  chosen" in str(
-        found
-    ).replace("0.200%", "0.2%")
+    assert (
+        "tried: 1 pole, operator, creep, dead time 0.01 s: 0.2% of range on left-out pieces  chosen"
+        in str(found).replace("0.200%", "0.2%")
+    )
     figure = found.plot(input_label="voltage [V]", output_label="length [um]")
     assert [axis.get_xlabel() for axis in figure.axes] == [
         "time [s]",

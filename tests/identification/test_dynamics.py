@@ -70,7 +70,9 @@ def test_finds_two_poles_after_the_operator():
     assert found.nrmse < 2e-3
     assert found.holdout_nrmse < 0.02
     chosen = [one for one in found.tried if one.chosen]
-    assert [(one.first, one.poles, one.creep) for one in chosen] == [("operator", 2, False)]
+    assert [one.structure for one in chosen] == [(0, 2, False)]
+    assert found.runner_up.structure[:2] != (0, 2)
+    assert found.startup == 0 or found.startup_fitted
 
 
 def test_predicts_frequencies_that_it_was_not_fitted_to():
@@ -88,6 +90,68 @@ def test_its_inverse_brings_the_stage_along_a_trajectory():
     achieved = measured(np.clip(found.u, 0, 100), LAGS, noise=0.0)
     assert np.sqrt(np.mean((achieved - wanted) ** 2)) < 0.3
     assert found.filter_time == pytest.approx(2 / RATE)
+
+
+@cache
+def amplifier_and_sensor():
+    """Dynamics on both sides of the operator."""
+    u = sweeps((4.0, 20.0, 50.0, 9.0))
+    filtered = Linear.lags(6e-3).simulate(time_of(u), u, before=float(u[0]))
+    y = measured(filtered, Linear.lags(2e-3), noise=4 * NOISE)
+    return ml.identify_dynamics(time_of(u), u, y, poles=2, creep=False, **COARSE)
+
+
+def test_finds_poles_on_both_sides_of_the_operator():
+    model = amplifier_and_sensor().model
+    np.testing.assert_allclose(model.ahead.time_constants, [6e-3], rtol=0.05)
+    np.testing.assert_allclose(model.linear.time_constants, [2e-3], rtol=0.2)
+
+
+def virgin(u):
+    """Outputs of plays that begin at zero, with the lags of the stage."""
+    weights = np.exp(-RADII / 12)
+    weights[0] = 6.0
+    position, w = np.zeros(RADII.size), np.empty(u.size)
+    for k, x in enumerate(u):
+        position = np.maximum(x - RADII, np.minimum(x + RADII, position))
+        w[k] = weights @ position
+    w *= 40 / (weights @ np.maximum(100 - RADII, RADII) - weights @ RADII)
+    y = LAGS.simulate(time_of(u), w, before=float(w[0]))
+    return y + NOISE * np.random.default_rng(1003).normal(size=u.size)
+
+
+def test_a_virgin_start_is_not_fitted():
+    u = sweeps((4.0, 20.0, 9.0, 3.0))
+    found = ml.identify_dynamics(
+        time_of(u), u, virgin(u), first="operator", poles=2, creep=False, **COARSE
+    )
+    assert found.startup > 100
+    assert not found.fitted[: found.startup].any()
+    assert any("rows are not fitted" in text for text in found.advice)
+    np.testing.assert_allclose(found.model.linear.time_constants, [6e-3, 2e-3], rtol=0.05)
+    given = ml.identify_dynamics(
+        time_of(u),
+        u,
+        virgin(u),
+        first="operator",
+        poles=1,
+        creep=False,
+        **COARSE | {"start": "demagnetised"},
+    )
+    assert given.fitted.all()
+
+
+def test_the_structure_of_the_plane_is_chosen_by_the_error_of_the_whole_model():
+    """The record without dynamics has ten times the noise, which hides the diagonal."""
+    t = np.arange(0, 1, 1 / RATE)
+    wave = 50 - 50 * np.cos(2 * np.pi * (2 + 8 * t) * t) * (1 - 0.8 * t)
+    u = np.concatenate([np.zeros(40), wave])
+    y = measured(u, LAGS, noise=4 * NOISE)
+    found = ml.identify_dynamics(
+        time_of(u), u, y, first="operator", poles=2, creep=False, levels=25
+    )
+    assert found.model.operator.diagonal == "reversible"
+    assert [choice.name for choice in found.static.choices] == ["structure"]
 
 
 def test_finds_dynamics_before_the_operator():

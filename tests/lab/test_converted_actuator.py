@@ -38,6 +38,12 @@ def test_a_conversion_that_covers_no_reading_is_refused_at_once():
         shown.apply(0.5, 3.0, 1.0)
 
 
+def test_a_resumed_run_does_not_judge_its_first_hold_anew():
+    narrow = CalibrationTable(name="bend", unit="cm", readings=(1e3, 2e3), values=(0.0, 1.0))
+    shown = with_conversion(connect("twin:ipmc"), narrow, begun=True)
+    assert np.isnan(shown.apply(0.5, 3.0, 1.0).y).all()
+
+
 def test_several_outputs_are_refused():
     class Two:
         outputs = connect("twin:ipmc").outputs * 2

@@ -134,6 +134,33 @@ def test_spikes_are_counted_and_not_used(long):
     assert not any("readings around" in note for note in reduce(log, conversion=LASER).notes)
 
 
+def test_spikes_of_a_measured_input_are_no_extremes(long):
+    log, _ = long
+    u, chance = log.u.copy(), np.random.default_rng(1000)
+    at = chance.integers(0, u.size, 20)
+    u[at] += chance.choice([-1, 1], 20) * chance.uniform(1, 4, 20)
+    found = reduce(Record(log.t, u, log.y, "voltage [V]", "distance [mm]"), conversion=LASER)
+    assert found.count("passed") == 0
+    np.testing.assert_allclose(found.record().u, LEVELS, atol=1e-3)
+    assert "they count as errors of the measurement and not as the input" in found.notes[0]
+
+
+def test_a_gap_shorter_than_half_a_hold_keeps_the_memory(long):
+    log, _ = long
+    kept = np.ones(len(log), dtype=bool)
+    for begin in np.random.default_rng(1001).integers(0, len(log) - 20, 10):
+        kept[begin : begin + 10] = False  # 5 s of holds of 200 s
+    t, u, y = log.t[kept], log.u[kept], log.y[kept]
+    breaks = np.flatnonzero(np.diff(t) > 2.5)
+    short = Record(t, u, y, "voltage [V]", "distance [mm]")
+    found = reduce(short, conversion=LASER, breaks=breaks)
+    assert all(point.known for point in found.points)
+    assert found.count("settled") == LEVELS.size
+    later = t + np.where(np.arange(t.size) > breaks[-1], 150.0, 0.0)
+    long_gap = Record(later, u, y, "voltage [V]", "distance [mm]")
+    assert not all(point.known for point in reduce(long_gap, breaks=breaks[-1:]).points)
+
+
 def test_a_saturated_sensor_is_noticed(long):
     log, _ = long
     clipped = Record(log.t, log.u, np.maximum(log.y, 19.0), log.inputs, log.outputs)
@@ -186,6 +213,13 @@ def test_what_is_no_record_or_too_large_is_refused(long):
     for u, y in ((1e307 * log.u, log.y), (log.u, 4e307 * np.sin(log.t))):
         with pytest.raises(SignalError, match=r"put reaches .*e\+307; scale it to below 1e\+150"):
             reduce(Record(log.t, u, y))
+
+
+def test_times_that_stand_still_are_refused(long):
+    log, _ = long
+    still = Record(0 * log.t, log.u, log.y, "voltage [V]", "distance [mm]")
+    with pytest.raises(RecordError, match="the times stand still at 0; give those of the samples"):
+        reduce(still, conversion=LASER)
 
 
 def test_a_log_without_holds_is_refused():

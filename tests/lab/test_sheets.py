@@ -95,6 +95,20 @@ class TestExcel:
         np.testing.assert_array_equal(found["u"], [0.5, 0.25, 0.5])
         np.testing.assert_array_equal(found["y"], [np.nan, 2.0, 3.0])
 
+    def test_the_first_sheet_with_numbers_is_read_and_named(self, workbook):
+        file = workbook([["Strip 7, annealed"], ["operator", "A. Smith"]])
+        book = __import__("openpyxl").load_workbook(file)
+        for name, column in (("run", "y"), ("later", "z")):
+            for row in [["u", column], [1, 2], [2, 3], [3, 4]]:
+                book[name].append(row) if name in book else book.create_sheet(name).append(row)
+        book.save(file)
+        assert read_headers(file) == ["u", "y"]
+        log = read_log(file, input="u", output="y")
+        assert "sheet 'run' is read" in log.notes[0]
+        assert "the others are 'Sheet', 'later'" in log.notes[0]
+        with pytest.raises(RecordError, match=r"no column 'z'.* the others are 'Sheet', 'later'"):
+            read_log(file, input="u", output="z")
+
     def test_text_in_it_is_named(self, workbook):
         with pytest.raises(RecordError, match=r"column 'u' of .* has the text 'x' in row 3"):
             read_columns(workbook([["u"], [1], ["x"]]), ["u"])

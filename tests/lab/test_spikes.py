@@ -51,3 +51,23 @@ def test_units_and_gaps_do_not_matter():
     np.testing.assert_array_equal(spikes(1e6 * y - 3e5), expected)
     gaps = np.where(np.arange(T.size) % 7 == 3, np.nan, y)
     np.testing.assert_array_equal(spikes(gaps), expected & np.isfinite(gaps))
+
+
+@pytest.mark.parametrize("length", [3, 5, 8])
+@pytest.mark.parametrize("step", [0.0, 2e-3])
+def test_bursts_are_found(length, step):
+    chance = np.random.default_rng(1000 + length)
+    y = _output(1100)
+    at = np.zeros(T.size, dtype=bool)
+    for begin in (40, 170, 330):
+        at[begin : begin + length] = True
+    y += at * chance.uniform(0.4, 0.8, T.size)
+    y = np.round(y / step) * step if step else y
+    np.testing.assert_array_equal(spikes(y), at)
+
+
+def test_a_short_hold_at_another_value_is_no_burst():
+    y = np.where((T > 0.3) & (T < 0.35), 1.0, 0.0) + 1e-3 * np.random.default_rng(5).normal(
+        size=T.size
+    )
+    assert not spikes(y).any()

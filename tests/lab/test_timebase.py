@@ -157,3 +157,10 @@ class TestMemory:
         assert known.tolist() == [True] * 4 + [False] * 2 + [True] * 2
         assert known_memory(u, []).all()
         assert known_memory(np.ones(4), [1]).all()
+
+
+@pytest.mark.parametrize(("unit", "said"), [("s", True), ("", True), ("min", False)])
+def test_seconds_that_may_be_milliseconds_are_named(unit, said):
+    notes = check_times(10.0 * np.arange(30_000), unit=unit).notes
+    assert any("if it is in ms, correct the unit" in note for note in notes) == said
+    assert not check_times(0.01 * np.arange(30_000), unit=unit).notes

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -281,7 +282,7 @@ def read_log(
     """
     from minorloop.lab.columns import read_headers
     from minorloop.lab.logs import read_log
-    from minorloop.lab.timebase import time_column
+    from minorloop.lab.timebase import other_clocks, time_column
 
     def progress(share: str) -> None:
         now(f"reading {file.name}: {share}")
@@ -293,12 +294,32 @@ def read_log(
 
     if time is not None:
         return read(time)
+    headers = read_headers(file)
     try:
-        return read(time_column(read_headers(file), source=file, but=(input, output)))
+        found = time_column(headers, source=file, but=(input, output))
+        log = read(found)
     except RecordError:
         if needed:
             raise
-    return read(None)
+        return read(None)
+    others = [] if found is None else other_clocks(headers, found, but=(input, output))
+    clocks = [header for header in others if _is_clock(file, header)]
+    if not clocks:
+        return log
+    named = ", ".join(f"'{header}'" for header in clocks)
+    note = f"'{found}' is the time; {named} could be too: name the right one with --time"
+    return replace(log, of_file=(*log.of_file, note))
+
+
+def _is_clock(file: Path, header: str) -> bool:
+    """Whether a column has a time in every row, and never runs backwards."""
+    from minorloop.lab.columns import read_columns
+
+    try:
+        values = read_columns(file, [header])[header]
+    except RecordError:
+        return False
+    return bool(values.size > 1 and values[0] < values[-1] and (values[1:] >= values[:-1]).all())
 
 
 def read_column(file: Path, column: str, unit: str = "") -> FloatArray:

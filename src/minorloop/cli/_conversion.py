@@ -89,14 +89,19 @@ class ConversionOptions:
         fields = self.to_json()
         return {"conversion": fields, "reading": str(reading)} if fields else {}
 
-    def converted(self, plant: Actuator) -> Actuator:
-        """Return the actuator with its readings converted, where options are given."""
+    def converted(self, plant: Actuator, *, begun: bool = False) -> Actuator:
+        """Return the actuator with its readings converted, where options are given.
+
+        ``begun`` is true for a run that has points: its first hold is not judged anew.
+        """
         from minorloop.lab.converted_actuator import with_conversion
         from minorloop.lab.records import Quantity
 
         reading = plant.outputs[0]
         conversion = self.conversion(Quantity(reading.name, reading.unit))
-        return plant if conversion is None else with_conversion(plant, conversion)
+        if conversion is None:
+            return plant
+        return with_conversion(plant, conversion, begun=begun)
 
     def conversion(self, reading: Quantity) -> Conversion | None:
         """Return the conversion of a reading; None if nothing was given."""

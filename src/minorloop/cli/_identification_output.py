@@ -107,6 +107,7 @@ def _dynamic_figures(found: DynamicIdentification) -> dict[str, Any]:
         **found.scores,
         "dynamics": {
             "first": model.first,
+            "ahead": None if model.ahead is None else plain(model.ahead),
             "numerator": model.linear.numerator,
             "denominator": model.linear.denominator,
             "dead_time": model.linear.delay,

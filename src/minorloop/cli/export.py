@@ -278,6 +278,11 @@ def _dynamics(
         raise ParameterError(
             f"{path} has dynamics; give the seconds between samples with --interval"
         )
+    if known.model.ahead is not None:
+        raise ParameterError(
+            f"{path} has dynamics on both sides of the operator, which exports do not carry; "
+            "identify with --dynamics operator or --dynamics linear"
+        )
     return known.model.sampled(interval).linear, known.model.first
 
 

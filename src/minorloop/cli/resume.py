@@ -31,7 +31,8 @@ def run(
         with _common.connected(setup.address, **options) as whole:
             conversion = ConversionOptions.of_setup(setup)
             output = reading if conversion.to_json() else setup.output
-            plant = conversion.converted(single_channel(whole, setup.input, output))
+            channel = single_channel(whole, setup.input, output)
+            plant = conversion.converted(channel, begun=len(opened) > 0)
             if drive.is_drive(setup):
                 drive.carry_out(plant, opened, as_json)
             elif _sines.is_sines(setup):

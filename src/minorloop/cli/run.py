@@ -224,6 +224,7 @@ def carry_out_levels(
     """
     if again is None:
         again = f"continue with minorloop resume --store {shlex.quote(str(store.path))}"
+    from minorloop.drive import MismatchError
     from minorloop.lab.run import run as carry
 
     try:
@@ -231,6 +232,11 @@ def carry_out_levels(
             return carry(plant, store.plan, store, choose=choose, watch=watch)
     except InstrumentError as error:
         left = "" if store.finished else f"; {again}"
+        if isinstance(error, MismatchError):
+            left = (
+                "; when that is corrected, begin a new drive with another --store, because to "
+                "resume this one, with what it keeps, gives the same error"
+            )
         kept = f"{len(store)} of {len(store.plan)} levels are kept"
         raise type(error)(f"{error}; {kept}{left}") from None
 

@@ -1,7 +1,8 @@
-"""A hysteresis operator in series with linear dynamics, in either order, and creep of the output.
+"""A hysteresis operator in series with linear dynamics, and creep of the output.
 
 In an ionic polymer strip the hysteresis comes first and the linear part follows. In a shape-memory
-wire the linear heating comes first and the hysteresis follows.
+wire the linear heating comes first and the hysteresis follows. A piezo has dynamics on both sides:
+those of its amplifier before, and those of mechanics and sensor behind.
 """
 
 from __future__ import annotations
@@ -46,11 +47,12 @@ _FREQUENCIES = 400
 
 @dataclass(frozen=True, eq=False)
 class CascadeState:
-    """State of a cascade: memory of the operator, states of the linear part and of the creep."""
+    """State of a cascade: memory of the operator, states of linear parts and of the creep."""
 
     memory: Any
     linear: FloatArray
     creep: FloatArray | None = None
+    ahead: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +126,15 @@ class Cascade:
     noise : float
         Error of the model over the range of its output, where it is known. `invert` does not
         follow frequencies at which the linear part has a smaller gain.
+    ahead : Linear, optional
+        Dynamics before the operator, where there are some on both sides; then the operator comes
+        before ``linear``.
 
     Raises
     ------
     ParameterError
-        If ``first`` is neither, or ``noise`` is not from 0 to 1.
+        If ``first`` is neither, ``noise`` is not from 0 to 1, or ``ahead`` is given although
+        ``linear`` comes first.
 
     References
     ----------
@@ -140,9 +146,15 @@ class Cascade:
     first: First = "operator"
     creep: Creep | None = None
     noise: float = 0.0
+    ahead: Linear | None = None
 
     def __post_init__(self) -> None:
         check_option("first", self.first, ("operator", "linear"))
+        if self.ahead is not None and self.first == "linear":
+            raise ParameterError(
+                "first is 'linear' and ahead is given too; give the dynamics before the operator "
+                "as ahead and those behind it as linear, with first='operator'"
+            )
         if not 0 <= as_finite("noise", self.noise) < 1:
             raise ParameterError(f"noise is {self.noise:g}; give a share of the range, 0 to 1")
 
@@ -181,6 +193,9 @@ class Cascade:
         """
         times, inputs = as_waveform(t, u)
         held = float(inputs[0]) if before is None else as_finite("before", before)
+        if self.ahead is not None:
+            inputs = self.ahead.simulate(times, inputs, before=held, between=between)
+            held *= self.ahead.dc_gain
         if self.first == "linear":
             filtered = self.linear.simulate(times, inputs, before=held, between=between)
             settled = held * self.linear.dc_gain
@@ -205,13 +220,11 @@ class Cascade:
         ParameterError
             If the linear part is sampled at another interval, or the interval is not positive.
         """
-        step, known = as_seconds("interval", interval), self.linear.interval
-        if known is None:
-            delay = round(self.linear.delay / step) * step
-            return replace(self, linear=replace(self.linear, delay=delay).discretise(step))
-        if known != step:
-            raise ParameterError(f"interval is {step:g} s and that of the linear part {known:g} s")
-        return self
+        step = as_seconds("interval", interval)
+        ahead = None if self.ahead is None else _sampled(self.ahead, step)
+        linear = _sampled(self.linear, step)
+        same = linear is self.linear and ahead is self.ahead
+        return self if same else replace(self, linear=linear, ahead=ahead)
 
     def begin(self, before: float, start: Any = "negative") -> CascadeState:
         """Return the state of a sampled cascade that has settled at an input.
@@ -228,6 +241,10 @@ class Cascade:
         ParameterError
             If the linear part is continuous; discretise it first.
         """
+        ahead = None
+        if self.ahead is not None:
+            ahead = self.ahead.settled(before)
+            before *= self.ahead.dc_gain
         if self.first == "linear":
             w = as_finite("before", before) * self.linear.dc_gain
             rest, memory = self.operator.step(start, w)
@@ -236,7 +253,7 @@ class Cascade:
             w, memory = self.operator.step(start, before)
             rest, settled = w * self.linear.dc_gain, self.linear.settled(w)
         creep = None if self.creep is None else self.creep.settled(rest)
-        return CascadeState(memory, settled, creep)
+        return CascadeState(memory, settled, creep, ahead)
 
     def step(self, state: CascadeState, u: float) -> tuple[float, CascadeState]:
         """Return output and state after one interval with a constant input.
@@ -255,6 +272,9 @@ class Cascade:
         ParameterError
             If the linear part is continuous; discretise it first.
         """
+        ahead = None
+        if self.ahead is not None and state.ahead is not None:
+            u, ahead = self.ahead.step(state.ahead, u)
         if self.first == "linear":
             w, x = self.linear.step(state.linear, u)
             y, memory = self.operator.step(state.memory, w)
@@ -262,9 +282,9 @@ class Cascade:
             w, memory = self.operator.step(state.memory, u)
             y, x = self.linear.step(state.linear, w)
         if self.creep is None or state.creep is None or self.linear.interval is None:
-            return y, CascadeState(memory, x)
+            return y, CascadeState(memory, x, ahead=ahead)
         y, crept = self.creep.step(state.creep, y, self.linear.interval)
-        return y, CascadeState(memory, x, crept)
+        return y, CascadeState(memory, x, crept, ahead)
 
     def invert(
         self,
@@ -318,15 +338,16 @@ class Cascade:
             If a target is out of reach of the operator and ``unreachable="raise"``.
         """
         times, wanted = as_waveform(t, targets, name="targets")
-        linear = self.linear if self.linear.interval is None else self.linear.continuous()
-        if not linear.stable:
-            raise NotInvertibleError("the linear part is unstable; give one whose poles all decay")
+        linear = _invertible(self.linear)
         seconds = _filter_time(linear, times, self.noise, filter_time)
+        # A held input is early by half a sample.
+        early = float(np.median(np.diff(times))) / 2 if between == "held" else 0.0
         inverse, late = filtered_inverse(linear, seconds)
-        if between == "held":
-            late -= float(np.median(np.diff(times))) / 2  # a held input is early by half a sample
+        late -= early
+        ahead = None if self.ahead is None else _invertible(self.ahead)
+        held = before * (1.0 if ahead is None else ahead.dc_gain)
         needed, gain = wanted, linear.dc_gain
-        w, memory = self.operator.step(start, before * (gain if self.first == "linear" else 1.0))
+        w, memory = self.operator.step(start, held * (gain if self.first == "linear" else 1.0))
         if self.creep is not None:
             rest = w if self.first == "linear" else w * gain
             needed = self.creep.compensate(times, wanted, before=rest)
@@ -336,14 +357,39 @@ class Cascade:
         settled = gain if self.first == "operator" else 1.0
         settled *= 1.0 if self.creep is None else self.creep.dc_gain
         found = _inverted(self.operator, needed, memory, unreachable, wanted, (w * gain, settled))
-        if self.first == "operator":
-            u = found.u
-        else:
-            filtered = np.interp(times + late, times, found.u)
+        u = found.u
+        if self.first == "linear":
+            filtered = np.interp(times + late, times, u)
             u = inverse.simulate(times, filtered, before=before * gain, between="straight")
-        model = replace(self, linear=linear)
+        elif ahead is not None:
+            before_seconds = _filter_time(ahead, times, self.noise, filter_time)
+            inverse, late = filtered_inverse(ahead, before_seconds)
+            filtered = np.interp(times + late - early, times, u)
+            u = inverse.simulate(times, filtered, before=held, between="straight")
+            seconds = max(seconds, before_seconds)
+        model = replace(self, linear=linear, ahead=ahead)
         y = model.simulate(times, u, start, before=before, between=between)
         return CascadeInversion(times, u, y, wanted, found.reachable, seconds)
+
+
+def _sampled(linear: Linear, interval: float) -> Linear:
+    """Return a sampled system; dead time becomes whole intervals."""
+    if linear.interval is None:
+        delay = round(linear.delay / interval) * interval
+        return replace(linear, delay=delay).discretise(interval)
+    if linear.interval != interval:
+        raise ParameterError(
+            f"interval is {interval:g} s and that of the linear part {linear.interval:g} s"
+        )
+    return linear
+
+
+def _invertible(linear: Linear) -> Linear:
+    """Return a system in continuous time; refuse one that is unstable."""
+    found = linear if linear.interval is None else linear.continuous()
+    if not found.stable:
+        raise NotInvertibleError("the linear part is unstable; give one whose poles all decay")
+    return found
 
 
 def _inverted(

@@ -211,6 +211,11 @@ def _room(operator: Any, memory: Any, room: int) -> FloatArray:
 
 def _sampled(model: Cascade, interval: float | Literal[True]) -> Cascade:
     """Return a cascade with a linear part that is sampled at this interval."""
+    if model.ahead is not None:
+        raise ParameterError(
+            "the cascade has dynamics on both sides of the operator, which a system of "
+            "python-control made here does not carry; identify it with dynamics on one side"
+        )
     if interval is not True:
         return model.sampled(interval)
     if model.linear.interval is None:

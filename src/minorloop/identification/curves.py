@@ -137,6 +137,15 @@ def as_curves(
     if start_of_curve == AS_LEFT:
         return Curves.whole(start)
     begins = np.flatnonzero(np.append(True, np.diff(number) != 0))
+    lengths = np.diff(np.append(begins, samples))
+    returns = begins.size > np.unique(number).size
+    if returns and 2 * np.count_nonzero(lengths == 1) >= lengths.size:
+        shown = ", ".join(map(_as_text, np.asarray(labels)[begins[:4]].tolist()))
+        raise ParameterError(
+            f"curves (--curves) changes from row to row, {shown}, and each change begins a curve; "
+            "put the rows of a curve one after the other, or give the start state "
+            '"as-left" (--start-of-curve as-left) if the rows are in the order of time'
+        )
     names = tuple(map(_as_text, np.asarray(labels)[begins].tolist()))
     return Curves(begins, start_of_curve, names)
 
@@ -167,16 +176,22 @@ def as_groups(name: str, labels: npt.ArrayLike, samples: int) -> IntArray:
 
 
 def check_group_sizes(name: str, groups: IntArray, labels: Sequence[object]) -> None:
-    """Raise an error if most groups have one row only: such labels number the rows.
+    """Raise an error if a group has one row only: nothing shows how it differs from the others.
 
     Raises
     ------
     ParameterError
-        If at least half of the groups have one row.
+        If a group has one row.
     """
     counts = np.bincount(groups)
     single = np.flatnonzero(counts == 1)
-    if 2 * single.size >= counts.size:
+    if 0 < 2 * single.size < counts.size:
+        row = int(np.argmax(groups == single[0]))
+        raise ParameterError(
+            f"{name} has {labels[single[0]]!r} in one row only, at index {row}; correct this "
+            "label, or leave the row out"
+        )
+    if single.size:
         raise ParameterError(
             f"{name} has {counted(single.size, 'group')} of one row, the first is "
             f"{labels[single[0]]!r}; give the rows of one curve or specimen the same label"

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.dynamics.cascade import Cascade, CascadeInversion, First
+from minorloop.dynamics.cascade import Cascade, CascadeInversion
 from minorloop.errors import counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.accuracy import Accuracy, accuracy, scores_of
@@ -20,8 +20,6 @@ from minorloop.identification.scores import accuracy_rows
 from minorloop.operators.inversion import Unreachable
 from minorloop.operators.memory import Start
 
-_CLOSE = 1.1
-"""Error of the other order, over that of the chosen one, up to which the order is not known."""
 _SHORT = 3.0
 """Time constants that a record must be long."""
 
@@ -32,37 +30,43 @@ class TriedDynamics:
 
     Parameters
     ----------
-    first : {"operator", "linear"}
-        Which of operator and linear dynamics receives the input.
-    poles : int
-        Number of poles.
+    ahead, behind : int
+        Number of poles before and behind the operator.
     dead_time : float
         In seconds.
     creep : bool
         Whether there is creep.
     error : float
-        Error on the fitted samples, over the range of the output.
+        Error on left-out pieces of the record, over the range of the output.
     chosen : bool
         Whether these were chosen.
+    near : bool
+        Whether their errors cannot be told from those of the chosen ones.
     """
 
-    first: First
-    poles: int
+    ahead: int
+    behind: int
     dead_time: float
     creep: bool
     error: float
     chosen: bool = False
+    near: bool = False
+
+    @property
+    def structure(self) -> tuple[int, int, bool]:
+        """Numbers of poles before and behind the operator, and whether there is creep."""
+        return self.ahead, self.behind, self.creep
 
     @property
     def what(self) -> str:
         """The parts, in the order in which signals pass them."""
-        poles = counted(self.poles, "pole")
-        order = f"operator, {poles}" if self.first == "operator" else f"{poles}, operator"
-        return f"{order}, creep" if self.creep else order
+        before = f"{counted(self.ahead, 'pole')}, " if self.ahead else ""
+        after = f", {counted(self.behind, 'pole')}" if self.behind or not self.ahead else ""
+        return f"{before}operator{after}{', creep' if self.creep else ''}"
 
     def __str__(self) -> str:
-        mark = "  chosen" if self.chosen else ""
-        error = f"{percent(self.error)} of range{mark}"
+        mark = "  chosen" if self.chosen else "  as good" if self.near else ""
+        error = f"{percent(self.error)} of range on left-out pieces{mark}"
         return f"{self.what}, dead time {self.dead_time:.3g} s: {error}"
 
 
@@ -83,6 +87,10 @@ class DynamicIdentification(NotebookView):
         Samples that were fitted, and samples that were held out.
     tried : tuple of TriedDynamics
         Dynamics that were compared.
+    startup : int
+        Number of first rows that the other rows do not predict; 0 if there are none.
+    startup_fitted : bool
+        Whether these are fitted all the same, because they make the model of the others no worse.
     """
 
     model: Cascade
@@ -93,6 +101,8 @@ class DynamicIdentification(NotebookView):
     fitted: BoolArray
     held_out: BoolArray
     tried: tuple[TriedDynamics, ...]
+    startup: int = 0
+    startup_fitted: bool = True
 
     @cached_property
     def prediction(self) -> FloatArray:
@@ -139,8 +149,14 @@ class DynamicIdentification(NotebookView):
     @property
     def dynamic(self) -> bool:
         """Whether there are dead time, poles or creep."""
-        linear = self.model.linear
-        return linear.order > 0 or linear.delay > 0 or self.model.creep is not None
+        delay = self.model.linear.delay
+        return self._times.size > 0 or delay > 0 or self.model.creep is not None
+
+    @property
+    def _times(self) -> FloatArray:
+        """Time constants before and behind the operator, slowest first."""
+        parts = [part for part in (self.model.ahead, self.model.linear) if part is not None]
+        return np.sort(np.concatenate([part.time_constants for part in parts]))[::-1]
 
     def predict(self, t: npt.ArrayLike, u: npt.ArrayLike) -> FloatArray:
         """Predict the outputs for another input, from the same start as the record.
@@ -211,7 +227,7 @@ class DynamicIdentification(NotebookView):
     def advice(self) -> tuple[str, ...]:
         """Sentences about what is weak and what to do; empty if nothing is weak."""
         texts = list(self.static.advice)
-        times = self.model.linear.time_constants
+        times = self._times
         interval, seconds = float(self.t[1] - self.t[0]), float(self.t[-1])
         if times.size and times[-1] < interval:
             texts.append(
@@ -223,13 +239,27 @@ class DynamicIdentification(NotebookView):
                 f"the slowest time constant is {times[0]:.3g} s and the record {seconds:.3g} s "
                 "long; record three time constants at least"
             )
-        other = self.other_order
-        if other and other.error < _CLOSE * next(one.error for one in self.tried if one.chosen):
+        if self.startup and self.startup_fitted:
             texts.append(
-                "which of operator and dynamics comes first is too close to call: the errors of "
-                f"both orders differ by less than {_CLOSE - 1:.0%}; record faster or larger "
-                'reversals, or give the order that the physics has, such as first="operator" '
-                "(--dynamics operator)"
+                f"the first {self.startup} rows move the output as no later row does, so nothing "
+                "shows whether the memory was known before them: if the actuator was not moved "
+                "over its whole range and back before the record, leave them out with "
+                f"skip={self.startup} (--skip {self.startup}); or record large loops twice"
+            )
+        elif self.startup:
+            texts.append(
+                f"the first {self.startup} rows are not fitted: with them the other rows fit "
+                "worse, so the record seems to begin with another memory than the model assumes, "
+                "such as that of an actuator that rested for long; move it over its whole range "
+                "and back before the record, or give the start state that it has (--start)"
+            )
+        near = [one for one in self.tried if one.near]
+        if near:
+            texts.append(
+                f"the structure of the dynamics is too close to call: {near[0].what} and "
+                f"{self._chosen.what} are equally good on left-out pieces of the record; record "
+                "faster or larger reversals, or give the order that the physics has, such as "
+                'first="operator" (--dynamics operator)'
             )
         if not self.dynamic:
             texts.append(
@@ -246,18 +276,24 @@ class DynamicIdentification(NotebookView):
     def rows(self) -> list[tuple[str, str]]:
         """Rows of a table, label and value: errors, then dynamics."""
         linear, creep, held = self.model.linear, self.model.creep, self.holdout_nrmse
-        after = self.model.first == "operator"
-        times = ", ".join(f"{time:.4g} s" for time in linear.time_constants) or "none"
+        order = "dynamics, then operator"
+        sides = [("time constants", linear)]
+        if self.model.ahead is not None:
+            order = "dynamics, operator, dynamics"
+            sides = [("time constants before", self.model.ahead), ("time constants behind", linear)]
+        elif self.model.first == "operator":
+            order = "operator, then dynamics"
         rows = [
             ("error on fitted data", f"{percent(self.nrmse)} of range"),
             ("error on held-out data", "-" if held is None else f"{percent(held)} of range"),
             *accuracy_rows(self.accuracy, self.holdout_accuracy),
-            ("order", "operator, then dynamics" if after else "dynamics, then operator"),
-            *self._margin(),
-            ("time constants", times),
+            ("order", order),
+            *self._runner_up(),
+            *((name, _seconds(part.time_constants)) for name, part in sides),
             ("dead time", f"{linear.delay:.4g} s" if linear.delay else "none"),
         ]
-        oscillating = linear.poles[linear.poles.imag > 0]
+        poles = np.concatenate([part.poles for _, part in sides])
+        oscillating = poles[poles.imag > 0]
         if oscillating.size:
             size = abs(oscillating[0])
             rows.append(("resonance", f"{size / (2 * np.pi):.4g} Hz"))
@@ -268,23 +304,34 @@ class DynamicIdentification(NotebookView):
             rows.append(("creep", f"{creep.strengths.sum():.1%} of the output, within {within}"))
         return rows
 
-    def _margin(self) -> list[tuple[str, str]]:
-        """Return a row on the other order; none where it makes no difference or was not tried."""
-        other = self.other_order
+    def _runner_up(self) -> list[tuple[str, str]]:
+        """Return rows on the choice and its runner-up; none where no other was tried."""
+        other = self.runner_up
         if other is None:
             return []
-        chosen = next(one for one in self.tried if one.chosen)
-        errors = f"{percent(other.error)} of range, not {percent(chosen.error)}"
-        return [("the other order", errors)]
+        chosen = self._chosen
+        return [
+            ("chosen", f"{chosen.what}: {percent(chosen.error)} of range on left-out pieces"),
+            ("runner-up", f"{other.what}: {percent(other.error)}{', as good' * other.near}"),
+        ]
 
     @property
-    def other_order(self) -> TriedDynamics | None:
-        """The best fit that was tried with operator and dynamics the other way round."""
-        chosen = next((one for one in self.tried if one.chosen), None)
-        others = [one for one in self.tried if one.poles and one.first != self.model.first]
-        if chosen is None or not chosen.poles or not others:
-            return None
-        return min(others, key=lambda one: one.error)
+    def _chosen(self) -> TriedDynamics:
+        return next(one for one in self.tried if one.chosen)
+
+    @property
+    def runner_up(self) -> TriedDynamics | None:
+        """The best of the structures that do not contain the chosen one; None without one.
+
+        One that contains it, with more poles, is always nearly as good.
+        """
+        chosen = self._chosen.structure
+        others = [
+            one
+            for one in self.tried
+            if any(a < b for a, b in zip(one.structure, chosen, strict=True))
+        ]
+        return min(others, key=lambda one: one.error, default=None)
 
     def __str__(self) -> str:
         lines = [f"{name:<24} {value}" for name, value in self.rows]
@@ -304,3 +351,7 @@ class DynamicIdentification(NotebookView):
         matplotlib.figure.Figure
         """
         return figure_of(self, input_label=input_label, output_label=output_label)
+
+
+def _seconds(times: FloatArray) -> str:
+    return ", ".join(f"{time:.4g} s" for time in times) or "none"

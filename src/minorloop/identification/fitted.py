@@ -27,7 +27,7 @@ from minorloop.identification.plain_posterior import plain_posterior
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.ridge import Ridge
-from minorloop.identification.rough_model import RecordFault
+from minorloop.identification.rough_model import Basis, RecordFault
 from minorloop.identification.screening import record_faults
 from minorloop.lab.codes import Code
 from minorloop.operators.memory import Start
@@ -281,7 +281,8 @@ class Fit:
         span = self.span(used)
         applied = self.curves.delayed(self.u, self.lag)
         error = (self.prediction - self.y) / span
-        return residuals.summary(applied, error, used, self.y / span, self.groups)
+        basis = Basis.of(applied, self.curves, int(np.count_nonzero(used)))
+        return residuals.summary(applied, error, used, self.y / span, basis.rows, self.groups)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:

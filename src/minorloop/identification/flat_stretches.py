@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.identification.rough_model import RecordFault, RoughRecord, spread
+from minorloop.identification.rough_model import RecordFault, RoughRecord, one_of_each, spread
 
 _EQUAL = 1e-9
 """Readings that differ by less than this share of the span count as equal."""
 
 _WINDOWS, _SHORTEST, _FEWEST_SHARE = 12, 6, 25
 _MOST = 100_000
-"""Readings, about, among which windows are compared."""
+"""Most readings among which windows are compared."""
 _MOVING_SD, _MOVING = 2.0, 0.03
 """Standard deviations of the residual, and share of the span, from which the output must move."""
 _FLAT = 0.28
@@ -59,8 +59,8 @@ def _longest_run(values: FloatArray) -> tuple[int, int]:
 
 def _least_moving(record: RoughRecord) -> tuple[int, int]:
     """Begin and end of the stretch that moves least in comparison with the rough model."""
-    skip = max(record.places.size // _MOST, 1)
-    values, rough = record.values[::skip], record.rough[record.places[::skip]]
+    some = one_of_each(record.places.size, _MOST)
+    values, rough = record.values[some], record.rough[record.places[some]]
     width = max(values.size // _WINDOWS, _SHORTEST)
     if values.size < 3 * width:
         return 0, 0
@@ -75,7 +75,8 @@ def _least_moving(record: RoughRecord) -> tuple[int, int]:
         return 0, 0
     best = int(np.argmax(np.where(flat, moves - still, -np.inf)))
     allowed = 3 * float(still[best]) + _EQUAL * record.span
-    return _stretch(record.values, best * step * skip, width * skip, allowed)
+    first, last = some[best * step], some[best * step + width - 1]
+    return _stretch(record.values, int(first), int(last - first + 1), allowed)
 
 
 def _usual_change(record: RoughRecord, begin: int, end: int) -> float:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from numpy.lib.stride_tricks import sliding_window_view
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification.offset_steps import MOST_ROWS, find_offset_step
+from minorloop.identification.rough_model import one_of_each
 
 _FEWEST = 30
 """Residuals below which only the worst is reported."""
@@ -23,13 +23,8 @@ _BLOCKS, _LEAST_BLOCK = 40, 5
 _DRIFT, _SURE = 0.4, 4.0
 """Share of the variance of these means that a drift explains, and how many of its standard
 deviations it is."""
-_STEP, _MORE = 0.35, 1.3
-"""The same share for a step, and over that of a straight line."""
-_JUMP, _BESIDE, _NEARLY = 5.0, 7, 0.8
-"""How many times a step is the usual change between the medians of so many neighbours on both
-sides; and its share of the variance over that at the best row."""
-_STAYS, _WIDE = 0.5, 4
-"""Share of a step that is left between medians of so many times more rows."""
+_BESIDE = 4
+"""Samples of the thinned record on either side, between which the row of a step is looked for."""
 _OUTLIER, _LEAST_OUTLIER, _OVERSHOOT = 10.0, 0.02, 0.5
 """Error of an outlier over the usual one, and in ranges; share of it by which the reading is
 outside those before and after it."""
@@ -41,7 +36,7 @@ PARTS = 3
 """Parts of equal size by amplitude and by rate."""
 _ROUNDING = 1e-12
 _MOST = 50_000
-"""Samples by whose amplitude and rate errors are sorted, about."""
+"""Samples by whose amplitude and rate errors are sorted, at most."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +142,7 @@ def summary(
     error: FloatArray,
     used: BoolArray,
     y: FloatArray,
+    basis: Callable[[IntArray], FloatArray],
     groups: IntArray | None = None,
 ) -> ResidualSummary:
     """Summarise the residual of a fit.
@@ -161,6 +157,8 @@ def summary(
         Fitted samples without outliers.
     y : (T,) array
         Measured outputs, in ranges.
+    basis : callable
+        Functions of the memory, (M, Q), at some samples (M,), such as those of a rough model.
     groups : (T,) array of int, optional
         Number of the group of each row.
     """
@@ -176,8 +174,9 @@ def summary(
     outliers = tuple(places[far].tolist())
     rest, places = rest[~far], places[~far]
     differ = None if groups is None else _differences(rest, y[places], groups[places])
-    step = None if differ else _step(rest, places)
-    some, error_of_some = _thin(places), _thin(rest)
+    step = None if differ else _step(basis, rest, y[places], places)
+    few = one_of_each(places.size, _MOST)
+    some, error_of_some = places[few], rest[few]
     return ResidualSummary(
         int(rows[worst]),
         float(left[worst]),
@@ -249,28 +248,23 @@ def _above_neighbours(values: FloatArray) -> FloatArray:
     return np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
 
 
-def _step(error: FloatArray, rows: IntArray) -> OffsetStep | None:
-    """Find a row from which on the residual is shifted, at once and for the rest of the record."""
-    means = _block_means(error)
-    share = float(max(_shares_of_steps(means), default=0.0))
-    if share < max(_STEP, _MORE * _line(means)[1]) or error.size < 4 * _BESIDE:
+def _step(
+    basis: Callable[[IntArray], FloatArray], error: FloatArray, y: FloatArray, rows: IntArray
+) -> OffsetStep | None:
+    """Find a row from which on the outputs are shifted for the rest of the record.
+
+    The fit may have absorbed part of the shift.
+    """
+    some = one_of_each(rows.size, MOST_ROWS)
+    found = find_offset_step(basis(rows[some]), (y + error)[some], y[some])
+    if found is None:
         return None
-    middle = np.median(sliding_window_view(error, _BESIDE), axis=1)
-    changes = middle[_BESIDE:] - middle[:-_BESIDE]
-    usual = float(np.median(np.abs(changes - np.median(changes)))) / 0.6745
-    likely = _shares_of_steps(error)[_BESIDE - 1 :][: changes.size]
-    best = int(np.argmax(likely)) + _BESIDE
-    rise = np.sign(error[best:].mean() - error[:best].mean()) * changes
-    place = int(np.argmax(np.where(likely >= _NEARLY * likely.max(), rise, 0.0)))
-    if rise[place] <= max(_JUMP * usual, _ROUNDING):
-        return None
-    near = slice(place + 1, place + 2 * _BESIDE)
-    first = near.start + int(np.argmax(np.abs(np.diff(error[place : near.stop]))))
-    wide = _WIDE * _BESIDE
-    stays = np.median(error[first : first + wide]) - np.median(error[max(first - wide, 0) : first])
-    if abs(stays) < _STAYS * rise[place]:
-        return None
-    return OffsetStep(int(rows[first]), -float(changes[place]))
+    place, size = found
+    first, last = some[max(place - _BESIDE, 0)], some[min(place + _BESIDE, some.size - 1)]
+    if rows.size > some.size:
+        near = _shares_of_steps(error[first : last + 1])
+        return OffsetStep(int(rows[first + 1 + int(np.argmax(near))]), size)
+    return OffsetStep(int(rows[place]), size)
 
 
 def _drift(error: FloatArray) -> float:
@@ -341,11 +335,6 @@ def amplitudes(u: FloatArray) -> FloatArray:
     ends = np.concatenate([[0], turns, [u.size - 1]])
     sizes = np.abs(np.diff(u[ends]))
     return np.asarray(sizes[np.clip(np.searchsorted(ends, np.arange(u.size)) - 1, 0, None)])
-
-
-def _thin(places: npt.NDArray[Any]) -> Any:
-    """About 50,000 of the places, evenly distributed."""
-    return places[:: max(places.size // _MOST, 1)]
 
 
 def _by(feature: FloatArray, error: FloatArray) -> tuple[tuple[float, float, float], ...]:

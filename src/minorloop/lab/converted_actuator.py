@@ -23,6 +23,8 @@ class ConvertedActuator(WrappedActuator):
         What is driven; it has one output.
     conversion : Conversion
         From its readings to the output wanted.
+    begun : bool
+        Whether readings were converted in this run before: then a hold without one is no error.
 
     Raises
     ------
@@ -30,7 +32,7 @@ class ConvertedActuator(WrappedActuator):
         If the actuator has several outputs.
     """
 
-    def __init__(self, actuator: Actuator, conversion: Conversion) -> None:
+    def __init__(self, actuator: Actuator, conversion: Conversion, *, begun: bool = False) -> None:
         if len(actuator.outputs) != 1:
             raise ParameterError(
                 f"the actuator has {len(actuator.outputs)} outputs; a conversion is for one"
@@ -40,7 +42,7 @@ class ConvertedActuator(WrappedActuator):
         reading = Quantity(actuator.outputs[0].name, actuator.outputs[0].unit)
         quantity = conversion.quantity(reading)
         self.outputs = (Channel(quantity.name, quantity.unit),)
-        self._covered_once = False
+        self._covered_once = begun
 
     @property
     def covered(self) -> str:
@@ -78,7 +80,9 @@ class ConvertedTwin(WrappedTwin, ConvertedActuator):
     """A converted actuator whose state can be saved and restored."""
 
 
-def with_conversion(actuator: Actuator, conversion: Conversion) -> ConvertedActuator:
+def with_conversion(
+    actuator: Actuator, conversion: Conversion, *, begun: bool = False
+) -> ConvertedActuator:
     """Return an actuator that shows its converted output.
 
     Parameters
@@ -87,6 +91,8 @@ def with_conversion(actuator: Actuator, conversion: Conversion) -> ConvertedActu
         What is driven; it has one output.
     conversion : Conversion
         From its readings to the output wanted.
+    begun : bool
+        As for `ConvertedActuator`.
 
     Raises
     ------
@@ -94,4 +100,4 @@ def with_conversion(actuator: Actuator, conversion: Conversion) -> ConvertedActu
         If the actuator has several outputs.
     """
     kind = ConvertedTwin if hasattr(actuator, "restore") else ConvertedActuator
-    return kind(actuator, conversion)
+    return kind(actuator, conversion, begun=begun)

@@ -19,7 +19,7 @@ from minorloop.lab.columns import (
     with_unit,
 )
 from minorloop.lab.records import SAMPLE, Quantity, Record
-from minorloop.lab.sheets import is_sheet
+from minorloop.lab.sheets import is_sheet, read_sheet
 from minorloop.lab.text_tables import LATIN, encoding_of
 from minorloop.lab.timebase import (
     GAP,
@@ -180,7 +180,11 @@ def read_log(
     """
     headers = read_headers(path)
     wanted = [name for name in (input, output, time) if name is not None]
-    found = [find_column(name, headers, source=path) for name in wanted]
+    try:
+        found = [find_column(name, headers, source=path) for name in wanted]
+    except RecordError as error:
+        which = "".join(f"; {text}" for text in _of_file(path) if is_sheet(path))
+        raise RecordError(f"{error}{which}") from None
     names = [with_unit(*pair) for pair in zip(wanted, found, strict=True)]
     for place, header in enumerate(found):
         if header in found[:place]:
@@ -227,7 +231,10 @@ def _known(sd: FloatArray, y: Samples) -> FloatArray | None:
 
 
 def _of_file(path: PathLike) -> tuple[str, ...]:
-    if is_sheet(path) or encoding_of(path) != LATIN:
+    if is_sheet(path):
+        which = read_sheet(path).which
+        return (which,) if which else ()
+    if encoding_of(path) != LATIN:
         return ()
     return (f"{path} is not UTF-8 and was read as Windows-1252; check units such as µm and °C",)
 

@@ -14,7 +14,7 @@ from minorloop.lab.holds import FoundHold
 from minorloop.lab.records import Record
 from minorloop.lab.spikes import spikes
 
-__all__ = ["converted", "usable", "without_spikes"]
+__all__ = ["converted", "input_without_spikes", "usable", "without_spikes"]
 
 _STUCK = 4
 """Equal readings in a row, at an end of the range of the output, that count as saturated."""
@@ -78,6 +78,26 @@ def without_spikes(
         "trigger of the sensor"
     )
     return np.where(found, np.nan, readings), [note]
+
+
+def input_without_spikes(u: FloatArray, name: str) -> tuple[FloatArray, list[str]]:
+    """Return a measured input with straight lines in place of its spikes; and notes.
+
+    A spike would count as a passed extreme, and delete the memory of a model.
+    """
+    found = spikes(u)
+    if not found.any():
+        return u, []
+    samples, count = np.arange(u.size), int(np.count_nonzero(found))
+    first = int(np.argmax(found))
+    one = count == 1
+    note = (
+        f"{count} of {u.size} readings of {name} {are(count)} far from those around "
+        f"{'it' if one else 'them'}, first {u[first]:g} at sample {first}; "
+        f"{'it counts' if one else 'they count'} as {'an error' if one else 'errors'} of the "
+        "measurement and not as the input: if the source made them, give what was applied as input"
+    )
+    return np.interp(samples, samples[~found], u[~found]), [note]
 
 
 def _saturated(y: FloatArray) -> list[tuple[float, BoolArray]]:

@@ -13,22 +13,24 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, check_kind, check_magnitude
+from minorloop.arrays import FloatArray, IntArray, as_finite, check_kind, check_magnitude
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
-from minorloop.lab.readings import converted, usable, without_spikes
+from minorloop.lab.readings import converted, input_without_spikes, usable, without_spikes
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.settling import SPAN_SHARE, judge, trend
-from minorloop.lab.timebase import known_memory
+from minorloop.lab.timebase import GAP, known_memory
 
 __all__ = ["ReducedPoint", "Reduction", "reduce"]
 
 WINDOW = 10
 """A slope is taken over the last one in this many parts of a hold."""
+_SHORT_GAP = 0.5
+"""Share of a usual hold up to which a gap hides none."""
 _FEWEST, _LEAST_HELD = 3, 0.1
 """Least holds of a log, and least share of its samples in them."""
 _DISTINCT = 4
@@ -243,6 +245,10 @@ def reduce(
             f"the log has {counted(len(record.inputs), 'input')} and "
             f"{counted(len(record.outputs), 'output')}; give one of each"
         )
+    if len(record) > 1 and not (np.diff(record.t) > 0).any():
+        raise RecordError(
+            f"the times stand still at {record.t[0]:g}; give those of the samples, or none"
+        )
     if as_finite("shortest", shortest) < 0:
         raise ParameterError(f"shortest is {shortest}; give a duration >= 0")
     if tolerance is not None and not as_finite("tolerance", tolerance) > 0:
@@ -254,6 +260,7 @@ def reduce(
             f"first {coded[0].value:g} at sample {coded[0].sample}; give what was applied, or cut "
             "these rows"
         )
+    u, of_input = input_without_spikes(u, str(record.input))
     holds = [
         hold
         for hold in find_holds(u, tolerance=input_tolerance)
@@ -277,7 +284,7 @@ def reduce(
     readings, notes = usable(record, limits)
     check_magnitude("output", readings)
     readings, spiked = without_spikes(record, readings, holds)
-    notes += spiked
+    notes = [*of_input, *notes, *spiked]
     y, common = readings, np.zeros(readings.size)
     quantity = record.output
     if conversion is not None:
@@ -293,7 +300,7 @@ def reduce(
         )
     log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
-    known = known_memory(u, breaks)
+    known = known_memory(u, _hiding(record.t, holds, breaks))
     points = [
         replace(point, known=bool(known[point.stop - 1]))
         for point in _points(log, holds, common, tolerance, values)
@@ -304,6 +311,18 @@ def reduce(
             + ("; ".join(notes) or "the output was not measured there")
         )
     return Reduction(tuple(points), (*notes, *_advice(log, points)), log)
+
+
+def _hiding(t: FloatArray, holds: list[FoundHold], breaks: npt.ArrayLike) -> IntArray:
+    """Return the breaks that may hide a hold: the clock was set back, or the gap is long.
+
+    In a gap of less than half a usual hold the input is on its way to the next hold, or rests.
+    """
+    places = np.asarray(breaks, np.int64)
+    usual = np.median([t[hold.end - 1] - t[hold.begin] for hold in holds])
+    gap = t[places + 1] - t[places]
+    set_back = gap <= GAP * np.median(np.diff(t))
+    return np.asarray(places[set_back | (gap >= _SHORT_GAP * usual)])
 
 
 def _cell(value: float) -> float | str:
@@ -318,7 +337,8 @@ def _points(
     tolerance: float | None,
     values: FloatArray,
 ) -> list[ReducedPoint]:
-    interval = float(np.median(np.diff(log.t))) if len(log) > 1 else 1.0
+    steps = np.diff(log.t)
+    interval = float(np.median(steps[steps > 0]))
     change = SPAN_SHARE * _span(log, holds)
     noise = max(float(np.median([hold.sd for hold in holds])), 1e-9 * float(np.ptp(log.u)))
     points: list[ReducedPoint] = []

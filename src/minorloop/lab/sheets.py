@@ -35,12 +35,28 @@ class Sheet:
         Cells of each column; an array where all are numbers.
     numbers : sequence of int
         Numbers of the rows of data in the file; blank rows are left out.
+    name : str
+        Name of the sheet of a workbook.
+    others : tuple of str
+        Names of its other sheets, which are not read.
     """
 
     file: Path
     headers: tuple[str, ...]
     columns: tuple[list[Any] | FloatArray, ...]
     numbers: Sequence[int]
+    name: str = ""
+    others: tuple[str, ...] = ()
+
+    @property
+    def which(self) -> str:
+        """Which sheet this is, in words; empty if there is no other."""
+        if not self.others:
+            return ""
+        return (
+            f"sheet '{self.name}' is read, the first with a table of numbers; the others are "
+            + ", ".join(f"'{one}'" for one in self.others)
+        )
 
     def cells(self, header: str) -> list[str] | FloatArray:
         """Return the cells of a column as numbers, or as text."""
@@ -54,7 +70,7 @@ def is_sheet(path: PathLike) -> bool:
 
 
 def read_sheet(path: PathLike) -> Sheet:
-    """Return the table of a MATLAB file (versions 4 to 7.2) or of the first sheet of a workbook.
+    """Return the table of a MATLAB file (versions 4 to 7.2) or a workbook: its first with numbers.
 
     Raises
     ------
@@ -128,7 +144,8 @@ def _workbook(file: Path) -> Sheet:
     try:
         book = load_workbook(file, read_only=True, data_only=True)
         try:
-            rows = list(islice(book.worksheets[0].iter_rows(values_only=True), MAX_ROWS))
+            name, rows = _first_table(book)
+            others = tuple(one for one in book.sheetnames if one != name)
         finally:
             book.close()
     except Exception as error:
@@ -148,7 +165,18 @@ def _workbook(file: Path) -> Sheet:
     if body and (units := with_units(headers, list(map(_as_text, body[0][: len(headers)])))):
         headers, body, numbers = units, body[1:], numbers[1:]
     columns = tuple([row[k] for row in body] for k in range(len(headers)))
-    return Sheet(file, tuple(headers), columns, numbers)
+    return Sheet(file, tuple(headers), columns, numbers, name, others)
+
+
+def _first_table(book: Any) -> tuple[str, list[tuple[Any, ...]]]:
+    """Return name and rows of the first sheet with a row of numbers; of the first without one."""
+    found: list[tuple[str, list[tuple[Any, ...]]]] = []
+    for sheet in book.worksheets:
+        rows = list(islice(sheet.iter_rows(values_only=True), MAX_ROWS))
+        found.append((sheet.title, rows))
+        if any(sum(map(_is_number, row)) >= _FEWEST_NUMBERS for row in rows):
+            return found[-1]
+    return found[0]
 
 
 def _header_row(rows: Sequence[Sequence[Any]]) -> int:

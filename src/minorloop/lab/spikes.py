@@ -1,4 +1,4 @@
-"""Find spikes: single readings far from those around them."""
+"""Find spikes: single readings, or short bursts of them, far from those around them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,19 @@ from minorloop.arrays import BoolArray, FloatArray
 
 __all__ = ["spikes"]
 
-_WIDTH = 7
-"""Readings of the running median, which follows every rise or fall exactly."""
+_WIDTHS = (7, 21)
+"""Readings of the running medians, which follow every rise or fall exactly. The narrow one finds
+single readings, the wide one bursts."""
 _FAR, _STEPS = 8.0, 4.0
 """Distance of a spike from it, in standard deviations of the noise, and in steps of the sensor."""
-_AROUND, _TIMES = 21, 8.0
-"""Readings around a spike, over whose usual distance its own is so many times: in an oscillation
-all are off."""
-_ALONE, _TWICE, _LONGEST = 0.8, 3.0, 2
-"""Least and greatest difference of a spike from its neighbours over its distance; what lies between
-two spikes differs by more. And most readings of a spike."""
+_AROUND, _TIMES = 3, 8.0
+"""Widths around a spike, over whose usual distance its own is so many times: in an oscillation all
+are off."""
+_ALONE, _IN_BURST, _TWICE = 0.8, 0.3, 3.0
+"""Least difference of a spike, and of each reading of a burst, from its neighbours over its largest
+distance, and the greatest; what lies between two spikes differs by more."""
+_LONGEST, _BURST = 2, 8
+"""Most readings of a spike and of a burst, which is found by the wide median only."""
 _LARGE = 0.25
 """Distance over the largest, of those that are found at once."""
 _MOST = 0.1
@@ -47,16 +50,19 @@ def spikes(y: npt.ArrayLike) -> BoolArray:
     if known.size < _FEWEST:
         return found
     left = known
-    while (more := _largest(values[left])).any():  # a large one shifts the median beside it
-        found[left[more]] = True
-        left = left[~more]
+    for width in _WIDTHS:
+        # A large one shifts the median beside it.
+        while left.size >= _FEWEST and (more := _largest(values[left], width)).any():
+            found[left[more]] = True
+            left = left[~more]
     return found if np.count_nonzero(found) <= _MOST * known.size else np.zeros_like(found)
 
 
-def _largest(y: FloatArray) -> BoolArray:
+def _largest(y: FloatArray, width: int) -> BoolArray:
     """Return the largest spikes: far from a running median, and from both neighbours alike."""
-    away = y - median_filter(y, _WIDTH, mode="mirror")
-    usual = median_filter(np.abs(away), _AROUND, mode="mirror")
+    longest, alone = (_LONGEST, _ALONE) if width == _WIDTHS[0] else (_BURST, _IN_BURST)
+    away = y - median_filter(y, width, mode="mirror")
+    usual = median_filter(np.abs(away), _AROUND * width, mode="mirror")
     noise = max(_FAR * _spread(y), _STEPS * _step(y))
     limit = np.maximum(noise, _TIMES * usual)
     size = np.zeros(y.size)
@@ -66,7 +72,7 @@ def _largest(y: FloatArray) -> BoolArray:
             far = float(np.abs(away[begin:end]).max())
             rise = _least_rise(way * y, begin, end)
             # The first readings of a hold may be those of the hold before.
-            if begin and end - begin <= _LONGEST and _ALONE * far <= rise <= _TWICE * far:
+            if begin and end - begin <= longest and alone * far <= rise <= _TWICE * far:
                 size[begin:end] = far
     found: BoolArray = (size > 0) & (size >= _LARGE * size.max())
     return found

@@ -19,6 +19,7 @@ __all__ = [
     "check_times",
     "delayed",
     "known_memory",
+    "other_clocks",
     "parse_lag",
     "resample",
     "split_time",
@@ -44,6 +45,8 @@ GAP = 5.0
 """A step of more sample intervals than this is a gap."""
 UNEVEN = 0.1
 """Samples are uneven if steps differ by more than this share of the interval from it."""
+_LONG = 2 * 86400.0
+"""Seconds from which a record in seconds may be one in milliseconds: minutes count as days then."""
 _UNKNOWN = 0.005
 """Share of the Preisach plane whose state may be unknown after a gap."""
 _MOST_SAMPLES = 50_000_000
@@ -123,6 +126,26 @@ def time_column(
     return found[0] if found else None
 
 
+def other_clocks(headers: Sequence[str], time: str, *, but: Sequence[str] = ()) -> list[str]:
+    """Return the columns with a unit of time beside the one that is used.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        Headers of the columns.
+    time : str
+        Header of the column of time.
+    but : sequence of str
+        Columns that are something else, by their headers or names.
+    """
+    found = []
+    for header in headers:
+        name, unit = split_time(header)
+        if unit and unit in SECONDS and header != time and not {header, name} & set(but):
+            found.append(header)
+    return found
+
+
 def split_time(header: str) -> tuple[str, str]:
     """Return name and unit of a column of time; ``t_ms`` is in ms too."""
     name, unit = split_header(header)
@@ -194,15 +217,21 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
             f"samples are uneven: {uneven:.0%} of the steps differ from the usual interval of "
             f"{interval:.4g} s by more than {UNEVEN:.0%}"
         )
-    others = _implausible(interval, name, unit)
+    others = _implausible(interval, float(times[-1] - times[0]), name, unit)
     return TimeCheck(
         times, interval, gaps, back, uneven, tuple(notes), tuple(of_steps), tuple(others)
     )
 
 
-def _implausible(interval: float, name: str, unit: str) -> list[str]:
+def _implausible(interval: float, seconds: float, name: str, unit: str) -> list[str]:
     if 1e-7 <= interval <= 86400:
-        return []
+        if seconds < _LONG or unit not in ("", "s"):
+            return []
+        return [
+            f"{name} is in {unit or 'seconds, because it has no unit'}, so the record "
+            f"lasts {seconds / 86400:.3g} days with a sample every {interval:.3g} s: if it is in "
+            "ms, correct the unit in the header"
+        ]
     return [
         f"the usual interval is {interval:.3g} s with {name} in {unit or 's'}, which no log has; "
         "correct the unit in the header"

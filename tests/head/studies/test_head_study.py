@@ -16,7 +16,7 @@ def study():
     shorter = {
         "OPEN_TARGETS": 4, "OLD_TARGETS": 4, "FASTER": (), "STEP_SECONDS": 20.0,
         "FAULT_SECONDS": 18.0, "RAMPS_SECONDS": 60.0, "RAMP_SECONDS": 50.0, "RAMP_AT": 20.0,
-        "RAMP": ramp,
+        "RAMP": ramp, "LATER": (1.0,), "LATER_SECONDS": 40.0,
     }  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
         for name, value in shorter.items():

@@ -21,6 +21,7 @@ from minorloop import modelfile
 from minorloop.drawing.identification import loop_points
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import table_text, write_atomically
+from minorloop.head.console.lab_words import on_page
 from minorloop.head.console.uploads import INPUTS, MODEL, REPORT
 from minorloop.identification import (
     DynamicIdentification,
@@ -37,6 +38,7 @@ from minorloop.lab.columns import (
     read_headers,
     split_header,
 )
+from minorloop.lab.holds import looks_like_raw_log
 from minorloop.lab.logs import read_log
 from minorloop.lab.records import Record
 from minorloop.lab.timebase import time_column
@@ -176,7 +178,10 @@ def identify_file(
         force=True,
     )
     shown = _shown(result, record, seconds, dynamic)
-    yield {"result": {**shown, "advice": [*advice, *shown["advice"]]}}
+    raw = looks_like_raw_log(log.record.t if log.record.timed else None, log.record.u, log.record.y)
+    if raw and dynamic is None:
+        advice.insert(0, raw)
+    yield {"result": {**shown, "advice": list(map(on_page, [*advice, *shown["advice"]]))}}
     yield {"stage": "drawing the report"}
     from minorloop.report import identification_report
 
@@ -239,7 +244,7 @@ def invert(folder: str, targets: list[float], start: str) -> Reports:
         "y": found.y.tolist(),
         "reachable": found.reachable.tolist(),
         "worst": found.worst,
-        "warnings": list(known.warnings),
+        "warnings": list(map(on_page, known.warnings)),
     }
 
 
@@ -294,7 +299,7 @@ def _shown(
         "table": rows,
         "choices": [str(choice) for choice in result.choices],
         "advice": list(whole.advice),
-        "warnings": list(whole.warnings),
+        "warnings": list(map(on_page, whole.warnings)),
     }
 
 

@@ -20,8 +20,11 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.head.control.head import CONTROLLERS, HeadControl, head_control
+from minorloop.head.control.internal_model import InternalModel
 from minorloop.head.control.planning import PlannedPowers, Planner
+from minorloop.head.control.robustness import robust_margins
 from minorloop.head.studies.head_loop import (
+    DELAY,
     TICK,
     HeadRun,
     circle,
@@ -87,6 +90,12 @@ FAULT_AT, FAULT_SECONDS = 12.0, 25.0
 OLD_HOLD, OLD_TARGETS, OLD_RANGE, OLD_WAIT = 12.0, 20, (10.0, 45.0), 4.0
 """Targets for a head whose wires have aged since it was identified: s, how many, degrees, s."""
 OLD = (DEFAULT, "adaptive")
+LATER = (1.0, 1.25, 1.5, 1.75, 2.0)
+"""Delays of the sensor over the longest with which the internal model is predicted to be
+stable."""
+LATER_TARGET, LATER_SECONDS, LATER_END, OSCILLATES = 30.0, 60.0, 15.0, 2.0
+"""Target in degrees and duration of these runs in s; a loop is unstable if the angle still moves by
+so many degrees in the last seconds: an edge of the loop without noise is as sharp."""
 PLAN_INTERVAL, PLAN_HOLD = 0.5, 4.0
 """Interval of the planned powers, by trial, and hold of each target, in seconds."""
 PLANNED = (40.0, 40.0, 40.0, 10.0, 10.0, 35.0, 5.0, 5.0, 25.0, 0.0)
@@ -125,6 +134,10 @@ CLAIMS = (
     Claim("PI: settling [s]", "rivals.pi.settle_s", "not studied"),
     Claim("inverse and PI: settling [s]", "rivals.feedforward_pi.settle_s", "named (ref. 11)"),
     Claim("model reference: settling [s]", "rivals.model_reference.settle_s", "named (ref. 12)"),
+    Claim("internal model: predicted edge of the delay [s]", "robust.predicted_edge", "adjusted"),
+    Claim(
+        "the same: measured over predicted", "robust.measured_ratio", "adjusted", least=1, most=2
+    ),
     Claim("aged wires: rms [deg]", "aged.observer_rms_deg", "left open"),
     Claim("the same, adaptive: rms [deg]", "aged.adaptive_rms_deg", "left open"),
     Claim("out of reach: always found", "unreachable.detected", "left open", least=1),
@@ -145,7 +158,8 @@ class HeadStudy:
     ``facts`` are of the nominal twin; ``runs`` all closed and open loops by the name of the
     experiment and the controller; ``reach`` the true angle under full current, in degrees, for
     impossible targets; ``plan`` the planned and the inverse sequence for the same targets, with
-    ``planned`` (2, N) the true angles of a wire that is driven by them.
+    ``planned`` (2, N) the true angles of a wire that is driven by them; ``delay_edges`` the longest
+    delay of the sensor in s with which the internal model is predicted and found to be stable.
     """
 
     seed: int
@@ -155,6 +169,7 @@ class HeadStudy:
     reach: dict[str, float]
     plan: tuple[PlannedPowers, PlannedPowers]
     planned: FloatArray
+    delay_edges: tuple[float, float]
     seconds: float
 
     def figures(self) -> dict[str, Any]:
@@ -177,6 +192,11 @@ class HeadStudy:
             "stress_MPa": max(float(run.truth.stress.max()) for run in self.runs.values()) / 1e6,
         }
         found["planning"] = self._planning()
+        found["robust"] = {
+            "predicted_edge": self.delay_edges[0],
+            "measured_edge": self.delay_edges[1],
+            "measured_ratio": self.delay_edges[1] / self.delay_edges[0],
+        }
         took = np.concatenate([run.step_seconds[1:] for run in self._of(DEFAULT)]) * 1e3
         found["realtime"] = {
             "step_ms_median": float(np.median(took)),
@@ -253,6 +273,7 @@ def run_study(seed: int) -> HeadStudy:
         reach={what: _reach(seed, around) for what, (around, _) in IMPOSSIBLE.items()},
         plan=(plan, inverse),
         planned=np.array(driven),
+        delay_edges=_delay_edges(seed, controls["internal_model"], runs),
         seconds=time.perf_counter() - began,
     )
 
@@ -375,6 +396,37 @@ def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str
                 surroundings=surroundings,
             )
     return runs
+
+
+def _delay_edges(
+    seed: int, control: HeadControl, runs: dict[tuple[str, str], HeadRun]
+) -> tuple[float, float]:
+    """Run the internal model with sensors that are later than it knows; add the runs.
+
+    Returns the longest delay in s with which it should be stable, and the longest of those tried
+    up to which it is.
+    """
+    law = control.axes[0].controller
+    if not isinstance(law, InternalModel):
+        raise TypeError("the delay is that of the internal model")
+    predicted = DELAY + robust_margins(law).delay
+    measured = DELAY
+    for share in LATER:
+        run = run_loop(
+            "internal_model",
+            control,
+            constant(LATER_TARGET),
+            LATER_SECONDS,
+            specimen=seed,
+            seed=seed,
+            delay=share * predicted,
+        )
+        runs[f"delay {share * predicted:.2f} s", "internal_model"] = run
+        end = run.truth.angle[run.t > LATER_SECONDS - LATER_END, 0]
+        if np.ptp(end) > OSCILLATES:
+            break
+        measured = share * predicted
+    return predicted, measured
 
 
 def _reach(seed: int, surroundings: Surroundings) -> float:

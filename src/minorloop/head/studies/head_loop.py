@@ -113,6 +113,7 @@ def run_loop(
     surroundings: Surroundings | None = None,
     faults: Sequence[Fault] = (),
     ageing: float = 0.0,
+    delay: float = DELAY,
 ) -> HeadRun:
     """Run a control loop on a cold head and return it with its truth.
 
@@ -126,7 +127,7 @@ def run_loop(
         Targets in degrees at a time in seconds.
     seconds : float
         Duration.
-    specimen, seed, surroundings, faults, ageing
+    specimen, seed, surroundings, faults, ageing, delay
         As in `Head`.
     """
     head = Head(
@@ -134,7 +135,7 @@ def run_loop(
         NOISE,
         seed,
         tick=TICK,
-        delay=DELAY,
+        delay=delay,
         surroundings=surroundings,
         faults=faults,
         ageing=ageing,

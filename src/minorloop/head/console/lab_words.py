@@ -1,0 +1,60 @@
+"""Advice in the words of the lab page: its fields in place of options of Python and commands."""
+
+from __future__ import annotations
+
+import re
+
+FIELDS = {
+    "curves": "Curves, each with a new memory",
+    "diagonal": "Smallest loops (diagonal)",
+    "dynamics": "Dead time, poles and creep (dynamics)",
+    "groups": "Groups to leave out, such as specimens",
+    "holdout": "Held-out rows at the end",
+    "input": "Input (applied)",
+    "lag": "Lag",
+    "levels": "Levels",
+    "output": "Output (measured)",
+    "rows": "First row” and “Rows up to",
+    "skip": "Rows not fitted at the start",
+    "slope": "Linear part (slope)",
+    "start": "Memory at the start",
+    "start-of-curve": "Memory before each curve",
+    "time": "Time",
+}
+"""Labels of the fields of the page, by the options of the command line."""
+ELSEWHERE = frozenset({"flip", "signed"})
+"""Options of the command line that advice names and that the page does not have."""
+_VALUES = {"auto": "automatic", "as-left": "as left by the last one"}
+
+_ASSIGNED = r"(?:[a-z_]+=(?:\"[^\"]*\"|[\w.]+)(?: or [a-z_]+=[\w.]+)*|\"[a-z-]+\") "
+_OPTION = r"--([a-z-]+)(?: (COLUMN|auto|as-left|operator|linear|[\d.]+)(?![\w.]*\w))?"
+_PAIR = re.compile(rf"(?:{_ASSIGNED})?\({_OPTION}\)")
+_BARE = re.compile(_OPTION)
+
+
+def on_page(sentence: str) -> str:
+    """Return advice with the fields of the page in place of options.
+
+    Parameters
+    ----------
+    sentence : str
+        Advice of `identify`, such as ``skip=30 (--skip 30)``.
+    """
+    text = sentence.replace("identify_dynamics (--time COLUMN --dynamics auto)", "--dynamics auto")
+    text = text.replace("(minorloop reduce)", "with the command minorloop reduce LOG")
+    return _BARE.sub(_field, _PAIR.sub(_field, text))
+
+
+def _field(found: re.Match[str]) -> str:
+    """Return a field and its value in words; an option that the page lacks as it is."""
+    option, value = found.groups()
+    if option not in FIELDS:
+        return f"--{option} of the command minorloop"
+    field = f"“{FIELDS[option]}”"
+    if value is None or value == "COLUMN":
+        return field
+    if option == "dynamics":
+        value = "auto"
+    if option == "holdout":
+        value = f"{float(value):.0%}"
+    return f"{field}: {_VALUES.get(value, value)}"

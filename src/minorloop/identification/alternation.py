@@ -1,0 +1,217 @@
+"""Alternation between an operator and its dynamics, each fitted with the other one fixed.
+
+With the dynamics fixed, the operator is identified from a record without them: its inputs are
+filtered by what comes before it, and its outputs are those of the present operator plus the
+residual through the inverse of what comes behind, which a filter limits to the frequencies where
+the noise stays small. With the operator fixed, the dynamics that come nearest to the measured
+outputs are found by nonlinear least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.dynamics.cascade import filtered_inverse
+from minorloop.dynamics.creep import Creep, fit_creep
+from minorloop.identification.dynamic_parts import DynamicRecord, Dynamics
+from minorloop.identification.result import Identification
+from minorloop.operators.preisach import Preisach
+
+Static: TypeAlias = Callable[[FloatArray, FloatArray], Identification]
+
+_NO_DELAY = 0.5
+"""Dead time in samples that counts as none where there are no poles."""
+_ROUNDS, _SETTLED = 25, 2e-3
+"""Most alternations; they end when one with either filter gains less than this share."""
+_DEPTH = 4
+"""Alternations that the next one is extrapolated from."""
+_EVALUATIONS, _STEP, _SMALLEST_GAIN = 8, 1e-4, 1e-4
+"""Most steps of the search for the dynamics, their finite difference, and the gain of the last."""
+_FILTERS = (5.0, 1.0)
+"""Factors of the time constant of that filter: a slow one, which converges from any begin, and then
+a fast one, which converges further."""
+_SLOWER, _LONGEST = 5.0, 3.0
+"""Creep times: from so many times the slowest time constant to this part of the record."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A fit of operator and dynamics.
+
+    Parameters
+    ----------
+    record : DynamicRecord
+        The record that was fitted.
+    result : Identification
+        The operator.
+    dynamics : Dynamics
+        The dynamics.
+    error : float
+        Error on the fitted samples, over the range of the output.
+    """
+
+    record: DynamicRecord
+    result: Identification
+    dynamics: Dynamics
+    error: float
+
+    @property
+    def operator(self) -> Preisach:
+        """The operator."""
+        return self.result.model
+
+    @cached_property
+    def squares(self) -> FloatArray:
+        """(B,) mean squared error on the left-out pieces of each block of the record."""
+        return self.record.squares(self.dynamics.outputs(self.record, self.operator))
+
+    @property
+    def left_out_error(self) -> float:
+        """Root-mean-square error on the left-out pieces, over the range of the output."""
+        return float(np.sqrt(np.mean(self.squares)))
+
+
+def alternate(
+    record: DynamicRecord,
+    dynamics: Dynamics,
+    static: Static,
+    operator: Preisach | None = None,
+    *,
+    creeping: bool = False,
+) -> Found:
+    """Alternate between operator and dynamics until the error no longer falls.
+
+    The parameters are extrapolated from the last rounds (Anderson, J. ACM 12, 1965), because
+    operator and dynamics explain part of the record alike, and plain alternation would be slow.
+
+    Parameters
+    ----------
+    record : DynamicRecord
+        The record.
+    dynamics : Dynamics
+        Where to begin; they have the structure of what is found.
+    static : callable
+        Identification of an operator from inputs and outputs.
+    operator : Preisach, optional
+        Operator to begin with.
+    creeping : bool
+        Whether to fit creep.
+    """
+    best, waited = None, 0
+    begun: list[FloatArray] = []
+    reached: list[FloatArray] = []
+    for _ in range(_ROUNDS):
+        result = static(*without(dynamics, record, operator, _FILTERS[waited]))
+        operator, began = result.model, dynamics.vector
+        dynamics = _fitted_poles(record, dynamics, operator)
+        if creeping:
+            dynamics = replace(dynamics, creep=_fitted_creep(record, dynamics, operator))
+        if dynamics.vector.size != began.size:  # creep has come or gone
+            begun, reached = [], []
+        else:
+            begun.append(began)
+            reached.append(dynamics.vector)
+        error = record.error(dynamics.outputs(record, operator), record.fitted)
+        waited = 0 if best is None or error < (1 - _SETTLED) * best.error else waited + 1
+        if waited == len(_FILTERS):
+            break
+        if best is None or error <= best.error:
+            best = Found(record, result, dynamics, error)
+            if begun:
+                ahead = _extrapolated(begun[-_DEPTH:], reached[-_DEPTH:])
+                low, high = dynamics.bounds(float(record.t[-1]))
+                ahead[: low.size] = np.clip(ahead[: low.size], low, high)
+                dynamics = dynamics.at(ahead)
+        else:  # back to where plain alternation does not make the error larger
+            operator, dynamics = best.operator, best.dynamics
+            begun, reached = [], []
+    assert best is not None
+    return best
+
+
+def _extrapolated(begun: list[FloatArray], reached: list[FloatArray]) -> FloatArray:
+    """Return where rounds that began and ended at these vectors seem to converge."""
+    steps = np.array(reached) - np.array(begun)
+    if len(steps) < 2 or not np.diff(steps, axis=0).any():
+        return reached[-1].copy()
+    share = np.linalg.lstsq(np.diff(steps, axis=0).T, steps[-1], rcond=1e-6)[0]
+    return np.asarray(reached[-1] - share @ np.diff(np.array(reached), axis=0))
+
+
+def without(
+    dynamics: Dynamics, record: DynamicRecord, operator: Preisach | None, slower: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return the record that the operator alone would have given, NaN where nothing is fitted.
+
+    The time constant of the filter of the inverse is ``slower`` times as long as usual.
+    """
+    known, u, linear = record.fitted, dynamics.before(record.u), dynamics.linear
+    y = np.where(known, record.y, np.nan)
+    if operator is None:
+        if dynamics.first == "linear":
+            return u, y
+        slow = float(linear.time_constants.sum()) / record.interval
+        return u, earlier(y, round(dynamics.delay + slow))
+    w = operator.simulate(u, record.start)
+    prompt = dynamics.after(w)
+    if dynamics.creep is not None:
+        whole = np.where(known, y, dynamics.crept(record, prompt))
+        y = dynamics.creep.compensate(record.t, whole, before=float(prompt[0]))
+    if dynamics.first == "linear":
+        return u, np.where(known, y, np.nan)
+    inverse, late = filtered_inverse(linear, slower * dynamics.filter_time)
+    left = np.interp(record.t + late, record.t[known], (y - prompt)[known])
+    return u, np.where(known, w + inverse.simulate(record.t, left), np.nan)
+
+
+def earlier(y: FloatArray, samples: int) -> FloatArray:
+    """Return outputs (T,) so many samples earlier, NaN at the end."""
+    return np.append(y, np.full(samples, np.nan))[samples:]
+
+
+def _fitted_poles(record: DynamicRecord, dynamics: Dynamics, operator: Preisach) -> Dynamics:
+    """Return the poles and the dead time that come nearest to the outputs."""
+    from scipy.optimize import least_squares
+
+    if not dynamics.poles and dynamics.delay < _NO_DELAY:
+        return replace(dynamics, delay=0.0)
+    free = dynamics.poles + 1
+    # The output of an operator that comes first does not depend on the dynamics.
+    w = None if dynamics.ahead else operator.simulate(record.u, record.start)
+
+    def errors(x: FloatArray) -> FloatArray:
+        now = dynamics.at(x)
+        prompt = now.prompt(record, operator) if w is None else now.after(w)
+        return (now.crept(record, prompt) - record.y)[record.fitted]
+
+    low, high = (bound[:free] for bound in dynamics.bounds(float(record.t[-1])))
+    begin = dynamics.vector[:free]
+    margin = np.minimum(1e-3, 0.1 * (high - low))
+    answer = least_squares(
+        errors,
+        np.clip(begin, low + margin, high - margin),
+        bounds=(low, high),
+        diff_step=np.full(free, _STEP),
+        max_nfev=_EVALUATIONS,
+        ftol=_SMALLEST_GAIN,
+    )
+    return dynamics.at(answer.x)
+
+
+def _fitted_creep(record: DynamicRecord, dynamics: Dynamics, operator: Preisach) -> Creep | None:
+    """Return the creep that comes nearest to the outputs; None if there is none."""
+    prompt = dynamics.prompt(record, operator)
+    slowest = float(dynamics.time_constants.max(initial=record.interval))
+    shortest, longest = _SLOWER * slowest, float(record.t[-1]) / _LONGEST
+    times = None if dynamics.creep is None else dynamics.creep.times
+    if times is None and shortest > longest:
+        return None
+    y = np.where(record.fitted, record.y, np.nan)
+    creep = fit_creep(record.t, prompt, y, shortest=shortest, longest=longest, times=times).model
+    return creep.normalised() if creep.gain > 0 and creep.strengths.any() else None

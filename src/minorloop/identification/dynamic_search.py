@@ -1,0 +1,172 @@
+"""Search for the structure of dynamics: poles before and behind an operator, dead time and creep.
+
+Structures are fitted to a part of the record and compared by their errors on left-out pieces of the
+rest. One is better than another if the mean difference of their squared errors on these pieces is
+larger than its standard error explains, so that noise hides no pole and invents none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from minorloop.dynamics.cascade import First
+from minorloop.identification.alternation import Found, Static, alternate, earlier
+from minorloop.identification.dynamic_parts import DynamicRecord, Dynamics
+
+_DELAYS = 12
+"""Delays that a search begins with, from 0 to a tenth of the record."""
+_KEPT = 2
+"""Structures with two poles from which those with three are tried."""
+_ONE_SIDE, _BOTH_SIDES = 3, 2
+"""Most poles on one side of the operator, without others on the other side and with them."""
+_CHANCE = 0.001
+"""Probability with which chance alone may look like the gain of another parameter."""
+_CLEARLY = 0.7
+"""Ratio of the errors, on left-out pieces and on fitted rows, that is clear without a test."""
+_REPLACED = 0.5
+"""Ratio of dead times, of which the longer one has more than a sample, below which poles take the
+place of dead time."""
+_BETTER, _BETTER_WITH_CREEP = 0.98, 0.8
+"""Ratio of the errors below which another parameter is worth it, and creep, which has several and
+follows other slow errors too."""
+
+
+def search(
+    record: DynamicRecord, first: First | None, poles: int | None, most: int, static: Static
+) -> list[Found]:
+    """Return fits of different structures, without creep.
+
+    Each begins from one with a pole less. With three poles only the neighbours of the best two are
+    tried, and none if two poles are no better than one.
+
+    Parameters
+    ----------
+    record : DynamicRecord
+        The record with left-out pieces.
+    first : {"operator", "linear"}, optional
+        On which side of the poles the operator is; on either if not given.
+    poles : int, optional
+        Number of poles; chosen if not given.
+    most : int
+        Most poles.
+    static : callable
+        Identification of a coarse operator.
+    """
+    begin = Dynamics(record.interval, float(_delay(record, static)))
+    levels = [[alternate(record, begin, static)]]
+    for count in range(1, (most if poles is None else poles) + 1):
+        parents = sorted(levels[-1], key=lambda one: one.left_out_error)
+        parents = parents[:_KEPT] if count > _KEPT else parents
+        found = _one_more(record, parents, first, static)
+        levels.append(found)
+        # One pole may be no better than a dead time where two are.
+        if (
+            poles is None
+            and count > 1
+            and not any(better(one, parents[0], _BETTER) for one in found if one.dynamics.plausible)
+        ):
+            break
+    tried = [one for level in levels for one in level]
+    if poles is not None:
+        return [one for one in tried if one.dynamics.poles == poles]
+    return [one for one in tried if one.dynamics.plausible]
+
+
+def with_creep(
+    record: DynamicRecord, tried: Sequence[Found], best: Found, static: Static, always: bool
+) -> list[Found]:
+    """Return fits with creep; none if creep is not worth it, and not ``always`` wanted."""
+    crept = _creeping(record, best, static)
+    if crept is None or not (always or better(crept, best, _BETTER_WITH_CREEP)):
+        return []
+    most = best.dynamics.poles + 1
+    others = [
+        _creeping(record, one, static)
+        for one in tried
+        if one is not best and 0 < one.dynamics.poles <= most
+    ]
+    return [crept, *(one for one in others if one)]
+
+
+def simplest(tried: Sequence[Found]) -> Found:
+    """Return the fit with the fewest parameters of those that none is clearly better than."""
+    ranked = sorted(tried, key=lambda one: (one.dynamics.parameters, one.left_out_error))
+    best = ranked[0]
+    for one in ranked[1:]:
+        if one.dynamics.parameters == best.dynamics.parameters:
+            continue
+        if better(one, best, _BETTER):
+            best = one
+    return best
+
+
+def better(one: Found, other: Found, ratio: float = 1.0) -> bool:
+    """Whether the left-out pieces say that one fit is better than another, by this ratio.
+
+    The error on the fitted rows has to be smaller too, and over the blocks of the record the mean
+    difference of the squared errors, or of their logarithms, has to be beyond chance (Student,
+    Biometrika 6, 1908). A few fast blocks may have most of the error, which logarithms level; where
+    both errors are smaller by three tenths, no test is needed.
+    """
+    from scipy.special import stdtrit
+
+    errors = (one.left_out_error, other.left_out_error), (one.error, other.error)
+    if any(own >= ratio * others for own, others in errors):
+        return False
+    if all(own < _CLEARLY * others for own, others in errors):
+        return True
+    freedom = max(one.squares.size - 1, 1)
+    limit = float(stdtrit(freedom, 1 - _CHANCE)) / np.sqrt(freedom)
+    least = np.finfo(np.float64).tiny
+    logarithms = np.log(np.maximum(other.squares, least) / np.maximum(one.squares, least))
+    return any(
+        bool(gain.mean() > limit * gain.std()) for gain in (other.squares - one.squares, logarithms)
+    )
+
+
+def near(one: Found, chosen: Found) -> bool:
+    """Whether another structure cannot be told from the chosen one by the left-out pieces.
+
+    A structure that contains the chosen one is always as good, and does not count, unless its poles
+    take the place of a dead time.
+    """
+    pairs = zip(one.dynamics.structure, chosen.dynamics.structure, strict=True)
+    other, own = one.dynamics.delay, chosen.dynamics.delay
+    differs = any(a < b for a, b in pairs) or (own > 1 and other < _REPLACED * own)
+    return differs and not better(chosen, one)
+
+
+def _one_more(
+    record: DynamicRecord, parents: Sequence[Found], first: First | None, static: Static
+) -> list[Found]:
+    """Return the best fit of each structure with one pole more than its parents."""
+    best: dict[tuple[int, int, bool], Found] = {}
+    for parent in parents:
+        for ahead in (False, True):
+            if first is not None and ahead != (first == "linear"):
+                continue
+            sides = len(parent.dynamics.ahead) + ahead, len(parent.dynamics.behind) + (not ahead)
+            if max(sides) > (_BOTH_SIDES if min(sides) else _ONE_SIDE):
+                continue
+            for begin in parent.dynamics.with_another_pole(ahead):
+                found = alternate(record, begin, static, parent.operator)
+                known = best.get(found.dynamics.structure)
+                if known is None or found.error < known.error:
+                    best[found.dynamics.structure] = found
+    return list(best.values())
+
+
+def _creeping(record: DynamicRecord, found: Found, static: Static) -> Found | None:
+    """Return a fit with creep that begins from one without; None if there is no creep."""
+    crept = alternate(record, found.dynamics, static, found.operator, creeping=True)
+    return crept if crept.dynamics.creep is not None and crept.dynamics.plausible else None
+
+
+def _delay(record: DynamicRecord, static: Static) -> int:
+    """Return the delay in samples with which the operator alone comes nearest to the outputs."""
+    delays = np.geomspace(1, max(record.u.size // 10, 1), _DELAYS).astype(int)
+    y = np.where(record.fitted, record.y, np.nan)
+    errors = {int(k): static(record.u, earlier(y, int(k))).nrmse for k in (0, *delays)}
+    return min(errors, key=lambda delay: errors[delay])

@@ -1,0 +1,73 @@
+"""Find a row from which on all outputs are shifted, where a fit has absorbed part of the shift.
+
+The outputs are regressed on a flexible basis along the input and on the prediction of the fit. What
+a shift from each row on would leave of this regression, and how much of the residual it explains,
+follow from cumulative sums of the orthonormal basis (partial regression: Frisch and Waugh,
+Econometrica 1, 1933).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+
+MOST_ROWS = 5000
+"""Rows up to which a regression on about forty columns takes hundredths of a second."""
+_LEAST_SIDE = 8
+"""Rows before and behind a step at least."""
+_SHARE, _OVER_DRIFT = 0.4, 1.3
+"""Share of the variance that a step explains, and over that of a straight line."""
+_TRUSTED = 0.05
+"""Share of a step that the basis cannot take its place of, at least: below, the input decides."""
+_SINGULAR, _ROUNDING = 1e-9, 1e-24
+
+
+def find_offset_step(
+    basis: FloatArray, prediction: FloatArray, y: FloatArray
+) -> tuple[int, float] | None:
+    """Return the first row behind a step and its size, in the unit of the outputs; None without.
+
+    Parameters
+    ----------
+    basis : (M, Q) array
+        Regressors of each row: a constant and functions of the memory.
+    prediction : (M,) array
+        Outputs of the fit, another regressor. It may contain a part of the step, so that the size
+        is estimated without it.
+    y : (M,) array
+        Outputs.
+    """
+    size, columns = basis.shape
+    if size < 2 * columns or size < 4 * _LEAST_SIDE:
+        return None
+    q = _orthonormal(np.column_stack([basis, prediction]))
+    rest = y - q @ (q.T @ y)
+    squares = float(rest @ rest)
+    if squares <= _ROUNDING * float(y @ y):
+        return None
+    # Row k: sums over the rows from k on.
+    sums = np.cumsum(rest[::-1])[::-1]
+    absorbed = np.cumsum(q[::-1], axis=0)[::-1]
+    count = np.arange(size, 0, -1)
+    own = count - np.einsum("kq,kq->k", absorbed, absorbed)
+    sides = np.minimum(count, size - count)
+    usable = (sides >= _LEAST_SIDE) & (own > _TRUSTED * count * (size - count) / size)
+    shares = np.where(usable, sums**2 / np.where(usable, own, 1.0) / squares, 0.0)
+    place = int(np.argmax(shares))
+    time = np.linspace(-0.5, 0.5, size)
+    line = time - q @ (q.T @ time)
+    drift = float(line @ rest) ** 2 / max(float(line @ line), _SINGULAR) / squares
+    if shares[place] < max(_SHARE, _OVER_DRIFT * drift):
+        return None
+    step = (np.arange(size) >= place).astype(np.float64)
+    q = _orthonormal(basis)
+    step -= q @ (q.T @ step)
+    return place, float(step @ y / (step @ step))
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of the columns."""
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(np.float64).tiny)
+    left, singular, _ = np.linalg.svd(scaled, full_matrices=False)
+    return np.asarray(left[:, singular > _SINGULAR * singular[0]])

@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.linear import Linear
+from minorloop.identification.dynamic_parts import DynamicRecord, Dynamics
+from minorloop.operators.preisach import Preisach
+
+PLANE = Preisach(np.linspace(0, 1, 5), np.tril(np.ones((4, 4))))
+STEP = 1 / 128  # exact, so that a dead time of whole samples is exact
+T = STEP * np.arange(600)
+U = 0.5 - 0.5 * np.cos(3 * T) * np.exp(-0.1 * T)
+RECORD = DynamicRecord.of(T, U, U, {})
+
+
+@pytest.mark.parametrize(
+    ("ahead", "behind"), [((), ()), ((-3.0,), ()), ((), (-2.0, -5.0)), ((-3.0,), (-2.0, -5.0))]
+)
+def test_outputs_are_those_of_the_cascade(ahead, behind):
+    dynamics = Dynamics(STEP, 3.0, ahead, behind)
+    expected = dynamics.cascade(PLANE).simulate(T, U)
+    np.testing.assert_allclose(dynamics.outputs(RECORD, PLANE), expected, atol=1e-6)
+    assert dynamics.structure == (len(ahead), len(behind), False)
+    np.testing.assert_array_equal(dynamics.at(dynamics.vector).vector, dynamics.vector)
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+@pytest.mark.parametrize("poles", [((), ()), ((-3.0,), ()), ((), (-3.0, -7.0))])
+def test_another_pole_keeps_the_others_or_makes_all_equal(ahead, poles):
+    dynamics = Dynamics(STEP, 2.0, *poles)
+    faster, equal = dynamics.with_another_pole(ahead)
+    slow = dynamics.time_constants
+    np.testing.assert_allclose(faster.time_constants[: slow.size], slow, rtol=1e-6)
+    assert faster.poles == equal.poles == dynamics.poles + 1
+    assert len(faster.ahead) == len(dynamics.ahead) + ahead
+    late = slow.sum() + 2 * STEP
+    np.testing.assert_allclose(equal.time_constants, late / equal.poles, rtol=1e-5)
+    low, high = equal.bounds(6.0)
+    assert low.size == high.size == equal.poles + 1
+
+
+def test_dead_time_is_behind_the_operator_unless_all_poles_are_before_it():
+    assert Dynamics(STEP, 2.0, (-3.0,), ()).cascade(PLANE).linear.delay == pytest.approx(2 * STEP)
+    both = Dynamics(STEP, 2.0, (-3.0,), (-4.0,)).cascade(PLANE)
+    assert (both.ahead.delay, both.linear.delay) == (0, pytest.approx(2 * STEP))
+
+
+def test_pieces_are_a_fifth_of_the_rows_and_not_fitted():
+    record = RECORD.with_pieces()
+    left = record.pieces >= 0
+    assert np.mean(left) == pytest.approx(0.2, abs=0.02)
+    assert not record.fitted[left].any()
+    assert record.squares(record.y + 0.1 * np.ptp(record.y)) == pytest.approx(0.01)
+
+
+def test_a_start_up_ends_when_the_input_has_been_near_both_ends():
+    assert RECORD.startup == np.argmax(U.min() + 0.9 * np.ptp(U) <= U)
+    later = RECORD.with_pieces().without(RECORD.startup)
+    assert not later.fitted[: RECORD.startup].any()
+    assert (later.pieces[: RECORD.startup] == -1).all()
+    slow = DynamicRecord.of(T, T, T, {})  # most rows would count as one
+    assert slow.startup == 0
+
+
+def test_a_pole_within_half_a_sample_is_not_plausible():
+    assert Dynamics(STEP, 0.0, (), (float(np.log(0.6 * STEP)),)).plausible
+    assert not Dynamics(STEP, 0.0, (float(np.log(0.4 * STEP)),), ()).plausible
+
+
+def test_without_poles_a_cascade_is_the_operator():
+    model = Dynamics(STEP, 0.0).cascade(PLANE)
+    assert isinstance(model, Cascade)
+    assert model.linear == Linear.lags()
