@@ -94,6 +94,7 @@ class Page:
         self.recording = None
         self.first_picture, self.presses = 0.0, 0
         self.notices: list[str] = []
+        self.findings: list[dict] = []
         self.failed: list[str] = []
         self._changed = asyncio.Event()
 
@@ -115,6 +116,8 @@ class Page:
                 self.grant = content["grant"]
             elif content["type"] == "failed":
                 self.failed.append(content["text"])
+            elif content["type"] == "findings":
+                self.findings = content["findings"]
             elif content["type"] == "recording":
                 self.recording = content["name"] or self.recording
             elif content["type"] == "state":

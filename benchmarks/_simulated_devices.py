@@ -3,28 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
-from minorloop.dynamics.heated_wire import HeatedWire
-from minorloop.head.console.plant import open_tip
-from minorloop.head.control.limits import WireLimits
-from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, save_head
-from minorloop.head.vision.imaging import opencv
-from minorloop.operators.preisach import Preisach
-
 EXAMPLES = Path(__file__).parents[1] / "examples"
-_PICTURES = 12
-_BANDS, _HIGHEST = 16, 0.4
-_MIDDLE, _SPREAD, _WIDTH, _LAG = 55.0 / 700.0, 12.0 / 700.0, 6.0 / 700.0, 1.5
-"""Of the wires of the board, in square amperes, and in seconds."""
-_LATENT = 2e-3
 
 
 class Device:
@@ -39,7 +25,7 @@ class Device:
     """
 
     def __init__(self, file: str, *options: str) -> None:
-        self._command = [sys.executable, "-I", "-S", str(EXAMPLES / file), *options]
+        self._command = [sys.executable, "-I", str(EXAMPLES / file), *options]
         self.put_back()
 
     def put_back(self) -> None:
@@ -55,22 +41,20 @@ class Device:
 @contextlib.contextmanager
 def devices(folder: Path) -> Iterator[tuple[dict[str, Device], list[str]]]:
     """Run the three devices; yield them by name, and the options of a console that uses them."""
-    pictures = folder / "pictures"
-    save_pictures(pictures)
-    save_head_file(folder / "head.json")
     bench = (EXAMPLES / "head.toml").read_text()
     (folder / "head.toml").write_text(bench.replace("/dev/ttyACM0", str(folder / "board")))
-    stream, poses = _free_port(socket.SOCK_STREAM), _free_port(socket.SOCK_DGRAM)
+    stream, told, poses = _free_ports(socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_DGRAM)
+    camera = ["--port", str(stream), "--listen", str(told)]
     running = {
-        "camera": Device("simulated_camera.py", str(pictures), "--port", str(stream)),
-        "board": Device("simulated_board.py", "--port", str(folder / "board")),
+        "camera": Device("simulated_pipe.py", *camera),
+        "board": Device("simulated_board.py", "--port", str(folder / "board"), "--tell", str(told)),
         "tracker": Device("simulated_tracker.py", str(poses)),
     }
     options = {
         "--plant": f"bench:{folder / 'head.toml'}",
         "--camera": f"camera:http://127.0.0.1:{stream}/",
         "--tracker": f"udp:{poses}",
-        "--head": str(folder / "head.json"),
+        "--head": str(EXAMPLES / "head.json"),
     }
     try:
         yield running, [word for option in options.items() for word in option]
@@ -79,43 +63,18 @@ def devices(folder: Path) -> Iterator[tuple[dict[str, Device], list[str]]]:
             device.pull()
 
 
-def save_pictures(folder: Path) -> None:
-    """Write pictures of a pipe, in which the camera turns a little, as JPEG files."""
-    cv2, (tip, _) = opencv(), open_tip("twin:pipe")
-    folder.mkdir()
-    for k in range(_PICTURES):
-        tip.move_to((2e-3 * k, 1e-3 * k, 0.0, 0.0, 0.0, 0.0))
-        cv2.imwrite(str(folder / f"{k:02}.jpg"), tip.frame().image)
+def holes() -> list[tuple[float, float, float]]:
+    """Return where the holes of the simulated pipe are: degrees, mm along it, mm wide."""
+    command = [sys.executable, "-I", str(EXAMPLES / "simulated_pipe.py"), "--holes"]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    found = [re.findall(r"-?[\d.]+", line) for line in lines]
+    return [(float(angle), float(place), float(width)) for angle, place, width in found]
 
 
-def save_head_file(path: Path) -> None:
-    """Write the file of the head on the simulated board, with the camera of the pictures."""
-    _, view = open_tip("twin:pipe")
-    wire, on = _wire(), datetime(2026, 1, 31, tzinfo=UTC)
-    known = IdentifiedWires(
-        on=on,
-        wires=(wire, wire),
-        coupling=np.eye(2),
-        limits=WireLimits(),
-        highest=_HIGHEST,
-        stores={},
-    )
-    save_head(HeadFile(serial="H-01", identified=known, calibration=view, calibrated=on), path)
-
-
-def _wire() -> HeatedWire:
-    levels = np.linspace(0.0, _HIGHEST**2, _BANDS + 1)
-
-    def density(alpha, beta):
-        slope = np.cosh((0.5 * (alpha + beta) - _MIDDLE) / (2.0 * _SPREAD)) ** -2
-        return slope * np.exp(-(((0.5 * (alpha - beta) - _WIDTH) / _WIDTH) ** 2))
-
-    shape = Preisach.from_density(levels, density, relay="unipolar")
-    weights = 60.0 * shape.weights / shape.weights.sum()
-    return HeatedWire(Preisach(levels, weights, relay="unipolar"), _LAG, _LATENT)
-
-
-def _free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
+def _free_ports(*kinds: socket.SocketKind) -> list[int]:
+    """Return a free port of each kind; they are different."""
+    with contextlib.ExitStack() as ends:
+        free = [ends.enter_context(socket.socket(socket.AF_INET, kind)) for kind in kinds]
+        for each in free:
+            each.bind(("127.0.0.1", 0))
+        return [int(each.getsockname()[1]) for each in free]

@@ -1,14 +1,16 @@
 """The console on a board, a camera and a tracker that are programs of their own.
 
-The board is on a pseudo-terminal, the camera sends MJPEG over HTTP, and the tracker sends UDP, all
-on this machine. ``MINORLOOP_CONSOLE_SECONDS`` sets how long it steers; 600 is required, 60 is the
-default.
+The board is on a pseudo-terminal, the camera sends MJPEG of a simulated pipe over HTTP, and the
+tracker sends UDP, all on this machine. ``MINORLOOP_CONSOLE_SECONDS`` sets how long it steers; 600
+is required, 60 is the default. Then a hole of the pipe is found, centred and measured, and each
+device is pulled.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import os
 import re
 import tempfile
@@ -20,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks._console import Page, Server, recorded
-from benchmarks._simulated_devices import Device, devices
+from benchmarks._simulated_devices import Device, devices, holes
 from benchmarks._timing import Row, within
 
 _BACK, _SETTLED, _RECORDED = 3.0, 20.0, 1.0
@@ -28,6 +30,13 @@ _BACK, _SETTLED, _RECORDED = 3.0, 20.0, 1.0
 that are recorded before a device is pulled."""
 _CAUSES = {"camera": "camera", "board": "device|plant", "tracker": "tracker", "browser": "controls"}
 """What the cause has to name."""
+_TRIES, _LONGEST, _EXACT = 4, 120.0, 0.1
+"""How often and how long it is tried, and the accuracy in mm: 1 % of the radius of the pipe."""
+_SEARCHED, _PICKED, _CENTRED, _RADIUS = 1.5, 0.4, 15.0, 10.0
+"""Seconds until a picture was searched, until a pick is tracked, and until it is centred; radius of
+the pipe in mm."""
+_FAR = 60.0
+"""Pixels from the edge of a picture: more than the diameter of a hole."""
 _EVERY = 1.0
 _FLAT, _LONG = 0.5, 300.0
 """Growth in MiB a minute that counts as none, and seconds without which it is not known."""
@@ -43,6 +52,7 @@ def rows(quick: bool) -> list[Row]:
         found = [asyncio.run(_started(sessions, options, when)) for when in starts]
         with Server(str(sessions), *options) as server:
             found += asyncio.run(_steered(server, settled, seconds))
+            found.append(asyncio.run(_inspected(server)))
             for pulled, device in (*running.items(), ("browser", None)):
                 found.append(asyncio.run(_pulled(server, sessions, pulled, device)))
     return found
@@ -75,11 +85,12 @@ async def _steered(server: Server, settled: float, seconds: float) -> list[Row]:
         while (passed := time.monotonic() - began) < seconds:
             memory.append((passed, *_by_process(server)))
             if page.state["mode"] != "HEAD":
-                lost[re.split("[;,]", page.state["reason"])[0]] += 1
+                lost[re.split("[;,:]", page.state["reason"])[0]] += 1
                 await _press(page)
             await asyncio.sleep(_EVERY)
     late = float(np.mean(np.array(page.late) > 10.0))
     age, answer = np.percentile(page.ages, 95), np.percentile(page.answers, 99)
+    rate = f"{len(page.ages) / seconds:.1f} a second"
     return [
         Row(
             f"ticks over 10 ms late, {seconds:.0f} s",
@@ -89,7 +100,7 @@ async def _steered(server: Server, settled: float, seconds: float) -> list[Row]:
             accuracy=f"{late:.2%} of {len(page.late)}; {_load()}; held: "
             f"{', '.join(f'{count} times {why}' for why, count in lost.items()) or 'never'}",
         ),
-        within("picture age, p95", float(age), 0.12, f"{len(page.ages) / seconds:.1f} a second"),
+        within("picture age since its arrival, p95", float(age), 0.12, rate),
         within("input to command, p99", float(answer), 0.05),
         _flat(memory),
     ]
@@ -122,6 +133,56 @@ def _by_process(server: Server) -> tuple[dict[str, float]]:
             lines = (line.split() for line in text.splitlines() if line.startswith("Private_"))
             found[name] = found.get(name, 0.0) + sum(int(words[1]) for words in lines) / 2**10
     return (found,)
+
+
+async def _inspected(server: Server) -> Row:
+    """Look round, measure what is framed, and compare it with the holes of the pipe."""
+    began, tries = time.monotonic(), 0
+    async with _steering(server) as page:
+        while not page.findings and tries < _TRIES and time.monotonic() - began < _LONGEST:
+            tries += await _measured(page)
+    found = [min(_apart(each, hole) for hole in holes()) for each in page.findings]
+    place, width = (max(errors) for errors in zip(*found, strict=True)) if found else (9.0, 9.0)
+    return Row(
+        "a hole found, centred and measured",
+        time.monotonic() - began,
+        required=f"place and width within {_EXACT} mm",
+        met=place <= _EXACT and width <= _EXACT,
+        accuracy=f"errors {place:.3f} and {width:.3f} mm in {tries} tries",
+    )
+
+
+async def _measured(page: Page) -> bool:
+    """Measure a hole that is framed, then look round again; return whether there was one."""
+    inside = [spot for spot in page.state["spots"] if _is_inside(*spot[:2])]
+    if not inside:
+        if page.state["mode"] != "HEAD":
+            await _press(page)
+        await page.send("find", grant=page.grant)
+        await asyncio.sleep(_SEARCHED)
+        return False
+    await page.send("pick", grant=page.grant, u=inside[0][0], v=inside[0][1])
+    await asyncio.sleep(_PICKED)
+    await page.send("mode", grant=page.grant, mode="TRACK")
+    with contextlib.suppress(TimeoutError):
+        await page.until(lambda: page.state["centred"], _CENTRED)
+    with contextlib.suppress(TimeoutError):
+        await page.send("measure", grant=page.grant)
+        await page.until(lambda: bool(page.findings), 3.0 * _SEARCHED)
+    await _press(page)
+    return True
+
+
+def _is_inside(u: float, v: float) -> bool:
+    """Return whether a pixel is well inside the picture."""
+    return _FAR < u < 640 - _FAR and _FAR < v < 480 - _FAR
+
+
+def _apart(found: dict, hole: tuple[float, float, float]) -> tuple[float, float]:
+    """Return the distance on the wall and the difference of the widths, in mm."""
+    angle, place, width = hole
+    around = math.radians((found["phi"] - angle + 180.0) % 360.0 - 180.0) * _RADIUS
+    return math.hypot(around, found["z"] - place), abs(found["diameter"] - width)
 
 
 async def _pulled(server: Server, sessions: Path, name: str, device: Device | None) -> Row:

@@ -14,7 +14,9 @@ import contextlib
 import math
 import os
 import pty
+import random
 import select
+import socket
 import time
 import tty
 import zlib
@@ -24,6 +26,10 @@ PATIENCE = 1.0
 """Seconds without a line after which the board goes to its safe inputs."""
 LAG, HEATING = 1.5, 700.0
 """Seconds in which a wire cools, and degrees Celsius for a square ampere."""
+NOISE = 0.02
+"""Standard deviation of a sensor, in degrees."""
+TELLING = 0.01
+"""Seconds from one message to the simulated camera to the next."""
 HALF_WIDTH = 6.0
 """Half the width of the hysteresis, in degrees Celsius."""
 
@@ -46,7 +52,7 @@ class Wire:
 class Board:
     def __init__(self, unit, log):
         self.wires, self.inputs, self.lines = [Wire(), Wire()], [REST, REST], [0, 0, 0, 0]
-        self.unit, self.log = unit, log
+        self.unit, self.log, self.told = unit, log, -math.inf
         self.heard, self.tripped = time.monotonic(), False
         self.now = self.heard
 
@@ -58,6 +64,16 @@ class Board:
         if now - self.heard > PATIENCE and any(self.inputs):
             self.inputs, self.tripped = [REST, REST], True
             self.note("PATIENCE")
+
+    def tell(self, sending, port):
+        """Tell the simulated camera how the joints stand and which lines are on."""
+        if self.now - self.told < TELLING:
+            return
+        self.told = self.now
+        angles = (f"{wire.angle():.4f}" for wire in self.wires)
+        with contextlib.suppress(ConnectionError):  # nobody listens yet
+            words = " ".join([*angles, *map(str, self.lines)])
+            sending.sendto(words.encode(), ("127.0.0.1", port))
 
     def note(self, *words):
         print(f"{time.monotonic():.4f}", *words, file=self.log, flush=True)
@@ -96,7 +112,7 @@ class Board:
             self.inputs = wanted
             return words
         if command == "GET":
-            return [f"{wire.angle():.4f}" for wire in self.wires]
+            return [f"{random.gauss(wire.angle(), NOISE):.4f}" for wire in self.wires]
         if command == "LINE" and words[1] in ("0", "1"):
             self.lines[int(words[0])] = int(words[1])
             return [words[1]]
@@ -113,7 +129,9 @@ def main():
     options.add_argument("--unit", default="A", help="unit of the inputs")
     options.add_argument("--late", type=float, default=0.0, help="seconds before each answer")
     options.add_argument("--half", type=int, default=0, help="answers after which lines are cut")
+    options.add_argument("--tell", type=int, help="port to send angles and lines to")
     given = options.parse_args()
+    sending = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     master, slave = pty.openpty()
     tty.setraw(slave)
     name = given.port or os.ttyname(slave)
@@ -127,6 +145,8 @@ def main():
         while True:
             ready, _, _ = select.select([master], [], [], 0.01)
             board.advance()
+            if given.tell:
+                board.tell(sending, given.tell)
             if not ready:
                 continue
             *lines, received = (received + os.read(master, 4096)).split(b"\n")

@@ -1,4 +1,4 @@
-"""A tracker of an operator's head, simulated: poses that swing, by the UDP protocol of OpenTrack.
+"""A tracker of an operator's head, simulated: it looks round, by the UDP protocol of OpenTrack.
 
 It is a program of its own, made of Python's standard library only. A packet is six little-endian
 doubles: x, y, z in cm; yaw, pitch, roll in degrees. It runs until it is ended::
@@ -17,17 +17,22 @@ RATE = 60.0
 """Packets a second."""
 
 
+def resting(angle):
+    """Return a swing between -1 and 1 that rests at both ends."""
+    return min(max(1.5 * math.sin(angle), -1.0), 1.0)
+
+
 def main():
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("port", type=int, help="port of this machine to send to")
-    options.add_argument("--swing", type=float, default=10.0, help="degrees of yaw and pitch")
-    options.add_argument("--period", type=float, default=10.0, help="seconds of a swing of yaw")
+    options.add_argument("--swing", type=float, default=14.0, help="degrees of yaw and pitch")
+    options.add_argument("--period", type=float, default=14.0, help="seconds of a swing of yaw")
     given = options.parse_args()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sending:
         began = due = time.monotonic()
         while True:
             angle = 2.0 * math.pi * (due - began) / given.period
-            yaw, pitch = given.swing * math.sin(angle), given.swing * math.sin(0.7 * angle)
+            yaw, pitch = given.swing * resting(angle), given.swing * resting(0.7 * angle)
             packet = struct.pack("<6d", 0.0, 0.0, 0.0, yaw, pitch, 0.0)
             with contextlib.suppress(ConnectionError):  # nobody listens yet
                 sending.sendto(packet, ("127.0.0.1", given.port))

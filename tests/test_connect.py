@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from board_process import EXAMPLES
-from minorloop.connect import connect
+from minorloop.connect import connect, is_simulated
 from minorloop.errors import InstrumentError, LimitError, ParameterError
 from minorloop.head.twins.sensor import Fault
 from minorloop.head.twins.surroundings import Surroundings, convection
@@ -181,3 +181,10 @@ def test_refuses_unknown_options_and_names_the_known_ones(name):
 def test_an_option_out_of_its_range_is_refused():
     with pytest.raises(ParameterError, match="delay is -1"):
         connect("twin:wire", delay=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("address", "simulated"), [("twin:head", True), ("bench:a.toml", False), ("nothing:a", False)]
+)
+def test_only_simulated_actuators_have_a_seed(address, simulated):
+    assert is_simulated(address) == simulated

@@ -16,7 +16,7 @@ from documents import PAGES, ROOT, name_of
 DOCS = ROOT / "docs"
 REFERENCE = DOCS / "reference"
 DEVICES = {"home_made_plant"}
-DEVICES |= {f"simulated_{name}" for name in ("board", "camera", "head", "tracker")}
+DEVICES |= {f"simulated_{name}" for name in ("board", "head", "pipe", "tracker")}
 """Examples that need a device, or are one; the tests of drivers use them."""
 EXAMPLES = sorted(each for each in (ROOT / "examples").glob("*.py") if each.stem not in DEVICES)
 OPTIONAL = {"control", "cv2", "distributed", "fmpy", "jax", "openpyxl", "pandas", "sklearn"}

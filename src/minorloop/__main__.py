@@ -1,8 +1,17 @@
-"""``python -m minorloop`` is the command line."""
+"""The command line: ``minorloop`` and ``python -m minorloop``.
+
+Processes that are started import this module too, so it imports the command line only when called.
+"""
 
 import sys
 
-if __name__ == "__main__":  # processes that are started import this module too
-    from minorloop.cli import main
 
+def main() -> int:
+    """Run the command line; return its exit status."""
+    from minorloop.cli import main as run
+
+    return run()
+
+
+if __name__ == "__main__":
     sys.exit(main())

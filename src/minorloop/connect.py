@@ -72,13 +72,23 @@ def connect(
     if scheme not in schemes or not name:
         raise ParameterError(_nothing_at(address))
     opener = loaded(schemes[scheme], address)
-    if "specimen" in inspect.signature(opener).parameters:
+    if _simulates(opener):
         options = {"specimen": specimen, "noise": noise, "seed": seed, **options}
     elif specimen is not None or noise != 0 or seed != 0:
         raise ParameterError(f"{address} is not simulated; leave specimen, noise and seed out")
     _check_options(address, opener, options)
     opened: Actuator = opener(name, **options)
     return opened
+
+
+def is_simulated(address: str) -> bool:
+    """Return whether the actuator at an address takes a specimen, noise and seed."""
+    schemes, scheme = registered(SCHEMES), address.partition(":")[0]
+    return scheme in schemes and _simulates(loaded(schemes[scheme], address))
+
+
+def _simulates(opener: Callable[..., Actuator]) -> bool:
+    return "specimen" in inspect.signature(opener).parameters
 
 
 def open_twin(

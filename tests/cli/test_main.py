@@ -122,6 +122,11 @@ def test_help_imports_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
 
 
+def test_a_process_that_the_program_starts_does_not_import_the_command_line():
+    code = "import sys, minorloop.__main__; sys.exit('minorloop.cli' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
+
+
 def test_a_unit_that_the_terminal_cannot_show_is_replaced():
     found = modelfile.read("model.json")
     modelfile.save(found.model, "model.json", output="length [µm]", force=True)

@@ -84,8 +84,11 @@ def test_a_pose_and_back(pan, tilt, roll):
 
 
 @given(phi=st.floats(-3, 3), z=st.floats(12e-3, 40e-3), roll=st.floats(-3, 3))
-def test_aiming_puts_a_point_on_the_optical_axis(phi, z, roll):
-    mount = Mount(offset=(1e-3, -0.5e-3), roll=roll, advance=2e-3)
+@pytest.mark.parametrize("squint", [0.0, 0.06])
+def test_aiming_puts_a_point_on_the_optical_axis(squint, phi, z, roll):
+    mount = Mount(
+        offset=(1e-3, -0.5e-3), roll=roll, advance=2e-3, squint=squint, camera_roll=2.0 * squint
+    )
     point = geometry.wall_point(phi, z, 10e-3)
     local = mount.pose(*mount.aim(point)).to_camera(point)
     np.testing.assert_allclose(local[:2], 0, atol=1e-12)

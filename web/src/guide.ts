@@ -49,6 +49,9 @@ export class Guide {
   /** Whether this page has picked a point. */
   asked = false;
 
+  /** Why no depth can be measured; empty with a probe. */
+  noProbe = "";
+
   /** Stage of the fit of the echoes; empty when there is none. */
   fitting = "";
 
@@ -77,6 +80,7 @@ export class Guide {
   }
 
   private sentence(step: number, state: LoopState): string {
+    if (step === 4 && this.noProbe) return `There is no depth: ${this.noProbe}. The finding is in the list.`;
     if (step === 2 && state.mode === "TRACK") return state.centred ? "In the middle: focusing on it." : "Turning until the point is in the middle.";
     if (step === 4 && state.mode === "SCAN") return SCANNING[state.scan?.stage ?? ""] ?? "";
     if (step === 4 && this.fitting) return `Scanned; ${this.fitting}. You can continue meanwhile.`;

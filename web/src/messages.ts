@@ -137,16 +137,18 @@ export interface PlaneWeights {
   weights: number[][];
 }
 
-/** First message of a control loop: camera, cone in degrees, planes of the wires. */
+/** First message of a control loop: camera, cone in degrees, planes of the wires.
+ *
+ * ``no_probe`` says why there is no depth; empty with a probe. */
 export interface Hello {
   type: "hello";
   interval: number;
   view: CameraView;
   known: Record<string, unknown>;
   cone: number;
-  middle: number;
   stick: [number, number];
   planes: PlaneWeights[];
+  no_probe: string;
 }
 
 /** Number and time of the `Drive` that a tick used. */

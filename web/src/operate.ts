@@ -108,6 +108,7 @@ const connection = new Connection(
           hello = message;
           charts ??= [new AngleChart(byId("chart-pan"), hello.cone), new AngleChart(byId("chart-tilt"), hello.cone)];
           byId<HTMLButtonElement>("take").disabled = replay !== null;
+          if ((guide.noProbe = hello.no_probe)) byId("depth").title = hello.no_probe;
           break;
         case "state":
           state = message;
@@ -187,7 +188,7 @@ function showState(s: LoopState): void {
   text("roll", `${plain(s.place[1], 0)}°`);
   text("pan", angle(s.angle[0]));
   text("tilt", angle(s.angle[1]));
-  byId<HTMLButtonElement>("depth").disabled = !controls?.grant || findings.length === 0 || s.mode === "SCAN";
+  byId<HTMLButtonElement>("depth").disabled = !controls?.grant || !!hello?.no_probe || findings.length === 0 || s.mode === "SCAN";
   if (s.received && controls?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.received.t)).toFixed(0)} ms`);
   if (s.trouble) notice(s.trouble);
   else if (s.mode === "HOLD" && s.reason && controls?.grant) {

@@ -135,8 +135,9 @@ def _camera(address: str) -> _Row:
         camera = LiveCamera(address, patience=_FIRST_PICTURE)
         try:
             height, width = camera.frame().image.shape
+            timed = "by the camera" if camera.timed_by_camera else "when they arrive"
         finally:
             camera.close()
     except MinorloopError as error:
         return _Row(address, "camera", str(error), error=True)
-    return _Row(address, "camera", f"pictures of {width} by {height} pixels")
+    return _Row(address, "camera", f"pictures of {width} by {height} pixels, timed {timed}")

@@ -61,6 +61,7 @@ def identify(
     as_json: _common.Json = False,
 ) -> None:
     """Measure both wires of a head, identify and check them; the same command continues it."""
+    from minorloop.connect import is_simulated
     from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
     from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 
@@ -81,6 +82,7 @@ def identify(
         HeadExcitation(highest=highest, bands=bands, hold=hold),
         lambda seed: opened(seed=seed),
         lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
+        is_simulated(actuator),
     )
     found = replace(before or HeadFile(serial=serial), identified=measurement.identified())
     found.check_fits(serial, head)  # old runs may be older than the calibration

@@ -54,6 +54,31 @@ def pan_tilt_of(axis: npt.ArrayLike) -> tuple[float, float]:
     return float(np.arctan2(x, z)), float(np.arctan2(-y, np.hypot(x, z)))
 
 
+def turned_onto(own: npt.ArrayLike, way: npt.ArrayLike) -> tuple[float, float] | None:
+    """Return pan and tilt, in radians, that turn a (3,) direction of the head onto another.
+
+    Parameters
+    ----------
+    own : (3,) array_like
+        Fixed to the head, ahead of it.
+    way : (3,) array_like
+        In the base.
+
+    Returns
+    -------
+    (float, float) or None
+        None if no tilt reaches it.
+    """
+    x, y, z = np.asarray(own, dtype=np.float64) / np.linalg.norm(own)
+    right, down, ahead = np.asarray(way, dtype=np.float64) / np.linalg.norm(way)
+    height = np.hypot(y, z)
+    if abs(down) > height:
+        return None
+    turn = np.arccos(down / height)  # of (y, z) about x, from the y axis
+    pan = np.arctan2(right, ahead) - np.arctan2(x, height * np.sin(turn))
+    return float(pan), float(turn - np.arctan2(z, y))
+
+
 def body_rates(tilt: float) -> FloatArray:
     """Return the (3, 2) matrix from the rates of pan and tilt to the angular velocity.
 
@@ -103,6 +128,8 @@ class Mount:
         Of the base about the axis of the pipe, in radians.
     advance : float
         Position of the pivot along the pipe, in metres.
+    squint, camera_roll : float
+        Of the camera on the joints: sideways, then about its optical axis, in radians.
 
     Raises
     ------
@@ -114,6 +141,8 @@ class Mount:
     offset: tuple[float, float] = (0.0, 0.0)
     roll: float = 0.0
     advance: float = 0.0
+    squint: float = 0.0
+    camera_roll: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -122,22 +151,36 @@ class Mount:
             ("offset along y", self.offset[1]),
             ("roll", self.roll),
             ("advance", self.advance),
+            ("squint", self.squint),
+            ("camera roll", self.camera_roll),
         ):
             as_finite(name, value)
 
+    @property
+    def camera(self) -> FloatArray:
+        """(3, 3) rotation from the camera to the joints."""
+        return rotation_y(self.squint) @ rotation_z(self.camera_roll)
+
     def pose(self, pan: float, tilt: float) -> Pose:
         """Return the pose of the camera at a pan and a tilt, in radians."""
-        rotation = rotation_z(self.roll) @ pan_tilt(pan, tilt)
+        rotation = rotation_z(self.roll) @ pan_tilt(pan, tilt) @ self.camera
         pivot = np.array([self.offset[0], self.offset[1], self.advance])
         return Pose(rotation, pivot + self.lever * rotation[:, 2])
 
     def aim(self, point: npt.ArrayLike) -> tuple[float, float]:
         """Return pan and tilt, in radians, that centre a (3,) point of the pipe in the image.
 
-        The lens is on the line from the pivot, so the lever does not matter.
+        The lens is on the line from the pivot, so the lever does not matter. Of a point that no
+        tilt reaches, the nearest is aimed at.
         """
+        way = self.way_to(point)
+        return turned_onto(self.camera[:, 2], way) or pan_tilt_of(way)
+
+    def way_to(self, point: npt.ArrayLike) -> FloatArray:
+        """Return the (3,) way from the pivot to a (3,) point of the pipe, in the base."""
         pivot = np.array([self.offset[0], self.offset[1], self.advance])
-        return pan_tilt_of((np.asarray(point, dtype=np.float64) - pivot) @ rotation_z(self.roll))
+        way: FloatArray = (np.asarray(point, dtype=np.float64) - pivot) @ rotation_z(self.roll)
+        return way
 
 
 @dataclass(frozen=True)
@@ -182,8 +225,7 @@ class Probe:
 
     def beam(self, mount: Mount, pan: float, tilt: float) -> tuple[FloatArray, FloatArray]:
         """Return the centre (3,) of the face and the direction (3,) of the beam, in the pipe."""
-        local = np.array([np.sin(self.squint), 0.0, np.cos(self.squint)])
-        along = mount.pose(pan, tilt).rotation @ local
+        along = mount.pose(pan, tilt).rotation @ self._direction
         pivot = np.array([mount.offset[0], mount.offset[1], mount.advance])
         return pivot + self.face * along, along
 
@@ -195,18 +237,20 @@ class Probe:
         ParameterError
             If there are none; turn the roll of the mount towards the point then.
         """
-        pivot = np.array([mount.offset[0], mount.offset[1], mount.advance])
-        way = (np.asarray(point, dtype=np.float64) - pivot) @ rotation_z(mount.roll)
-        x, y, z = way / np.linalg.norm(way)
-        low = -y / np.cos(self.squint)
-        if abs(low) > 1:
+        way = mount.way_to(point)
+        found = turned_onto(mount.camera @ self._direction, way)
+        if found is None:
+            off = np.degrees(np.arcsin(way[1] / np.linalg.norm(way)))
             raise ParameterError(
-                f"no tilt sends the beam {np.degrees(np.arcsin(y)):.3g} degrees off the plane of "
+                f"no tilt sends the beam {off:.3g} degrees off the plane of "
                 "the pan; turn the roll of the mount towards the point"
             )
-        tilt = float(np.arcsin(low))
-        own = np.arctan2(np.sin(self.squint), np.cos(self.squint) * np.cos(tilt))
-        return float(np.arctan2(x, z) - own), tilt
+        return found
+
+    @property
+    def _direction(self) -> FloatArray:
+        """(3,) direction of the beam in the camera."""
+        return np.array([np.sin(self.squint), 0.0, np.cos(self.squint)])
 
 
 @dataclass(frozen=True)

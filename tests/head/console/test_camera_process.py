@@ -6,7 +6,8 @@ import numpy as np
 
 from minorloop.errors import InstrumentError
 from minorloop.head.console.camera_process import StillTip, _warm_up, answer, newest
-from minorloop.head.console.camera_protocol import CameraRequest
+from minorloop.head.console.camera_protocol import CameraRequest, report_decoder
+from minorloop.head.console.channel import Outbox
 from minorloop.head.console.perception import Perception
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -52,3 +53,40 @@ def test_outlines_are_compiled_before_a_picture_has_a_candidate(monkeypatch):
     monkeypatch.setattr(_outline_kernels, "outline", lambda images, *_: fitted.append(images.dtype))
     _warm_up(SimpleNamespace(tick=lambda request: None, reset=lambda: None))
     assert fitted == [np.float32]
+
+
+class Settling(StillTip):
+    """A tip whose camera shows the lights before in two pictures after each switch."""
+
+    def __init__(self, lens):
+        super().__init__(lens)
+        self.before = 0
+
+    def light(self, lights):
+        super().light(lights)
+        self.before = 2
+
+    def newest(self):
+        self.before -= 1
+        return None if self.before >= 0 else self.frame()
+
+
+def test_a_camera_that_waits_for_its_lights_answers_every_request_of_the_loop():
+    view = HeadCalibration(lens=Pinhole(), leds=led_positions())
+    perception, outbox = Perception(Settling(view.lens), view), Outbox()
+    ours, theirs = Pipe()
+    found, shown = [], []
+    for number in range(30):
+        commands = [("find", [])] if number == 1 else []
+        request = CameraRequest(number=number, t=0.04 * number, position=(0.0,) * 4)
+        request = msgspec.structs.replace(request, commands=commands)
+        theirs.send_bytes(msgspec.msgpack.encode(request))
+        assert answer(perception, ours, outbox) == ""
+        found.append(report_decoder.decode(theirs.recv_bytes()))
+        shown.append(outbox.wait()[1] is not None if perception.shown else False)
+    assert [each.number for each in found] == list(range(30))
+    assert sum(event["what"] == "found" for each in found for event in each.events) == 1
+    # A picture that shows other lights, or those before, is not shown; others are.
+    assert shown[0]
+    assert not any(shown[2:12])
+    assert all(shown[20:])

@@ -11,7 +11,7 @@ from minorloop.head.console.session import Session
 from minorloop.head.console.watchdog import Command, WatchedPlant
 from minorloop.head.control.head import head_control
 from minorloop.head.geometry import Pinhole
-from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
+from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, save_head
 from minorloop.head.procedures.values import Plant, Tip
 from wires import made_up
@@ -50,7 +50,7 @@ def test_a_head_that_was_identified_is_brought_to_the_middle():
     control, plant = head_of("twin:pipe", 3), open_plant("twin:pipe", specimen=3)
     state, y = control.begin(), np.zeros(4)
     for _ in range(300):
-        u, state = control.step(state, joint_degrees([0.0, 0.0]), np.degrees(y[:2]))
+        u, state = control.step(state, np.degrees([STRAIGHT, STRAIGHT]), np.degrees(y[:2]))
         y = plant.exchange(np.concatenate([u, [0.0, 0.0]]))
     assert y[:2] == pytest.approx([STRAIGHT, STRAIGHT], abs=8e-3)
 

@@ -27,7 +27,7 @@ AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch"
 class BlankCamera:
     """A camera without pictures that answers at once."""
 
-    image, jobs = None, ()
+    image, jobs, shown = None, (), False
 
     def tick(self, request):
         return CameraReport(number=request.number)
@@ -37,7 +37,8 @@ def see(handle):
     server, asked = NewestPipe(), NewestPipe()
     over = handle.begin(server=server, loop=asked)
     small = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
-    camera_process._serve(BlankCamera(), small.to_dict(), asked, server, handle, over)
+    pipe = camera_process._introduced(small.to_dict(), asked, over)
+    camera_process._serve(BlankCamera(), pipe, server, handle, over)
 
 
 def relay(handle, test):

@@ -6,6 +6,8 @@ import pytest
 
 from console_rig import AHEAD, PIT, DirectCamera, Pilot, position, right, view
 from minorloop.head.console import messages
+from minorloop.head.console.settings import LoopSettings
+from minorloop.head.procedures.actuator_plant import NO_PROBE
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.twins.sensor import Fault
 
@@ -132,6 +134,15 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
     assert math.dist(pilot.session.state.command, command) < 0.07
 
 
+def test_the_first_pictures_of_a_camera_do_not_come_again():
+    pilot = Pilot()
+    reports, pilot.camera.reports = pilot.camera.reports, list
+    pilot.drive(10)
+    pilot.camera.reports = reports
+    pilot.drive(3)
+    assert sent(pilot.session, "notice") == []
+
+
 def test_a_camera_that_is_gone_breaks_a_scan_off_and_forgets_the_target():
     pilot = scanning()
     pilot.camera.reports = list
@@ -230,6 +241,19 @@ def scanning(stick=(0.0, 0.0)):
     pilot.drive(2)
     assert pilot.session.state.mode == "SCAN"
     return pilot
+
+
+def test_a_head_without_a_probe_says_so_and_does_not_scan():
+    pilot = Pilot().following((319.5, 239.5))
+    pilot.camera.events = [EXTRACTED]
+    pilot.drive(2)
+    pilot.session.no_probe = LoopSettings(address="bench:head.toml").no_probe
+    pilot.order(messages.Scan)
+    pilot.drive(2)
+    assert pilot.session.state.mode == "TRACK"
+    assert sent(pilot.session, "notice")[-1]["text"] == NO_PROBE
+    assert msgspec.json.decode(pilot.session.introduction())["no_probe"] == NO_PROBE
+    assert LoopSettings().no_probe == ""
 
 
 def test_a_scan_returns_home_and_its_depth_is_added_to_the_finding():

@@ -126,12 +126,17 @@ def twin_bench(seed=0):
 
 
 def test_the_wires_of_a_head_on_a_bench_are_measured_one_by_one(tmp_path):
+    def opened(seed):
+        assert seed == 0  # an actuator that is not simulated refuses any other
+        return nullcontext(twin_bench(seed))
+
     measurement = HeadMeasurement(
         tmp_path,
         {"address": "bench:head.toml", "specimen": None, "seed": 0, "options": {}},
         HeadExcitation(bands=2, hold=12.0),
-        lambda seed: nullcontext(twin_bench(seed)),
+        opened,
         lambda plant, store: run(plant, store.plan, store),
+        simulated=False,
     )
     u, pan = measurement._measured(0, "loop", np.array([0.0, 0.4]))
     _, tilt = measurement._measured(0, "coupling", np.array([0.0, 0.4]), sensor=1)

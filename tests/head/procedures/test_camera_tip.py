@@ -64,3 +64,6 @@ def test_pictures_of_the_time_before_the_lights_were_switched_are_left_out(monke
     tip = CameraTip(own, camera, VIEW)
     tip.switch((True, False, False))
     assert tip.frame().t == 10.07
+    waiting += [Frame(10.05, SMOOTH), Frame(10.07, SMOOTH)]
+    assert tip.newest() is None
+    assert tip.newest().t == 10.07

@@ -1,11 +1,14 @@
 import time
 from dataclasses import replace
+from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from minorloop.errors import InstrumentError, ModelFileError
 from minorloop.head.geometry import wall_point
+from minorloop.head.procedures import rig as module
 from minorloop.head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop.head.procedures.calibration import STRAIGHT
 from minorloop.head.procedures.camera_tip import CameraTip
@@ -13,8 +16,9 @@ from minorloop.head.procedures.centre import CentreState, Centring
 from minorloop.head.procedures.extract import Acquisition
 from minorloop.head.procedures.focus import Focusing
 from minorloop.head.procedures.go import Go
+from minorloop.head.procedures.head_file import HeadFile, save_head
 from minorloop.head.procedures.meter import Metering
-from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.rig import InspectionRig, rig_at
 from minorloop.head.procedures.values import Request
 from minorloop.head.vision.defects import SEQUENCE
 from minorloop.lab.actuator import Channel, Frame
@@ -197,3 +201,31 @@ def test_procedures_run_on_a_bench_with_a_camera():
     assert [frame.lights for frame in frames] == list(SEQUENCE)
     assert devices.lights == list(SEQUENCE)
     assert devices.time == pytest.approx(it.t, abs=0.05)  # each tick took its time, on their clock
+
+
+def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(monkeypatch, tmp_path):
+    devices, closed = Devices(), []
+    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
+    options = {"tick": 0.04, "lines": devices, "clock": devices, "serial": "H-01"}
+    bench = Bench(devices, devices, currents, angles, **options)
+    monkeypatch.setattr(module, "connect", lambda address: bench)
+    monkeypatch.setattr(module, "WallClock", lambda: devices)
+    monkeypatch.setattr(devices, "close", lambda: closed.append(True), raising=False)
+    monkeypatch.setattr(module, "LiveCamera", lambda address: devices)
+    monkeypatch.setattr(HeadFile, "control", lambda known, interval: Weak())
+    file, on = tmp_path / "head.json", datetime(2026, 1, 31, tzinfo=UTC)
+    save_head(HeadFile(serial="H-01", calibration=CALIBRATION, calibrated=on), file)
+    with rig_at("bench:head.toml", "camera:0", file) as it:
+        assert it.run(Go(), Go().begin(angles=np.array([0.1, 0.0]))).reached
+        with pytest.raises(InstrumentError, match="no ultrasonic probe"):
+            it.reading(Request(shots=1))
+        assert devices.angles.any()
+    assert not devices.angles.any()
+    assert closed == [True]
+    save_head(HeadFile(serial="H-02", calibration=CALIBRATION, calibrated=on), file, force=True)
+    with pytest.raises(ModelFileError, match="'H-02', and the head here is 'H-01'"):
+        rig_at("bench:head.toml", "camera:0", file).__enter__()
+    save_head(HeadFile(serial="H-01"), file, force=True)
+    with pytest.raises(ModelFileError, match="has no calibration of the camera"):
+        rig_at("bench:head.toml", "camera:0", file).__enter__()

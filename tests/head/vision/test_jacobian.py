@@ -17,7 +17,9 @@ from minorloop.head.vision.jacobian import (
 )
 
 CAMERA = CalibratedCamera(
-    Pinhole(k1=-0.12), Mount(offset=(0.5e-3, -1e-3), roll=0.7), np.zeros((3, 3))
+    Pinhole(k1=-0.12),
+    Mount(offset=(0.5e-3, -1e-3), roll=0.7, squint=0.05, camera_roll=-0.1),
+    np.zeros((3, 3)),
 )
 coordinates = st.floats(-0.6, 0.6)
 angles = st.floats(-0.5, 0.5)
@@ -38,7 +40,13 @@ def test_pan_and_tilt_move_a_point_of_the_wall_as_finite_differences_say(pan, ti
         (seen(point, pan + h * a, tilt + h * b) - seen(point, pan - h * a, tilt - h * b)) / (2 * h)
         for a, b in ((1, 0), (0, 1))
     ]
-    found = pan_tilt_jacobian(seen(point, pan, tilt), tilt, lever=8e-3, depth=float(local[2]))
+    found = pan_tilt_jacobian(
+        seen(point, pan, tilt),
+        tilt,
+        lever=8e-3,
+        depth=float(local[2]),
+        camera=CAMERA.mount.camera,
+    )
     np.testing.assert_allclose(found, np.transpose(columns), rtol=1e-5, atol=1e-5)
 
 

@@ -136,24 +136,45 @@ def test_a_camera_that_stalls_delays_nobody_longer_than_the_patience():
         assert number_of(first.image) == 0
 
 
+class Device:
+    """A camera of this machine, as OpenCV has them, that gives a time in ms with each picture."""
+
+    def __init__(self, taken=0.0):
+        self.taken, self.released = taken, []
+
+    def isOpened(self):
+        return True
+
+    def read(self):
+        return True, np.zeros(SIZE, np.uint8)
+
+    def get(self, what):
+        assert what == cv2.CAP_PROP_POS_MSEC
+        return self.taken
+
+    def release(self):
+        self.released.append(True)
+
+
 def test_a_camera_that_is_closed_reads_no_more(monkeypatch):
-    released = []
-
-    class Device:
-        def isOpened(self):
-            return True
-
-        def read(self):
-            return True, np.zeros(SIZE, np.uint8)
-
-        def release(self):
-            released.append(True)
-
-    monkeypatch.setattr("minorloop.head.vision.video._opened", lambda *_: Device())
+    device = Device()
+    monkeypatch.setattr("minorloop.head.vision.video._opened", lambda *_: device)
     camera = LiveCamera("camera:0", patience=60.0)
     camera.frame()
     camera.close()
-    assert released == [True]
+    assert device.released == [True]
+
+
+@pytest.mark.parametrize(
+    ("taken", "t"), [(99.97, 99.97), (100.01, 100.0), (0.0, 100.0), (float("nan"), 100.0)]
+)
+def test_pictures_have_the_time_of_the_camera_if_it_is_one_of_our_clock(monkeypatch, taken, t):
+    monkeypatch.setattr("minorloop.head.vision.video.time.monotonic", lambda: 100.0)
+    device = Device(1e3 * taken)
+    monkeypatch.setattr("minorloop.head.vision.video._opened", lambda *_: device)
+    with live("camera:0") as camera:
+        assert camera.frame().t == pytest.approx(t)
+        assert camera.timed_by_camera == (t == taken)
 
 
 def test_a_camera_that_was_lost_is_opened_again():

@@ -113,7 +113,7 @@ def linked():
 @pytest.mark.parametrize(
     ("badly", "message"),
     [
-        (close, "no answer within 1 s"),
+        (close, "no answer within 1 s: the other end closed the connection"),
         (drip, "without the end of a line"),
         (flood, "without the end of a line"),
         (half, "no answer within 1 s"),

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,18 @@ def test_all_inputs_are_set_at_once_and_all_outputs_read_at_once():
     board.switch({0: True})
     board.safe()
     assert script.finished()
+
+
+def test_a_board_follows_targets_within_its_own_limits():
+    script = asked(*GREETING, ("FOLLOW 20 30", ["20", "30"]), ("FOLLOW 90 30", ["ERR", "out"]))
+    board = SerialBoard(script, PLAN)
+    board.follow(np.array([20.0, 30.0]))
+    with pytest.raises(InstrumentError, match="out"):
+        board.follow(np.array([90.0, 30.0]))
+    sources = (PLAN.sources[0], replace(PLAN.sources[1], high=0.3))
+    narrow = SerialBoard(asked(*GREETING), replace(PLAN, sources=sources))
+    with pytest.raises(ParameterError, match="tilt current has narrower limits in the bench"):
+        narrow.follow(np.array([20.0, 30.0]))
 
 
 def test_a_board_of_protocol_2_has_one_input_and_one_output():

@@ -75,17 +75,19 @@ def run(
             if settings.camera is not None:
                 camera = LiveCamera(settings.camera)
                 ends.callback(camera.close)
-                perception = Perception(CameraTip(tip, camera, view), view, _in(pool), live=True)
+                perception = Perception(CameraTip(tip, camera, view), view, _in(pool))
                 trial = Perception(StillTip(view.lens), view, _in(pool))
             opencv()
         except (MinorloopError, ImportError) as error:
-            _serve(None, {"failed": str(error)}, loop, server, handle, stop)
+            pipe = _introduced({"failed": str(error)}, loop, stop)
+            _serve(None, pipe, server, handle, stop)
             return
+        pipe = _introduced(view.to_dict(), loop, stop)  # the loop compiles meanwhile
         pool.submit(getattr(tip, "prepare", lambda: None))
         _warm_up(trial)
         gc.collect()
         gc.freeze()
-        _serve(perception, view.to_dict(), loop, server, handle, stop)
+        _serve(perception, pipe, server, handle, stop)
         pool.shutdown(wait=False, cancel_futures=True)
 
 
@@ -101,26 +103,30 @@ def _tip(
     return tip, calibration or own
 
 
+def _introduced(introduction: dict[str, Any], loop: NewestPipe, stop: Event) -> Connection | None:
+    """Send the introduction to a control loop; return its pipe, None if there was no loop."""
+    pipe = None
+    while pipe is None and not stop.is_set():
+        pipe = loop.next(None, _POLL)
+    if pipe is not None:
+        with contextlib.suppress(OSError):  # the loop has ended: see `_serve`
+            pipe.send_bytes(msgspec.json.encode(introduction))
+    return pipe
+
+
 def _serve(
     perception: Perception | None,
-    introduction: dict[str, Any],
-    loop: NewestPipe,
+    pipe: Connection | None,
     server: NewestPipe,
     handle: ProcessHandle,
     stop: Event,
 ) -> None:
-    """Send the introduction to a control loop, and answer it until it ends."""
+    """Answer a control loop until it ends."""
     outbox = Outbox()
     Thread(target=outbox.forward, args=(server,), daemon=True).start()
-    pipe = None
-    while pipe is None and not stop.is_set():
-        pipe = loop.next(None, _POLL)
-    if pipe is None:
-        return
+    problem = ""
     with contextlib.suppress(EOFError, OSError):
-        pipe.send_bytes(msgspec.json.encode(introduction))
-        problem = ""
-        while not stop.is_set():
+        while pipe is not None and not stop.is_set():
             handle.beat()
             if pipe.poll(_POLL):
                 before, problem = problem, answer(perception, pipe, outbox)
@@ -131,7 +137,7 @@ def _serve(
 def answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> str:
     """Answer the newest request of the loop; return why there is no answer, empty if there is one.
 
-    Without a picture there is none, and the loop holds.
+    Without a picture there is none, and the loop holds. A picture under other lights is not shown.
     """
     request = newest(loop)
     if perception is None:
@@ -141,9 +147,9 @@ def answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> s
     except InstrumentError as error:
         return str(error)
     loop.send_bytes(msgspec.msgpack.encode(report))
-    if perception.image is not None:
+    if perception.shown and perception.image is not None:
         where, coded = to_shown(request.position), jpeg(perception.image)
-        picture = messages.picture(messages.IMAGE, request.number, request.t, where, coded)
+        picture = messages.picture(messages.IMAGE, request.number, perception.taken, where, coded)
         outbox.newest(picture)
         if request.keep and request.number % FEW_PICTURES == 0:
             loop.send_bytes(PICTURED + picture)
@@ -188,20 +194,20 @@ class StillTip(BenchTip):
 
     def __init__(self, lens: Pinhole) -> None:
         super().__init__(self)
-        self._rng, self._lit = np.random.default_rng(0), np.ones(3)
+        self._rng = np.random.default_rng(0)
         y, x = np.mgrid[0 : 1 : lens.height * 1j, 0 : 1 : lens.width * 1j]
         texture = 110.0 + 25.0 * (np.sin(_WAVES * x + 9.0 * y) + np.sin(_WAVES * (y - x**2)))
         self._pictures = texture * np.array([x, y, 1.0 - 0.5 * (x + y)]) / 1.5
+        self.light((True, True, True))
 
     def frame(self) -> Frame:
         """Return a picture under the present lights, with noise."""
-        image = np.tensordot(self._lit, self._pictures, 1)
-        image += self._rng.uniform(4.0, 8.0, image.shape)
+        image = self._lit + self._rng.uniform(4.0, 8.0, self._lit.shape)
         return Frame(0.0, image.astype(np.uint8))
 
     def light(self, lights: Sequence[bool]) -> None:
         """Switch the lights."""
-        self._lit = np.array(lights, dtype=np.float64)
+        self._lit = self._pictures[np.array(lights)].sum(axis=0)
 
 
 def _warm_up(perception: Perception) -> None:

@@ -82,7 +82,8 @@ def run(
         if stop.is_set():
             return
     tracker = None if tracking is None else UdpTracker(tracking)
-    session = Session(plant, view, control, camera, settings.teleop_config(), tracker)
+    config = settings.teleop_config()
+    session = Session(plant, view, control, camera, config, tracker, settings.no_probe)
     loop = _Loop(session, plant, camera, server, settings)
     gc.collect()
     gc.freeze()

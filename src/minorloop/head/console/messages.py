@@ -214,15 +214,18 @@ class PlaneWeights(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Hello(_ToPage, frozen=True, kw_only=True):
-    """First message of a control loop: camera, cone in degrees, planes of the wires."""
+    """First message of a control loop: camera, cone in degrees, planes of the wires.
+
+    ``no_probe`` says why there is no depth; empty with a probe.
+    """
 
     interval: float
     view: CameraView
     known: dict[str, Any]
     cone: float
-    middle: float
     stick: Pair
     planes: list[PlaneWeights]
+    no_probe: str = ""
 
 
 class DriveReceipt(msgspec.Struct, frozen=True, kw_only=True):

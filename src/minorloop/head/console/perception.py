@@ -36,6 +36,7 @@ from minorloop.head.procedures.values import (
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.defects import Findings
 from minorloop.head.vision.tracking import TRACKED, TrackState
+from minorloop.lab.actuator import Frame
 
 _FRAME = 0.04
 """Seconds from one frame of the camera to the next."""
@@ -71,15 +72,11 @@ class Perception:
         Their calibration.
     later : Later
         Runs longer computations.
-    live : bool
-        Whether the camera is a device. Its frames are taken during a scan too, so that one that
-        stops is noticed; a simulated one cannot stop, and draws only what is shown.
     """
 
-    def __init__(
-        self, tip: Tip, view: HeadCalibration, later: Later = at_once, *, live: bool = False
-    ) -> None:
-        self._tip, self.view, self._later, self._live = tip, view, later, live
+    def __init__(self, tip: Tip, view: HeadCalibration, later: Later = at_once) -> None:
+        self._tip, self.view, self._later = tip, view, later
+        self._newest: Callable[[], Frame | None] | None = getattr(tip, "newest", None)
         self._finder = Finder(view)
         self._centring = Centring(calibration=view)
         self._metering = Metering(calibration=view, seconds=math.inf)
@@ -96,6 +93,7 @@ class Perception:
         self._position: Position = (0.0, 0.0, 0.0, 0.0)
         self._events: list[dict[str, Any]] = []
         self.image: Image | None = None
+        self.shown, self.taken = False, 0.0
         self.jobs: list[dict[str, Any]] = []
         self.commands: dict[str, Callable[..., None]] = {
             "pick": self._pick,
@@ -111,7 +109,12 @@ class Perception:
         }
 
     def tick(self, request: CameraRequest) -> CameraReport:
-        """Carry out the commands, process a frame and report; ``image`` is shown, if any."""
+        """Carry out the commands, process a frame and report.
+
+        ``image`` is the one to show, ``taken`` its time, and ``shown`` says whether it is of this
+        tick. While a camera has only pictures of the lights before, the report has what the angles
+        give.
+        """
         self._position = request.position
         self._tip.move_to(request.stance)
         for name, numbers in request.commands:
@@ -121,20 +124,11 @@ class Perception:
         idle = self._work is None and self._echoes is None
         if idle and self._finder.at_rest_somewhere_new(request.position):
             self._find()
-        image = self._frame(request.number)
-        reading, seen = self._reading(image), image is not None and self._all_lights
-        usable = seen and self._work is None
-        if seen or image is None:
-            self.image = image
-        if seen and self._picked is not None:
-            self._try(self._begin_track, [reading])
-            usable = False  # the track starts at this frame, so it is not followed in it
-        target = self._follow(reading, usable)
-        if self._work is not None:
-            self._continue(self._work, reading)
-        else:
-            self._meter, wanted = self._metering.step(self._meter, reading)
-            apply_to_tip(self._tip, wanted)
+        self.shown = False
+        frame = self._frame(request.number)
+        # A simulated camera draws its picture now.
+        self.taken = request.t if self._newest is None or frame is None else frame.t
+        target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
         events, self._events = self._events, []
         self._ticks += 1
@@ -145,12 +139,33 @@ class Perception:
             events=events,
         )
 
-    def _frame(self, number: int) -> Image | None:
-        """Return the frame of a tick, if it needs one; a scan has only those to show."""
+    def _seen(self, image: Image) -> tuple[float, float, float, bool] | None:
+        """Process an image; return the tracked point in it."""
+        lit, free, fresh = self._all_lights, self._work is None, True
+        reading = self._reading(image)
+        if lit:
+            self.image, self.shown = image, True
+            fresh = self._picked is None
+            if not fresh:  # the track starts at this frame, so it is not followed in it
+                self._try(self._begin_track, [reading])
+        target = self._follow(reading, lit and fresh and free)
+        if self._work is not None:
+            self._continue(self._work, reading)
+        else:
+            self._meter, wanted = self._metering.step(self._meter, reading)
+            apply_to_tip(self._tip, wanted)
+        return target
+
+    def _frame(self, number: int) -> Frame | None:
+        """Return the frame of a tick; None while it may show the lights before.
+
+        A scan needs none, so that a simulated camera draws only some to show; a device that stops
+        is noticed in each tick.
+        """
+        if self._newest is not None:
+            return self._newest()
         scanning = self._echoes is not None and self._work is None
-        if scanning and not self._live and number % FEW_PICTURES:
-            return None
-        return self._tip.frame().image
+        return None if scanning and number % FEW_PICTURES else self._tip.frame()
 
     def _reading(self, image: Image | None = None) -> Reading:
         return reading_at(self._position, t=self._ticks * _FRAME, image=image)

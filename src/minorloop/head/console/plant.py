@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -51,15 +52,17 @@ def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFil
     ModelFileError
         If the file is not valid, is of another head, or is older than its calibration.
     """
-    from minorloop.head.procedures.head_file import read_head
+    with ThreadPoolExecutor(1) as pool:  # a bench takes a moment to answer
+        probing = pool.submit(_simulated if is_pipe(address) else probed, address, specimen)
+        from minorloop.head.procedures.head_file import read_head
 
-    found = read_head(file)
-    serial, tick = _simulated(specimen) if is_pipe(address) else probed(address, specimen)
+        found = read_head(file)
+        serial, tick = probing.result()
     found.check_fits(serial, file)
     return found, tick
 
 
-def _simulated(specimen: int | None) -> tuple[str | None, float]:
+def _simulated(address: str, specimen: int | None) -> tuple[str | None, float]:
     """Return serial number and tick of the simulated head."""
     from minorloop.head.twins.head import Head
 

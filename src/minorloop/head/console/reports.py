@@ -13,7 +13,7 @@ from minorloop.head.console import messages
 from minorloop.head.console.messages import DepthPatch, Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig
 from minorloop.head.console.units import degrees, mm
-from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.reconstruction import findings as tables
 from minorloop.head.reconstruction.findings import UNDECIDED, kind_of
 
@@ -98,9 +98,13 @@ def in_si(row: ReportedFinding) -> tables.Finding:
 
 
 def introduction(
-    interval: float, view: HeadCalibration, config: TeleopConfig, wires: Iterable[Any]
+    interval: float,
+    view: HeadCalibration,
+    config: TeleopConfig,
+    wires: Iterable[Any],
+    no_probe: str = "",
 ) -> bytes:
-    """Return the message with camera, cone and planes of the wires."""
+    """Return the message with camera, cone, planes of the wires, and why there is no probe."""
     lens = view.lens
     return messages.encode(
         messages.Hello(
@@ -115,12 +119,12 @@ def introduction(
             ),
             known=view.to_dict(),
             cone=degrees(config.gaze.cone),
-            middle=degrees(STRAIGHT),
             stick=(mm(config.stick.advance), degrees(config.stick.roll)),
             planes=[
                 messages.PlaneWeights(levels=wire.levels.tolist(), weights=_rows(wire.weights))
                 for wire in wires
             ],
+            no_probe=no_probe,
         )
     )
 

@@ -28,7 +28,7 @@ from minorloop.head.console.reports import camera_finding, in_si, introduction, 
 from minorloop.head.console.scan import ConsoleScan, begin_scan, scanned
 from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
-from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.values import Plant, Reading, passed
 
@@ -62,6 +62,8 @@ class Session:
     config : TeleopConfig
     tracker : HeadTracker, optional
         Gives the pose of the operator's head instead of the page.
+    no_probe : str
+        Why no depth can be measured; empty with a probe.
     """
 
     plant: Plant
@@ -70,6 +72,7 @@ class Session:
     camera: CameraLink
     config: TeleopConfig = field(default_factory=TeleopConfig)
     tracker: HeadTracker | None = None
+    no_probe: str = ""
 
     def __post_init__(self) -> None:
         self.state = TeleopState()
@@ -78,7 +81,7 @@ class Session:
         self.reading = np.zeros(4)
         self._known = np.zeros(4)  # the reading, and the last one of a sensor that is lost
         self.ticks = self._lost_ticks = 0
-        self._resting = self._no_pictures = False
+        self._resting = self._no_pictures = self._pictured = False
         self._control = self.control.begin()
         self._drive: messages.Drive | None = None
         self._drive_at = -math.inf
@@ -172,7 +175,7 @@ class Session:
             self._control = self.control.begin(read, np.zeros(2))
             return np.zeros(2)
         currents, self._control = self.control.step(
-            self._control, joint_degrees(self.state.command), read, t=self._t
+            self._control, self.view.joints(self.state.command), read, t=self._t
         )
         return currents
 
@@ -180,7 +183,7 @@ class Session:
         """Return the `LoopState` of this tick; ``safe_at`` is when the plant was last made safe."""
         drive, axes = self._drive, self._control.axes
         command = to_shown((*self.state.command, *self.state.rates))
-        read = to_shown((*(self.reading[:2] - STRAIGHT), *self._known[2:]))
+        read = to_shown((*self.view.line_of_sight(self.reading[:2]), *self._known[2:]))
         pan, tilt = (_memory(axis.estimate.wire.tracker) for axis in axes)
         return messages.encode(
             messages.LoopState(
@@ -212,12 +215,12 @@ class Session:
     def introduction(self) -> bytes:
         """Return the `Hello` of this loop."""
         wires = [axis.estimate.wire.tracker.model for axis in self._control.axes]
-        return introduction(self.interval, self.view, self.config, wires)
+        return introduction(self.interval, self.view, self.config, wires, self.no_probe)
 
     def position(self) -> Position:
         """Return the last known position of the head, in rad and m."""
-        pan, tilt, advanced, roll = self._known.tolist()
-        return pan - STRAIGHT, tilt - STRAIGHT, advanced, roll
+        pan, tilt = self.view.line_of_sight(self._known[:2]).tolist()
+        return pan, tilt, float(self._known[2]), float(self._known[3])
 
     def _tick_input(self, now: float) -> TickInput:
         servo, scan, tracked = self._servo(), self._scan_tick(), self._tracked(now)
@@ -266,9 +269,10 @@ class Session:
         missing = (self.ticks - self.seen.number) * self.interval >= self.config.pictures
         if missing:
             self.seen = CameraReport(number=self.seen.number)
-        elif self._no_pictures:
+        elif self._no_pictures and self._pictured:
             self.notice("pictures come again; press a mode to continue")
         self._no_pictures = missing
+        self._pictured = self._pictured or self.seen.number > 0
 
     def _take(self, report: CameraReport) -> None:
         self.seen = report
@@ -356,6 +360,9 @@ class Session:
         self.send_findings()
 
     def _begin_scan(self, number: int | None) -> None:
+        if self.no_probe:
+            self.notice(self.no_probe)
+            return
         wanted = [f for f in self.findings if number is None or f.number == number]
         if not wanted:
             sentence = "there is nothing to scan; measure a finding first"

@@ -8,6 +8,7 @@ from pathlib import Path
 from minorloop.head.console.head_pose import HeadPoseMap
 from minorloop.head.console.joystick import StickMap
 from minorloop.head.console.modes import TeleopConfig
+from minorloop.head.procedures.actuator_plant import NO_PROBE
 
 PIPE = "twin:pipe"
 """Address of the simulated head in a simulated pipe, the only plant with a tip of its own."""
@@ -63,6 +64,11 @@ class LoopSettings:
     def plant_patience(self) -> float:
         """Seconds without a heartbeat after which the process of the plant counts as hanging."""
         return 1.0 if is_pipe(self.address) else 2 * SAFE_WITHIN
+
+    @property
+    def no_probe(self) -> str:
+        """Why no depth can be measured; empty for a plant with a probe."""
+        return "" if is_pipe(self.address) else NO_PROBE
 
     def teleop_config(self) -> TeleopConfig:
         """Return the settings of the teleoperation."""

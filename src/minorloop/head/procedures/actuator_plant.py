@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 PUMP = "pump"
 """Name of the digital line that floods the pipe."""
+NO_PROBE = "this head has no ultrasonic probe, so the depth cannot be measured"
 _LED = re.compile(r"led (\d+)")
 _INPUTS, _OUTPUTS = ("A", "A", "mm/s", "deg/s"), ("deg", "deg", "mm", "deg")
 _DEGREE = math.radians(1.0)
@@ -192,4 +193,4 @@ class BenchTip:
         InstrumentError
             Always.
         """
-        raise InstrumentError("this head has no ultrasonic probe")
+        raise InstrumentError(NO_PROBE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.files import PathLike
 from minorloop.head.geometry import Pinhole
-from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.vision.led_calibration import find_reflection, fit_led
 from minorloop.head.vision.lens_calibration import LensFit, TargetPose, fit_lens, target_pose
@@ -34,8 +33,8 @@ _LED = "LED "
 """Beginning of the names of results for LEDs."""
 _NAMED = 5
 """Pictures that a message names."""
-_ALIGNED, _ASIDE, _ZERO = 1.0, 0.3, 0.5
-"""Deviations of the mount from the ideal one that are reported: degrees, mm, degrees of zero."""
+_ALIGNED, _ASIDE = 1.0, 0.3
+"""Deviations of the mount from the ideal one that are reported, in degrees and mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +325,14 @@ def calibrated_head(
     seen_by = lens_of(before) if lens is None else lens.lens
     base = replace(old or HeadCalibration(lens=seen_by, leds=np.zeros((1, 3))), lens=seen_by)
     if mount is not None:
-        base = replace(base, lever=mount.lever)
+        pan, tilt = mount.straight
+        base = replace(
+            base,
+            lever=mount.lever,
+            straight=(base.straight[0] if pan is None else pan, tilt),
+            squint=mount.squint,
+            camera_roll=mount.camera_roll,
+        )
         if mount.roll is not None and mount.offset is not None:
             base = replace(base, roll=mount.roll, offset=mount.offset)
     base = replace(
@@ -369,18 +375,9 @@ def _advice(
     if mount is None:
         return said
     known = {each.name: each for each in mount.measured}
-    straight = math.degrees(STRAIGHT)
-    for axis, name in (("pan", "pan where straight"), ("tilt", "tilt where level")):
-        if name in known and abs(known[name].value - straight) > _ZERO:
-            off = straight - known[name].value
-            said.append(
-                f"the camera looks straight at a {axis} of {known[name].value:.1f} degrees, and "
-                f"{straight:g} is assumed; add {off:.1f} degrees to the readings of {axis}, in "
-                "the conversion of its sensor"
-            )
     limits = {"deg": _ALIGNED, "mm": _ASIDE}
-    for name in ("camera roll", "squint", "lean of the base", "lens right of the axis",
-                 "lens below the axis", "tilt axis before the pan axis"):  # fmt: skip
+    for name in ("lean of the base", "lens right of the axis", "lens below the axis",
+                 "tilt axis before the pan axis"):  # fmt: skip
         each = known.get(name)
         if each is not None and abs(each.value) > limits[each.unit] + 2 * each.sd:
             said.append(

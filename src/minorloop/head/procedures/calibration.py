@@ -20,13 +20,8 @@ ROOM_TEMPERATURE = 20.0
 """Assumed temperature of the water in a flooded pipe, in degrees Celsius."""
 _LONGEST_LATENCY = 5.0
 STRAIGHT = math.radians(30.0)
-"""Pan and tilt of the joints at which the camera looks along the pipe. A wire pulls in one
-direction only, so that half of its stroke is on either side."""
-
-
-def joint_degrees(angles: npt.ArrayLike) -> FloatArray:
-    """Return pan and tilt of the joints in degrees, as control has them, for a line of sight."""
-    return np.asarray(np.degrees(np.asarray(angles) + STRAIGHT))
+"""Pan and tilt of the joints at which the camera looks along the pipe, where they are not
+calibrated. A wire pulls in one direction only, so that half of its stroke is on either side."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +44,10 @@ class HeadCalibration:
         Of the pipe and its wall, in metres.
     temperature : float
         Of the water with which the pipe is flooded, in degrees Celsius.
+    straight : (float, float)
+        Pan and tilt that the joints read where they point along the pipe, in radians.
+    squint, camera_roll : float
+        Of the camera on the joints: sideways, then about its optical axis, in radians.
     latency : float
         Longest time in seconds from the exposure of a picture to its arrival. Pictures that arrive
         within it after the lights were switched may show the lights before.
@@ -69,6 +68,9 @@ class HeadCalibration:
     radius: float = 10e-3
     thickness: float = 2e-3
     temperature: float = ROOM_TEMPERATURE
+    straight: tuple[float, float] = (STRAIGHT, STRAIGHT)
+    squint: float = 0.0
+    camera_roll: float = 0.0
     latency: float = 0.04
 
     def __post_init__(self) -> None:
@@ -99,10 +101,25 @@ class HeadCalibration:
         """
         return msgspec.convert(values, cls, dec_hook=lambda kind, value: np.array(value, float))
 
+    def joints(self, angles: npt.ArrayLike) -> FloatArray:
+        """Return pan and tilt (2,) of the joints in degrees, for a line of sight in radians."""
+        return np.asarray(np.degrees(np.asarray(angles) + self.straight))
+
+    def line_of_sight(self, joints: npt.ArrayLike) -> FloatArray:
+        """Return pan and tilt (2,) along the pipe for those of the joints, in radians."""
+        return np.asarray(np.asarray(joints) - self.straight)
+
     def mount_at(self, place: npt.ArrayLike) -> Mount:
         """Return the mount of the head at an advance and a roll (2,) of the catheter."""
         advance, roll = np.asarray(place, dtype=np.float64).tolist()
-        return Mount(lever=self.lever, offset=self.offset, roll=self.roll + roll, advance=advance)
+        return Mount(
+            lever=self.lever,
+            offset=self.offset,
+            roll=self.roll + roll,
+            advance=advance,
+            squint=self.squint,
+            camera_roll=self.camera_roll,
+        )
 
     def camera_at(self, place: npt.ArrayLike) -> CalibratedCamera:
         """Return the camera at an advance and a roll (2,) of the catheter."""

@@ -38,7 +38,19 @@ class CameraTip:
         self._lit, self._settled = True, 0.0
 
     def frame(self) -> Frame:
-        """Return the newest picture.
+        """Return the newest picture under the present lights; wait for it after they were switched.
+
+        Raises
+        ------
+        InstrumentError
+            As `newest`.
+        """
+        while (found := self.newest()) is None:
+            pass
+        return found
+
+    def newest(self) -> Frame | None:
+        """Return the newest picture; None if it may show the lights before they were switched.
 
         Raises
         ------
@@ -47,8 +59,8 @@ class CameraTip:
             torn, or is no picture.
         """
         found = self._camera.frame()
-        while found.t < self._settled:  # it was taken before the lights were switched
-            found = self._camera.frame()
+        if found.t < self._settled:
+            return None
         verdict = check_frame(found.image, self._lens, self._before, lit=self._lit)
         self._before = found.image
         if verdict == WRONG_SIZE:

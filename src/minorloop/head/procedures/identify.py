@@ -108,6 +108,8 @@ class HeadMeasurement:
     excitation : HeadExcitation
     connect : Connect
     carry_out : CarryOut
+    simulated : bool
+        Whether the noise of the actuator has a seed; each run then has its own.
     """
 
     folder: Path
@@ -115,6 +117,7 @@ class HeadMeasurement:
     excitation: HeadExcitation
     connect: Connect
     carry_out: CarryOut
+    simulated: bool = True
 
     def identified(self) -> IdentifiedWires:
         """Measure what is not measured yet, and identify both wires.
@@ -207,8 +210,9 @@ class HeadMeasurement:
         return Setup(**{**self.setup, "seed": seed}, input=names[0], output=names[1])
 
     def _seed(self, axis: int, run: str) -> int:
-        """Return the seed of a run of a twin: each has different noise."""
-        return int(self.setup["seed"]) + len(RUNS) * axis + RUNS.index(run)
+        """Return the seed of a run: each of a twin has different noise."""
+        own = len(RUNS) * axis + RUNS.index(run) if self.simulated else 0
+        return int(self.setup["seed"]) + own
 
     def _path(self, axis: int, run: str) -> Path:
         return self.folder / f"{AXES[axis]}-{run}.sqlite"

@@ -2,24 +2,27 @@
 
 On devices::
 
-    with left_safe(bench := connect("bench:head.toml")):
-        plant = ActuatorPlant(bench, WallClock())
-        tip = CameraTip(BenchTip(plant), LiveCamera("camera:0"), head.calibration)
-        control = head.control(interval=plant.tick)
-        rig = InspectionRig(plant, tip, control, head.calibration)
+    with rig_at("bench:head.toml", "camera:0", "head.json") as rig:
         rig.run(Go(), Go().begin(angles=(0.1, 0.0)))
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.connect import connect
+from minorloop.errors import ModelFileError
+from minorloop.files import PathLike
 from minorloop.head.control.head import HeadControl
-from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
+from minorloop.head.procedures.actuator_plant import ActuatorPlant, BenchTip
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.camera_tip import CameraTip
+from minorloop.head.procedures.head_file import read_head
 from minorloop.head.procedures.values import (
     NOTHING,
     Plant,
@@ -30,6 +33,9 @@ from minorloop.head.procedures.values import (
     Tip,
     apply_to_tip,
 )
+from minorloop.head.vision.video import LiveCamera
+from minorloop.lab.drivers.parts import WallClock
+from minorloop.lab.run import left_safe
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,7 @@ class InspectionRig:
         self._gyroscope, self._sensors = gyroscope, sensors
         self._ticks = 0
         self._state = control.begin()
-        self._commanded = np.full(2, -STRAIGHT)
+        self._commanded = -np.asarray(calibration.straight)
         self._read = self._known = np.zeros(4)
         tip.move_to(plant.stance())
 
@@ -93,9 +99,9 @@ class InspectionRig:
     def angles(self) -> FloatArray:
         """(2,) pan and tilt in radians by the joints, or by the model of the wires."""
         if self._sensors:
-            return np.asarray(self._known[:2] - STRAIGHT)
+            return self.calibration.line_of_sight(self._known[:2])
         own = np.array([axis.estimate.wire.angle for axis in self._state.axes])
-        return np.asarray(np.radians(np.asarray(self.control.coupling) @ own) - STRAIGHT)
+        return self.calibration.line_of_sight(np.radians(np.asarray(self.control.coupling) @ own))
 
     def reading(self, request: Request = NOTHING) -> Reading:
         """Carry out a request on the tip and return the reading, with its frame and its burst."""
@@ -144,10 +150,50 @@ class InspectionRig:
         read = np.degrees(self._read[:2])
         if not self._sensors:
             sighted = request.sighted
-            read = np.full(2, np.nan) if sighted is None else joint_degrees(sighted)
-        wanted = joint_degrees(self._commanded)
+            read = np.full(2, np.nan) if sighted is None else self.calibration.joints(sighted)
+        wanted = self.calibration.joints(self._commanded)
         currents, self._state = self.control.step(self._state, wanted, read)
         self._read = self.plant.exchange(np.concatenate([currents, request.rates]))
         self._known = np.where(np.isnan(self._read), self._known, self._read)
         self._ticks += 1
         self.tip.move_to(self.plant.stance())
+
+
+@contextmanager
+def rig_at(address: str, camera: str, file: PathLike) -> Iterator[InspectionRig]:
+    """Yield the loop on a head of devices; make it safe and close them at the end.
+
+    It has no probe: a procedure that fires raises an `InstrumentError`.
+
+    Parameters
+    ----------
+    address : str
+        Of the plant, as in `minorloop.connect`.
+    camera : str
+        As in `minorloop.head.vision.video`.
+    file : str or path
+        Of the head, with wires and calibration.
+
+    Raises
+    ------
+    ParameterError
+        If an address is not valid, or the plant is no head.
+    ModelFileError
+        If the file is not valid, is of another head, lacks wires or calibration, or has wires that
+        are older than the calibration.
+    InstrumentError
+        If a device is missing, busy, or does not answer.
+    """
+    known = read_head(file)
+    view = known.calibration
+    if view is None:
+        raise ModelFileError(f"{file} has no calibration of the camera; calibrate it first")
+    actuator = connect(address)
+    with ExitStack() as ends:
+        ends.callback(getattr(actuator, "close", lambda: None))
+        ends.enter_context(left_safe(actuator))
+        plant = ActuatorPlant(actuator, WallClock())
+        known.check_fits(plant.serial, file)
+        control = known.control(interval=plant.tick)
+        pictures = ends.enter_context(closing(LiveCamera(camera)))
+        yield InspectionRig(plant, CameraTip(BenchTip(plant), pictures, view), control, view)

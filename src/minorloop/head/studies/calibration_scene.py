@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import Mount, Pinhole, rotation_z
-from minorloop.head.procedures.calibration import joint_degrees
+from minorloop.head.procedures.calibration import STRAIGHT
 from minorloop.head.studies import scoring
 from minorloop.head.twins.camera import LENS
 from minorloop.head.twins.target_view import TargetCamera
@@ -81,7 +81,7 @@ class CalibrationScene:
                 offset=tuple(rng.uniform(-1e-3, 1e-3, 2).tolist()),
                 roll=float(rng.uniform(-0.3, 0.3)),
             ),
-            joint_degrees(np.radians(rng.uniform(-3.0, 3.0, 2))),
+            np.degrees(STRAIGHT) + rng.uniform(-3.0, 3.0, 2),
             float(rng.uniform(-3.0, 3.0)),
             leds,
         )

@@ -19,7 +19,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.sensing import SensorWatch
 from minorloop.head.geometry import Mount, meet_wall
-from minorloop.head.procedures.calibration import HeadCalibration, joint_degrees
+from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
 from minorloop.head.procedures.centre import CONE, CentreState, Centring
 from minorloop.head.procedures.go import Go
 from minorloop.head.procedures.meter import Metering
@@ -129,7 +129,7 @@ class Scene:
         while True:
             away, way = np.radians(rng.uniform(19, 27)), float(rng.uniform(0, 2 * np.pi))
             aim = away * np.array([np.cos(way), np.sin(way)])
-            own = np.linalg.solve(np.asarray(self.control.coupling), joint_degrees(aim))
+            own = np.linalg.solve(np.asarray(self.control.coupling), np.degrees(aim + STRAIGHT))
             if (own < STROKE_SHARE * np.array(top)).all():
                 return aim, way
 

@@ -43,7 +43,12 @@ def translation_columns(point: npt.ArrayLike, depth: float) -> FloatArray:
 
 
 def pan_tilt_jacobian(
-    point: npt.ArrayLike, tilt: float, *, lever: float = 0.0, depth: float = math.inf
+    point: npt.ArrayLike,
+    tilt: float,
+    *,
+    lever: float = 0.0,
+    depth: float = math.inf,
+    camera: FloatArray | None = None,
 ) -> FloatArray:
     """Return (2, 2) rates of a point for 1 rad/s of pan and of tilt.
 
@@ -57,6 +62,8 @@ def pan_tilt_jacobian(
         From the pivot to the lens along the optical axis, in metres.
     depth : float
         Of the point along the optical axis, in metres; without it, the lever does not matter.
+    camera : (3, 3) array, optional
+        Rotation from the camera to the joints, see `Mount.camera`; none without it.
 
     Raises
     ------
@@ -66,7 +73,8 @@ def pan_tilt_jacobian(
     # The velocity of the lens is the angular velocity crossed with the lever along z.
     carried = lever * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     columns = rotation_columns(point) + translation_columns(point, depth) @ carried
-    rates: FloatArray = columns @ body_rates(tilt)
+    turns = body_rates(tilt)
+    rates: FloatArray = columns @ (turns if camera is None else camera.T @ turns)
     return rates
 
 

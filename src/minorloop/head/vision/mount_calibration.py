@@ -45,6 +45,11 @@ class MountFit:
     measured : tuple of Measured
     lever : float
         From the pivot to the lens along the optical axis, in metres.
+    straight : (float or None, float)
+        Pan and tilt that are read where the joints point along the pipe, in radians; no pan if
+        the target was not square to the pipe.
+    squint, camera_roll : float
+        Of the camera on the joints, in radians.
     roll : float or None
         Of the base about the axis of the pipe, in radians; None if the target was not square to
         the pipe.
@@ -58,6 +63,9 @@ class MountFit:
 
     measured: tuple[Measured, ...]
     lever: float
+    straight: tuple[float | None, float]
+    squint: float
+    camera_roll: float
     roll: float | None
     offset: tuple[float, float] | None
     joints: FloatArray
@@ -247,6 +255,9 @@ def _result(
     return MountFit(
         measured=tuple(measured),
         lever=float(values[0]),
+        straight=(-float(values[7]) if known else None, -float(values[4])),
+        squint=float(values[5]),
+        camera_roll=float(values[6]),
         roll=float(values[8]) if known else None,
         offset=(float(values[10]), float(values[11])) if known else None,
         joints=joints,

@@ -214,8 +214,11 @@ class Servo:
             depth = wall_depth(self.camera, point, pan, tilt)
         except ParameterError:
             return None
-        lever = self.camera.mount.lever
-        return rates_for(pan_tilt_jacobian(point, tilt, lever=lever, depth=depth), off)
+        mount = self.camera.mount
+        jacobian = pan_tilt_jacobian(
+            point, tilt, lever=mount.lever, depth=depth, camera=mount.camera
+        )
+        return rates_for(jacobian, off)
 
     def _turn(
         self, state: ServoState, error: FloatArray, measured: FloatArray | None, pixels: float

@@ -57,8 +57,13 @@ def sighted_angles(
         if not depth > 0:
             return None
         now = np.array([x, y]) / depth
-        lever = camera.mount.lever
-        jacobian = pan_tilt_jacobian(now, float(angles[1]), lever=lever, depth=float(depth))
+        jacobian = pan_tilt_jacobian(
+            now,
+            float(angles[1]),
+            lever=camera.mount.lever,
+            depth=float(depth),
+            camera=camera.mount.camera,
+        )
         move = rates_for(jacobian, wanted - now)
         if move is None or not np.hypot(*move) < _WIDEST:
             return None

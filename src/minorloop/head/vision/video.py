@@ -41,6 +41,8 @@ _CLOSING = 5.0
 """Longest time in seconds until a camera is closed: it may be opening."""
 _AGAIN = 0.5
 """Seconds until a camera that was lost is opened again."""
+_LATEST = 5.0
+"""Longest time in seconds from a picture to its arrival; a longer one is of another clock."""
 _EXPOSURE_UNITS = 1e4
 """Units of exposure of cameras under Linux in a second: they are 100 microseconds long."""
 _BY_HAND = 1
@@ -78,7 +80,8 @@ def frames(address: str) -> Iterator[Frame]:
     Parameters
     ----------
     address : str
-        Times begin at 0: those in the video, or 0.04 s for each image of a folder.
+        Times begin at 0: those in the video, by its rate if it has none, or 0.04 s for each image
+        of a folder.
 
     Raises
     ------
@@ -121,6 +124,7 @@ class LiveCamera:
     def __init__(self, address: str, patience: float = 0.08) -> None:
         self._target, self.address, self.patience = _target(address), address, patience
         self._cv2 = opencv()
+        self.timed_by_camera = False
         self._changed = threading.Condition()
         self._newest: Frame | None = None
         self._problem = f"{address} has given no picture yet"
@@ -133,7 +137,9 @@ class LiveCamera:
     def frame(self) -> Frame:
         """Return the newest picture; none is returned twice.
 
-        Its time is that of the machine's monotonic clock in seconds at which it was received.
+        Its time is in seconds on the machine's monotonic clock: that of the camera, if
+        ``timed_by_camera``, and otherwise when it arrived. Cameras of this machine that run under
+        Video4Linux give times; in the network none does.
 
         Raises
         ------
@@ -195,7 +201,7 @@ class LiveCamera:
                 good, picture = camera.read()
                 if not good:
                     raise InstrumentError(f"{self.address} gives no picture")
-                self._give(_grey(cv2, picture))
+                self._give(_grey(cv2, picture), self._time_by(camera))
         finally:
             camera.release()
 
@@ -210,9 +216,18 @@ class LiveCamera:
             camera.set(cv2.CAP_PROP_EXPOSURE, wanted[0] * _EXPOSURE_UNITS)
             camera.set(cv2.CAP_PROP_GAIN, wanted[1])
 
-    def _give(self, image: Image) -> None:
+    def _time_by(self, camera: Any) -> float | None:
+        """Return the time of a picture by a camera of this machine; None if it gives none."""
+        if not isinstance(self._target, int):
+            return None
+        taken = 1e-3 * float(camera.get(self._cv2.CAP_PROP_POS_MSEC))
+        return taken if 0.0 <= time.monotonic() - taken < _LATEST else None
+
+    def _give(self, image: Image, taken: float | None = None) -> None:
         with self._changed:
-            self._newest = Frame(time.monotonic(), image)
+            self.timed_by_camera = taken is not None
+            self._newest = Frame(time.monotonic() if taken is None else taken, image)
+            self._problem = f"{self.address} gives no new picture"
             self._changed.notify_all()
 
 
@@ -307,12 +322,15 @@ def _video(path: Path) -> Iterator[Frame]:
             raise ParameterError(f"{path} cannot be read as a video; convert it to another format")
         rate = video.get(cv2.CAP_PROP_FPS)
         interval = 1.0 / rate if math.isfinite(rate) and rate > 0 else 1.0 / _RATE
-        number, good = 0, True
+        number, good, before = 0, True, -math.inf
         while good:
             good, picture = video.read()
             if good:
-                yield Frame(number * interval, _grey(cv2, picture))
-                number += 1
+                t = 1e-3 * float(video.get(cv2.CAP_PROP_POS_MSEC))
+                if not before < t < math.inf:  # the file has no times
+                    t = number * interval
+                yield Frame(t, _grey(cv2, picture))
+                number, before = number + 1, t
     finally:
         video.release()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import time
 from contextlib import suppress
@@ -15,6 +16,7 @@ __all__ = ["Link", "VisaLink"]
 
 LONGEST = 4096
 """Most characters of an answer."""
+_ADVICE = "; connect it, or correct its address (minorloop devices lists what is there)"
 _LONGEST_MESSAGE = 400
 """Most characters of an error message of a library."""
 _QUIET, _AT_ONCE = 20, 1
@@ -165,7 +167,8 @@ class VisaLink:
             line = self._line()
         except Exception as error:
             raise InstrumentError(
-                f"{self.name} gave no answer within {self._timeout:g} s: {_short(error)}"
+                f"{self.name} gave no answer within {self._timeout:g} s: {_short(error)}; check "
+                "its power and cable, and the timeout"
             ) from None
         self._doubtful = False
         self.owed -= 1
@@ -189,7 +192,9 @@ class VisaLink:
             self._send_at_once(resource)
             self._keep_others_out(resource)
         except Exception as error:
-            raise InstrumentError(f"{self.name} cannot be opened: {_short(error)}") from None
+            advice = "" if isinstance(error, InstrumentError) else _ADVICE
+            said = f"{self.name} cannot be opened: {_short(error)}{advice}"
+            raise InstrumentError(said) from None
         self._resource = resource
         self._socket = resource.resource_class == "SOCKET"
         self._streams = self._socket or self.name.upper().startswith("ASRL")
@@ -308,12 +313,25 @@ class VisaLink:
         """Return what one read of the library gives; raise an error if it is empty."""
         from pyvisa.constants import StatusCode
 
+        self._wait()
         status = StatusCode.success_max_count_read, StatusCode.success_device_not_present
         with self._resource.ignore_warning(*status):
             found, _ = self._resource.visalib.read(self._resource.session, most)
         if not found:
             raise InstrumentError("nothing was received")
         return bytes(found)
+
+    def _wait(self) -> None:
+        """Wait for bytes on a socket: PyVISA-py spins where the other end has closed it."""
+        wire = self._wire(self._resource)
+        received: bytes = getattr(self._session(self._resource), "_pending_buffer", b"")
+        if wire is None or received:
+            return
+        ready, _, _ = select.select([wire], [], [], self._resource.timeout / 1e3)
+        if not ready:
+            raise InstrumentError("nothing was received")
+        if not wire.recv(1, socket.MSG_PEEK):
+            raise InstrumentError("the other end closed the connection")
 
     def _drain(self, quiet: int) -> None:
         """Read a stream until nothing arrives for a number of milliseconds."""

@@ -8,6 +8,7 @@ The lines are those of `minorloop.lab.drivers.serial_line`; the questions are
 ``OUTPUT k``   ``unit``                 unit of output k
 ``SET u ...``  ``u ...``                apply all inputs; ERR if one is beyond its limits
 ``GET``        ``y ...``                read all outputs
+``FOLLOW y``   ``y ...``                targets of all outputs, for firmware with an inverse
 ``LINE k s``   ``s``                    switch digital line k on, 1, or off, 0
 ``SAFE``       ``u ...``                go to the safe inputs; the answer has those that are on
 =============  =======================  ====================================================
@@ -80,7 +81,7 @@ class SerialBoard(BoardLine):
         self._sensors = _places(plan.sensors, outputs, "output")
         self._lines = _places(plan.lines, lines, "line")
         self._outputs, self._resting_lines = outputs, plan.resting_lines
-        self._rest = np.zeros(inputs)
+        self._rest, self._narrower = np.zeros(inputs), list[str]()
         self._check(plan)
 
     def set(self, values: FloatArray) -> None:
@@ -88,6 +89,26 @@ class SerialBoard(BoardLine):
         every = self._rest.copy()
         every[self._sources] = values
         self._apply(every.tolist(), *(_DIGITS.format(each) for each in every))
+
+    def follow(self, targets: FloatArray) -> None:
+        """Give targets (N,) of all outputs, which the exact inverses in the board follow.
+
+        Until the next ``set`` or ``safe`` the board sets its inputs by itself, within its own
+        limits, see `minorloop.export.board`.
+
+        Raises
+        ------
+        ParameterError
+            If the bench has narrower limits than the board.
+        InstrumentError
+            If a target is out of reach, or the firmware has no inverse.
+        """
+        if self._narrower:
+            raise ParameterError(
+                f"{self._narrower[0]} has narrower limits in the bench than on {self._link.name}, "
+                "which follows targets within its own; export the firmware with those of the bench"
+            )
+        self._apply(list(targets), *(_DIGITS.format(each) for each in targets), command="FOLLOW")
 
     def read(self) -> FloatArray:
         """Return the readings of the sensors."""
@@ -154,6 +175,8 @@ class SerialBoard(BoardLine):
             for wire in wires:
                 self._check_unit(wire, unit)
                 slack = ROUNDING * (high - low)
+                if wire.low > low + slack or wire.high < high - slack:
+                    self._narrower.append(wire.name)
                 if not low - slack <= wire.low < wire.high <= high + slack:
                     raise ParameterError(
                         f"{wire.name} may be [{wire.low:g}, {wire.high:g}], and {self._link.name} "

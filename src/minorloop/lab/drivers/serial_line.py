@@ -132,10 +132,10 @@ class BoardLine:
                 raise InstrumentError(f"{self._link.name} answers {words[0]} with {value}")
         return values
 
-    def _apply(self, values: Sequence[float], *words: str) -> None:
-        """Set the inputs; refuse an answer with others."""
+    def _apply(self, values: Sequence[float], *words: str, command: str = "SET") -> None:
+        """Set the inputs, or targets; refuse an answer with others."""
         self._on = True
-        found = self._numbers(len(values), "SET", *words)
+        found = self._numbers(len(values), command, *words)
         for value, answer in zip(values, found, strict=True):
             if abs(answer - value) > 1e-6 * max(1.0, abs(value)):
                 raise InstrumentError(
