@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from minorloop import __main__ as program
 from minorloop import __version__, modelfile
-from minorloop.cli import app, main
+from minorloop.cli import app
 
 VERBS = ("identify", "simulate", "invert", "plan", "demo")
 PROGRAM = [sys.executable, "-m", "minorloop"]
@@ -100,7 +101,7 @@ def test_general_errors_give_no_traceback(error, status, says, monkeypatch, run)
 
 def test_is_installed_as_a_program():
     (script,) = entry_points(group="console_scripts", name="minorloop")
-    assert script.load() is main
+    assert script.load() is program.main
     assert callable(app)
 
 
