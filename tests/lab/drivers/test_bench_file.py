@@ -182,6 +182,25 @@ def test_files_that_describe_no_bench(opened, old, new, sentence):
     assert "\n" not in str(found.value)
 
 
+@pytest.mark.parametrize(
+    "conversion",
+    ["polynomial = [0.0, 1.0, -1.0]", "polynomial = [0.0, 0.0, 1.0]", 'table = "turns.csv"'],
+)
+def test_a_source_whose_conversion_turns_between_its_limits_is_refused(
+    opened, tmp_path, conversion
+):
+    (tmp_path / "turns.csv").write_text("u [V],sent [mV]\n-1,0\n0.5,9\n1,1\n")
+    text = BENCH.replace("linear = [1000.0, 5.0]", conversion)
+    sentence = r"of source 'voltage' is not monotone over its limits \[-1, 1\]: it sends .*; give"
+    with pytest.raises(ParameterError, match=sentence):
+        opened(text)
+
+
+@pytest.mark.parametrize("polynomial", ["[0.0, 3.0, 1.0]", "[1.0, -1.0]", "[0.0, 0.1, 0.3, 0.3]"])
+def test_a_source_may_have_a_monotone_conversion(opened, polynomial):
+    opened(BENCH.replace("linear = [1000.0, 5.0]", f"polynomial = {polynomial}"))
+
+
 def test_a_bench_without_sensors_is_refused(opened):
     with pytest.raises(ParameterError, match="needs a source and a sensor"):
         opened("devices = {}\nsources = []\nsensors = []")

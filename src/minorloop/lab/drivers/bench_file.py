@@ -37,10 +37,10 @@
 
 A conversion is ``linear = [gain, offset]``, ``polynomial = [c0, c1, ...]``, ``table = "FILE"`` or
 ``laser = [d0, h0]``. That of a sensor goes from the number of the instrument to the unit of the
-sensor, that of a source from the unit of the source to the number of the instrument. ``reading`` is
-the unit of the instrument. The other keys are those of the driver; see its module in
-``minorloop.lab.drivers``. A file with ``input`` and ``output`` describes one channel, as
-`minorloop.lab.drivers.visa` says.
+sensor, that of a source from the unit of the source to the number of the instrument, and only rises
+or only falls between the limits of the source. ``reading`` is the unit of the instrument. The other
+keys are those of the driver; see its module in ``minorloop.lab.drivers``. A file with ``input`` and
+``output`` describes one channel, as `minorloop.lab.drivers.visa` says.
 """
 
 from __future__ import annotations
@@ -71,6 +71,10 @@ __all__ = ["DRIVERS", "open_bench"]
 
 DRIVERS = "minorloop.drivers"
 """Group of the entry points of drivers."""
+
+_ROUNDING = 1e-9
+"""Share of the largest number sent that a conversion may go back: rounding, far below the
+resolution of any instrument."""
 
 
 class _ConversionRow(Section, kw_only=True):
@@ -285,8 +289,29 @@ def _source_wire(rows: _Rows, commands: Sequence[Conversion | None], k: int) -> 
             f"the conversion of {each.name} does not cover its limits [{each.low:g}, "
             f"{each.high:g}] and rest {each.rest:g}"
         )
+    if conversion is not None:
+        _check_one_way(each, conversion)
     low, high = sorted(ends[:2])
     return DeviceChannel(each.name, rows.keys[k], _unit(each), low, high, ends[2])
+
+
+def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:
+    """Refuse a conversion that turns within the limits: it may send more than at either end."""
+    turns = conversion.turns
+    inside = turns[(source.low < turns) & (turns < source.high)]
+    places = np.array([source.low, *inside, source.high])
+    sent = conversion.convert(places)
+    ways = np.diff(sent) * np.sign(sent[-1] - sent[0])
+    if (ways < -_ROUNDING * np.abs(sent).max()).any() or sent[0] == sent[-1]:
+        back = int(np.argmin(ways))
+        shown = ", ".join(
+            f"{sent[k]:g} at {places[k]:g}" for k in sorted({0, back, back + 1, len(sent) - 1})
+        )
+        raise ParameterError(
+            f"the conversion of source {source.name!r} is not monotone over its limits "
+            f"[{source.low:g}, {source.high:g}]: it sends {shown}; give one that only rises or "
+            "only falls between them"
+        )
 
 
 def _sensor_wire(rows: _Rows, k: int) -> DeviceChannel:
