@@ -104,3 +104,12 @@ def test_refuses_in_one_sentence(run, command, sentence):
     status, out, error = run(command)
     assert (status, out) == (2, "")
     assert sentence in error.splitlines()[-1]
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_command_that_failed_can_be_given_again(run):
+    Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n")
+    command = f"inspect pictures {OPTIONS} --poses short.csv --out found"
+    assert "there are more pictures" in run(command)[2]
+    Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n24,0\n")
+    assert run(command)[0] == 0

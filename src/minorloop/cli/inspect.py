@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -89,7 +91,7 @@ def run(
     folder = None if out is None else make_folder(out) / "pictures"
     if folder is not None:
         folder.mkdir()
-    with _common.working(f"inspecting {source}", logged=True) as now:
+    with _discarded_on_error(folder), _common.working(f"inspecting {source}", logged=True) as now:
         for number, frame in enumerate(frames(source)):
             view = view or _view(head, lens, radius, lever, frame.image.shape)
             name = called[number] if called else f"frame {number}"
@@ -105,13 +107,24 @@ def run(
             if folder is not None and picture.findings:
                 marked = _mark(frame.image, picture, folder, number)
                 best = _best([*best, (_weight(picture), name, marked)])
-    if not found:
-        raise RecordError(f"{source} has no pictures; give a video that has some")
+        if not found:
+            raise RecordError(f"{source} has no pictures; give a video that has some")
     rows = [row for picture in found for row in picture.rows()]
     content = {"pictures": len(found), "unusable": unusable(found), "findings": rows}
     if out is not None:
         _write(out, rows, content, best, source)
     _show(content, out, as_json)
+
+
+@contextmanager
+def _discarded_on_error(folder: Path | None) -> Iterator[None]:
+    """Remove the marked pictures after an error, so that the same command can be given again."""
+    try:
+        yield
+    except BaseException:
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def _view(
