@@ -33,6 +33,8 @@ _OBLIQUE = (
     "pictures without wall in view show it too obliquely or from too far away; check that --pan, "
     "--tilt, --lens and --radius are right"
 )
+_LARGEST_ANGLE = 180.0
+"""Degrees from the axis of the pipe: the camera looks straight back."""
 _MM = 1e-3
 """Metres in a millimetre."""
 
@@ -178,18 +180,32 @@ def _poses(file: Path | None, pan: float, tilt: float) -> Iterator[PicturePose]:
     from minorloop.lab.columns import read_columns, read_headers
 
     if file is None:
+        for name, value in (("--pan", pan), ("--tilt", tilt)):
+            _check_angle(name, value)
         return repeat(PicturePose(pan=math.radians(pan), tilt=math.radians(tilt)))
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
     headers = [header for header in read_headers(file) if header in wanted]
     if not {"pan [deg]", "tilt [deg]"} <= set(headers):
         raise RecordError(f"{file} has no columns 'pan [deg]' and 'tilt [deg]'; add them")
     columns = read_columns(file, headers)
+    for name in ("pan", "tilt"):
+        for row, value in enumerate(columns[f"{name} [deg]"].tolist(), 1):
+            _check_angle(f"{name} of row {row} of {file}", value)
     scaled = {
         wanted[header]: columns[header] * (_MM if header.endswith("[mm]") else math.radians(1.0))
         for header in headers
     }
     rows = zip(*(values.tolist() for values in scaled.values()), strict=True)
     return iter([PicturePose(**dict(zip(scaled, row, strict=True))) for row in rows])
+
+
+def _check_angle(name: str, value: float) -> None:
+    """Refuse an angle of more than half a turn."""
+    if not abs(value) <= _LARGEST_ANGLE:
+        raise ParameterError(
+            f"{name} is {value:g} degrees; give {-_LARGEST_ANGLE:g} to {_LARGEST_ANGLE:g}, from "
+            "the axis of the pipe to the line of sight"
+        )
 
 
 def _weight(picture: InspectedPicture) -> float:
