@@ -134,12 +134,20 @@ def test_a_bench_that_does_not_confirm_that_it_is_safe_is_not_opened(opened, mon
         opened()
 
 
-def test_a_driver_that_fails_is_one_sentence(opened, monkeypatch):
+def leave(plan):
+    raise SystemExit(7)
+
+
+@pytest.mark.parametrize(
+    ("open_device", "said"),
+    [(lambda plan: {}["port"], "KeyError: 'port'"), (leave, "SystemExit: 7")],
+)
+def test_a_driver_that_fails_is_one_sentence(opened, monkeypatch, open_device, said):
     def loaded(point, name):
-        return SimpleNamespace(open_device=lambda plan: {}["port"])
+        return SimpleNamespace(open_device=open_device)
 
     monkeypatch.setattr(bench_file, "loaded", loaded)
-    with pytest.raises(InstrumentError, match="device 'one' cannot be opened: KeyError: 'port'"):
+    with pytest.raises(InstrumentError, match=f"device 'one' cannot be opened: {said}"):
         opened()
 
 

@@ -258,7 +258,7 @@ def _device(driver: Any, plan: DevicePlan) -> Device:
         device: Device = driver.open_device(plan)
     except MinorloopError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         said = f"{type(error).__name__}: {error}"
         raise InstrumentError(f"device {plan.name!r} cannot be opened: {said}") from error
     return device
