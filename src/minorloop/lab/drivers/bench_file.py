@@ -45,6 +45,7 @@ keys are those of the driver; see its module in ``minorloop.lab.drivers``. A fil
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -190,6 +191,7 @@ def _opened(
     if not sources.known or not sensors.known:
         raise ParameterError("a bench needs a source and a sensor; give both")
     _check_devices(described, (*sources.known, *sensors.known, *lines.known))
+    _check_numbers(sources.known, sensors.known)
     inputs = [Channel(e.name, e.unit, e.low, e.high, e.rate) for e in sources.known]
     outputs = [Channel(e.name, e.unit, e.low, e.high) for e in sensors.known]
     measures = _measures(sources.known, sensors.known)
@@ -240,6 +242,24 @@ def _check_devices(described: _BenchFile, channels: Sequence[Any]) -> None:
             raise ParameterError(
                 f"{channel.name} is on device {channel.device!r}; the devices are {known}"
             )
+
+
+def _check_numbers(sources: Sequence[_SourceRow], sensors: Sequence[_SensorRow]) -> None:
+    """Refuse limits that are not numbers, and limits and rest of sources that are not finite."""
+    for source in sources:
+        for name in ("low", "high", "rest"):
+            value = getattr(source, name)
+            if not math.isfinite(value):
+                raise ParameterError(
+                    f"{name} of source {source.name!r} is {value}; give a finite number"
+                )
+    for sensor in sensors:
+        for name in ("low", "high"):
+            if math.isnan(getattr(sensor, name)):
+                raise ParameterError(
+                    f"{name} of sensor {sensor.name!r} is nan; give a number, or leave it out "
+                    "where there is no limit"
+                )
 
 
 def _driver(name: str, keys: Mapping[str, Any]) -> Any:
