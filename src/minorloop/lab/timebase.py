@@ -47,7 +47,7 @@ UNEVEN = 0.1
 """Samples are uneven if steps differ by more than this share of the interval from it."""
 _LONG = 2 * 86400.0
 """Seconds from which a record in seconds may be one in milliseconds: minutes count as days then."""
-_UNKNOWN = 0.005
+UNKNOWN = 0.005
 """Share of the Preisach plane whose state may be unknown after a gap."""
 _MOST_SAMPLES = 50_000_000
 """Most samples of a resampled record: its times, inputs and outputs take 1.2 GB."""
@@ -206,9 +206,7 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
         lost = round(float(np.sum(np.round(steps[gaps] / interval) - 1)))
         notes.append(
             f"{counted(gaps.size, 'gap')} in {name}: about {counted(lost, 'sample')} {are(lost)} "
-            f"missing, the longest gap is {steps[largest]:.4g} s after sample {largest}; the "
-            "memory is unknown after each, "
-            "until the input has been near both ends of its range or at one of them"
+            f"missing, the longest gap is {steps[largest]:.4g} s after sample {largest}"
         )
     usual = np.delete(steps, np.concatenate([gaps, back]))
     uneven = float(np.mean(np.abs(usual - interval) > UNEVEN * interval)) if usual.size else 0.0
@@ -340,7 +338,7 @@ def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
         part = inputs[begin:end]
         above, below = np.maximum.accumulate(part), np.minimum.accumulate(part)
         unknown = 2 * (high - above) * (below - low) / (high - low) ** 2
-        known[begin:end] = unknown <= _UNKNOWN
+        known[begin:end] = unknown <= UNKNOWN
     return known
 
 
