@@ -156,6 +156,8 @@ def test_a_gap_shorter_than_half_a_hold_keeps_the_memory(long):
     found = reduce(short, conversion=LASER, breaks=breaks)
     assert all(point.known for point in found.points)
     assert found.count("settled") == LEVELS.size
+    said = f"{breaks.size} gaps are shorter than half a usual hold and cannot hide one"
+    assert any(note.startswith(said) for note in found.notes)
     later = t + np.where(np.arange(t.size) > breaks[-1], 150.0, 0.0)
     long_gap = Record(later, u, y, "voltage [V]", "distance [mm]")
     assert not all(point.known for point in reduce(long_gap, breaks=breaks[-1:]).points)

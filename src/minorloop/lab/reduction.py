@@ -300,7 +300,14 @@ def reduce(
         )
     log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
-    known = known_memory(u, _hiding(record.t, holds, breaks))
+    hiding = _hiding(record.t, holds, breaks)
+    within = int(np.size(breaks)) - hiding.size
+    if within:
+        notes.append(
+            f"{counted(within, 'gap')} {are(within)} shorter than half a usual hold and cannot "
+            "hide one: the memory continues there"
+        )
+    known = known_memory(u, hiding)
     points = [
         replace(point, known=bool(known[point.stop - 1]))
         for point in _points(log, holds, common, tolerance, values)
