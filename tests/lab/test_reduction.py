@@ -282,3 +282,9 @@ def test_any_record_is_reduced_or_refused(data):
         assert len(found.columns()["verdict"]) == len(found)
         assert found.record().u.size >= 3
         assert [line for line, _ in found.summary()]
+
+
+def test_readings_next_to_zero_are_no_steps_of_a_sensor():
+    u = np.repeat([0.0, 1.0, 0.0], 40)
+    y = np.tile([0.0, 1.0, 2.2e-311], 40)
+    assert not any("whole steps" in note for note in reduce(Record(np.arange(120.0), u, y)).notes)

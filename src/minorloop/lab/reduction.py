@@ -366,8 +366,10 @@ def _resolution(readings: FloatArray) -> float:
     if values.size < 3 or values.size * _DISTINCT > known.size:
         return 0.0
     steps = np.diff(values)
-    count = steps / steps.min()
-    return float(steps.min()) if np.abs(count - np.round(count)).max() < _WHOLE else 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # of steps too small to divide by
+        count = steps / steps.min()
+        whole = bool(np.abs(count - np.round(count)).max() < _WHOLE)
+    return float(steps.min()) if whole else 0.0
 
 
 def _rounding(values: FloatArray, value: float) -> float:
