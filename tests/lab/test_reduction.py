@@ -156,6 +156,8 @@ def test_a_gap_shorter_than_half_a_hold_keeps_the_memory(long):
     found = reduce(short, conversion=LASER, breaks=breaks)
     assert all(point.known for point in found.points)
     assert found.count("settled") == LEVELS.size
+    said = f"{breaks.size} gaps are shorter than half a usual hold and cannot hide one"
+    assert any(note.startswith(said) for note in found.notes)
     later = t + np.where(np.arange(t.size) > breaks[-1], 150.0, 0.0)
     long_gap = Record(later, u, y, "voltage [V]", "distance [mm]")
     assert not all(point.known for point in reduce(long_gap, breaks=breaks[-1:]).points)
@@ -280,3 +282,9 @@ def test_any_record_is_reduced_or_refused(data):
         assert len(found.columns()["verdict"]) == len(found)
         assert found.record().u.size >= 3
         assert [line for line, _ in found.summary()]
+
+
+def test_readings_next_to_zero_are_no_steps_of_a_sensor():
+    u = np.repeat([0.0, 1.0, 0.0], 40)
+    y = np.tile([0.0, 1.0, 2.2e-311], 40)
+    assert not any("whole steps" in note for note in reduce(Record(np.arange(120.0), u, y)).notes)

@@ -300,7 +300,14 @@ def reduce(
         )
     log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
-    known = known_memory(u, _hiding(record.t, holds, breaks))
+    hiding = _hiding(record.t, holds, breaks)
+    within = int(np.size(breaks)) - hiding.size
+    if within:
+        notes.append(
+            f"{counted(within, 'gap')} {are(within)} shorter than half a usual hold and cannot "
+            "hide one: the memory continues there"
+        )
+    known = known_memory(u, hiding)
     points = [
         replace(point, known=bool(known[point.stop - 1]))
         for point in _points(log, holds, common, tolerance, values)
@@ -359,8 +366,10 @@ def _resolution(readings: FloatArray) -> float:
     if values.size < 3 or values.size * _DISTINCT > known.size:
         return 0.0
     steps = np.diff(values)
-    count = steps / steps.min()
-    return float(steps.min()) if np.abs(count - np.round(count)).max() < _WHOLE else 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # of steps too small to divide by
+        count = steps / steps.min()
+        whole = bool(np.abs(count - np.round(count)).max() < _WHOLE)
+    return float(steps.min()) if whole else 0.0
 
 
 def _rounding(values: FloatArray, value: float) -> float:
