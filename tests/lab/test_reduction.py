@@ -179,6 +179,13 @@ def test_a_sensor_that_is_saturated_for_most_of_a_log_is_noticed_too(long):
     assert np.isnan(found.record().y).mean() > 0.3
 
 
+def test_a_step_next_to_nothing_is_no_resolution():
+    u = np.repeat([0.0, 1.0, 0.0], 8)
+    y = np.resize([0.0, 1.0, 2.2e-311], u.size)
+    found = reduce(Record(np.arange(u.size), u, y, "u", "distance [mm]"))
+    assert not any("resolution" in note for note in found.notes)
+
+
 def staircase_log(count, chance=1000):
     """A log with holds of so many samples at 12 inputs, whose outputs settle at once."""
     rng, levels = np.random.default_rng(chance), 6.0 * (np.arange(12) - 6) * (-1.0) ** np.arange(12)

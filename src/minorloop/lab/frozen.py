@@ -69,7 +69,8 @@ def frozen(values: FloatArray) -> FrozenReadings:
 def _noise(values: FloatArray) -> float:
     """Return the standard deviation of noise, 0 where there is none above the resolution."""
     bends = np.diff(values, 2)
-    if np.mean(bends[1:] * bends[:-1] < 0) < _ALTERNATES:
+    ways = np.sign(bends)  # products of large numbers overflow
+    if np.mean(ways[1:] * ways[:-1] < 0) < _ALTERNATES:
         return 0.0
     sd = float(np.median(np.abs(bends))) / (0.6745 * np.sqrt(6))
     steps = np.abs(np.diff(values))

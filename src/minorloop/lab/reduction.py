@@ -38,6 +38,8 @@ _SHORTEST, _MOSTLY = 3, 0.6
 a log of them: the noise of two samples cannot be told from a step."""
 _DISTINCT = 4
 """Samples for each distinct reading above which readings may show the resolution of a sensor."""
+_ROUNDING = 1e-15
+"""Share of the greatest distance of readings up to which another is rounding."""
 _WHOLE = 0.01
 """Largest difference of their distances from whole steps, in steps."""
 
@@ -389,6 +391,8 @@ def _resolution(readings: FloatArray) -> float:
     if values.size < 3 or values.size * _DISTINCT > known.size:
         return 0.0
     steps = np.diff(values)
+    if steps.min() <= _ROUNDING * steps.max():
+        return 0.0
     count = steps / steps.min()
     return float(steps.min()) if np.abs(count - np.round(count)).max() < _WHOLE else 0.0
 
