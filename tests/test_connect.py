@@ -62,6 +62,9 @@ def nothing():
 def broken():
     raise ValueError("no cable")
 
+def exits():
+    raise SystemExit(7)
+
 number = 7
 """
 
@@ -103,6 +106,16 @@ def test_a_module_without_an_actuator_is_refused(name, sentence):
 def test_a_factory_that_fails_is_one_sentence():
     with pytest.raises(InstrumentError, match="broken failed: ValueError: no cable"):
         connect("module:home_made.broken")
+    with pytest.raises(InstrumentError, match="exits failed: SystemExit: 7"):
+        connect("module:home_made.exits")
+
+
+@pytest.mark.usefixtures("home")
+@pytest.mark.parametrize("line", ["raise SystemExit(7)", "1 / 0"])
+def test_a_module_that_fails_when_it_is_loaded_is_one_sentence(tmp_path, line):
+    (tmp_path / "home_failing.py").write_text(line)
+    with pytest.raises(InstrumentError, match=r"home_failing.head cannot be loaded: .*(7|zero)"):
+        connect("module:home_failing.head")
 
 
 class Amplifier:

@@ -163,6 +163,8 @@ def factory(path: str) -> Callable[..., Any]:
     ------
     ParameterError
         If there is no such function.
+    InstrumentError
+        If its module fails.
     """
     module, _, function = path.rpartition(".")
     folder = os.getcwd()
@@ -175,6 +177,8 @@ def factory(path: str) -> Callable[..., Any]:
             f"module:{path} cannot be loaded: {error}; give module:PACKAGE.FUNCTION of an "
             "installed package or a file in this folder"
         ) from None
+    except (Exception, SystemExit) as error:
+        raise InstrumentError(f"module:{path} cannot be loaded: {_said(error)}") from error
     if not callable(found):
         raise ParameterError(f"module:{path} is no function")
     made: Callable[..., Any] = found
@@ -186,9 +190,12 @@ def _made(make: Callable[..., Any], path: str, given: list[str]) -> Any:
         return make(*given)
     except MinorloopError:
         raise
-    except Exception as error:
-        said = f"{type(error).__name__}: {error}"
-        raise InstrumentError(f"module:{path} failed: {said}") from error
+    except (Exception, SystemExit) as error:
+        raise InstrumentError(f"module:{path} failed: {_said(error)}") from error
+
+
+def _said(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 def addresses() -> list[str]:

@@ -73,6 +73,28 @@ def test_refuses_in_one_sentence(run, command, sentence):
     assert read_head("other.json").identified is None
 
 
+def test_head_drive_refuses_what_cannot_be_reached_and_warns_of_what_was_not(run):
+    wires = IdentifiedWires(
+        on=datetime(2026, 1, 1, tzinfo=UTC),
+        wires=(made_up(), made_up()),
+        coupling=np.eye(2),
+        limits=WireLimits(),
+        highest=0.2,
+        stores={},
+    )
+    save_head(HeadFile(serial="twin-head-nominal", identified=wires), "head.json")
+    Path("far.csv").write_text("pan [deg],tilt [deg]\n200,30\n")
+    drive = "--head head.json --actuator twin:head --hold 20"
+    status, out, error = run(f"head drive far.csv {drive}")
+    assert (status, out) == (2, "")
+    assert "pan of target 1 is 200 degrees, and the wires reach 0.0 to 58.2 degrees" in error
+    Path("weak.csv").write_text("pan [deg],tilt [deg]\n50,0\n")
+    status, out, error = run(f"head drive weak.csv {drive} --json")
+    assert status == 1
+    assert [f"warning: {each}" for each in json.loads(out)["unreachable"]] == error.splitlines()
+    assert "pan did not reach target 1" in error
+
+
 SMALL = "--squares 7x5 --side 4"
 CALIBRATE = f"head calibrate {SMALL} --head head.json --serial H-07"
 

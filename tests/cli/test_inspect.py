@@ -93,6 +93,9 @@ def test_a_wall_that_is_too_far_away_is_said_to_be(run):
         (f"inspect pictures {OPTIONS} --poses good.csv", "has no columns 'pan [deg]'"),
         (f"inspect pictures {OPTIONS} --poses short.csv", "1 row, and there are more pictures"),
         (f"inspect pictures {OPTIONS} --out pictures", "not empty"),
+        (f"inspect pictures {OPTIONS} --pan 400", "--pan is 400 degrees; give -180 to 180"),
+        (f"inspect pictures {OPTIONS} --tilt -181", "--tilt is -181 degrees"),
+        (f"inspect pictures {OPTIONS} --poses far.csv", "tilt of row 2 of far.csv is 300 degrees"),
     ],
 )
 def test_refuses_in_one_sentence(run, command, sentence):
@@ -101,6 +104,16 @@ def test_refuses_in_one_sentence(run, command, sentence):
     save_head(HeadFile(serial="H", calibration=small, calibrated=when), "small.json")
     save_head(HeadFile(serial="H"), "bare.json")
     Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n")
+    Path("far.csv").write_text("pan [deg],tilt [deg]\n24,0\n0,300\n")
     status, out, error = run(command)
     assert (status, out) == (2, "")
     assert sentence in error.splitlines()[-1]
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_command_that_failed_can_be_given_again(run):
+    Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n")
+    command = f"inspect pictures {OPTIONS} --poses short.csv --out found"
+    assert "there are more pictures" in run(command)[2]
+    Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n24,0\n")
+    assert run(command)[0] == 0

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -93,3 +95,19 @@ class TestCalibrations:
     def test_one_that_is_none_is_refused(self, make, message):
         with pytest.raises(ParameterError, match=message):
             make()
+
+
+@pytest.mark.parametrize(
+    "conversion",
+    [
+        CalibrationPolynomial(coefficients=(0.0, 5.0, -11.5, 2.0, 3.0)),
+        CalibrationPolynomial(coefficients=(0.0, 1.0)),
+        CalibrationTable(readings=(2.0, 1.0, -2.0), values=(1.0, 4.0, 3.0)),
+        LaserCurvature(0.0, 5.0),
+    ],
+)
+def test_a_conversion_only_rises_or_falls_between_its_turns(conversion):
+    turns = conversion.turns[np.abs(conversion.turns) < 2.0]
+    for low, high in pairwise([-2.0, *turns, 2.0]):
+        steps = np.diff(conversion.convert(np.linspace(low, high, 30)))
+        assert (steps >= 0).all() or (steps <= 0).all()

@@ -164,15 +164,20 @@ def drive(
     error = result.reached - result.targets
     if as_json:
         content = {"targets_deg": result.targets, "reached_deg": result.reached}
-        _common.print_json({**content, "rms_deg": np.sqrt(np.nanmean(error**2))})
-        return
-    rows = [
-        tuple(f"{value:.2f}" for value in (*wanted, *reached))
-        for wanted, reached in zip(result.targets, result.reached, strict=True)
-    ]
-    columns_shown = ("pan wanted", "tilt wanted", "pan", "tilt")
-    _common.print_table(columns_shown, rows, "degrees at the end of each hold")
-    typer.echo(f"error {float(np.sqrt(np.nanmean(error**2))):.2f} deg rms")
+        rms = np.sqrt(np.nanmean(error**2))
+        _common.print_json({**content, "rms_deg": rms, "unreachable": result.unreachable})
+    else:
+        rows = [
+            tuple(f"{value:.2f}" for value in (*wanted, *reached))
+            for wanted, reached in zip(result.targets, result.reached, strict=True)
+        ]
+        columns_shown = ("pan wanted", "tilt wanted", "pan", "tilt")
+        _common.print_table(columns_shown, rows, "degrees at the end of each hold")
+        typer.echo(f"error {float(np.sqrt(np.nanmean(error**2))):.2f} deg rms")
+    for sentence in result.unreachable:
+        typer.echo(f"warning: {sentence}", err=True)
+    if result.unreachable:
+        raise typer.Exit(1)
 
 
 @app.command(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,6 +33,8 @@ _OBLIQUE = (
     "pictures without wall in view show it too obliquely or from too far away; check that --pan, "
     "--tilt, --lens and --radius are right"
 )
+_LARGEST_ANGLE = 180.0
+"""Degrees from the axis of the pipe: the camera looks straight back."""
 _MM = 1e-3
 """Metres in a millimetre."""
 
@@ -89,7 +93,7 @@ def run(
     folder = None if out is None else make_folder(out) / "pictures"
     if folder is not None:
         folder.mkdir()
-    with _common.working(f"inspecting {source}", logged=True) as now:
+    with _discarded_on_error(folder), _common.working(f"inspecting {source}", logged=True) as now:
         for number, frame in enumerate(frames(source)):
             view = view or _view(head, lens, radius, lever, frame.image.shape)
             name = called[number] if called else f"frame {number}"
@@ -105,13 +109,24 @@ def run(
             if folder is not None and picture.findings:
                 marked = _mark(frame.image, picture, folder, number)
                 best = _best([*best, (_weight(picture), name, marked)])
-    if not found:
-        raise RecordError(f"{source} has no pictures; give a video that has some")
+        if not found:
+            raise RecordError(f"{source} has no pictures; give a video that has some")
     rows = [row for picture in found for row in picture.rows()]
     content = {"pictures": len(found), "unusable": unusable(found), "findings": rows}
     if out is not None:
         _write(out, rows, content, best, source)
     _show(content, out, as_json)
+
+
+@contextmanager
+def _discarded_on_error(folder: Path | None) -> Iterator[None]:
+    """Remove the marked pictures after an error, so that the same command can be given again."""
+    try:
+        yield
+    except BaseException:
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def _view(
@@ -165,18 +180,32 @@ def _poses(file: Path | None, pan: float, tilt: float) -> Iterator[PicturePose]:
     from minorloop.lab.columns import read_columns, read_headers
 
     if file is None:
+        for name, value in (("--pan", pan), ("--tilt", tilt)):
+            _check_angle(name, value)
         return repeat(PicturePose(pan=math.radians(pan), tilt=math.radians(tilt)))
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
     headers = [header for header in read_headers(file) if header in wanted]
     if not {"pan [deg]", "tilt [deg]"} <= set(headers):
         raise RecordError(f"{file} has no columns 'pan [deg]' and 'tilt [deg]'; add them")
     columns = read_columns(file, headers)
+    for name in ("pan", "tilt"):
+        for row, value in enumerate(columns[f"{name} [deg]"].tolist(), 1):
+            _check_angle(f"{name} of row {row} of {file}", value)
     scaled = {
         wanted[header]: columns[header] * (_MM if header.endswith("[mm]") else math.radians(1.0))
         for header in headers
     }
     rows = zip(*(values.tolist() for values in scaled.values()), strict=True)
     return iter([PicturePose(**dict(zip(scaled, row, strict=True))) for row in rows])
+
+
+def _check_angle(name: str, value: float) -> None:
+    """Refuse an angle of more than half a turn."""
+    if not abs(value) <= _LARGEST_ANGLE:
+        raise ParameterError(
+            f"{name} is {value:g} degrees; give {-_LARGEST_ANGLE:g} to {_LARGEST_ANGLE:g}, from "
+            "the axis of the pipe to the line of sight"
+        )
 
 
 def _weight(picture: InspectedPicture) -> float:

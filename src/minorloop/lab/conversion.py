@@ -49,6 +49,10 @@ class Conversion(Protocol):
     def covered(self) -> str:
         """Which readings are covered, for a message."""
 
+    @property
+    def turns(self) -> FloatArray:
+        """(N,) readings, increasing, between which it only rises or only falls."""
+
 
 @dataclass(frozen=True)
 class _Calibration:
@@ -111,6 +115,13 @@ class CalibrationPolynomial(_Calibration):
         """Return the polynomial at each reading."""
         values = np.asarray(readings, dtype=np.float64)
         return np.asarray(np.polynomial.polynomial.polyval(values, self.coefficients))
+
+    @property
+    def turns(self) -> FloatArray:
+        """(N,) readings, increasing, between which it only rises or only falls."""
+        slope = np.polynomial.Polynomial(self.coefficients).deriv().trim()
+        # Rounding can make a double root complex: its real part is the place then.
+        return np.sort(np.real(slope.roots()))
 
 
 def linear(
@@ -182,6 +193,11 @@ class CalibrationTable(_Calibration):
         x = np.asarray(readings, dtype=np.float64)
         known = np.asarray(self.readings)
         return np.asarray(np.interp(x, known, np.asarray(self.values), np.nan, np.nan))
+
+    @property
+    def turns(self) -> FloatArray:
+        """(N,) readings, increasing, between which it only rises or only falls."""
+        return np.asarray(self.readings)
 
     @property
     def covered(self) -> str:
@@ -257,6 +273,11 @@ class LaserCurvature:
     def quantity(self, reading: Quantity) -> Quantity:
         """Return ``curvature [1/m]``."""
         return Quantity("curvature", "1/m")
+
+    @property
+    def turns(self) -> FloatArray:
+        """(0,) readings: it falls throughout."""
+        return np.empty(0)
 
     @property
     def covered(self) -> str:

@@ -1,3 +1,6 @@
+from dataclasses import replace
+from datetime import UTC, datetime
+
 import msgspec
 import numpy as np
 import pytest
@@ -55,6 +58,14 @@ def test_a_head_that_was_identified_is_brought_to_the_middle():
     assert y[:2] == pytest.approx([STRAIGHT, STRAIGHT], abs=8e-3)
 
 
+def test_a_calibration_of_another_number_of_leds_is_refused_at_the_start(tmp_path):
+    view, file = replace(SMALL, leds=np.zeros((1, 3))), tmp_path / "head.json"
+    on = datetime(2026, 1, 31, tzinfo=UTC)
+    save_head(HeadFile(serial="twin-head-3", calibration=view, calibrated=on), file)
+    with pytest.raises(ModelFileError, match="has 1 LED, and acquisitions switch 3; give their"):
+        head_at("twin:pipe", 3, file)
+
+
 def test_the_file_of_the_head_is_read_and_that_of_another_refused(tmp_path):
     file = tmp_path / "head.json"
     save_head(HeadFile(serial="twin-head-3"), file)
@@ -72,7 +83,7 @@ def board(tmp_path):
 
 def test_a_head_on_a_serial_board_is_steered(board):
     address, folder = board
-    assert probed(address) == ("H-01", 0.04)
+    assert probed(address) == ("H-01", 0.04, 3)
     plant = open_plant(address)
     pilot = Pilot.__new__(Pilot)  # without the simulated head, which takes seconds
     pilot.now, pilot.seq = 100.0, 0

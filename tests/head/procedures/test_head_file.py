@@ -145,3 +145,10 @@ def test_a_truncated_file_is_refused(path):
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(ModelFileError, match="there is no file"):
         read_head(tmp_path / "none.json")
+
+
+def test_a_bench_with_lines_for_another_number_of_leds_is_refused():
+    HeadFile(serial="H").check_lights(3, "head.json")
+    HeadFile(serial="H").check_lights(0, "head.json")
+    with pytest.raises(ModelFileError, match="3 LEDs, and the bench has 2 lines for LEDs; give"):
+        HeadFile(serial="H").check_lights(2, "head.json")

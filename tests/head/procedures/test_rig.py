@@ -229,3 +229,7 @@ def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(monkeypatch, tmp_pat
     save_head(HeadFile(serial="H-01"), file, force=True)
     with pytest.raises(ModelFileError, match="has no calibration of the camera"):
         rig_at("bench:head.toml", "camera:0", file).__enter__()
+    view = replace(CALIBRATION, leds=np.zeros((1, 3)))
+    save_head(HeadFile(serial="H-01", calibration=view, calibrated=on), file, force=True)
+    with pytest.raises(ModelFileError, match="has 1 LED, and acquisitions switch 3"):
+        rig_at("bench:head.toml", "camera:0", file).__enter__()

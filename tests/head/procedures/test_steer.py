@@ -3,6 +3,7 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop.head.control.head import head_control
+from minorloop.head.control.limits import WireLimits
 from minorloop.head.procedures.steer import steer
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.sensor import Fault
@@ -25,6 +26,32 @@ def test_a_target_without_a_reading_has_no_result():
     result = steer(head, CONTROL, [[10.0, 10.0]], 1.0)
     assert np.isnan(result.reached[0, 0])
     assert np.isfinite(result.reached[0, 1])
+
+
+@pytest.mark.parametrize("target", [[200.0, 30.0], [30.0, -20.0], [61.0, 58.0]])
+def test_a_target_beyond_the_reach_is_refused_before_anything_is_switched_on(target, monkeypatch):
+    control = head_control("observer", (made_up(), made_up()), coupling=[[1.0, 0.0], [0.1, 1.0]])
+    head = Head()
+    monkeypatch.setattr(head, "exchange", lambda u: pytest.fail("it was switched on"))
+    with pytest.raises(ParameterError, match=r"of target 2 is .* reach .* to .* degrees there"):
+        steer(head, control, [[30.0, 30.0], target], 1.0)
+
+
+def test_coupling_moves_the_reach_and_so_does_the_limit_of_temperature():
+    wire = made_up()
+    control = head_control("observer", (wire, wire), coupling=[[1.0, 0.0], [0.1, 1.0]])
+    pan, tilt = control.reach([30.0, 40.0])
+    np.testing.assert_allclose(tilt - pan, 3.0)
+    assert pan[1] == pytest.approx(0.97 * wire.operator.range[1])
+    cool = head_control("observer", (wire, wire), limits=WireLimits(hottest=80.0))
+    assert cool.reach([30.0, 40.0])[0, 1] < pan[1] - 1.0
+
+
+def test_a_target_that_turns_out_to_be_unreachable_is_named():
+    control = head_control("observer", (made_up(), made_up()), highest=0.2)
+    result = steer(Head(noise=0.05), control, [[50.0, 0.0]], 20.0)
+    (sentence,) = result.unreachable
+    assert sentence.startswith("pan did not reach target 1: target 50 degrees is unreachable: ")
 
 
 @pytest.mark.parametrize(

@@ -134,12 +134,20 @@ def test_a_bench_that_does_not_confirm_that_it_is_safe_is_not_opened(opened, mon
         opened()
 
 
-def test_a_driver_that_fails_is_one_sentence(opened, monkeypatch):
+def leave(plan):
+    raise SystemExit(7)
+
+
+@pytest.mark.parametrize(
+    ("open_device", "said"),
+    [(lambda plan: {}["port"], "KeyError: 'port'"), (leave, "SystemExit: 7")],
+)
+def test_a_driver_that_fails_is_one_sentence(opened, monkeypatch, open_device, said):
     def loaded(point, name):
-        return SimpleNamespace(open_device=lambda plan: {}["port"])
+        return SimpleNamespace(open_device=open_device)
 
     monkeypatch.setattr(bench_file, "loaded", loaded)
-    with pytest.raises(InstrumentError, match="device 'one' cannot be opened: KeyError: 'port'"):
+    with pytest.raises(InstrumentError, match=f"device 'one' cannot be opened: {said}"):
         opened()
 
 
@@ -163,6 +171,10 @@ def test_the_description_has_all_but_times(opened):
         ('device = "one"\nlow = -1.0', 'device = "two"\nlow = -1.0', "'two'; the devices are one"),
         ("rest = 0.5", "rest = 1.5", r"rest 1.5 is beyond the limits \[-1, 1\] of voltage"),
         ("low = -1.0\nhigh = 1.0", "low = 1.0\nhigh = -1.0", "give low below high"),
+        ("high = 1.0", "high = inf", "high of source 'voltage' is inf; give a finite number"),
+        ("low = -1.0", "low = nan", "low of source 'voltage' is nan"),
+        ("rest = 0.5", "rest = nan", "rest of source 'voltage' is nan"),
+        ("low = -50.0", "low = nan", "low of sensor 'curvature' is nan; give a number, or leave"),
         ('name = "force"', 'name = "curvature"', "two sensors 'curvature'"),
         ('of = "voltage"', 'of = "current"', "is of 'current'; the sources are voltage"),
         ('of = "voltage"', "", "say with of which source sensor 'force' belongs to"),
@@ -180,6 +192,25 @@ def test_files_that_describe_no_bench(opened, old, new, sentence):
     with pytest.raises(ParameterError, match=sentence) as found:
         opened(BENCH.replace(old, new, 1))
     assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize(
+    "conversion",
+    ["polynomial = [0.0, 1.0, -1.0]", "polynomial = [0.0, 0.0, 1.0]", 'table = "turns.csv"'],
+)
+def test_a_source_whose_conversion_turns_between_its_limits_is_refused(
+    opened, tmp_path, conversion
+):
+    (tmp_path / "turns.csv").write_text("u [V],sent [mV]\n-1,0\n0.5,9\n1,1\n")
+    text = BENCH.replace("linear = [1000.0, 5.0]", conversion)
+    sentence = r"of source 'voltage' is not monotone over its limits \[-1, 1\]: it sends .*; give"
+    with pytest.raises(ParameterError, match=sentence):
+        opened(text)
+
+
+@pytest.mark.parametrize("polynomial", ["[0.0, 3.0, 1.0]", "[1.0, -1.0]", "[0.0, 0.1, 0.3, 0.3]"])
+def test_a_source_may_have_a_monotone_conversion(opened, polynomial):
+    opened(BENCH.replace("linear = [1000.0, 5.0]", f"polynomial = {polynomial}"))
 
 
 def test_a_bench_without_sensors_is_refused(opened):

@@ -21,7 +21,7 @@ from minorloop.files import PathLike
 from minorloop.head.console.settings import PIPE, SAFE_WITHIN, is_pipe
 from minorloop.head.console.units import Position
 from minorloop.head.procedures.actuator_plant import ActuatorPlant
-from minorloop.head.procedures.values import Plant, Reading, Tip
+from minorloop.head.procedures.values import ALL_LIGHTS, Plant, Reading, Tip
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
@@ -50,28 +50,30 @@ def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFil
     ParameterError
         As `probed`.
     ModelFileError
-        If the file is not valid, is of another head, or is older than its calibration.
+        If the file is not valid, is of another head, is older than its calibration, or has another
+        number of LEDs than the plant.
     """
     with ThreadPoolExecutor(1) as pool:  # a bench takes a moment to answer
         probing = pool.submit(_simulated if is_pipe(address) else probed, address, specimen)
         from minorloop.head.procedures.head_file import read_head
 
         found = read_head(file)
-        serial, tick = probing.result()
+        serial, tick, leds = probing.result()
     found.check_fits(serial, file)
+    found.check_lights(leds, file)
     return found, tick
 
 
-def _simulated(address: str, specimen: int | None) -> tuple[str | None, float]:
-    """Return serial number and tick of the simulated head."""
+def _simulated(address: str, specimen: int | None) -> tuple[str | None, float, int]:
+    """Return serial number, tick and LEDs of the simulated head."""
     from minorloop.head.twins.head import Head
 
     head = Head(specimen)
-    return head.serial, head.tick
+    return head.serial, head.tick, len(ALL_LIGHTS)
 
 
-def probed(address: str, specimen: int | None = None) -> tuple[str | None, float]:
-    """Return serial number and tick of the plant at an address, which is made safe and closed.
+def probed(address: str, specimen: int | None = None) -> tuple[str | None, float, int]:
+    """Return serial number, tick and number of LEDs of a plant, which is made safe and closed.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def probed(address: str, specimen: int | None = None) -> tuple[str | None, float
         plant.safe()
         plant.exchange(np.zeros(4))
         plant.safe()
-        return plant.serial, plant.tick
+        return plant.serial, plant.tick, plant.leds
 
 
 def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:

@@ -252,6 +252,19 @@ class Guard:
         return self.limits.temperature(max(state.heated, state.estimate.wire.power))
 
     @cached_property
+    def reach(self) -> tuple[float, float]:
+        """Least and largest angle of the wire by its model and its limits, in degrees."""
+        wire = self.observer.wire
+        low, top = wire.operator.range
+        power = min(self.limits.highest_power, float(wire.operator.levels[-1]))
+        return low, min(STROKE_SHARE * top, wire.begin(power).angle)
+
+    @property
+    def tolerance(self) -> float:
+        """Degrees beyond the reach from which a target is unreachable."""
+        return self._watch.tolerance
+
+    @cached_property
     def _watch(self) -> ReachWatch:
         return ReachWatch(
             wire=self.observer.wire,

@@ -153,6 +153,19 @@ class HeadControl:
             states.append(after)
         return current, HeadState(tuple(states))
 
+    def reach(self, reference: npt.ArrayLike) -> FloatArray:
+        """Return the least and largest readings (axes, 2) with the other axes where they belong.
+
+        Parameters
+        ----------
+        reference : (axes,) array_like
+            Wanted readings in degrees, which say where the other wires are.
+        """
+        ends = np.array([axis.reach for axis in self.axes])
+        wanted = _numbers(reference, len(self.axes))
+        own = np.clip(self._undo @ wanted, ends[:, 0], ends[:, 1])
+        return np.asarray(ends + (self._mixing @ own)[:, np.newaxis])
+
     def _own(self, seen: FloatArray, instead: FloatArray, working: BoolArray) -> FloatArray:
         """Return the angles (axes,) of the wires without coupling; NaN where there is no reading.
 

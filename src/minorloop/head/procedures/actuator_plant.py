@@ -78,6 +78,11 @@ class ActuatorPlant:
         found: str | None = getattr(self.actuator, "serial", None)
         return found
 
+    @property
+    def leds(self) -> int:
+        """Number of lines that switch LEDs."""
+        return len(self._leds)
+
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
 

@@ -33,11 +33,12 @@ import numpy as np
 from minorloop._modelschema import AnyModel, build, kind_of, layout, plain, reason
 from minorloop.arrays import FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
-from minorloop.errors import ModelFileError, ParameterError
+from minorloop.errors import ModelFileError, ParameterError, counted
 from minorloop.files import PathLike, check_name, check_writable, write_atomically
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.values import ALL_LIGHTS
 from minorloop.head.vision.measured import Measured
 from minorloop.version import __version__
 
@@ -149,6 +150,35 @@ class HeadFile:
                 f"the wires in {name} were measured on {known.on:%Y-%m-%d %H:%M} UTC, before its "
                 f"calibration on {self.calibrated:%Y-%m-%d %H:%M} UTC; identify them again with "
                 "minorloop head identify"
+            )
+
+    def check_lights(self, lines: int, name: PathLike) -> None:
+        """Refuse a calibration with another number of LEDs than are switched.
+
+        Parameters
+        ----------
+        lines : int
+            Lines of the bench that switch LEDs; 0 if there are none, then the LEDs are not counted.
+        name : str or path
+            Name of the file, for the message.
+
+        Raises
+        ------
+        ModelFileError
+            If the calibration has another number of LEDs than `ALL_LIGHTS`, or the bench has lines
+            for another number.
+        """
+        wanted = len(ALL_LIGHTS)
+        known = wanted if self.calibration is None else len(self.calibration.leds)
+        if known != wanted:
+            raise ModelFileError(
+                f"{name} has {counted(known, 'LED')}, and acquisitions switch {wanted}; give their "
+                f"places with minorloop head calibrate --leds, {wanted} of them"
+            )
+        if lines not in (0, wanted):
+            raise ModelFileError(
+                f"{name} has {counted(known, 'LED')}, and the bench has {counted(lines, 'line')} "
+                f"for LEDs; give it the lines led 1 to led {wanted}"
             )
 
     def control(self, name: str = "observer", **options: Any) -> HeadControl:

@@ -179,8 +179,8 @@ def rig_at(address: str, camera: str, file: PathLike) -> Iterator[InspectionRig]
     ParameterError
         If an address is not valid, or the plant is no head.
     ModelFileError
-        If the file is not valid, is of another head, lacks wires or calibration, or has wires that
-        are older than the calibration.
+        If the file is not valid, is of another head, lacks wires or calibration, has wires that
+        are older than the calibration, or another number of LEDs than the plant.
     InstrumentError
         If a device is missing, busy, or does not answer.
     """
@@ -194,6 +194,7 @@ def rig_at(address: str, camera: str, file: PathLike) -> Iterator[InspectionRig]
         ends.enter_context(left_safe(actuator))
         plant = ActuatorPlant(actuator, WallClock())
         known.check_fits(plant.serial, file)
+        known.check_lights(plant.leds, file)
         control = known.control(interval=plant.tick)
         pictures = ends.enter_context(closing(LiveCamera(camera)))
         yield InspectionRig(plant, CameraTip(BenchTip(plant), pictures, view), control, view)

@@ -11,10 +11,11 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import within
-from minorloop.head.control.head import HeadControl
+from minorloop.head.control.head import HeadControl, HeadState
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.run import left_safe
 
+_AXES = "pan", "tilt"
 _STEADY = 0.2
 """Share of a hold, at its end, of which the readings are averaged."""
 
@@ -31,6 +32,8 @@ class SteeredHead:
         Targets and readings in degrees, NaN where a sensor was lost; currents in A.
     targets : (N, 2) array
         In degrees.
+    unreachable : tuple of str
+        A sentence for each target that the guard found out of reach until the end of its hold.
     """
 
     t: FloatArray
@@ -38,6 +41,7 @@ class SteeredHead:
     read: FloatArray
     current: FloatArray
     targets: FloatArray
+    unreachable: tuple[str, ...] = ()
 
     @cached_property
     def reached(self) -> FloatArray:
@@ -70,7 +74,8 @@ def steer(
     Raises
     ------
     ParameterError
-        If the targets are not (N, 2) numbers, or the hold is shorter than a tick.
+        If the targets are not (N, 2) numbers or beyond the reach of the wires, or the hold is
+        shorter than a tick; nothing is switched on then.
     SafetyError
         If the head does not confirm at the end that it is safe.
     """
@@ -78,8 +83,11 @@ def steer(
     if wanted.ndim != 2 or wanted.shape[1] != 2 or not np.isfinite(wanted).all():
         raise ParameterError(f"the targets have shape {wanted.shape}; give (N, 2) angles in deg")
     ticks = round(within("hold", hold, head.tick, 3600.0, "s") / head.tick)
+    for row, each in enumerate(wanted, 1):
+        _check_reach(control, each, row)
     every = np.repeat(wanted, ticks, axis=0)
     read, current = np.empty_like(every), np.empty_like(every)
+    missed: list[str] = []
     with left_safe(head):
         seen = np.asarray(head.exchange(np.zeros(2)))
         state = control.begin(seen)
@@ -87,5 +95,28 @@ def steer(
             current[k], state = control.step(state, each, seen, t=k * head.tick)
             seen = np.asarray(head.exchange(current[k]))
             read[k] = seen
+            if (k + 1) % ticks == 0:
+                missed += _missed(state, (k + 1) // ticks)
     t = head.tick * np.arange(1.0, len(every) + 1.0, dtype=np.float64)
-    return SteeredHead(np.asarray(t), every, read, current, wanted)
+    return SteeredHead(np.asarray(t), every, read, current, wanted, tuple(missed))
+
+
+def _check_reach(control: HeadControl, target: FloatArray, row: int) -> None:
+    """Refuse a target that the wires cannot reach in any surroundings."""
+    for name, axis, wanted, (low, high) in zip(
+        _AXES, control.axes, target.tolist(), control.reach(target).tolist(), strict=True
+    ):
+        if not low - axis.tolerance <= wanted <= high + axis.tolerance:
+            raise ParameterError(
+                f"{name} of target {row} is {wanted:g} degrees, and the wires reach {low:.1f} to "
+                f"{high:.1f} degrees there; give a target within them"
+            )
+
+
+def _missed(state: HeadState, row: int) -> list[str]:
+    """Return a sentence for each axis whose target is out of reach."""
+    return [
+        f"{name} did not reach target {row}: {axis.unreachable}"
+        for name, axis in zip(_AXES, state.axes, strict=True)
+        if axis.unreachable is not None
+    ]

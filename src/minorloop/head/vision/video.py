@@ -256,7 +256,7 @@ class _SourceCapture:
             return work()
         except MinorloopError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             said = f"{type(error).__name__}: {error}"
             raise InstrumentError(f"{self._address} failed: {said}") from error
 

@@ -37,14 +37,15 @@
 
 A conversion is ``linear = [gain, offset]``, ``polynomial = [c0, c1, ...]``, ``table = "FILE"`` or
 ``laser = [d0, h0]``. That of a sensor goes from the number of the instrument to the unit of the
-sensor, that of a source from the unit of the source to the number of the instrument. ``reading`` is
-the unit of the instrument. The other keys are those of the driver; see its module in
-``minorloop.lab.drivers``. A file with ``input`` and ``output`` describes one channel, as
-`minorloop.lab.drivers.visa` says.
+sensor, that of a source from the unit of the source to the number of the instrument, and only rises
+or only falls between the limits of the source. ``reading`` is the unit of the instrument. The other
+keys are those of the driver; see its module in ``minorloop.lab.drivers``. A file with ``input`` and
+``output`` describes one channel, as `minorloop.lab.drivers.visa` says.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -71,6 +72,10 @@ __all__ = ["DRIVERS", "open_bench"]
 
 DRIVERS = "minorloop.drivers"
 """Group of the entry points of drivers."""
+
+_ROUNDING = 1e-9
+"""Share of the largest number sent that a conversion may go back: rounding, far below the
+resolution of any instrument."""
 
 
 class _ConversionRow(Section, kw_only=True):
@@ -186,6 +191,7 @@ def _opened(
     if not sources.known or not sensors.known:
         raise ParameterError("a bench needs a source and a sensor; give both")
     _check_devices(described, (*sources.known, *sensors.known, *lines.known))
+    _check_numbers(sources.known, sensors.known)
     inputs = [Channel(e.name, e.unit, e.low, e.high, e.rate) for e in sources.known]
     outputs = [Channel(e.name, e.unit, e.low, e.high) for e in sensors.known]
     measures = _measures(sources.known, sensors.known)
@@ -238,6 +244,24 @@ def _check_devices(described: _BenchFile, channels: Sequence[Any]) -> None:
             )
 
 
+def _check_numbers(sources: Sequence[_SourceRow], sensors: Sequence[_SensorRow]) -> None:
+    """Refuse limits that are not numbers, and limits and rest of sources that are not finite."""
+    for source in sources:
+        for name in ("low", "high", "rest"):
+            value = getattr(source, name)
+            if not math.isfinite(value):
+                raise ParameterError(
+                    f"{name} of source {source.name!r} is {value}; give a finite number"
+                )
+    for sensor in sensors:
+        for name in ("low", "high"):
+            if math.isnan(getattr(sensor, name)):
+                raise ParameterError(
+                    f"{name} of sensor {sensor.name!r} is nan; give a number, or leave it out "
+                    "where there is no limit"
+                )
+
+
 def _driver(name: str, keys: Mapping[str, Any]) -> Any:
     """Return the module of the driver of a device."""
     drivers = registered(DRIVERS)
@@ -254,7 +278,7 @@ def _device(driver: Any, plan: DevicePlan) -> Device:
         device: Device = driver.open_device(plan)
     except MinorloopError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         said = f"{type(error).__name__}: {error}"
         raise InstrumentError(f"device {plan.name!r} cannot be opened: {said}") from error
     return device
@@ -285,8 +309,29 @@ def _source_wire(rows: _Rows, commands: Sequence[Conversion | None], k: int) -> 
             f"the conversion of {each.name} does not cover its limits [{each.low:g}, "
             f"{each.high:g}] and rest {each.rest:g}"
         )
+    if conversion is not None:
+        _check_one_way(each, conversion)
     low, high = sorted(ends[:2])
     return DeviceChannel(each.name, rows.keys[k], _unit(each), low, high, ends[2])
+
+
+def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:
+    """Refuse a conversion that turns within the limits: it may send more than at either end."""
+    turns = conversion.turns
+    inside = turns[(source.low < turns) & (turns < source.high)]
+    places = np.array([source.low, *inside, source.high])
+    sent = conversion.convert(places)
+    ways = np.diff(sent) * np.sign(sent[-1] - sent[0])
+    if (ways < -_ROUNDING * np.abs(sent).max()).any() or sent[0] == sent[-1]:
+        back = int(np.argmin(ways))
+        shown = ", ".join(
+            f"{sent[k]:g} at {places[k]:g}" for k in sorted({0, back, back + 1, len(sent) - 1})
+        )
+        raise ParameterError(
+            f"the conversion of source {source.name!r} is not monotone over its limits "
+            f"[{source.low:g}, {source.high:g}]: it sends {shown}; give one that only rises or "
+            "only falls between them"
+        )
 
 
 def _sensor_wire(rows: _Rows, k: int) -> DeviceChannel:
