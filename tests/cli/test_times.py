@@ -1,5 +1,6 @@
 """Times of a record on the command line: gaps, lags in seconds, and raw logs."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +23,24 @@ def test_missing_rows_are_said_and_with_time_not_fitted(run, answer):
     said = answer(f"{LINE} --lag 0")["advice"][0]
     assert "1 gap in column 'time [s]': about 300 samples are missing" in said
     assert "name the column with --time" in said
-    found = answer(f"{LINE} --lag 0 --time time")
-    assert found["samples"] < 600
+    status, out, _ = run(f"{LINE} --lag 0 --time time --json")
+    found = json.loads(out)
+    assert found["samples"] < 300
     assert "name the column" not in found["advice"][0]
+    assert status == 1  # more than half of the rows are lost
+    assert "not fitted, because the memory is unknown after a gap" in found["warnings"][0]
+
+
+def test_with_dynamics_the_advice_on_lost_rows_can_be_followed(run):
+    kept = np.delete(np.arange(900), slice(150, 450))
+    _log(T[kept], U[kept], MODEL.simulate(U)[kept])
+    line = LINE.replace(" --no-slope", "")
+    status, out, _ = run(f"{line} --levels 4 --time time --dynamics operator --json")
+    assert status == 1
+    said = json.loads(out)["warnings"][0]
+    assert "--rows A:B" in said
+    assert "--time" not in said
+    assert "--curves" not in said
 
 
 def test_rows_after_a_clock_was_set_back_are_said_to_be_left_out(answer):

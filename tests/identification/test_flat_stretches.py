@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fault_records import INPUTS, kinds, record
+from fault_records import INPUTS, kinds, plant, record
 from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
 
@@ -23,6 +23,40 @@ def test_an_output_stuck_under_noise_is_found():
     (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
     assert finding.kind == "stuck"
     assert set(finding.samples) > set(range(145, 195))
+
+
+def noisy(seed=1000, size=8000):
+    """A long record with noise of 0.1 % of the span, on loops that shrink and grow."""
+    time = np.arange(size) / 400
+    u = np.sin(2 * np.pi * time) * (1 - 0.8 * np.abs(2 * (time / 10 % 1) - 1))
+    y, noise = plant(0.5 + 0.5 * u), np.random.default_rng(seed).normal(size=size)
+    return u, y + 1e-3 * np.ptp(y) * noise
+
+
+@pytest.mark.parametrize("first", [840, 2200, 4130])
+@pytest.mark.parametrize("count", [50, 300])
+def test_a_noisy_sensor_that_repeats_itself_is_stuck_even_for_a_short_time(first, count):
+    u, y = noisy()
+    y[first : first + count] = y[first]
+    (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
+    assert finding.kind == "stuck"
+    assert finding.samples == tuple(range(first, first + count))
+
+
+def test_every_stretch_of_a_noisy_sensor_is_named():
+    u, y = noisy()
+    for first in (900, 5000):
+        y[first : first + 60] = y[first]
+    (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
+    assert finding.samples == (*range(900, 960), *range(5000, 5060))
+    assert "from sample 900 to 959, the first of 2 such stretches up to sample 5059" in finding.text
+
+
+@pytest.mark.parametrize("step", [0.0, 0.01, 0.1])
+def test_a_noisy_sensor_with_steps_is_not_stuck(step):
+    u, y = noisy()
+    y = np.round(y / step) * step if step else y
+    assert "stuck" not in kinds(u, y)
 
 
 @pytest.mark.parametrize("shape", INPUTS)

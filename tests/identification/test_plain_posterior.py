@@ -4,6 +4,8 @@ import pytest
 from long_branches import a_record_with_long_branches
 from minorloop.identification import identify
 from minorloop.identification.bands import PER_DEVIATION
+from minorloop.identification.excitation import decaying_staircase
+from minorloop.operators.preisach import Preisach
 from plane_records import a_plane
 
 
@@ -56,6 +58,45 @@ def test_few_samples_that_are_reproduced_have_bands_of_their_noise():
         u, y + noise * rng.normal(size=60), levels=model.levels, prior="none", smoothness=0.0
     )
     assert found.band_sd > 0.5 * noise
+
+
+@pytest.mark.parametrize("given", ["one", "each", "none"])
+def test_bands_of_as_many_unknowns_as_readings_are_no_narrower_than_the_noise(given):
+    """A decaying staircase over all six levels determines the plane exactly."""
+    model = Preisach(np.linspace(-10, 10, 7), np.tril(np.ones((6, 6))), diagonal="reversible")
+    u, noise, shares = decaying_staircase(model.levels), 0.05, []
+    future = np.random.default_rng(1000).choice(model.levels, 30)
+    for seed in range(1000, 1010):
+        rng = np.random.default_rng(seed)
+        sd = {"one": noise, "each": np.full(u.size, noise), "none": None}[given]
+        y = model.simulate(u) + noise * rng.normal(size=u.size)
+        found = identify(
+            u,
+            y,
+            levels=6,
+            diagonal="reversible",
+            prior="none",
+            smoothness=0.0,
+            signed=True,
+            noise=sd,
+        )
+        assert found.rmse < 1e-6 * np.ptp(y)
+        truth, bands = model.simulate(future), found.predict(future, bands=0.9)
+        reading = truth + noise * rng.normal(size=truth.size)
+        of_reading = np.hypot(bands.sd, 0.0 if sd is None else noise)
+        shares.append(
+            [bands.covers(truth), np.mean(np.abs(reading - bands.y) <= PER_DEVIATION * of_reading)]
+        )
+        assert found.band_sd >= 0.5 * noise
+    assert np.mean(shares, axis=0).min() >= 0.85
+
+
+def test_an_exact_fit_to_readings_without_noise_has_narrow_bands():
+    model = Preisach(np.linspace(-10, 10, 7), np.tril(np.ones((6, 6))), diagonal="reversible")
+    u = decaying_staircase(model.levels)
+    y = model.simulate(u)
+    found = identify(u, y, levels=6, diagonal="reversible", noise=0.0)
+    assert found.band_sd < 1e-3 * np.ptp(y)
 
 
 def test_three_samples_that_determine_nothing_have_wide_bands():

@@ -299,3 +299,12 @@ def test_wide_rows_are_kept_a_few_at_a_time(table, monkeypatch):
     text = "u,y\n" + "".join(f"{k},{2 * k}\n" for k in range(50))
     found = read_columns(table(text.encode()), ["u", "y"])
     np.testing.assert_array_equal(found["y"], 2.0 * np.arange(50))
+
+
+def test_a_table_of_two_loggers_is_named(table):
+    file = table("t,u,y\n0,1,\n1,,2\n2,3,\n3,,4\n")
+    with pytest.raises(RecordError, match=r"in row 3 and in 1 other row; .* two loggers were merg"):
+        read_columns(file, ["u", "y"], gaps=["y"])
+    rows = "".join(f"{k}\n" for k in range(20))
+    with pytest.raises(RecordError, match=r"is empty in row 22; every cell must be a number$"):
+        read_columns(table(f"t,u\n{rows.replace(chr(10), ',1' + chr(10))}3,\n", "one.csv"), ["u"])

@@ -93,6 +93,8 @@ SWEEPS = {
     "coarse sine": np.round(np.sin(T / 900) * 500) / 500,
     "12 bit sine": np.round(np.sin(T / 2000) * 2047) / 2047,
     "chirp": np.sin((T / 600) ** 2),
+    "fast chirp": np.sin((T / 250) ** 2),
+    "modulated sine": np.sin(T / 8) * (1 - 0.8 * np.abs(T / 3000 - 1)),
     "random levels": np.random.default_rng(1000).uniform(size=6000),
     "random walk": np.cumsum(np.random.default_rng(1000).normal(size=6000)),
     "white noise": np.random.default_rng(1000).normal(size=6000),

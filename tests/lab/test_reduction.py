@@ -156,6 +156,8 @@ def test_a_gap_shorter_than_half_a_hold_keeps_the_memory(long):
     found = reduce(short, conversion=LASER, breaks=breaks)
     assert all(point.known for point in found.points)
     assert found.count("settled") == LEVELS.size
+    said = f"{breaks.size} gaps are shorter than half a usual hold and cannot hide one"
+    assert any(note.startswith(said) for note in found.notes)
     later = t + np.where(np.arange(t.size) > breaks[-1], 150.0, 0.0)
     long_gap = Record(later, u, y, "voltage [V]", "distance [mm]")
     assert not all(point.known for point in reduce(long_gap, breaks=breaks[-1:]).points)
@@ -177,6 +179,67 @@ def test_a_sensor_that_is_saturated_for_most_of_a_log_is_noticed_too(long):
     found = reduce(clipped, conversion=LASER)
     assert sum("the sensor is saturated" in note for note in found.notes) == 2
     assert np.isnan(found.record().y).mean() > 0.3
+
+
+def test_a_step_next_to_nothing_is_no_resolution():
+    u = np.repeat([0.0, 1.0, 0.0], 8)
+    y = np.resize([0.0, 1.0, 2.2e-311], u.size)
+    found = reduce(Record(np.arange(u.size), u, y, "u", "distance [mm]"))
+    assert not any("resolution" in note for note in found.notes)
+
+
+def staircase_log(count, chance=1000):
+    """A log with holds of so many samples at 12 inputs, whose outputs settle at once."""
+    rng, levels = np.random.default_rng(chance), 6.0 * (np.arange(12) - 6) * (-1.0) ** np.arange(12)
+    u = np.repeat(levels, count)
+    t = np.arange(u.size) * 60.0 / count
+    noise = rng.normal(size=(2, u.size))
+    return t, u + 0.005 * noise[0], u + 0.02 * noise[1]
+
+
+def test_a_stuck_sensor_is_noticed_and_its_holds_are_left_out():
+    t, u, y = staircase_log(120)
+    y[410:620] = y[410]  # the end of hold 4, hold 5, the beginning of hold 6
+    found = reduce(Record(t, u, y, "field [A]", "position [um]"))
+    assert [point.verdict for point in found.points] == ["settled"] * 3 + ["unread"] * 2 + [
+        "settled"
+    ] * 7
+    assert np.flatnonzero(np.isnan(found.record().y)).tolist() == [3, 4]
+    assert "the sensor is stuck: 210 of 1440 readings" in found.notes[0]
+    assert "from sample 410 to 619" in found.notes[0]
+
+
+@pytest.mark.parametrize("what", ["empty", "saturated"])
+def test_a_hold_without_readings_is_not_told_to_be_longer(what):
+    t, u, y = staircase_log(60)
+    if what == "empty":
+        y[120:180] = np.nan
+    else:
+        y = np.minimum(y, 20.0)
+    found = reduce(Record(t, u, y, "field [A]", "position [um]"))
+    assert found.count("unsettled") == 0
+    assert found.count("unread") == np.isnan(found.record().y).sum() > 0
+    assert f", {found.count('unread')} unread" in str(found)
+    assert ("unread", str(found.count("unread"))) in found.summary()
+    assert "no reading of the end of" in found.notes[-1]
+    assert not any("longer" in note for note in found.notes)
+
+
+def test_holds_with_too_few_readings_to_be_found_are_counted():
+    t, u, y = staircase_log(5)
+    with pytest.raises(RecordError, match="about 5 samples each, and at least 8"):
+        reduce(Record(t, u, y, "field [A]", "position [um]"))
+
+
+def test_holds_with_too_few_readings_to_be_judged_are_not_told_to_be_longer():
+    t, u, y = staircase_log(10)
+    found = reduce(Record(t, u, y, "field [A]", "position [um]"))
+    assert found.count("unsettled") > 8
+    assert found.remedy in found.notes[-1]
+    assert "about 10 readings each" in found.remedy
+    assert "18 readings a hold or more" in found.remedy
+    t, u, y = staircase_log(18)
+    assert reduce(Record(t, u, y, "field [A]", "position [um]")).count("unsettled") == 0
 
 
 def test_the_standard_deviation_contains_the_resolution_of_the_sensor(long):
@@ -280,3 +343,9 @@ def test_any_record_is_reduced_or_refused(data):
         assert len(found.columns()["verdict"]) == len(found)
         assert found.record().u.size >= 3
         assert [line for line, _ in found.summary()]
+
+
+def test_readings_next_to_zero_are_no_steps_of_a_sensor():
+    u = np.repeat([0.0, 1.0, 0.0], 40)
+    y = np.tile([0.0, 1.0, 2.2e-311], 40)
+    assert not any("whole steps" in note for note in reduce(Record(np.arange(120.0), u, y)).notes)

@@ -164,3 +164,11 @@ def test_seconds_that_may_be_milliseconds_are_named(unit, said):
     notes = check_times(10.0 * np.arange(30_000), unit=unit).notes
     assert any("if it is in ms, correct the unit" in note for note in notes) == said
     assert not check_times(0.01 * np.arange(30_000), unit=unit).notes
+
+
+def test_times_that_repeat_are_named_as_rounded():
+    (note,) = check_times(np.floor(0.6 * np.arange(100))).notes
+    assert "repeats itself at 40 of 99 steps" in note
+    assert "rounded to 1 s" in note
+    with pytest.raises(RecordError, match=r"times that repeat are rounded, here to 1 s: write"):
+        check_times(np.floor(0.1 * np.arange(100)))

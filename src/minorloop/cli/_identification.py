@@ -169,19 +169,22 @@ def identified(
         if columns.curves is not None:
             log = log.with_memory_reset()
         whole = not beside and rows is None
-        record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)
+        dynamic = dynamics != "none"
+        record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole, dynamic)
+        timed = columns.time is not None
+        lost = log.left_out(dynamics=dynamic) if timed and log.mostly_left_out else ()
         part = _common.as_rows(rows, len(record))
         settings: dict[str, Any] = {
             name: _DEFAULTS.get(name) if v is None else v for name, v in options.items()
         }
         settings |= {name: values[part] for name, values in beside.items()}
         now(f"identifying from {part.stop - part.start} rows")
-        if dynamics != "none":
+        if dynamic:
             _shown(now, part)("dynamics")
             found = _with_dynamics(record, part, columns, {**settings, "first": dynamics})
             seconds = time.perf_counter() - began
             static = found.static
-            return Done(record, static, provenance, seconds, (), (), part.start, of_time, found)
+            return Done(record, static, provenance, seconds, lost, (), part.start, of_time, found)
         if columns.time is not None and log.check is not None:
             settings["interval"] = log.check.interval
         result = identify(record.u[part], record.y[part], progress=_shown(now, part), **settings)
@@ -192,7 +195,7 @@ def identified(
             result,
             provenance,
             seconds,
-            raw,
+            raw + lost,
             first=part.start,
             of_time=of_time,
             sd=(columns.sd or "sd") if "noise" in beside else None,
@@ -241,7 +244,12 @@ def _raw(record: Record, columns: Columns) -> tuple[str, ...]:
 
 
 def _timed(
-    log: Log, columns: Columns, lag: Any, lag_seconds: float | None, whole: bool
+    log: Log,
+    columns: Columns,
+    lag: Any,
+    lag_seconds: float | None,
+    whole: bool,
+    dynamics: bool,
 ) -> tuple[Record, tuple[str, ...]]:
     """Return the record as its times require it, and what was found in them."""
     if columns.time is None:
@@ -252,7 +260,7 @@ def _timed(
             )
         advice = "name the column with --time to take this into account"
         return log.record, (*log.of_file, *(f"{note}; {advice}" for note in log.irregular))
-    notes = log.notes + log.left_out
+    notes = log.notes + log.of_memory + log.left_out(dynamics=dynamics)
     if lag_seconds is not None:
         return log.without_lag(lag_seconds), notes
     if lag == 0 or not whole:

@@ -99,9 +99,9 @@ def run(
         )
     if not keep_unsettled and not reduction.count("settled") + reduction.count("extrapolated"):
         raise RecordError(
-            f"none of the {reduction.count('unsettled')} holds settled: hold longer; if the input "
-            "never rests, identify the record as it is; --keep-unsettled takes the outputs all the "
-            "same"
+            f"none of the {reduction.count('unsettled')} holds settled: {reduction.remedy}; if the "
+            "input never rests, identify the record as it is; --keep-unsettled takes the outputs "
+            "all the same"
         )
     said = [*log.notes, *reduction.notes]
     steps: list[Callable[[], None]] = [partial(_show, reduction, said, as_json)]
@@ -137,7 +137,7 @@ def _show(reduction: Reduction, notes: list[str], as_json: bool) -> None:
                 "holds": len(reduction) - reduction.count("passed"),
                 **{
                     verdict: reduction.count(verdict)
-                    for verdict in ("settled", "extrapolated", "unsettled", "passed")
+                    for verdict in ("settled", "extrapolated", "unsettled", "unread", "passed")
                 },
                 "points": reduction.columns(unsettled=True),
                 "notes": notes,

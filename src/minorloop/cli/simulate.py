@@ -102,15 +102,22 @@ def _simulated(
 
 def _forget(known: ModelFile, u: FloatArray, y: FloatArray, check: TimeCheck) -> list[str]:
     """Set outputs to NaN where a gap leaves the memory unknown, and say how many."""
+    from minorloop.lab.gaps import crossed
     from minorloop.lab.timebase import known_memory
     from minorloop.operators.polynomial import Polynomial
 
     if isinstance(known.operator, Polynomial):
         return []
-    unknown = ~known_memory(u, check.gaps)
+    gaps = check.gaps[~crossed(check.t, u, check.gaps)]
+    unknown = ~known_memory(u, gaps)
     y[unknown] = float("nan")
     count = int(unknown.sum())
-    return [f"{counted(count, 'output')} {are(count)} left empty for this reason"] if count else []
+    if not count:
+        return []
+    return [
+        f"{counted(count, 'output')} {are(count)} left empty, because the input may have turned in "
+        "a gap, and the memory is unknown after it"
+    ]
 
 
 def _warn_beyond(known: ModelFile, u: FloatArray) -> None:

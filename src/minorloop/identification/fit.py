@@ -161,7 +161,7 @@ def identify(
     checks.check_interval(interval)
     fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)
     sensor, sd = checks.as_noise(noise, fitted)
-    record = FitRecord(inputs, outputs, fitted, parts, bool(signed), sd)
+    record = FitRecord(inputs, outputs, fitted, parts, bool(signed), sd, noise=sensor)
     grids = _grids(record, levels, spacing)
     specs = _structures(grids[0], relay, diagonal, slope, bool(offset))
     automatic = len(specs) > 1 or len(grids) > 1

@@ -74,6 +74,8 @@ class FitRecord:
         Standard deviation of each output, greater than 0; outputs count alike if not given.
     model_error : float
         Standard deviation by which the model itself is off; it is added to each ``sd``.
+    noise : float, optional
+        Standard deviation of all outputs, where it is known and ``sd`` is not given.
     """
 
     u: FloatArray
@@ -83,6 +85,7 @@ class FitRecord:
     signed: bool
     sd: FloatArray | None = None
     model_error: float = 0.0
+    noise: float | None = None
 
     def without(self, sample: int) -> FitRecord:
         """Return the record with one sample less to be fitted."""
@@ -142,9 +145,14 @@ class FitRecord:
         if short is not None:
             matrix = DesignMatrix(spec, short.u, short.measured, "negative", short.counts)
             row = np.searchsorted(places, short.rows)
-            return Regression(matrix, short.y, row, short.u, short.measured, short.within)
+            return Regression(
+                matrix, short.y, row, short.u, short.measured, short.within, noise=self.noise
+            )
         matrix = DesignMatrix(spec, inputs, measured, self.curves.start, self.weight(rows))
-        return Regression(matrix, self.y[rows], rows, inputs, measured)
+        noise = self.noise
+        if self.sd is not None:  # of an output with a weight of 1
+            noise = float(np.mean(self.sd[rows] ** -2.0) ** -0.5)
+        return Regression(matrix, self.y[rows], rows, inputs, measured, noise=noise)
 
     def _condensed(
         self,
@@ -174,7 +182,8 @@ class Regression:
     In a condensed record, each output stands for several samples, one of which is in ``rows``.
 
     ``inputs`` and ``measured`` are what the matrix was made from; ``within`` is the mean square of
-    the outputs about the condensed ones.
+    the outputs about the condensed ones. ``noise`` is the standard deviation of a sample, where it
+    is known.
     """
 
     matrix: DesignMatrix
@@ -183,6 +192,7 @@ class Regression:
     inputs: FloatArray
     measured: BoolArray
     within: float = 0.0
+    noise: float | None = None
 
     def squared_error(self, x: FloatArray) -> float:
         """Sum of squared errors, without that within condensed samples."""

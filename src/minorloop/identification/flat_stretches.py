@@ -8,6 +8,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification.rough_model import RecordFault, RoughRecord, one_of_each, spread
+from minorloop.lab.frozen import frozen
 
 _EQUAL = 1e-9
 """Readings that differ by less than this share of the span count as equal."""
@@ -22,11 +23,26 @@ _FLAT = 0.28
 _BINS, _LEAST_CHANGE = 12, 0.12
 """Bins of the input for the usual slopes, and the expected change, in spans, from which an output
 that does not move is stuck."""
+_LEAST_OF_NOISE = 6.0
+"""The same in standard deviations of the noise, for a noisy sensor that repeats itself exactly."""
 
 
 def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
-    """Find the stretch without motion of the output, although such inputs move it elsewhere."""
-    values = record.values
+    """Find stretches without motion of the output, although such inputs move it elsewhere.
+
+    Those of a noisy sensor that repeats itself exactly may be short, and many. Of others, which
+    may have noise, the longest is found.
+    """
+    values, repeated = record.values, frozen(record.values)
+    exact = [
+        (change, begin, end)
+        for begin, end in repeated.runs
+        if (change := _usual_change(record, begin, end)) >= _LEAST_OF_NOISE * repeated.noise
+        and not clipped.issuperset(record.places[begin:end])
+    ]
+    if exact:
+        yield _stuck(record, exact)
+        return
     found = [
         (begin, end)
         for begin, end in (_longest_run(values), _least_moving(record))
@@ -37,15 +53,23 @@ def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
     change, begin, end = next(
         (one for one in changes if one[0] >= _LEAST_CHANGE * record.span), (0.0, 0, 0)
     )
-    if not change:
-        return
-    samples = record.places[begin:end]
-    yield RecordFault(
+    if change:
+        yield _stuck(record, [(change, begin, end)])
+
+
+def _stuck(record: RoughRecord, found: list[tuple[float, int, int]]) -> RecordFault:
+    """Describe stretches, each with the usual change of the output, its begin and its end."""
+    change, begin, end = found[0]
+    samples = np.concatenate([record.places[first:last] for _, first, last in found])
+    more = ""
+    if len(found) > 1:
+        more = f", the first of {len(found)} such stretches up to sample {samples[-1]}"
+    return RecordFault(
         "stuck",
         tuple(map(int, samples)),
-        f"the output is stuck at {np.median(values[begin:end]):.6g} from sample {samples[0]} to "
-        f"{samples[-1]}; elsewhere such inputs change it by about {change:.3g}: check the sensor "
-        "and the actuator, and measure again or empty these cells",
+        f"the output is stuck at {np.median(record.values[begin:end]):.6g} from sample "
+        f"{samples[0]} to {record.places[end - 1]}{more}; elsewhere such inputs change it by about "
+        f"{change:.3g}: check the sensor and the actuator, and measure again or empty these cells",
     )
 
 

@@ -1,8 +1,10 @@
 """Bands of a fit without the prior.
 
 Their widths are those of the prior on a plane of at most 50 bands, with the variance of an output
-from the residuals of the fit. The squared difference between the fit and the mean of the prior's
-posterior is added to the variance: where the record leaves the plane open, both are guesses.
+from the residuals of the fit. Where so many unknowns reproduce the readings that the residuals say
+nothing, it is that of the known noise, or else what the prior has learnt. The squared difference
+between the fit and the mean of the prior's posterior is added to the variance: where the record
+leaves the plane open, both are guesses.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ _MOST_BANDS = 50
 """Bands of the plane at most; the outputs hardly depend on what is finer."""
 _OVERFIT = 0.5
 """Share of the samples from which so many determined unknowns leave no reliable residuals."""
+_LEAST_FREE = 1.0
+"""Samples beyond the determined unknowns from which an exact fit shows that there is no noise."""
 
 
 def plain_posterior(regression: Regression, x: FloatArray, determined: float) -> Posterior:
@@ -59,10 +63,15 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
         h = on_finer_plane(learnt, small.spec, medium.spec)
         h = with_residual_variance(h, left, count, None)
         determined = max(determined, dense_system(plane, evidence, h, signed=True).determined)
-        if determined > _OVERFIT * count and not reproduces(matrix, x, regression.y):
-            variance = learnt.discrepancy**2 + learnt.noise**2
-            left = max(left, max(count - determined, 1.0) * variance)
-        h = with_residual_variance(h, left, count - determined, None)
+        free, noise = count - determined, None
+        if determined > _OVERFIT * count:
+            known, reproduced = regression.noise, reproduces(matrix, x, regression.y)
+            if reproduced and known:
+                noise = known / unit
+            elif not reproduced or (known is None and free < _LEAST_FREE):
+                variance = learnt.discrepancy**2 + learnt.noise**2
+                left = max(left, max(free, 1.0) * variance)
+        h = with_residual_variance(h, left, free, noise)
         system = dense_system(plane, evidence, h, signed=True)
         other = _on_coarser_plane(matrix.spec, medium.spec, x)
         if medium.spec.offset:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import RecordError
+from minorloop.errors import RecordError, counted
 from minorloop.files import PathLike, check_name
 from minorloop.lab.sheets import Sheet, is_sheet, read_sheet
 from minorloop.lab.text_tables import UNITS, Rows, TextTable, is_number, opened
@@ -23,6 +23,8 @@ Labels: TypeAlias = FloatArray | npt.NDArray[np.str_]
 """A column of labels: numbers, or texts."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _EPOCH_WITHOUT_ZONE = _EPOCH.replace(tzinfo=None)
+_MERGED = 0.1
+"""Share of empty cells from which a column is one of several loggers in one table."""
 _THOUSANDS = re.compile(
     r"[-+]?\d{1,3}((,\d{3})+\.\d*|(\.\d{3})+,\d*|([,.]\d{3}){2,}"
     r"|(['\u2019 \xa0\u202f]\d{3})+([.,]\d*)?)"
@@ -388,7 +390,9 @@ class _Cells:
             try:
                 values[index] = float(cell)
             except ValueError:
-                if cell.strip() or not self.gaps:
+                if not cell.strip() and not self.gaps:
+                    raise self._empty(index, cells) from None
+                if cell.strip():
                     raise self._not_a_number(index, cell) from None
                 values[index] = np.nan
         return values
@@ -404,6 +408,17 @@ class _Cells:
                     "give time as numbers, or as date and time such as 2026-03-01T12:00:00.5"
                 ) from None
         return values
+
+    def _empty(self, index: int, cells: list[str]) -> RecordError:
+        text = f"{self.where} is empty in row {self.numbers[index]}"
+        count = sum(not cell.strip() for cell in cells)
+        if count < _MERGED * len(cells):
+            return RecordError(f"{text}; every cell must be a number")
+        return RecordError(
+            f"{text} and in {counted(count - 1, 'other row')}; every cell must be a number: where "
+            "two loggers were merged into one table, fill the empty cells with the last reading "
+            "before, or on a line between readings"
+        )
 
     def _not_a_number(self, index: int, cell: str) -> RecordError:
         row, text = self.numbers[index], cell.strip()

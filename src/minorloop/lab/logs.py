@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, Samples
+from minorloop.arrays import FloatArray, IntArray, Samples
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import (
@@ -18,6 +19,7 @@ from minorloop.lab.columns import (
     read_table,
     with_unit,
 )
+from minorloop.lab.gaps import between, crossed
 from minorloop.lab.records import SAMPLE, Quantity, Record
 from minorloop.lab.sheets import is_sheet, read_sheet
 from minorloop.lab.text_tables import LATIN, encoding_of
@@ -80,19 +82,70 @@ class Log:
             return ()
         return self.check.of_breaks + (self.check.of_steps if self.sd is None else ())
 
+    @cached_property
+    def crossed(self) -> IntArray:
+        """Samples after which a gap follows that the input crosses without turning."""
+        if self.check is None:
+            return np.zeros(0, dtype=np.int64)
+        gaps = self.check.gaps
+        return gaps[crossed(self.record.t, self.record.u, gaps)]
+
     @property
-    def left_out(self) -> tuple[str, ...]:
-        """How many rows `with_known_memory` leaves out and why, in one sentence; empty if none."""
-        measured = np.isfinite(self.record.y)
-        lost = int(np.count_nonzero(measured & ~np.isfinite(self.with_known_memory().y)))
+    def breaks(self) -> IntArray:
+        """Samples after which the memory is unknown."""
+        none = np.zeros(0, dtype=np.int64)
+        return none if self.check is None else np.setdiff1d(self.check.breaks, self.crossed)
+
+    @property
+    def of_memory(self) -> tuple[str, ...]:
+        """After which gaps the memory is known or unknown, in one sentence; empty without gaps."""
+        if self.check is None or not self.check.gaps.size:
+            return ()
+        known, count = self.crossed.size, self.check.gaps.size
+        smooth = "the input cannot have turned and the memory continues"
+        if known == count:
+            return (f"in {'the gap' if count == 1 else 'all gaps'} {smooth}",)
+        unknown = (
+            f"after {'the gap' if count == 1 else f'{count - known} of {count} gaps'} the memory "
+            "is unknown until the input has been near both ends of its range or at one of them"
+        )
+        return (f"{unknown}; in the others {smooth}" if known else unknown,)
+
+    def left_out(self, *, dynamics: bool = False) -> tuple[str, ...]:
+        """How many rows `with_known_memory` leaves out, why and what to do; empty if none.
+
+        Parameters
+        ----------
+        dynamics : bool
+            Whether dynamics are identified, which need times and cannot have curves.
+        """
+        lost, measured = self._lost
         if not lost:
             return ()
-        return (
-            f"{lost} of {counted(int(measured.sum()), 'measured row')} {are(lost)} not "
-            "fitted, because the memory is unknown after a gap or a step back of the clock; if "
-            "no row is missing there, leave --time out; if the input was saturated there, name a "
-            "column of curves (--curves)",
+        advice = (
+            "fill in the input where rows are missing, correct the times, or give the longest "
+            "part without a gap (--rows A:B)"
+            if dynamics
+            else "if no row is missing there, leave --time out; if the input was saturated there, "
+            "name a column of curves (--curves)"
         )
+        return (
+            f"{lost} of {counted(measured, 'measured row')} {are(lost)} not fitted, because the "
+            f"memory is unknown after a gap or a step back of the clock; {advice}",
+        )
+
+    @property
+    def mostly_left_out(self) -> bool:
+        """Whether `with_known_memory` leaves out more than half of the measured rows."""
+        lost, measured = self._lost
+        return 2 * lost > measured
+
+    @cached_property
+    def _lost(self) -> tuple[int, int]:
+        """How many measured rows `with_known_memory` leaves out, and of how many."""
+        measured = np.isfinite(self.record.y)
+        known = np.isfinite(self.with_known_memory().y)
+        return int(np.count_nonzero(measured & ~known)), int(measured.sum())
 
     def with_memory_reset(self) -> Log:
         """Return the log without its breaks, because each curve begins with a known memory."""
@@ -104,9 +157,9 @@ class Log:
     def with_known_memory(self) -> Record:
         """Return the record without outputs where gaps leave the memory unknown."""
         record = self.record
-        if self.check is None or not self.check.breaks.size:
+        if not self.breaks.size:
             return record
-        known = known_memory(record.u, self.check.breaks)
+        known = known_memory(record.u, self.breaks)
         return _replaced(record, record.t, record.u, np.where(known, record.y, np.nan))
 
     def evenly_sampled(self) -> Record:
@@ -121,8 +174,9 @@ class Log:
         if duration > _MOST_NEW * len(record) * check.interval:
             return record
         longest = GAP * check.interval
-        even = resample(record.t, record.u, record.y, check.interval, gap=longest)
-        return _replaced(record, *even)
+        t, u, y = resample(record.t, record.u, record.y, check.interval, gap=longest)
+        smooth = between(record.t, record.u, t, self.crossed)
+        return _replaced(record, t, np.where(np.isnan(smooth), u, smooth), y)
 
     def without_lag(self, lag: float) -> Record:
         """Return the record with each output ``lag`` seconds after its input.

@@ -10,6 +10,7 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import ParameterError, are
 from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
+from minorloop.lab.frozen import frozen
 from minorloop.lab.holds import FoundHold
 from minorloop.lab.records import Record
 from minorloop.lab.spikes import spikes
@@ -57,6 +58,20 @@ def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArr
             "they are not used: use a wider range or reduce the input"
         )
         y = np.where(saturated, np.nan, y)
+    places = np.flatnonzero(np.isfinite(y))
+    found = frozen(y[places])
+    if found.runs:
+        stuck = np.concatenate([places[begin:end] for begin, end in found.runs])
+        first = int(stuck[0])
+        notes.append(
+            f"the sensor is stuck: {stuck.size} of {y.size} readings of {record.output} repeat one "
+            f"exactly, first {y[first]:g} from sample {first} to "
+            f"{places[found.runs[0][1] - 1]}, while others scatter with a standard deviation of "
+            f"{found.noise:.2g}; they are not used: check the sensor and the logger, and measure "
+            "these holds again"
+        )
+        y = y.copy()
+        y[stuck] = np.nan
     return y, notes
 
 

@@ -22,7 +22,7 @@ from minorloop.lab.conversion import Conversion
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
 from minorloop.lab.readings import converted, input_without_spikes, usable, without_spikes
 from minorloop.lab.records import Quantity, Record
-from minorloop.lab.settling import SPAN_SHARE, judge, trend
+from minorloop.lab.settling import ENOUGH, FEWEST_STILL, SPAN_SHARE, judge, trend
 from minorloop.lab.timebase import GAP, known_memory
 
 __all__ = ["ReducedPoint", "Reduction", "reduce"]
@@ -33,8 +33,13 @@ _SHORT_GAP = 0.5
 """Share of a usual hold up to which a gap hides none."""
 _FEWEST, _LEAST_HELD = 3, 0.1
 """Least holds of a log, and least share of its samples in them."""
+_SHORTEST, _MOSTLY = 3, 0.6
+"""Least samples of what may be a hold with too few, and the least share of such samples that makes
+a log of them: the noise of two samples cannot be told from a step."""
 _DISTINCT = 4
 """Samples for each distinct reading above which readings may show the resolution of a sensor."""
+_ROUNDING = 1e-15
+"""Share of the greatest distance of readings up to which another is rounding."""
 _WHOLE = 0.01
 """Largest difference of their distances from whole steps, in steps."""
 
@@ -54,7 +59,8 @@ class ReducedPoint:
         far a hold that has not settled is from its end is not known: its standard deviation is NaN.
     verdict : str
         ``settled``, ``extrapolated`` or ``unsettled``, as in `minorloop.lab.settling.Settling`;
-        ``passed`` at an extreme of the input between holds.
+        ``unread`` where no reading of the end of a hold can be used; ``passed`` at an extreme of
+        the input between holds.
     held : float
         Duration of the hold, in seconds or samples; 0 at an extreme.
     end : float
@@ -103,6 +109,8 @@ class Reduction(NotebookView):
 
     def __str__(self) -> str:
         counts = {name: self.count(name) for name in ("settled", "extrapolated", "unsettled")}
+        if unread := self.count("unread"):
+            counts["unread"] = unread
         verdicts = ", ".join(f"{count} {name}" for name, count in counts.items())
         return f"{sum(counts.values())} holds in {len(self.log)} samples: {verdicts}"
 
@@ -114,6 +122,8 @@ class Reduction(NotebookView):
         common = [p.common_sd for p in holds if p.common_sd > 0]
         clock = "s" if self.log.timed else "samples"
         rows = [(name, f"{self.count(name)}") for name in ("settled", "extrapolated", "unsettled")]
+        if unread := self.count("unread"):
+            rows.append(("unread", f"{unread}"))
         rows.append((f"held [{clock}]", f"{np.median([p.held for p in holds]):.4g} (median)"))
         if sds:
             rows.append((str(Quantity("sd", unit)), f"{np.median(sds):.3g} (median)"))
@@ -121,6 +131,11 @@ class Reduction(NotebookView):
             name = str(Quantity("sd common to all points", unit))
             rows.append((name, f"{np.median(common):.3g} (median)"))
         return rows
+
+    @property
+    def remedy(self) -> str:
+        """What to do about holds that have not settled."""
+        return _remedy(self.log, [p for p in self.points if p.verdict == "unsettled"])
 
     def count(self, verdict: str) -> int:
         """Return the number of points with a verdict."""
@@ -273,6 +288,8 @@ def reduce(
             "different inputs"
         )
     if len(holds) < _FEWEST or share < _LEAST_HELD:
+        if few := _too_few(u):
+            raise RecordError(few)
         least = f" of {shortest:g} s or more" if shortest else ""
         raise RecordError(
             f"{counted(len(holds), 'hold')}{least} found in {len(record)} samples of "
@@ -300,7 +317,14 @@ def reduce(
         )
     log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
-    known = known_memory(u, _hiding(record.t, holds, breaks))
+    hiding = _hiding(record.t, holds, breaks)
+    within = int(np.size(breaks)) - hiding.size
+    if within:
+        notes.append(
+            f"{counted(within, 'gap')} {are(within)} shorter than half a usual hold and cannot "
+            "hide one: the memory continues there"
+        )
+    known = known_memory(u, hiding)
     points = [
         replace(point, known=bool(known[point.stop - 1]))
         for point in _points(log, holds, common, tolerance, values)
@@ -311,6 +335,21 @@ def reduce(
             + ("; ".join(notes) or "the output was not measured there")
         )
     return Reduction(tuple(points), (*notes, *_advice(log, points)), log)
+
+
+def _too_few(u: FloatArray) -> str:
+    """Return a sentence if an input has holds of too few samples to be found, otherwise ""."""
+    counts = [hold.end - hold.begin for hold in find_holds(u, fewest=_SHORTEST)]
+    if len(counts) < _FEWEST or sum(counts) < _MOSTLY * u.size:
+        return ""
+    usual = np.median(counts)
+    if usual >= FEWEST_STILL:
+        return ""
+    return (
+        f"the holds have about {usual:.0f} samples each, and at least {FEWEST_STILL} are needed to "
+        f"find one, {ENOUGH} to tell whether its output has settled: sample faster; where these "
+        "are settled outputs already, identify the record as it is"
+    )
 
 
 def _hiding(t: FloatArray, holds: list[FoundHold], breaks: npt.ArrayLike) -> IntArray:
@@ -359,6 +398,8 @@ def _resolution(readings: FloatArray) -> float:
     if values.size < 3 or values.size * _DISTINCT > known.size:
         return 0.0
     steps = np.diff(values)
+    if steps.min() <= _ROUNDING * steps.max():
+        return 0.0
     count = steps / steps.min()
     return float(steps.min()) if np.abs(count - np.round(count)).max() < _WHOLE else 0.0
 
@@ -381,8 +422,8 @@ def _judged(
     t, y = log.t[part] - log.t[hold.begin] + interval, log.y[part]
     held = _duration(log.t, hold, interval)
     # Where the end was not measured, the output is not known to have settled by then.
-    late = np.isfinite(y) & (t > (1 - 1 / WINDOW) * held)
-    y = y if late.any() else np.full(y.size, np.nan)
+    read = bool((np.isfinite(y) & (t > (1 - 1 / WINDOW) * held)).any())
+    y = y if read else np.full(y.size, np.nan)
     found = judge(t, y, tolerance=slope, window=held / WINDOW)
     line = trend(t, y, held / WINDOW)
     usual = common[part][np.isfinite(y) & np.isfinite(common[part])]
@@ -391,7 +432,7 @@ def _judged(
         input=hold.level,
         value=found.value,
         sd=found.sd if found.verdict != "unsettled" else np.nan,
-        verdict=found.verdict,
+        verdict=found.verdict if read else "unread",
         held=held,
         end=line.value if line else found.value,
         common_sd=float(usual[-1]) if usual.size else np.nan,
@@ -449,16 +490,41 @@ def _span(log: Record, holds: list[FoundHold]) -> float:
     return float(np.ptp(ends)) if ends else 0.0
 
 
+def _listed(numbers: list[int]) -> str:
+    return f"hold {', '.join(map(str, numbers[:8]))}" + (", ..." if len(numbers) > 8 else "")
+
+
+def _remedy(log: Record, points: list[ReducedPoint]) -> str:
+    """Return what to do about holds that have not settled."""
+    counts = [np.count_nonzero(np.isfinite(log.y[p.begin : p.stop])) for p in points]
+    usual = float(np.median(counts)) if counts else ENOUGH
+    if usual >= ENOUGH:
+        return "hold longer"
+    return (
+        f"they have about {usual:.0f} readings each, too few to tell: sample faster, {ENOUGH} "
+        "readings a hold or more"
+    )
+
+
 def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
     holds = [point for point in points if point.verdict != "passed"]
-    unsettled = [k for k, point in enumerate(holds, 1) if point.verdict == "unsettled"]
+    unsettled, unread = (
+        [k for k, point in enumerate(holds, 1) if point.verdict == verdict]
+        for verdict in ("unsettled", "unread")
+    )
     notes = []
     if unsettled:
-        shown = ", ".join(map(str, unsettled[:8])) + (", ..." if len(unsettled) > 8 else "")
         notes.append(
-            f"{len(unsettled)} of {len(holds)} holds did not settle (hold {shown}): an "
-            "output that has not settled is left out, and its input drives the memory only; hold "
-            "longer, or keep them all the same (--keep-unsettled)"
+            f"{len(unsettled)} of {len(holds)} holds did not settle ({_listed(unsettled)}): an "
+            "output that has not settled is left out, and its input drives the memory only; "
+            f"{_remedy(log, [holds[k - 1] for k in unsettled])}, or keep them all the same "
+            "(--keep-unsettled)"
+        )
+    if unread:
+        notes.append(
+            f"no reading of the end of {len(unread)} of {len(holds)} holds can be used "
+            f"({_listed(unread)}): their inputs drive the memory only; check the sensor and its "
+            "range, and measure these holds again"
         )
     unknown = sum(not point.known for point in holds)
     if unknown:

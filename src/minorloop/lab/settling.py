@@ -54,6 +54,9 @@ _FEWEST = 4
 """Least samples of a straight line: it leaves two degrees of freedom for the noise."""
 _FEWEST_TAIL = 12
 """Least samples of a tail, by trial: four for each unknown of two decays with a limit."""
+ENOUGH = math.ceil(_FEWEST_TAIL / TAIL)
+"""Readings of a hold, evenly in time, that have such a tail: fewer noisy ones do not show whether
+the output has settled."""
 _MOST = 2000
 """Samples of a tail that are fitted, by trial; of more, neighbours are averaged first."""
 _ROUNDING = 1e-14

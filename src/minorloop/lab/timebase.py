@@ -47,7 +47,7 @@ UNEVEN = 0.1
 """Samples are uneven if steps differ by more than this share of the interval from it."""
 _LONG = 2 * 86400.0
 """Seconds from which a record in seconds may be one in milliseconds: minutes count as days then."""
-_UNKNOWN = 0.005
+UNKNOWN = 0.005
 """Share of the Preisach plane whose state may be unknown after a gap."""
 _MOST_SAMPLES = 50_000_000
 """Most samples of a resampled record: its times, inputs and outputs take 1.2 GB."""
@@ -183,9 +183,7 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     if not forward.size or np.mean(steps <= 0) > 0.5 or back.size > 0.1 * steps.size:
         raise RecordError(
             f"{name} stands still or runs backwards at {np.count_nonzero(steps <= 0)} of "
-            f"{steps.size} steps; it cannot be the time of this record, or has too few digits: "
-            "give "
-            "another column, or leave it out"
+            f"{steps.size} steps; {_why_no_clock(steps)}give another column, or leave it out"
         )
     interval = float(np.median(forward))
     notes, of_steps = [], []
@@ -206,13 +204,17 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
         lost = round(float(np.sum(np.round(steps[gaps] / interval) - 1)))
         notes.append(
             f"{counted(gaps.size, 'gap')} in {name}: about {counted(lost, 'sample')} {are(lost)} "
-            f"missing, the longest gap is {steps[largest]:.4g} s after sample {largest}; the "
-            "memory is unknown after each, "
-            "until the input has been near both ends of its range or at one of them"
+            f"missing, the longest gap is {steps[largest]:.4g} s after sample {largest}"
         )
     usual = np.delete(steps, np.concatenate([gaps, back]))
     uneven = float(np.mean(np.abs(usual - interval) > UNEVEN * interval)) if usual.size else 0.0
-    if uneven > 0.01:
+    repeated = int(np.count_nonzero(steps == 0))
+    if repeated > 0.01 * steps.size:
+        of_steps.append(
+            f"{name} repeats itself at {repeated} of {steps.size} steps, as times do that are "
+            f"rounded to {float(forward.min()):.4g} s: write more digits, or number the samples"
+        )
+    elif uneven > 0.01:
         of_steps.append(
             f"samples are uneven: {uneven:.0%} of the steps differ from the usual interval of "
             f"{interval:.4g} s by more than {UNEVEN:.0%}"
@@ -221,6 +223,17 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     return TimeCheck(
         times, interval, gaps, back, uneven, tuple(notes), tuple(of_steps), tuple(others)
     )
+
+
+def _why_no_clock(steps: FloatArray) -> str:
+    """Return why times are none, and what else can be done."""
+    forward = steps[steps > 0]
+    if forward.size and (steps >= 0).all():
+        return (
+            f"times that repeat are rounded, here to {float(forward.min()):.4g} s: write more "
+            "digits, "
+        )
+    return "it cannot be the time of this record, or has too few digits: "
 
 
 def _implausible(interval: float, seconds: float, name: str, unit: str) -> list[str]:
@@ -340,7 +353,7 @@ def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
         part = inputs[begin:end]
         above, below = np.maximum.accumulate(part), np.minimum.accumulate(part)
         unknown = 2 * (high - above) * (below - low) / (high - low) ** 2
-        known[begin:end] = unknown <= _UNKNOWN
+        known[begin:end] = unknown <= UNKNOWN
     return known
 
 

@@ -158,7 +158,7 @@ def identify_file(
     record = _part(log.evenly_sampled() if whole else log.with_known_memory(), first, last)
     options |= {option: values[first:last] for option, values in beside.items()}
     cells, measured = count * (count + 1) // 2, int(np.isfinite(record.y).sum())
-    advice = [*log.notes, *log.left_out]
+    advice = [*log.notes, *log.of_memory, *log.left_out(dynamics=dynamics != "none")]
     if log.sd is not None:
         advice.append("each sample counts by its standard deviation, in the column sd")
     yield {"stage": f"fitting {cells} cells to {measured} of {len(record)} rows"}
