@@ -1,5 +1,6 @@
 import math
 from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.head.control.head import head_control
 from minorloop.head.procedures.actuator_plant import ActuatorPlant, BenchTip
-from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement
+from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 from minorloop.head.procedures.steer import steer
 from minorloop.head.procedures.values import Plant, Tip
 from minorloop.head.twins.head import Head
@@ -150,3 +151,12 @@ def test_a_head_on_a_bench_is_steered_by_its_readings():
     assert steer(twin_bench(), control, [[30.0, 25.0]], 8.0).reached[0] == pytest.approx(
         [30.0, 25.0], abs=1.0
     )
+
+
+@pytest.mark.parametrize("check", [ActuatorPlant, check_head])
+def test_a_head_whose_sensors_are_of_other_sources_is_refused(check):
+    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
+    both = SimpleNamespace(inputs=currents, outputs=angles, measures=(0, 0), exchange=None)
+    with pytest.raises(ParameterError, match=r"sensor 'tilt' is of 'pan current'; in a head .*2"):
+        check(both)

@@ -36,6 +36,23 @@ class Wires(Protocol):
         """Switch the pump on or off; return only when it is."""
 
 
+def check_axes(actuator: Actuator) -> None:
+    """Refuse a head whose sensors do not belong to its sources in their order.
+
+    Raises
+    ------
+    ParameterError
+        If a sensor is of another source.
+    """
+    inputs, outputs = actuator.inputs, actuator.outputs
+    for k, measured in enumerate(getattr(actuator, "measures", range(len(outputs)))):
+        if measured != k:
+            raise ParameterError(
+                f"sensor {outputs[k].name!r} is of {inputs[measured].name!r}; in a head sensor "
+                f"{k + 1} is of source {k + 1}, {inputs[k].name!r}: correct 'of', or the order"
+            )
+
+
 class ActuatorPlant:
     """A head that an actuator drives, with or without a catheter that moves it.
 
@@ -50,7 +67,7 @@ class ActuatorPlant:
     Raises
     ------
     ParameterError
-        If the actuator has other channels.
+        If the actuator has other channels, or as `check_axes`.
     """
 
     def __init__(self, actuator: Actuator, clock: Clock | None = None) -> None:
@@ -61,6 +78,7 @@ class ActuatorPlant:
                 f"the actuator has {known}; a head has two currents in A and two angles in deg, "
                 "and perhaps rates of advance and roll in mm/s and deg/s, in mm and deg"
             )
+        check_axes(actuator)
         self.actuator, self._clock, self._due = actuator, clock, -math.inf
         self._count = len(units[0])
         self._exchange = getattr(actuator, "at_once", actuator.exchange)

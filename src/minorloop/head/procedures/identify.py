@@ -28,6 +28,7 @@ from minorloop.head.control.heating import (
     moving_levels,
 )
 from minorloop.head.control.limits import WireLimits
+from minorloop.head.procedures.actuator_plant import check_axes
 from minorloop.head.procedures.head_file import CheckedAxis, IdentifiedWires
 from minorloop.identification import excitation
 from minorloop.lab.actuator import Actuator
@@ -239,7 +240,7 @@ def check_head(plant: Actuator) -> None:
     Raises
     ------
     ParameterError
-        If it has not two currents in A and two angles in degrees.
+        If it has not two currents in A and two angles in degrees, or as `check_axes`.
     """
     units = [channel.unit for channel in (*plant.inputs, *plant.outputs)]
     if len(plant.inputs) != 2 or units != ["A", "A", "deg", "deg"]:
@@ -247,3 +248,4 @@ def check_head(plant: Actuator) -> None:
         raise ParameterError(
             f"the actuator has {known}; a head has two currents in A and two angles in deg"
         )
+    check_axes(plant)
