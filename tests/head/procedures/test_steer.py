@@ -37,6 +37,12 @@ def test_a_target_beyond_the_reach_is_refused_before_anything_is_switched_on(tar
         steer(head, control, [[30.0, 30.0], target], 1.0)
 
 
+def test_an_axis_that_only_coupling_lifts_may_have_the_target_of_a_cold_wire():
+    control = head_control("observer", (made_up(), made_up()), coupling=[[1.0, 0.1], [0.1, 1.0]])
+    assert control.reach([0.0, 45.0])[0, 0] > 4.0
+    assert steer(Head(), control, [[0.0, 45.0]], 0.2).reached.shape == (1, 2)
+
+
 def test_coupling_moves_the_reach_and_so_does_the_limit_of_temperature():
     wire = made_up()
     control = head_control("observer", (wire, wire), coupling=[[1.0, 0.0], [0.1, 1.0]])
