@@ -113,9 +113,7 @@ class InternalModel(Loop):
         wanted = reference - missing
         ratio = self.model_lag / self.response
         v = state.filter + ratio * (wanted - state.filter)
-        # Where the plane is flat at its end, the inverse gives the least input that reaches it.
-        beyond = v >= self.wire.operator.range[1]
-        current = self.highest if beyond else self.current(tracker.aim(v))
+        current = self.inverse(tracker, v)
         # The filter sees the input that would have given what is achieved (Hanus, 1987).
         settled = tracker.peek(current**2)
         driven = state.filter + (settled - state.filter) / ratio

@@ -127,9 +127,7 @@ class ModelReference(Loop):
             seen = measurement
             weights = self._adapted(state.weights, followed, seen, seen - models[-1])
         v = weights[0] * reference + weights[1] * seen + weights[2]
-        # Where the plane is flat at its end, the inverse gives the least input that reaches it.
-        beyond = v >= self.wire.operator.range[1]
-        current = self.highest if beyond else self.current(tracker.aim(v))
+        current = self.inverse(tracker, v)
         return current, ModelReferenceState(
             tracker, weights, seen, model, models[: self.delay], current
         )
