@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.lab.noise import noise_of
 
 __all__ = ["FrozenReadings", "frozen"]
 
@@ -72,6 +73,6 @@ def _noise(values: FloatArray) -> float:
     ways = np.sign(bends)  # products of large numbers overflow
     if np.mean(ways[1:] * ways[:-1] < 0) < _ALTERNATES:
         return 0.0
-    sd = float(np.median(np.abs(bends))) / (0.6745 * np.sqrt(6))
+    sd = noise_of(bends, 2)
     steps = np.abs(np.diff(values))
     return sd if sd >= np.quantile(steps[steps > 0], _FINE) else 0.0

@@ -7,6 +7,7 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.lab.noise import noise_of
 from minorloop.lab.timebase import UNKNOWN
 
 __all__ = ["between", "crossed"]
@@ -20,8 +21,6 @@ _FASTER, _SLOWER = 2.5, 0.5
 sine over half a period whose middle third is missing has twice the speed there; a ramp has the
 same; an input that jumps in the gap is beyond the first, one that turns twice is below the second.
 """
-_NORM = float(np.sqrt(70.0))
-"""Standard deviation of a fourth difference of white noise with standard deviation 1."""
 
 
 def crossed(t: npt.ArrayLike, u: npt.ArrayLike, gaps: npt.ArrayLike) -> BoolArray:
@@ -87,7 +86,7 @@ def _noise(u: FloatArray) -> float:
     """Return the standard deviation of the noise, from differences that a slow input lacks."""
     if u.size < 5:
         return float(np.inf)
-    return float(np.median(np.abs(np.diff(u, 4)))) / (0.6745 * _NORM)
+    return noise_of(np.diff(u, 4), 4)
 
 
 def _smooth(t: FloatArray, u: FloatArray, last: int, least: float) -> bool:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, IntArray, as_finite, as_samples, check_magnitude
 from minorloop.errors import ParameterError
+from minorloop.lab.noise import noise_of
 from minorloop.lab.settling import FEWEST_STILL
 
 __all__ = ["FoundHold", "find_holds", "looks_like_raw_log", "turning_points"]
@@ -187,7 +188,7 @@ def _noise(u: FloatArray, span: float, lag: int) -> float:
     steps = np.abs(np.diff(u))
     digit = float(steps[steps > 1e-12 * span].min(initial=span))
     apart = np.diff(u, 2) / np.sqrt(3) if lag == 1 else u[lag:] - u[:-lag]
-    sd = float(np.median(np.abs(apart))) / (0.6745 * np.sqrt(2)) if apart.size else 0.0
+    sd = noise_of(apart, 1) if apart.size else 0.0
     return max(sd, min(digit / 2, span / _GRAIN), _LEAST_SD * span)
 
 
@@ -272,6 +273,6 @@ def _moves(y: FloatArray, span: float) -> bool:
     if values.size < FEWEST_STILL:
         return False
     part = max(values.size // 8, 1)
-    noise = float(np.median(np.abs(np.diff(values)))) / (0.6745 * np.sqrt(2))
+    noise = noise_of(np.diff(values), 1)
     change = abs(float(values[:part].mean() - values[-part:].mean()))
     return bool(change > max(_MOVES * span, 4 * noise * np.sqrt(2 / part)))

@@ -7,6 +7,7 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter
 
 from minorloop.arrays import BoolArray, FloatArray
+from minorloop.lab.noise import noise_of
 
 __all__ = ["spikes"]
 
@@ -86,7 +87,7 @@ def _least_rise(y: FloatArray, begin: int, end: int) -> float:
 
 def _spread(y: FloatArray) -> float:
     """Return the standard deviation of noise in the readings, from second differences."""
-    return float(np.median(np.abs(np.diff(y, 2))) / (0.6745 * np.sqrt(6)))
+    return noise_of(np.diff(y, 2), 2)
 
 
 def _step(y: FloatArray) -> float:
