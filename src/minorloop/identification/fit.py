@@ -88,7 +88,7 @@ def identify(
         `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` chooses by prediction
         of contiguous segments held out of the fitted samples.
     prior : {"auto", "gaussian", "none"}
-        Whether to fit with the prior of `minorloop.identification.prior`. ``"auto"`` uses it, except
+        Whether to fit with the prior of `minorloop.identification.prior`. ``"auto"`` does, except
         where a smoothness is given, where the output jumps, where the samples determine a plane
         that reproduces them to rounding, for more than 300 bands, or where the input reverses so
         often that a plane of more than 64 levels would need large dense matrices; for 51 to 64
