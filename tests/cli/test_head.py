@@ -257,7 +257,7 @@ class Still:
     """A camera whose picture is grey; it counts how often it was asked."""
 
     def __init__(self, address, patience):
-        self.closed = False
+        self.closed, self.exposes = False, address == "camera:1"
 
     def frame(self):
         return Frame(0.0, np.full((4, 6), 90, np.uint8))
@@ -289,11 +289,21 @@ def test_pictures_are_taken_by_hand(run, monkeypatch):
         ("--out lens", "lens"),
         ("--out new --steps 1", "--steps is 1; give 2 to 20"),
         ("--out new --exposure 0", "--exposure is 0; give 0.01 to 1000 ms"),
+        ("--out new1 --exposure 2", "camera:0 does not let its exposure be set from here"),
         ("--out new2 --actuator twin:head --highest 9", "beyond the limits"),
         ("--out new3 --actuator twin:ipmc", "two currents in A"),
     ):
         status, _, error = run(f"{take} {options}")
         assert (status, sentence in error, error.count("\n")) == (2, True, 1), error
+
+
+def test_a_calibration_without_leds_says_what_will_refuse_it():
+    from minorloop.head.procedures.calibrate import calibrated_head
+
+    lens = SimpleNamespace(lens=Pinhole(), measured=())
+    head, advice = calibrated_head(HeadFile(serial="H-07"), lens=lens)
+    assert len(head.calibration.leds) == 1
+    assert "give the places of all 3 with --leds" in advice[0]
 
 
 INSPECT = "head inspect --actuator bench:head.toml --camera camera:0 --head head.json --out found"

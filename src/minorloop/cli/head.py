@@ -273,6 +273,11 @@ def photograph(
     eye = LiveCamera(camera, patience=_PATIENCE)
     try:
         if exposure is not None:
+            if not eye.exposes:
+                raise ParameterError(
+                    f"{camera} does not let its exposure be set from here; set it at the camera, "
+                    "and leave --exposure out"
+                )
             eye.expose(1e-3 * exposure)
         if actuator is None:
             for name in _photographs.by_hand(count, every):

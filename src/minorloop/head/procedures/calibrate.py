@@ -16,6 +16,7 @@ from minorloop.files import PathLike
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
+from minorloop.head.procedures.values import ALL_LIGHTS
 from minorloop.head.vision.led_calibration import find_reflection, fit_led
 from minorloop.head.vision.lens_calibration import LensFit, TargetPose, fit_lens, target_pose
 from minorloop.head.vision.measured import Measured
@@ -367,7 +368,11 @@ def _advice(
             "minorloop head identify"
         )
     if first and leds is None:
-        said.append("one light at the lens is assumed; give the places of the LEDs with --leds")
+        wanted = len(ALL_LIGHTS)
+        said.append(
+            f"one LED at the lens is assumed, which the console and head inspect refuse: they "
+            f"switch {wanted}; give the places of all {wanted} with --leds"
+        )
     if first and mount is None:
         said.append("the lever of the camera is not measured; give pictures with --mount")
     if lens is not None and mount is None and not first:
