@@ -141,6 +141,8 @@ def test_a_head_is_calibrated_from_pictures(run, scene):
         each = printed[name]
         assert abs(each["value"] - value) < 3.5 * each["sd"], name
         assert each["unit"] != "deg" or abs(each["value"] - value) < 0.4, name
+    off = np.degrees(printed["principal point u"]["sd"] / truth.lens.focal)
+    assert printed["pan where straight"]["sd"] > 0.9 * off  # a direction is as vague as its pixel
     report = Path("report.html").read_text()
     assert "ninths of the image" in report
     known = read_head("head.json")

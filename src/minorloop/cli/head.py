@@ -424,6 +424,7 @@ def calibrate(
             fit = steps.calibrate_mount(
                 looked(mount, "the mount"), board, known, angles,
                 corner_sd=sd, angle_sd=angle_sd, on_axis=on_axis,
+                centre_sd=steps.centre_sd_of(before.measured if lens is None else lens.measured),
             )  # fmt: skip
         places = None if leds is None else _calibration.led_places(leds)
         measured: tuple[Measured, ...] = ()

@@ -229,6 +229,8 @@ def open_device(plan: DevicePlan) -> SerialBoard:
         If there is no board, or it does not answer.
     """
     how = parsed(_SerialSettings, plan.keys, f"device {plan.name!r}")
+    for wire in (*plan.sources, *plan.sensors, *plan.lines):  # before anything is opened
+        parsed(_BoardChannel, wire.keys, wire.name)
     link = VisaLink(how.resource, library=how.library, timeout=how.timeout, baud=how.baud)
     try:
         board = SerialBoard(link, plan)
