@@ -41,6 +41,8 @@ _STOOD_STILL = 0.2
 """Seconds that a tick may be late; a later one means that the process was stopped."""
 _WAIT = 0.025
 """Seconds in which the plant has to answer; the rest of a tick of 40 ms is for everything else."""
+_MOST_LATE = 0.1
+"""Seconds of silence in which fewer readings are missed than make a sensor count as lost."""
 _POLL = 0.1
 _NEW_SERVER = object()
 _COLLECT_EVERY = _STATUS_EVERY = 25
@@ -72,7 +74,10 @@ def run(
     sys.setswitchinterval(1e-3)
     with contextlib.suppress(OSError, AttributeError):
         os.nice(-10)  # few systems allow it; it helps where other programs use the same cores
-    camera, plant = RemoteCamera(pictures), RemotePlant(wires, settings.patience / 2, _WAIT)
+    silence = settings.patience / 2
+    # A longer silence without readings would count as a lost sensor first.
+    wait = _WAIT if silence < _MOST_LATE else None
+    camera, plant = RemoteCamera(pictures), RemotePlant(wires, silence, wait)
     try:
         control = control or _identified(settings)
         view = _introduced(camera, stop)

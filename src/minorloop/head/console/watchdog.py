@@ -293,6 +293,7 @@ class RemotePlant:
         if pipe is not None:
             self._pipe, self._waiting = pipe, True
         if not self._waiting and self._pipe is not None:
+            self._sent = -math.inf  # one that has ended takes nothing
             with contextlib.suppress(OSError):
                 command = Command(self._known, np.asarray(u).tolist())
                 self._pipe.send_bytes(msgspec.msgpack.encode(command))
@@ -323,9 +324,11 @@ class RemotePlant:
     def _receive(self, patience: float) -> bool:
         if self._pipe is None or not self._waiting:
             return False
-        with contextlib.suppress(EOFError, OSError):
+        try:
             if self._pipe.poll(patience):
                 self.answer = _answers.decode(self._pipe.recv_bytes())
                 self._waiting = False
                 return True
+        except (EOFError, OSError):  # it has ended: nothing is late
+            self._sent = -math.inf
         return False
