@@ -7,12 +7,10 @@ from minorloop.errors import ParameterError, RecordError
 from minorloop.lab.timebase import (
     check_times,
     delayed,
-    known_memory,
     parse_lag,
     resample,
     time_column,
 )
-from minorloop.operators.preisach import Preisach
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -134,29 +132,6 @@ class TestLag:
             resample(t, t, t, 0.0)
         with pytest.raises(ParameterError, match="give one of at least 2e-07 s"):
             resample(t, t, t, 1e-9)
-
-
-class TestMemory:
-    @given(seed=SEEDS)
-    def test_known_outputs_do_not_depend_on_what_happened_in_the_gap(self, seed):
-        chance = np.random.default_rng(seed)
-        weights = np.tril(chance.uniform(size=(12, 12)))
-        model = Preisach(np.linspace(-1, 1, 13), weights)
-        u = np.concatenate([[-1, 1], chance.uniform(-1, 1, 300)])
-        place = int(chance.integers(10, 100))
-        known = known_memory(u, [place])
-        assert known[: place + 1].all()
-        for level in (-1.0, 1.0, *chance.uniform(-1, 1, 4)):
-            other = np.insert(u, place + 1, level)
-            apart = np.delete(model.simulate(other), place + 1) - model.simulate(u)
-            assert np.abs(apart[known]).max() <= 0.1 * weights.sum()
-
-    def test_saturation_makes_it_known(self):
-        u = np.array([-1, 1, -1, 0.2, 0.1, -0.2, 1.0, 0.3])
-        known = known_memory(u, [3])
-        assert known.tolist() == [True] * 4 + [False] * 2 + [True] * 2
-        assert known_memory(u, []).all()
-        assert known_memory(np.ones(4), [1]).all()
 
 
 @pytest.mark.parametrize(("unit", "said"), [("s", True), ("", True), ("min", False)])

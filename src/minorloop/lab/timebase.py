@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, IntArray, as_finite
+from minorloop.arrays import FloatArray, IntArray, as_finite
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.lab.columns import split_header
 
@@ -18,7 +18,6 @@ __all__ = [
     "TimeCheck",
     "check_times",
     "delayed",
-    "known_memory",
     "other_clocks",
     "parse_lag",
     "resample",
@@ -47,8 +46,6 @@ UNEVEN = 0.1
 """Samples are uneven if steps differ by more than this share of the interval from it."""
 _LONG = 2 * 86400.0
 """Seconds from which a record in seconds may be one in milliseconds: minutes count as days then."""
-UNKNOWN = 0.005
-"""Share of the Preisach plane whose state may be unknown after a gap."""
 _MOST_SAMPLES = 50_000_000
 """Most samples of a resampled record: its times, inputs and outputs take 1.2 GB."""
 
@@ -328,33 +325,6 @@ def resample(
         )
     even = times[0] + interval * np.arange(int(count + 1e-6) + 1)
     return even, np.interp(even, times, inputs), _at(times, np.asarray(y, np.float64), even, gap)
-
-
-def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
-    """Return where the memory of a Preisach plane is known although the input has breaks.
-
-    After a break only relays count as known that the input has switched since: those with alpha
-    up to its greatest value or beta down to its least. The memory is known once the others cover
-    less than 0.5 % of the plane over the range of the whole input.
-
-    Parameters
-    ----------
-    u : (T,) array_like
-        Inputs.
-    breaks : (B,) array_like of int
-        Samples after which the input is unknown for a while.
-    """
-    inputs, places = np.asarray(u, np.float64), np.asarray(breaks, np.int64)
-    known = np.ones(inputs.size, dtype=np.bool_)
-    low, high = float(inputs.min()), float(inputs.max())
-    if high == low or not places.size:
-        return known
-    for begin, end in zip(places + 1, [*places[1:] + 1, inputs.size], strict=True):
-        part = inputs[begin:end]
-        above, below = np.maximum.accumulate(part), np.minimum.accumulate(part)
-        unknown = 2 * (high - above) * (below - low) / (high - low) ** 2
-        known[begin:end] = unknown <= UNKNOWN
-    return known
 
 
 def _at(t: FloatArray, y: FloatArray, wanted: FloatArray, gap: float) -> FloatArray:
