@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import PchipInterpolator
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.lab.holds import turning_points
@@ -180,6 +179,8 @@ def between(t: FloatArray, u: FloatArray, wanted: FloatArray, bridges: Bridges) 
     for first, last in zip(firsts, lasts, strict=True):
         inside[first:last] = True
     if inside.any():
+        from scipy.interpolate import PchipInterpolator  # takes a fifth of a second to import
+
         times, inputs, _ = bridges.inserted(t, u)
         apart = np.concatenate([[True], np.diff(times) > 0])
         values[inside] = PchipInterpolator(times[apart], inputs[apart])(wanted[inside])
