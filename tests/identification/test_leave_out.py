@@ -162,3 +162,15 @@ def test_samples_of_no_fold_are_in_all_fits():
     predicted = left_out(record, found, 0, np.where(LABELS < 5, -1, LABELS % 2), said.append)
     assert said == ["leaving out groups, fit 1 of 2", "leaving out groups, fit 2 of 2"]
     np.testing.assert_array_equal(np.isnan(predicted), LABELS < 5)
+
+
+def test_a_condensed_record_with_a_prior_has_the_scatter_of_its_groups():
+    rng = np.random.default_rng(1000)
+    labels = np.repeat(np.arange(4), 6000)
+    phase = np.linspace(0, 6 * np.pi, 6000)
+    u = np.tile(-1.2 * np.cos(phase) * np.linspace(1, 0.2, phase.size), 4)
+    y = np.concatenate([a_plane().simulate(u[labels == k]) for k in range(4)])
+    y = y * (1 + 0.03 * rng.normal(size=4))[labels] + 0.01 * rng.normal(size=y.size)
+    found = identify(u, y, levels=4, curves=labels, prior="gaussian")
+    assert found.scatter is not None
+    assert inside(found, u, y, labels).mean() > 0.7
