@@ -53,7 +53,7 @@ class TestChecks:
         assert f"about {lost} samples are missing" in found.notes[0]
         np.testing.assert_array_equal(found.t, t)
 
-    @given(seed=SEEDS, back=st.floats(0.2, 3600))
+    @given(seed=SEEDS, back=st.floats(0.2, 3500))
     def test_a_clock_that_was_set_back_is_put_right(self, seed, back):
         place = int(np.random.default_rng(seed).integers(1, 999))
         t = 0.1 * np.arange(1000)
@@ -62,6 +62,21 @@ class TestChecks:
         np.testing.assert_allclose(found.t, 0.1 * np.arange(1000), atol=1e-9)
         assert found.breaks.tolist() == [place - 1]
         assert "the clock was set back 1 time" in found.notes[0]
+
+    @pytest.mark.parametrize(
+        ("by", "how"),
+        [(3600.0, "summer time"), (-3600.0, "summer time"), (1.7e9, "the date")],
+    )
+    @pytest.mark.parametrize("interval", [0.1, 10.0])
+    def test_a_clock_that_was_changed_does_not_break_the_record(self, by, how, interval):
+        t = interval * np.arange(1000)
+        found = check_times(t + by * (t >= t[300]))
+        np.testing.assert_allclose(found.t, t, atol=1e-5)
+        assert found.breaks.size == 0
+        (said,) = found.notes
+        assert f"the clock was set 1 time, first by {by:.10g} s after sample 299" in said
+        assert how in said
+        assert check_times(t + (by + 20 * interval) * (t >= t[300])).breaks.size == (by < 1e9)
 
     def test_uneven_samples_are_reported(self):
         steps = np.random.default_rng(1000).uniform(0.5, 1.5, 1000)

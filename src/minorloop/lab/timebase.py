@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray, as_finite
+from minorloop.arrays import BoolArray, FloatArray, IntArray, as_finite
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.lab.columns import split_header
 
@@ -44,6 +44,11 @@ GAP = 5.0
 """A step of more sample intervals than this is a gap."""
 UNEVEN = 0.1
 """Samples are uneven if steps differ by more than this share of the interval from it."""
+_HOUR = 3600.0
+"""Step of a clock that changes to or from summer time."""
+_SINCE_START = 1e8
+"""Seconds, three years, from which a step is that of a clock that counted from its start and was
+set to the date, or back."""
 _LONG = 2 * 86400.0
 """Seconds from which a record in seconds may be one in milliseconds: minutes count as days then."""
 _MOST_SAMPLES = 50_000_000
@@ -57,13 +62,14 @@ class TimeCheck:
     Parameters
     ----------
     t : (T,) array
-        Times in seconds; where the clock was set back, it continues with the usual interval.
+        Times in seconds; where the clock was set, they continue with the usual interval.
     interval : float
         Usual time between samples, the median.
     gaps : (G,) array of int
         Samples after which a gap follows.
     jumps : (J,) array of int
-        Samples after which the clock was set back.
+        Samples after which the clock was set back, so that parts of records may follow each other.
+        Not where it was changed by an hour or set to the date: there the record continues.
     uneven : float
         Share of the other steps that differ from the interval by more than a tenth of it.
     of_breaks, of_steps, others : tuple of str
@@ -176,14 +182,24 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
         raise RecordError(f"{name} is {times[row]} at sample {row}; every time must be finite")
     steps = np.diff(times)
     forward = steps[steps > 0]
-    back = np.flatnonzero(steps < 0)
+    interval = float(np.median(forward)) if forward.size else 0.0
+    was_set = _was_set(steps, interval)
+    back = np.flatnonzero((steps < 0) & ~was_set)
     if not forward.size or np.mean(steps <= 0) > 0.5 or back.size > 0.1 * steps.size:
         raise RecordError(
             f"{name} stands still or runs backwards at {np.count_nonzero(steps <= 0)} of "
             f"{steps.size} steps; {_why_no_clock(steps)}give another column, or leave it out"
         )
-    interval = float(np.median(forward))
     notes, of_steps = [], []
+    if was_set.any():
+        first = int(np.argmax(was_set))
+        times_set = counted(int(np.count_nonzero(was_set)), "time")
+        how = "to or from summer time" if abs(steps[first]) < 2 * _HOUR else "to or from the date"
+        notes.append(
+            f"the clock was set {counted(int(np.count_nonzero(was_set)), 'time')}, first by "
+            f"{steps[first] - interval:.10g} s after sample {first}, as {how}; time and memory "
+            f"continue there with the usual interval of {interval:.4g} s"
+        )
     if back.size:
         first = int(back[0])
         notes.append(
@@ -191,7 +207,8 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
             "after "
             f"sample {first}; time continues there with the usual interval of {interval:.4g} s"
         )
-        steps[back] = interval
+    if back.size or was_set.any():
+        steps[back] = steps[was_set] = interval
         times = np.concatenate([times[:1], times[0] + np.cumsum(steps)])
     gaps = np.flatnonzero(steps > GAP * interval)
     if gaps.size > max(0.02 * steps.size, 1):
@@ -220,6 +237,14 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     return TimeCheck(
         times, interval, gaps, back, uneven, tuple(notes), tuple(of_steps), tuple(others)
     )
+
+
+def _was_set(steps: FloatArray, interval: float) -> BoolArray:
+    """Return at which steps the clock was changed by an hour, or set from its start to the date."""
+    off = np.abs(steps - interval)
+    hour = (np.abs(off - _HOUR) <= interval) & (off > GAP * interval)
+    found = hour | (off > max(_SINCE_START, GAP * interval))
+    return found if np.count_nonzero(found) <= max(0.01 * steps.size, 1) else np.zeros_like(found)
 
 
 def _why_no_clock(steps: FloatArray) -> str:
