@@ -196,7 +196,7 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
         times_set = counted(int(np.count_nonzero(was_set)), "time")
         how = "to or from summer time" if abs(steps[first]) < 2 * _HOUR else "to or from the date"
         notes.append(
-            f"the clock was set {counted(int(np.count_nonzero(was_set)), 'time')}, first by "
+            f"the clock was set {times_set}, first by "
             f"{steps[first] - interval:.10g} s after sample {first}, as {how}; time and memory "
             f"continue there with the usual interval of {interval:.4g} s"
         )
