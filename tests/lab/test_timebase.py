@@ -65,7 +65,12 @@ class TestChecks:
 
     @pytest.mark.parametrize(
         ("by", "how"),
-        [(3600.0, "summer time"), (-3600.0, "summer time"), (1.7e9, "the date")],
+        [
+            (3600.0, "summer time"),
+            (-3600.0, "summer time"),
+            (-86400.0, "a time of day at midnight"),
+            (1.7e9, "the date"),
+        ],
     )
     @pytest.mark.parametrize("interval", [0.1, 10.0])
     def test_a_clock_that_was_changed_does_not_break_the_record(self, by, how, interval):

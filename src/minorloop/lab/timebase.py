@@ -38,18 +38,24 @@ SECONDS = {
     "d": 86400.0,
 }
 """Units of time that a record may have, in seconds."""
-NAMES = ("t", "time", "timestamp", "date", "datetime", "zeit", "temps", "tiempo")
+NAMES = (
+    *("t", "time", "timestamp", "date", "datetime", "date/time", "date time", "clock"),
+    *("zeit", "zeitstempel", "datum", "datum/uhrzeit", "uhrzeit"),
+    *("temps", "horodatage", "tiempo", "fecha", "tempo"),
+)
 """Names of a column of time, in small letters."""
+DATES = ("date", "datum", "fecha")
+"""Those of a column with the day, if another one has the time."""
 GAP = 5.0
 """A step of more sample intervals than this is a gap."""
 UNEVEN = 0.1
 """Samples are uneven if steps differ by more than this share of the interval from it."""
-_HOUR = 3600.0
-"""Step of a clock that changes to or from summer time."""
+_HOUR, _DAY = 3600.0, 86400.0
+"""Step of a clock that changes to or from summer time, and of a time of day at midnight."""
 _SINCE_START = 1e8
 """Seconds, three years, from which a step is that of a clock that counted from its start and was
 set to the date, or back."""
-_LONG = 2 * 86400.0
+_LONG = 2 * _DAY
 """Seconds from which a record in seconds may be one in milliseconds: minutes count as days then."""
 _MOST_SAMPLES = 50_000_000
 """Most samples of a resampled record: its times, inputs and outputs take 1.2 GB."""
@@ -120,7 +126,8 @@ def time_column(
     named = [header for header, (name, _) in split.items() if name.casefold() in NAMES]
     timed = [header for header, (_, unit) in split.items() if unit and unit in SECONDS]
     both = [header for header in named if header in timed]
-    found = both or named or timed
+    of_day = [header for header in named if split[header][0].casefold() not in DATES]
+    found = both or of_day or named or timed
     if len(found) > 1:
         shown = " and ".join(f"'{header}'" for header in found[:4])
         raise RecordError(
@@ -150,8 +157,10 @@ def other_clocks(headers: Sequence[str], time: str, *, but: Sequence[str] = ()) 
 
 
 def split_time(header: str) -> tuple[str, str]:
-    """Return name and unit of a column of time; ``t_ms`` is in ms too."""
+    """Return name and unit of a column of time; ``t_ms`` is in ms too, ``[hh:mm:ss]`` no unit."""
     name, unit = split_header(header)
+    if re.fullmatch(r"[dmyhsfjt:.,/ -]{4,}", unit.casefold()):
+        return name, ""
     stem, _, last = name.rpartition("_")
     if not unit and last in SECONDS and stem.casefold() in NAMES:
         return stem, last
@@ -194,7 +203,9 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     if was_set.any():
         first = int(np.argmax(was_set))
         times_set = counted(int(np.count_nonzero(was_set)), "time")
-        how = "to or from summer time" if abs(steps[first]) < 2 * _HOUR else "to or from the date"
+        size = abs(steps[first])
+        how = "to or from summer time" if size < 2 * _HOUR else "to or from the date"
+        how = "a time of day at midnight" if 2 * _HOUR < size <= _DAY else how
         notes.append(
             f"the clock was set {times_set}, first by "
             f"{steps[first] - interval:.10g} s after sample {first}, as {how}; time and memory "
@@ -240,10 +251,11 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
 
 
 def _was_set(steps: FloatArray, interval: float) -> BoolArray:
-    """Return at which steps the clock was changed by an hour, or set from its start to the date."""
+    """Return at which steps the clock was changed by an hour, to the date or at midnight."""
     off = np.abs(steps - interval)
     hour = (np.abs(off - _HOUR) <= interval) & (off > GAP * interval)
-    found = hour | (off > max(_SINCE_START, GAP * interval))
+    midnight = (steps < 0) & (np.abs(off - _DAY) <= interval)
+    found = hour | midnight | (off > max(_SINCE_START, GAP * interval))
     return found if np.count_nonzero(found) <= max(0.01 * steps.size, 1) else np.zeros_like(found)
 
 
