@@ -19,6 +19,11 @@ from minorloop.files import PathLike, check_name
 from minorloop.lab.sheets import Sheet, is_sheet, read_sheet
 from minorloop.lab.text_tables import UNITS, Rows, TextTable, is_number, opened
 
+
+class SparseColumnError(RecordError):
+    """Many cells of a column are empty, as where the tables of two loggers were merged."""
+
+
 Labels: TypeAlias = FloatArray | npt.NDArray[np.str_]
 """A column of labels: numbers, or texts."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -432,10 +437,10 @@ class _Cells:
         count = sum(not cell.strip() for cell in cells)
         if count < _MERGED * len(cells):
             return RecordError(f"{text}; every cell must be a number")
-        return RecordError(
+        return SparseColumnError(
             f"{text} and in {counted(count - 1, 'other row')}; every cell must be a number: where "
-            "two loggers were merged into one table, fill the empty cells with the last reading "
-            "before, or on a line between readings"
+            "two loggers were merged into one table, name the column of time (--time), by which "
+            "the input is then interpolated, or fill the empty cells"
         )
 
     def _not_a_number(self, index: int, cell: str) -> RecordError:

@@ -13,6 +13,7 @@ from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import (
     Labels,
+    SparseColumnError,
     find_column,
     read_columns,
     read_headers,
@@ -268,22 +269,64 @@ def read_log(
             )
     dates = () if time is None else (time,)
     deviations = () if sd is None else (sd,)
-    columns, texts = read_table(
-        path,
-        [*wanted, *deviations],
-        labels,
-        gaps=(output, *deviations),
-        dates=dates,
-        progress=progress,
-    )
+
+    def read(*gaps: str) -> tuple[dict[str, FloatArray], dict[str, Labels]]:
+        names = [*wanted, *deviations]
+        return read_table(path, names, labels, gaps=gaps, dates=dates, progress=progress)
+
+    said = _of_file(path)
+    try:
+        columns, texts = read(output, *deviations)
+    except SparseColumnError:
+        if time is None:
+            raise
+        columns, texts = read(input, output, *deviations)
+        rows, columns[input], filled = _filled(columns[time], columns[input], names[0])
+        columns = {name: values[rows] for name, values in columns.items()}
+        texts, said = {name: values[rows] for name, values in texts.items()}, (*said, filled)
     u, y = columns[input], columns[output]
     noise = None if sd is None else _known(columns[sd], y)
-    said = _of_file(path)
     if time is None:
         t = np.arange(u.size, dtype=np.float64)
         return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise, said)
     clock, check = _checked(columns[time], names[2])
     return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise, said)
+
+
+def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatArray, str]:
+    """Fill the cells of an input that another logger recorded, on straight lines in time.
+
+    Returns
+    -------
+    (T,) array of bool, (T,) array, str
+        Which rows to keep, those that are not in a gap of the input; the inputs; and what is to be
+        said.
+
+    Raises
+    ------
+    RecordError
+        If fewer than two rows have an input, or time runs backwards.
+    """
+    read = np.isfinite(u)
+    if np.count_nonzero(read) < 2 or (np.diff(t) < 0).any():
+        raise RecordError(
+            f"{name} is empty in {np.count_nonzero(~read)} of {u.size} rows, as where two loggers "
+            "were merged into one table; it is interpolated where at least two rows have it and "
+            "the rows are in the order of time: sort them"
+        )
+    clock = t[read]
+    steps = np.diff(clock)
+    long = np.flatnonzero(steps > GAP * np.median(steps))
+    place = np.searchsorted(clock, t, side="left")
+    keep = read | ~np.isin(place - 1, long)
+    keep &= (t >= clock[0]) & (t <= clock[-1])
+    said = (
+        f"{name} is empty in {np.count_nonzero(~read)} of {u.size} rows, as where two loggers were "
+        "merged into one table; it is taken there from straight lines in time between its readings"
+    )
+    if not keep.all():
+        said += f", and {counted(int((~keep).sum()), 'row')} without readings near are left out"
+    return keep, np.interp(t, clock, u[read]), said
 
 
 def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
