@@ -194,7 +194,10 @@ class Log:
             return self.with_known_memory()
         longest = GAP * check.interval
         y = np.where(self._known, record.y, np.nan)
+        measured = np.count_nonzero(np.isfinite(y))
         t, u, y = resample(record.t, record.u, y, check.interval, gap=longest)
+        if 2 * np.count_nonzero(np.isfinite(y)) < measured:  # read at single samples
+            return self.with_known_memory()
         smooth = between(record.t, record.u, t, self.bridges)
         return _replaced(record, t, np.where(np.isnan(smooth), u, smooth), y)
 
@@ -282,6 +285,9 @@ def read_log(
             raise
         columns, texts = read(input, output, *deviations)
         rows, columns[input], filled = _filled(columns[time], columns[input], names[0])
+        measured = np.isfinite(columns[output])
+        if 2 * np.count_nonzero(measured) > measured.size - np.count_nonzero(measured):
+            rows &= measured  # the output is read about as often as the input
         columns = {name: values[rows] for name, values in columns.items()}
         texts, said = {name: values[rows] for name, values in texts.items()}, (*said, filled)
     u, y = columns[input], columns[output]
