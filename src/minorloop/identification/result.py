@@ -21,6 +21,7 @@ from minorloop.identification.rough_model import few
 from minorloop.identification.scores import score_rows
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
+from minorloop.operators.preisach import Diagonal
 
 _PIECES = 8
 """Pieces of a branch of the major loop of which the steepest counts: a jump is not a slope."""
@@ -142,7 +143,24 @@ class Identification(Fit, NotebookView):
             beyond = np.hypot(self._beyond(inputs)[places[samples]], self._noise)
             return np.hypot(known, beyond)
         # A left-out group may reach beyond the others, so that its errors count this.
-        return self.scatter.deviation(inputs[places[samples]], known, probability)
+        sd = self.scatter.deviation(inputs[places[samples]], known, probability)
+        return np.sqrt(sd**2 + self._within_cells(inputs, curves.start)[places[samples]])
+
+    def _within_cells(self, u: FloatArray, start: Start) -> FloatArray:
+        """Variance from where the weight of the smallest loops is within their cells.
+
+        Inputs at the levels do not show it. Both kinds of diagonal are the same there, and the
+        output may be anywhere between theirs. What the fitted rows show of it is in their errors.
+        """
+        other: Diagonal = "reversible" if self.model.diagonal == "uniform" else "uniform"
+        model = replace(self.model, diagonal=other)
+
+        def apart(inputs: FloatArray, begin: Start) -> FloatArray:
+            return np.square(self.model.simulate(inputs, begin) - model.simulate(inputs, begin)) / 3
+
+        inputs, places = self.curves.driven(self.u, self.model.levels, self.lag)
+        shown = float(apart(inputs, self.curves.start)[places[self.fitted]].mean())
+        return np.maximum(apart(u, start) - shown, 0.0)
 
     def _beyond(self, u: FloatArray) -> FloatArray:
         """Standard deviation from relays beyond the levels, of which nothing is known.
