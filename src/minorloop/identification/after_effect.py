@@ -89,6 +89,7 @@ def identify_after_effect(
     creep: Literal["auto", "none", "thermal", "spectrum"] = "auto",
     rate: bool | Literal["auto"] = "auto",
     levels: int | npt.ArrayLike = 25,
+    spacing: Literal["uniform", "adaptive"] = "uniform",
     diagonal: Diagonal = "reversible",
     times: npt.ArrayLike | None = None,
     smoothness: float | Literal["auto"] = "auto",
@@ -121,6 +122,8 @@ def identify_after_effect(
         ``"auto"``: if the record has more than one rate.
     levels : int or (L + 1,) array_like
         Number of bands over the range of ``u``, or the thresholds themselves.
+    spacing : {"uniform", "adaptive"}
+        As in `identify`.
     diagonal : {"reversible", "uniform"}
         As in `Preisach`. What is reversible follows the input without after-effect.
     times : (n,) array_like, optional
@@ -161,13 +164,14 @@ def identify_after_effect(
         )
     check_option("creep", creep, tuple(CREEP))
     check_option("diagonal", diagonal, ("uniform", "reversible"))
+    check_option("spacing", spacing, ("uniform", "adaptive"))
     if rate != "auto":
         checks.check_flags(rate=rate)
     parts = as_curves(curves, inputs.size, start, start_of_curve)
     skipped = checks.as_skip(skip, parts.positions(inputs.size))
     fitted, _ = checks.split(outputs, 0.0, len(coded), skipped)
     known = np.where(fitted, outputs, np.nan)
-    spec = PlaneSpec(checks.grid(inputs, known, levels, "uniform"), "unipolar", diagonal)
+    spec = PlaneSpec(checks.grid(inputs, known, levels, spacing), "unipolar", diagonal)
     record = TimedRecord(clock, inputs, outputs, fitted, parts)
     laws = [*CREEP[creep]]
     if _wants_rate(record, rate):
@@ -383,18 +387,17 @@ class _Search:
 
     def solve(self, normal: Normal, strength: float, guess: FloatArray | None = None) -> FloatArray:
         """Unknowns of least squares; all but the offset are not negative."""
-        cells = self.spec.cells
         gram = np.tril(normal.gram)
-        diagonal = gram.diagonal().copy()
-        scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        _scale(gram, scale)
-        planes = (scale.size - 1) // cells
-        shift = np.repeat(np.arange(planes) * cells, self.penalty.rows.size)
+        planes = (len(gram) - 1) // self.spec.cells
+        shift = np.repeat(np.arange(planes) * self.spec.cells, self.penalty.rows.size)
         rows = np.tile(self.penalty.rows, planes) + shift
         columns = np.tile(self.penalty.columns, planes) + shift
         values = np.tile(self.penalty.values, planes) * (strength * normal.rows)
-        values *= scale[rows] * scale[columns]
         np.add.at(gram, (rows, columns), values)
+        diagonal = gram.diagonal()
+        scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        gram *= scale
+        gram *= scale[:, None]
         whole = gram + np.tril(gram, -1).T
         right = normal.right * scale
         bounded = np.ones(scale.size, dtype=np.bool_)
@@ -466,9 +469,7 @@ class _Search:
             fitted=self.record.fitted,
             left_out=self.record.left_out,
             curves=self.record.curves,
-            without=self.model(
-                best, best.numbers, self.solve(kept, best.smoothness, x)
-            ),
+            without=self.model(best, best.numbers, self.solve(kept, best.smoothness, x)),
             directions=self.directions(best, x),
         )
 
@@ -535,12 +536,6 @@ class _Search:
         return float(residual.size * (1 - rho) / (1 + rho))
 
 
-def _scale(gram: FloatArray, scale: FloatArray) -> None:
-    """In place: rows and columns times a scale."""
-    gram *= scale
-    gram *= scale[:, None]
-
-
 def _wants_rate(record: TimedRecord, rate: bool | Literal["auto"]) -> bool:
     """Whether to compare viscous relays; refuse if they are asked for and cannot be found."""
     if rate is False:
@@ -557,9 +552,7 @@ def _wants_rate(record: TimedRecord, rate: bool | Literal["auto"]) -> bool:
     return several
 
 
-def _spectrum(
-    record: TimedRecord, times: npt.ArrayLike | None, wanted: bool
-) -> FloatArray | None:
+def _spectrum(record: TimedRecord, times: npt.ArrayLike | None, wanted: bool) -> FloatArray | None:
     """Return the time constants of a spectrum; None, or an error, where there are no holds."""
     if times is not None:
         found = np.atleast_1d(np.asarray(times, dtype=np.float64))

@@ -204,9 +204,15 @@ class AfterEffectIdentification(NotebookView):
             t, targets, self.curves.start if start is None else start, unreachable
         )
 
-    def plot(self) -> Any:
-        """Draw the record with the fit in a matplotlib figure."""
-        return figure_of(self)
+    def plot(self, **options: Any) -> Any:
+        """Draw the record with the fit, the residual, and the laws in a matplotlib figure.
+
+        Parameters
+        ----------
+        **options
+            ``input_label`` and ``output_label`` for the axes.
+        """
+        return figure_of(self, **options)
 
     def __str__(self) -> str:
         rows = [

@@ -88,7 +88,12 @@ def simulate(plane, stack, n, creep, intervals, u, y, keep=True):
     Unless ``keep``, the state stays as it is, and there is one input. One loop with all arrays in
     local variables: numba counts references to the arrays of each call.
     """
-    levels, per_band, buckets, per_unit = plane.levels, plane.per_band, plane.buckets, plane.per_unit
+    levels, per_band, buckets, per_unit = (
+        plane.levels,
+        plane.per_band,
+        plane.buckets,
+        plane.per_unit,
+    )
     marks, per_mark, mark_buckets = plane.marks, plane.per_mark, plane.mark_buckets
     per_mark_unit, nodes, bow = plane.per_mark_unit, plane.nodes, plane.bow
     reversible, saturation, slope = plane.reversible, plane.saturation, plane.slope

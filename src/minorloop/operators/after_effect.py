@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field as parameter
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,7 @@ from minorloop.arrays import (
     frozen,
 )
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
-from minorloop.figures import NotebookView
+from minorloop.figures import NotebookView, figure_of
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators import plane as _plane
 from minorloop.operators._parallel import in_parallel
@@ -162,9 +162,7 @@ class AfterEffect(NotebookView):
     def settled(self) -> Preisach:
         """The operator for inputs that are held for long: plane and creep together."""
         base, weights = self.plane, self.plane.weights + self.creep.sum(axis=0)
-        return Preisach(
-            base.levels, weights, base.offset, base.relay, base.diagonal, base.slope
-        )
+        return Preisach(base.levels, weights, base.offset, base.relay, base.diagonal, base.slope)
 
     @property
     def range(self) -> tuple[float, float]:
@@ -226,7 +224,9 @@ class AfterEffect(NotebookView):
             in_parallel(lambda row: run(inputs[row], y[row]), len(inputs))
         return y
 
-    def effective(self, t: npt.ArrayLike, u: npt.ArrayLike, start: State = "negative") -> FloatArray:
+    def effective(
+        self, t: npt.ArrayLike, u: npt.ArrayLike, start: State = "negative"
+    ) -> FloatArray:
         """Return the effective input along an input that is held between samples.
 
         Parameters
@@ -289,9 +289,7 @@ class AfterEffect(NotebookView):
         times, wanted = as_waveform(t, as_signal(targets, name="targets"), name="targets")
         stack, rows, creep, before = self.stack(start, wanted.size)
         u, y = np.empty_like(wanted), np.empty_like(wanted)
-        _kernels.invert(
-            self.tables, stack, rows, creep, before, intervals(times), wanted, u, y
-        )
+        _kernels.invert(self.tables, stack, rows, creep, before, intervals(times), wanted, u, y)
         low, high = self.range
         missed = np.abs(y - wanted) > _MISSED * (high - low)
         if missed.any() and unreachable == "raise":
@@ -322,6 +320,16 @@ class AfterEffect(NotebookView):
             State before the first sample.
         """
         return TimedTracker(self, start)
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the settled loop, and holds on the way down, in a matplotlib figure.
+
+        Parameters
+        ----------
+        **options
+            ``input_label`` and ``output_label`` for the axes.
+        """
+        return figure_of(self, **options)
 
     def require_monotone(self) -> None:
         """Refuse a model that cannot be inverted.
