@@ -86,10 +86,15 @@ def run(
             record.t, record.u, record.y, curves=labels, progress=now, **options
         )
     seconds = time.perf_counter() - began
-    names = {"input": record.input, "output": record.output}
     if save is not None:
-        provenance = Provenance.of(data.file)
-        modelfile.save(found, save, provenance=provenance, force=force, **names)
+        modelfile.save(
+            found,
+            save,
+            provenance=Provenance.of(data.file),
+            input=record.input,
+            output=record.output,
+            force=force,
+        )
     if report is not None:
         with _common.working("drawing the report"):
             _common.write_report(lambda: report_of(found, record, data.file), report, force=force)

@@ -47,8 +47,8 @@ def run(
     """Compute the inputs that bring the output to each target in turn.
 
     With --time, a model with dynamics follows the targets in time, from rest at the lowest input;
-    with --hold, one with after-effect reaches each target at the end of its hold. Without them, each
-    input is the one at which the output settles.
+    with --hold, one with after-effect reaches each target at the end of its hold. Without them,
+    each input is the one at which the output settles.
     """
     _common.check_outputs([save], inputs=[model, file], force=force)
     from minorloop import modelfile
@@ -114,7 +114,7 @@ def _ends_of_holds(known: ModelFile, hold: float, count: int) -> dict[str, Float
 
     if not isinstance(known.model, AfterEffect) or not 0 < hold < float("inf"):
         return {}
-    return {"time [s]": hold * (1.0 + arange(count))}
+    return {"time [s]": hold * arange(1.0, count + 1)}
 
 
 def _as_plan(

@@ -14,7 +14,15 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, Levels, as_times, as_whole, check_option
+from minorloop.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Levels,
+    as_times,
+    as_whole,
+    check_option,
+)
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import _after_effect_kernels as _kernels
 from minorloop.identification import active_set
@@ -25,7 +33,7 @@ from minorloop.identification.after_effect_result import (
     along,
     held,
 )
-from minorloop.identification.curves import Curves, StartOfCurve, as_curves
+from minorloop.identification.curves import Curves, StartOfCurve, as_curves, as_groups
 from minorloop.identification.design_matrix import PlaneSpec, unpack
 from minorloop.identification.least_squares import held_out_segments, neighbour_penalty
 from minorloop.operators.after_effect import AfterEffect
@@ -34,8 +42,8 @@ from minorloop.operators.preisach import Diagonal, Preisach
 from minorloop.threads import one_thread
 
 Law: TypeAlias = Literal["none", "thermal", "wide", "viscous", "spectrum"]
-"""No effect of time; a fluctuation field that is the same everywhere, or that falls towards the ends
-of the levels; viscous relays; creep with a spectrum of time constants."""
+"""No effect of time; a fluctuation field that is the same everywhere, or that falls towards the
+ends of the levels; viscous relays; creep with a spectrum of time constants."""
 LAWS: tuple[Law, ...] = get_args(Law)
 Pair: TypeAlias = tuple[AfterEffect, AfterEffect]
 CREEP: dict[str, tuple[Law, ...]] = {
@@ -70,11 +78,16 @@ _STEP = 0.7
 """First step of the search in the logarithm of a constant: a factor of two."""
 _TRIALS = 25
 """Fits of the search for each constant; the error then changes in the fourth digit."""
+_LOOSE = 1e-9
+"""Ridge of the covariance of the weights, over the largest diagonal: unknowns that no row
+determines keep a finite variance."""
 _CURVED = 0.3
 """Distance in the logarithm of a constant over which the curvature of the error is taken: a third,
 far above the roughness that the bounds of the weights cause."""
 _PRIOR_SD = float(np.log(10.0))
 """Standard deviation of the logarithm of a constant without data: a factor of ten."""
+_NOISELESS = 1e-12
+"""Error over the range below which it counts as so much: rounding."""
 _SAME_SPEED = 3.0
 """Ratio of the fastest to the slowest tenth of the moves below which a record has one rate."""
 _HELD = 4.0
@@ -96,6 +109,7 @@ def identify_after_effect(
     start: Start = "negative",
     curves: npt.ArrayLike | None = None,
     start_of_curve: StartOfCurve | None = None,
+    groups: npt.ArrayLike | None = None,
     skip: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> AfterEffectIdentification:
@@ -135,6 +149,9 @@ def identify_after_effect(
         Memory before the first row, with which everything has settled.
     curves, start_of_curve, skip
         As in `identify`.
+    groups : (T,) array_like, optional
+        Label of the run of each row. Bands are then those of another run: they include the scatter
+        of the runs, of which there are few, by Student's distribution.
     progress : callable, optional
         Called with what is done next, as text.
 
@@ -169,10 +186,11 @@ def identify_after_effect(
         checks.check_flags(rate=rate)
     parts = as_curves(curves, inputs.size, start, start_of_curve)
     skipped = checks.as_skip(skip, parts.positions(inputs.size))
+    runs = None if groups is None else as_groups("groups", groups, inputs.size)
     fitted, _ = checks.split(outputs, 0.0, len(coded), skipped)
     known = np.where(fitted, outputs, np.nan)
     spec = PlaneSpec(checks.grid(inputs, known, levels, spacing), "unipolar", diagonal)
-    record = TimedRecord(clock, inputs, outputs, fitted, parts)
+    record = TimedRecord(clock, inputs, outputs, fitted, parts, runs)
     laws = [*CREEP[creep]]
     if _wants_rate(record, rate):
         laws.insert(1, "viscous")
@@ -195,13 +213,14 @@ def identify_after_effect(
 
 @dataclass(frozen=True, eq=False)
 class TimedRecord:
-    """A record with times to be fitted: ``t``, ``u``, ``y``, ``fitted`` (T,), and its curves."""
+    """A record with times to be fitted: ``t``, ``u``, ``y``, ``fitted`` (T,), curves, and runs."""
 
     t: FloatArray
     u: FloatArray
     y: FloatArray
     fitted: BoolArray
     curves: Curves
+    groups: IntArray | None = None
 
     @cached_property
     def intervals(self) -> FloatArray:
@@ -220,7 +239,7 @@ class TimedRecord:
         """(T,) fitted rows that are left out to compare laws: curves, or contiguous segments."""
         if self.curves.begins.size >= _FOLDS:
             number = np.cumsum(self.begins) - 1
-            return self.fitted & (number % _FOLDS == _FOLDS // 2)
+            return np.asarray(self.fitted & (number % _FOLDS == _FOLDS // 2))
         rows = np.flatnonzero(self.fitted)
         out = np.zeros(self.t.size, dtype=np.bool_)
         out[rows[held_out_segments(rows.size)]] = True
@@ -305,7 +324,31 @@ def effective(
     x = np.interp(record.u, levels, marks)
     lost = -np.expm1(-record.intervals / constants.settling)
     _kernels.follow(marks, lost, record.begins, float(np.interp(reset, levels, marks)), x)
-    return np.interp(x, marks, levels)
+    return np.asarray(np.interp(x, marks, levels))
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Uncertainty of the weights of a fit: ``root`` (m, m), a root of their covariance, where free.
+
+    ``free`` (n,) are the unknowns that are not at their bound.
+    """
+
+    spec: PlaneSpec
+    constants: Constants
+    free: BoolArray
+    root: FloatArray
+
+    def variance(self, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
+        """Variance (T,) of the output along an input."""
+        everywhere = np.ones(t.size, dtype=np.bool_)
+        record = TimedRecord(t, u, u, everywhere, curves)
+        state, parts = State(self.spec, record, self.constants), []
+        for first in range(0, t.size, _BLOCK):
+            last = min(first + _BLOCK, t.size)
+            rows = rows_of(self.spec, record, self.constants, first, last, state)
+            parts.append(((rows[:, self.free] @ self.root.T) ** 2).sum(axis=1))
+        return np.concatenate(parts)
 
 
 class _Search:
@@ -333,7 +376,7 @@ class _Search:
         rows, columns, values = neighbour_penalty(spec)
         self.penalty = active_set.Sparse(rows, columns, values * spec.bands**2)
 
-    def constants(self, law: Law, numbers: FloatArray) -> Constants:
+    def constants(self, law: str, numbers: FloatArray) -> Constants:
         """Constants of a law from logarithms of its numbers."""
         none = np.empty(0)
         if law == "none":
@@ -417,18 +460,14 @@ class _Search:
         from scipy.optimize import minimize
 
         say(f"comparing the law {law!r}")
-        known: dict[bytes, tuple[float, FloatArray | None]] = {}
         strength = 0.0 if self.smoothness == "auto" else float(self.smoothness)
         strength = strength or _STRENGTHS[0]
-        last: list[FloatArray | None] = [None]
+        last: list[FloatArray] = []
 
         def cost(numbers: FloatArray) -> float:
-            key = numbers.tobytes()
-            if key not in known:
-                kept, _ = self.normal(self.constants(law, numbers))
-                last[0] = self.solve(kept, strength, last[0])
-                known[key] = float(np.log(max(kept.error(last[0]), 1e-12))), None
-            return known[key][0]
+            kept, _ = self.normal(self.constants(law, numbers))
+            last[:] = [self.solve(kept, strength, last[0] if last else None)]
+            return float(np.log(max(kept.error(last[0]), _NOISELESS)))
 
         numbers = self.guess(law)
         if numbers.size:
@@ -449,18 +488,19 @@ class _Search:
         strengths = _STRENGTHS if self.smoothness == "auto" else (strength,)
         guess, errors = None, []
         for one in strengths:
-            guess = self.solve(kept, one, guess)
-            errors.append(left_out.error(guess))
+            x = self.solve(kept, one, guess)
+            errors.append(left_out.error(x))
+            guess = x
         best = int(np.argmin(errors))
         return TriedLaw(law, numbers, errors[best], strengths[best])
 
     def result(self, best: TriedLaw, tried: Sequence[TriedLaw]) -> AfterEffectIdentification:
         """Fit all rows by a law; the uncertainty of its constants follows from the curvature."""
         kept, left_out = self.normal(self.constants(best.law, best.numbers))
-        x = self.solve(kept + left_out, best.smoothness)
-        trial = self.model(best, best.numbers, x)
+        whole = kept + left_out
+        x = self.solve(whole, best.smoothness)
         return AfterEffectIdentification(
-            model=trial,
+            model=self.model(best, best.numbers, x),
             law=best.law,
             tried=tuple(tried),
             t=self.record.t,
@@ -469,9 +509,21 @@ class _Search:
             fitted=self.record.fitted,
             left_out=self.record.left_out,
             curves=self.record.curves,
+            groups=self.record.groups,
+            weights=self.weights(best, whole, x),
             without=self.model(best, best.numbers, self.solve(kept, best.smoothness, x)),
             directions=self.directions(best, x),
         )
+
+    def weights(self, best: TriedLaw, whole: Normal, x: FloatArray) -> Weights:
+        """Uncertainty of the unknowns that are not at their bound."""
+        free = x > 0
+        free[-1] = True
+        gram = whole.gram[np.ix_(free, free)]
+        gram[np.diag_indices_from(gram)] += _LOOSE * gram.diagonal().max()
+        variance = (whole.error(x) * self.unit) ** 2
+        root = np.linalg.inv(np.linalg.cholesky(gram)) * np.sqrt(variance)
+        return Weights(self.spec, self.constants(best.law, best.numbers), free, root)
 
     def model(self, tried: TriedLaw, numbers: FloatArray, x: FloatArray) -> AfterEffect:
         """Operator of the unknowns of a fit."""
@@ -502,7 +554,7 @@ class _Search:
             kept, left_out = self.normal(self.constants(best.law, numbers))
             whole = kept + left_out
             found = self.solve(whole, best.smoothness, guess)
-            return float(np.log(max(whole.error(found), 1e-12))), found
+            return float(np.log(max(whole.error(found), _NOISELESS))), found
 
         middle = fitted(best.numbers)[0]
         shifts = _CURVED * np.eye(count)
@@ -546,7 +598,7 @@ def _wants_rate(record: TimedRecord, rate: bool | Literal["auto"]) -> bool:
     several = bool(fast >= _SAME_SPEED * slow)
     if rate is True and not several:
         raise SignalError(
-            f"the input moves at {slow:.3g} to {fast:.3g} per second throughout, which is one rate; "
+            f"the input moves at {slow:.3g} to {fast:.3g} per second, which is one rate; "
             "record the same loops ten times as fast too, or leave rate out"
         )
     return several

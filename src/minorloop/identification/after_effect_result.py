@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, as_waveform
+from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
@@ -22,6 +22,8 @@ _WIDTH = 0.06
 _BINS = 60
 """Width, in ranges of the input, and number of the averages of squared errors along it, as in
 `minorloop.identification.leave_out`."""
+_FEW = 1e-12
+"""Weight of rows below which none is near."""
 _GAP = 5.0
 """Intervals over the median one from which a change of the input needs a row of its own."""
 _CHANGE = 0.01
@@ -32,13 +34,23 @@ _CREEPS = 0.98
 
 @dataclass(frozen=True, eq=False)
 class TriedLaw:
-    """A law that was tried: its name, the logarithms of its constants, the error on left-out rows
-    over the range of the output, and the strength of smoothing."""
+    """A law that was tried.
+
+    ``law`` is its name, ``numbers`` are the logarithms of its constants, ``error`` is that on rows
+    left out over the range of the output, ``smoothness`` the strength of smoothing.
+    """
 
     law: str
     numbers: FloatArray
     error: float
     smoothness: float
+
+
+class Uncertain(Protocol):
+    """Uncertainty of the weights of a fit."""
+
+    def variance(self, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
+        """Variance (T,) of the output along an input."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +76,10 @@ class AfterEffectIdentification(NotebookView):
     directions : tuple of pairs of AfterEffect
         Operators one standard deviation of the constants away, in both directions, along each
         principal axis.
+    groups : (T,) array of int, optional
+        Number of the run of each row.
+    weights : object with ``variance(t, u, curves)``, optional
+        Uncertainty of the weights.
     """
 
     model: AfterEffect
@@ -77,6 +93,8 @@ class AfterEffectIdentification(NotebookView):
     curves: Curves
     without: AfterEffect
     directions: tuple[tuple[AfterEffect, AfterEffect], ...] = ()
+    groups: IntArray | None = None
+    weights: Uncertain | None = None
     lag: int = 0
     lag_seconds: float = 0.0
 
@@ -122,8 +140,8 @@ class AfterEffectIdentification(NotebookView):
         row = int(long[0])
         return (
             f"the input changes in {long.size} gaps of the times, first from {self.u[row]:.4g} to "
-            f"{self.u[row + 1]:.4g} between {self.t[row]:.6g} and {self.t[row + 1]:.6g} s; it counts "
-            "as changed at the beginning of the gap, so give a row where it really changed",
+            f"{self.u[row + 1]:.4g} between {self.t[row]:.6g} and {self.t[row + 1]:.6g} s; it "
+            "counts as changed at the beginning of the gap, so give a row where it really changed",
         )
 
     @property
@@ -141,13 +159,13 @@ class AfterEffectIdentification(NotebookView):
         model = self.model
         if model.settling > longest and self.law != "viscous":
             said.append(
-                f"the effective input settles in {model.settling:.3g} s, longer than any pause "
-                f"({longest:.3g} s); for predictions beyond it, hold a few reversals that long"
+                f"the effective input settles in {model.settling:.3g} s, longer than any interval "
+                f"of {longest:.3g} s; for predictions beyond it, hold a few reversals that long"
             )
         if model.times.size and np.abs(model.creep[-1]).sum() > np.abs(model.creep[:-1]).sum():
             said.append(
-                f"most creep has the longest time constant, {model.times[-1]:.3g} s; hold longer to "
-                "separate it from drift"
+                f"most creep has the longest time constant, {model.times[-1]:.3g} s; hold longer "
+                "to separate it from drift"
             )
         return tuple(said)
 
@@ -174,8 +192,8 @@ class AfterEffectIdentification(NotebookView):
         Returns
         -------
         (T,) array, or Prediction with bands
-            The variance is that of errors on rows left out, near the same input, and that of the
-            constants of the law.
+            The variance is that of errors on rows left out, near the same input, of the weights, of
+            the constants of the law, and of the runs where there are some.
         """
         times, inputs = as_waveform(t, u)
         parts = as_curves(curves, inputs.size, self.curves.start, None)
@@ -184,7 +202,8 @@ class AfterEffectIdentification(NotebookView):
             return y
         probability = as_probability(bands)
         sd = self._deviation(times, inputs, parts)
-        return Prediction(inputs, y, self._factor(probability) * sd, probability)
+        sd = np.hypot(self._factor(probability) * sd, self._of_runs(inputs, probability))
+        return Prediction(inputs, y, sd, probability)
 
     def invert(
         self,
@@ -244,6 +263,8 @@ class AfterEffectIdentification(NotebookView):
         for down, up in self.directions:
             apart = along(up, t, u, curves) - along(down, t, u, curves)
             variance = variance + apart**2 / 4
+        if self.weights is not None:
+            variance = variance + self.weights.variance(t, u, curves)
         return np.asarray(np.sqrt(variance))
 
     @cached_property
@@ -261,11 +282,36 @@ class AfterEffectIdentification(NotebookView):
         near = np.exp(-0.5 * ((inputs[:, None] - u) / width) ** 2)
         total = near.sum(axis=1)
         squares = self._errors**2
-        mean = (near @ squares + 1e-12 * squares.mean()) / (total + 1e-12)
+        mean = (near @ squares + _FEW * squares.mean()) / (total + _FEW)
         return inputs, mean
 
+    def _of_runs(self, u: FloatArray, probability: float) -> FloatArray:
+        """Standard deviation (T,) of another run, for a normal band of this probability.
+
+        The scatter of few runs is uncertain: Student's distribution widens the band.
+        """
+        from scipy.special import ndtri, stdtrit
+
+        if self.groups is None:
+            return np.zeros(u.size)
+        numbers = np.unique(self.groups[self.fitted])
+        if numbers.size < 2:
+            return np.zeros(u.size)
+        inputs = np.linspace(self.u.min(), self.u.max(), _BINS)
+        width = _WIDTH * float(np.ptp(self.u)) or 1.0
+        squares = np.zeros(_BINS)
+        for number in numbers:
+            rows = self.fitted & (self.groups == number)
+            near = np.exp(-0.5 * ((inputs[:, None] - self.u[rows]) / width) ** 2)
+            off = (self.prediction - self.y)[rows]
+            squares += ((near @ off) / np.maximum(near.sum(axis=1), _FEW)) ** 2
+        side, runs = (1 + probability) / 2, numbers.size
+        few = float(stdtrit(runs - 1, side)) / float(ndtri(side))
+        scatter = np.sqrt(squares / (runs - 1) * (1 + 1 / runs))
+        return np.asarray(few * np.interp(u, inputs, scatter))
+
     def _factor(self, probability: float) -> float:
-        """Factor with which bands of this probability hold as large a share of the rows left out."""
+        """Factor with which bands of this probability contain that share of the rows left out."""
         from scipy.special import ndtri  # scipy.stats takes a second to import
 
         sd = np.sqrt(np.interp(self.u[self.left_out], *self._variance))

@@ -32,8 +32,8 @@ class Plane(NamedTuple):
     levels (L + 1,), per_band (L,), buckets, per_unit: as in `_kernels.Plane`, for the input;
     marks, per_mark, mark_buckets, per_mark_unit: the same for the stretched thresholds;
     nodes (L + 1, L + 1, P), bow (L, P): Everett values at the nodes times the swing of a relay, and
-    what makes them curve inside a band; reversible (L + 1, P): what follows the input itself, at the
-    levels; saturation (P,): outputs with all relays off; slope: of the memoryless linear part;
+    what makes them curve in a band; reversible (L + 1, P): at the levels, what follows the input
+    itself; saturation (P,): outputs with all relays off; slope: of the memoryless linear part;
     settling: time in seconds after which the effective input is the input, 0 if it is at once;
     times (P - 1,): seconds by which the outputs of the planes after the first follow late.
     """

@@ -400,8 +400,8 @@ class AfterEffect(NotebookView):
         room : int
             Number of further reversals that the stack has room for.
         """
-        timed = isinstance(start, AfterEffectState)
-        memory = self.plane.memory(start.memory if isinstance(start, AfterEffectState) else start)
+        timed = start if isinstance(start, AfterEffectState) else None
+        memory = self.plane.memory(start if isinstance(start, Memory | str) else start.memory)
         extrema = np.array(memory.extrema)
         tables = self.tables
         stack = np.empty((extrema.size + room + 2, _kernels.OUTPUTS + tables.saturation.size))
@@ -411,15 +411,15 @@ class AfterEffect(NotebookView):
         rows = _kernels.simulate(
             tables, stack, rows, creep, held, extrema, np.empty_like(extrema), True
         )
-        if not timed:
+        if timed is None:
             return stack, rows, creep, memory.u
-        if len(start.creep) != creep.size:
+        if len(timed.creep) != creep.size:
             raise ParameterError(
-                f"the state has {len(start.creep)} creep outputs, the model {creep.size}; give a "
+                f"the state has {len(timed.creep)} creep outputs, the model {creep.size}; give a "
                 "state of this model"
             )
-        creep[:] = start.creep
-        return stack, rows, creep, as_finite("u", start.u)
+        creep[:] = timed.creep
+        return stack, rows, creep, as_finite("u", timed.u)
 
 
 class TimedTracker:
