@@ -89,7 +89,8 @@ _PRIOR_SD = float(np.log(10.0))
 _NOISELESS = 1e-12
 """Error over the range below which it counts as so much: rounding."""
 _SAME_SPEED = 3.0
-"""Ratio of the fastest to the slowest tenth of the moves below which a record has one rate."""
+"""Ratio of the greatest to the least tenth of the speeds of branches, and of their durations, below
+which a record has one rate."""
 _HELD = 4.0
 """Shortest hold in median intervals that shows creep."""
 
@@ -592,16 +593,30 @@ def _wants_rate(record: TimedRecord, rate: bool | Literal["auto"]) -> bool:
     """Whether to compare viscous relays; refuse if they are asked for and cannot be found."""
     if rate is False:
         return False
-    moves = np.abs(np.diff(record.u)) / record.intervals[1:]
-    moves = moves[(moves > 0) & ~record.begins[1:]]
-    slow, fast = np.quantile(moves, [0.1, 0.9]) if moves.size else (1.0, 1.0)
-    several = bool(fast >= _SAME_SPEED * slow)
+    speeds, durations = _branches(record)
+    several = all(
+        most >= _SAME_SPEED * least
+        for least, most in (np.quantile(one, [0.1, 0.9]) for one in (speeds, durations))
+    )
     if rate is True and not several:
         raise SignalError(
-            f"the input moves at {slow:.3g} to {fast:.3g} per second, which is one rate; "
-            "record the same loops ten times as fast too, or leave rate out"
+            f"branches last {durations.min():.3g} to {durations.max():.3g} s, at "
+            f"{speeds.min():.3g} to {speeds.max():.3g} per second, which is one rate; record the "
+            "same loops ten times as fast too, or leave rate out"
         )
     return several
+
+
+def _branches(record: TimedRecord) -> tuple[FloatArray, FloatArray]:
+    """Mean speed of the input on each branch between reversals, and seconds in which it moves."""
+    moves, steps = np.diff(record.u), record.intervals[1:]
+    moving = (moves != 0) & ~record.begins[1:]
+    moves, steps = moves[moving], steps[moving]
+    if not moves.size:
+        return np.ones(1), np.ones(1)
+    firsts = np.flatnonzero(np.append(True, np.diff(np.sign(moves)) != 0))
+    travels, durations = np.add.reduceat(np.abs(moves), firsts), np.add.reduceat(steps, firsts)
+    return travels / durations, durations
 
 
 def _spectrum(record: TimedRecord, times: npt.ArrayLike | None, wanted: bool) -> FloatArray | None:

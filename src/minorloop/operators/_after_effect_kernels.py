@@ -26,7 +26,7 @@ _LEAST = 4e-16
 """Width of the bracket, over the input, at which a search ends: neighbouring floats."""
 
 
-class Plane(NamedTuple):
+class TimedPlane(NamedTuple):
     """Planes of relays that share one effective input, in the form the loops read.
 
     levels (L + 1,), per_band (L,), buckets, per_unit: as in `_kernels.Plane`, for the input;

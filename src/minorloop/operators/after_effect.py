@@ -354,7 +354,7 @@ class AfterEffect(NotebookView):
         return frozen(np.concatenate([[0.0], np.cumsum(np.diff(levels) / self.field)]))
 
     @cached_property
-    def tables(self) -> _kernels.Plane:
+    def tables(self) -> _kernels.TimedPlane:
         """Tables for compiled loops and exports."""
         base, marks = self.plane, self.marks
         buckets, per_unit = _plane.buckets(base.levels)
@@ -372,7 +372,7 @@ class AfterEffect(NotebookView):
         nodes = np.stack([base.swing * _plane.nodes_from_weights(one) for one in strict], axis=-1)
         saturation = _plane.off_output(base.relay) * weights.sum(axis=(1, 2))
         saturation[0] += base.offset
-        return _kernels.Plane(
+        return _kernels.TimedPlane(
             levels=base.levels,
             per_band=frozen(1 / np.diff(base.levels)),
             buckets=buckets,
