@@ -88,7 +88,7 @@ _PRIOR_SD = float(np.log(10.0))
 """Standard deviation of the logarithm of a constant without data: a factor of ten."""
 _NOISELESS = 1e-12
 """Error over the range below which it counts as so much: rounding."""
-_SAME_SPEED = 3.0
+_SAME_SPEED = 4.0
 """Ratio of the greatest to the least tenth of the speeds of branches, and of their durations, below
 which a record has one rate."""
 _HELD = 4.0
