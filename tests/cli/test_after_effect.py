@@ -90,3 +90,11 @@ def test_simulate_and_invert_with_times(creeping, run, refused):
     assert status == 0
     t, u, wanted, y, _ = np.loadtxt("back.csv", delimiter=",", skiprows=1).T
     np.testing.assert_allclose(creeping.simulate(t, u), wanted, atol=1e-9)
+
+
+def test_c_is_stepped_at_the_given_interval(creeping, run, refused, tmp_path):
+    line = "export c creep.json --out firmware"
+    assert "give the seconds between samples" in refused(line)
+    status, _, _ = run(f"{line} --interval 0.5 --memory 16")
+    assert status == 0
+    assert "interval of 0.5 s" in (tmp_path / "firmware" / "minorloop.h").read_text()
