@@ -153,7 +153,7 @@ def _rms(errors: FloatArray) -> float:
 
 
 def _rock() -> list[Row]:
-    t, u, y, label = _together(FITTED)
+    t, u, y, label = read_runs(FITTED)
     span = float(np.ptp(y[np.isfinite(y)]))
     levels = 65.5 * np.sinh(2.5 * np.linspace(-1, 1, 41)) / np.sinh(2.5)
     began = time.perf_counter()
@@ -162,7 +162,7 @@ def _rock() -> list[Row]:
         start_of_curve="positive", skip=SKIP, groups=label // 1000,
     )  # fmt: skip
     took = time.perf_counter() - began
-    t, u, y, label = _together((PREDICTED,))
+    t, u, y, label = read_runs((PREDICTED,))
     bands = found.predict(t, u, bands=0.9, curves=label)
     begins = np.flatnonzero(np.diff(label, prepend=-1))
     late = np.arange(t.size) - begins[np.searchsorted(begins, np.arange(t.size), "right") - 1]
@@ -182,7 +182,7 @@ def _rock() -> list[Row]:
     return [Row(f"rock, after {PREDICTED} s", took, required=required, met=met, accuracy=said)]
 
 
-def _together(pauses) -> tuple[FloatArray, ...]:
+def read_runs(pauses) -> tuple[FloatArray, ...]:
     """Rows of several runs, one after the other: times, fields, moments, and labels of curves."""
     parts, begin = [], 0.0
     for pause in pauses:

@@ -248,7 +248,7 @@ def _timed_source(
     _check_bytes(parts.table_bytes, parts.state_bytes, largest)
     context = parts.context | _common(parts.title, numbers, inverse, words)
     u = numbers.array(parts.inputs).astype(np.float64)
-    y = model.simulate(float(interval or 1.0) * np.arange(u.size), u, parts.start)
+    y = model.simulate(float(interval or 1.0) * np.arange(u.size), u)
     width = model.range[1] - model.range[0]
     test = selftest(context, numbers, u, y, width, inverse, targets=y)
     swing = model.plane.swing * float(np.abs(model.plane.weights).sum() + np.abs(model.creep).sum())
