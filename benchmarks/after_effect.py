@@ -31,8 +31,8 @@ STEP, DESCENT, FIRST = 0.19, 4.5, 0.25
 the end of a pause to the first reading: from the elapsed times in the headers of the files."""
 SKIP = 3
 """First rows of a curve that are left out: the lag of the instrument while the sweep begins."""
-FEWEST = 5
-"""Readings of the shortest curve that is used."""
+FEWEST = 7
+"""Readings of the shortest curve that is used: four are then left."""
 STRIPS = range(1000, 1008)
 TARGETS, REACH, HOLD, SETTLED = 14, 7.5, 10.0, 200.0
 NOISE = 0.03
@@ -193,16 +193,17 @@ def read_runs(pauses) -> tuple[FloatArray, ...]:
 
 
 def _run(pause: int) -> tuple[FloatArray, ...]:
-    """Rows of one run; moments in units of those of the calibration points around each curve."""
+    """Rows of one run; moments in units of the calibration points, interpolated in time."""
     segments = _segments(DATA / ROCK.format(pause))
     gains, curves = [s[0][1] for s in segments[::2]], segments[1::2]
     t, u, y, label, now = [], [], [], [], 0.0
     for k, curve in enumerate(curves):
         if len(curve) < FEWEST:
             continue
-        gain = np.linspace(gains[k], gains[min(k + 1, len(gains) - 1)], len(curve))
-        now += DESCENT
+        begun, now = now, now + DESCENT
         times = now + pause + FIRST + STEP * np.arange(len(curve))
+        between = begun, times[-1] + STEP  # calibrated before and after each curve
+        gain = np.interp(times, between, (gains[k], gains[min(k + 1, len(gains) - 1)]))
         t += [now, *times]
         u += [1e3 * curve[0][0], *(1e3 * field for field, _ in curve)]
         y += [np.nan, *(moment / one for (_, moment), one in zip(curve, gain, strict=True))]

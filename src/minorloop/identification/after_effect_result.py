@@ -81,6 +81,8 @@ class AfterEffectIdentification(NotebookView):
         Number of the run of each row.
     weights : object with ``variance(t, u, curves)``, optional
         Uncertainty of the weights.
+    lag, lag_seconds
+        Lag of the output in rows and in seconds, for model files: none.
     """
 
     model: AfterEffect
