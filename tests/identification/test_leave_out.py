@@ -23,6 +23,8 @@ def specimens(seed=1000, scatter=0.05):
 
 def inside(found, u, y, labels):
     band = found.predict(u, bands=0.9, curves=labels)
+    if found.scatter is None:
+        band = band.without_noise()
     return (y >= band.lower) & (y <= band.upper)
 
 

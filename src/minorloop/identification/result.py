@@ -73,7 +73,7 @@ class Identification(Fit, NotebookView):
             return y
         probability = as_probability(bands)
         sd = self._deviation(inputs, parts, np.arange(inputs.size), probability)
-        return Prediction(inputs, y, sd, probability)
+        return Prediction(inputs, y, sd, probability, self._noise)
 
     def invert(
         self,
@@ -81,7 +81,7 @@ class Identification(Fit, NotebookView):
         start: Start | None = None,
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Invert targets, and predict the standard deviation of the outputs.
+        """Invert targets, and predict the standard deviation of the readings.
 
         Parameters
         ----------
@@ -114,10 +114,14 @@ class Identification(Fit, NotebookView):
         -------
         (M,) array
         """
-        sd = self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))
+        return self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))
+
+    @property
+    def _noise(self) -> float:
+        """Standard deviation of the sensor, as far as it is told from other errors."""
         if self.scatter is not None:
-            return sd
-        return np.hypot(sd, self.uncertainty.hyperparameters.noise * self.uncertainty.unit)
+            return 0.0
+        return self.uncertainty.hyperparameters.noise * self.uncertainty.unit
 
     def _deviation(
         self,
@@ -127,7 +131,7 @@ class Identification(Fit, NotebookView):
         probability: float = BAND,
         lag: int | None = None,
     ) -> FloatArray:
-        """Standard deviation at some samples of an input, in increasing order."""
+        """Standard deviation of readings at some samples of an input, in increasing order."""
         inputs, places = curves.driven(u, self.model.levels, self.lag if lag is None else lag)
         known = np.zeros(samples.size)
         if self.posterior is not None or self.scatter is None:
@@ -135,7 +139,8 @@ class Identification(Fit, NotebookView):
             wanted[places[samples]] = True
             known = self.uncertainty.deviation(inputs, curves.start, wanted)
         if self.scatter is None:
-            return np.hypot(known, self._beyond(inputs)[places[samples]])
+            beyond = np.hypot(self._beyond(inputs)[places[samples]], self._noise)
+            return np.hypot(known, beyond)
         # A left-out group may reach beyond the others, so that its errors count this.
         return self.scatter.deviation(inputs[places[samples]], known, probability)
 
@@ -157,7 +162,7 @@ class Identification(Fit, NotebookView):
 
     @cached_property
     def band_sd(self) -> float:
-        """Mean standard deviation of up to 800 predicted outputs; of readings with groups."""
+        """Mean standard deviation of up to 800 predicted readings."""
         grouped = self.scatter is not None
         samples = np.flatnonzero(self.fitted) if grouped else np.arange(self.u.size)
         return float(self._deviation(self.u, self.curves, few(samples)).mean())
