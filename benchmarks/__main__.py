@@ -29,6 +29,7 @@ PARTS = (
     "meter",
     "raw_logs",
     "fast_stage",
+    "after_effect",
     "group_bands",
     "data_sheets",
     "faults",

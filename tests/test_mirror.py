@@ -8,6 +8,7 @@ TESTS = Path(__file__).parent
 SOURCE = TESTS.parent / "src/minorloop"
 
 ELSEWHERE = {
+    "identification/after_effect_result.py": "identification/test_after_effect.py",
     "drawing/lab.py": "lab/test_reduction.py",
     "drawing/layout.py": "drawing/test_dynamics.py",
     "drawing/linear.py": "identification/test_linear_fit.py",

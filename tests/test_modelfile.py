@@ -30,10 +30,12 @@ from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.dynamics.linear import Linear
 from minorloop.lab.records import Quantity
 from minorloop.modelfile import LARGEST, ModelWarning, Provenance, read
+from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.dead_zones import DeadZones
 
 LEVELS = [-1.0, 0.0, 0.5, 2.0]
 TRIANGLE = [[0.1, 0.0, 0.0], [1 / 3, -0.0, 0.0], [5e-324, -1e300, np.pi]]
+SMALL = [[0.1, 0.0, 0.0], [1 / 3, -0.2, 0.0], [5e-324, 0.2, np.pi]]
 PLAYS = PrandtlIshlinskii([0.0, 0.1, 0.7], [1.0, 0.2, -0.3], 0.25)
 MODELS = {
     "preisach": Preisach(LEVELS, TRIANGLE, 0.5, "unipolar", "reversible", 1 / 7),
@@ -53,6 +55,9 @@ MODELS = {
     ),
     "linear": Linear([0.1, 1 / 7], [1.0, -1 / 3], 0.1, 0.3),
     "heated-wire": HeatedWire(Preisach(LEVELS, TRIANGLE), 1 / 3, 0.1),
+    "after-effect": AfterEffect(
+        Preisach(LEVELS, TRIANGLE), np.array([0.1, 1 / 3, 2.0]), 1 / 7, [0.1, 3.0], [SMALL, SMALL]
+    ),
 }
 GIVEN = {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0"}
 

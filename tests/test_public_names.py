@@ -14,6 +14,7 @@ NAMES = {
     *("Polynomial", "Memory", "Tracker", "Inversion"),
     *("identify", "Identification", "excitation", "densities"),
     *("identify_dynamics", "DynamicIdentification", "from_loop", "DataSheetModel"),
+    *("AfterEffect", "identify_after_effect", "AfterEffectIdentification"),
     *("Linear", "Cascade", "Trajectory", "Creep", "fit_creep"),
     *("Actuator", "Adaptive", "Channel", "Prediction", "NextInput", "next_input", "design"),
     *("arx", "step_response", "frequency_response", "Preamble", "describing_function"),

@@ -36,10 +36,12 @@ if TYPE_CHECKING:
         UnreachableError,
     )
     from minorloop.identification import (
+        AfterEffectIdentification,
         DynamicIdentification,
         Identification,
         excitation,
         identify,
+        identify_after_effect,
         identify_dynamics,
     )
     from minorloop.identification.adaptive import Adaptive
@@ -60,6 +62,7 @@ if TYPE_CHECKING:
     from minorloop.lab.store import Setup, Store
     from minorloop.modelfile import ModelWarning, load, save
     from minorloop.operators import densities
+    from minorloop.operators.after_effect import AfterEffect
     from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
     from minorloop.operators.inversion import Inversion
     from minorloop.operators.memory import Memory
@@ -73,6 +76,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Actuator",
     "Adaptive",
+    "AfterEffect",
+    "AfterEffectIdentification",
     "Cascade",
     "Channel",
     "Creep",
@@ -126,6 +131,7 @@ __all__ = [
     "frequency_response",
     "from_loop",
     "identify",
+    "identify_after_effect",
     "identify_dynamics",
     "load",
     "next_input",
@@ -185,15 +191,18 @@ _HOMES = {
         "UnreachableError",
     ),
     "minorloop.identification": (
+        "AfterEffectIdentification",
         "DynamicIdentification",
         "Identification",
         "identify",
+        "identify_after_effect",
         "identify_dynamics",
     ),
     "minorloop.lab.curvature": ("curvature_from_displacement", "displacement_from_curvature"),
     "minorloop.lab.records": ("Record",),
     "minorloop.lab.reduction": ("reduce",),
     "minorloop.modelfile": ("ModelWarning", "load", "save"),
+    "minorloop.operators.after_effect": ("AfterEffect",),
     "minorloop.operators.generalised_prandtl_ishlinskii": ("GeneralisedPrandtlIshlinskii",),
     "minorloop.operators.inversion": ("Inversion",),
     "minorloop.operators.memory": ("Memory",),

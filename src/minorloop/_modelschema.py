@@ -23,6 +23,7 @@ from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike, printable
+from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.operator import Operator
 from minorloop.operators.polynomial import Polynomial
@@ -34,7 +35,7 @@ StaticModel: TypeAlias = (
     Preisach | RelayModel | PrandtlIshlinskii | GeneralisedPrandtlIshlinskii | Polynomial
 )
 """Classes of operators in model files."""
-Model: TypeAlias = StaticModel | Cascade | Linear | HeatedWire
+Model: TypeAlias = StaticModel | Cascade | Linear | HeatedWire | AfterEffect
 """Classes of models in model files."""
 
 KINDS: Mapping[type[Model], str] = {
@@ -46,6 +47,7 @@ KINDS: Mapping[type[Model], str] = {
     Cascade: "cascade",
     Linear: "linear",
     HeatedWire: "heated-wire",
+    AfterEffect: "after-effect",
 }
 """The name of each class in a file."""
 
@@ -115,6 +117,8 @@ def _struct(of: type[Any], **options: Any) -> type[msgspec.Struct]:
     for name in (field.name for field in dataclasses.fields(of)):
         if of in _TRIANGLES and name == "weights":
             fields.append((name, list[list[float]]))
+        elif (of, name) == (AfterEffect, "creep"):
+            fields.append((name, list[list[list[float]]]))
         elif (of, name) in _LATER:
             fields.append((name, _json_type(hints[name]), None))
         else:
@@ -167,6 +171,8 @@ def build(part: msgspec.Struct) -> Any:
             values[name] = as_levels(value)
         elif name == "weights" and of in _TRIANGLES:
             values[name] = _square(value, values["levels"].size + _TRIANGLES[of])
+        elif name == "creep" and of is AfterEffect:
+            values[name] = [_square(rows, values["plane"].bands) for rows in value]
         else:
             values[name] = frozen(value) if isinstance(value, list) else value
     return of(**values)
@@ -265,6 +271,8 @@ def _plain(value: Any) -> Any:
         return plain(value)
     if not isinstance(value, np.ndarray):
         return value
+    if value.ndim == 3:
+        return [_plain(one) for one in value]
     if value.ndim == 2:
         return [row[: i + 1].tolist() for i, row in enumerate(value)]
     return value.tolist()

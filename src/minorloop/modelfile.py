@@ -34,9 +34,12 @@ The other keys of ``model`` depend on its kind. They are the parameters of its c
 ``linear``                          numerator, denominator, interval, delay of `Linear`
 ``heated-wire``                     operator (the keys of ``preisach`` without a kind), lag,
                                     latent of `HeatedWire`
+``after-effect``                    plane (the keys of ``preisach`` without a kind), field,
+                                    settling, times, creep of `AfterEffect`
 ==================================  ==========================================================
 
-The weights of the first two are rows up to the diagonal: row i has i + 1 numbers. Decimal numbers
+The weights of the first two, and those of the creep for each time, are rows up to the diagonal: row
+i has i + 1 numbers. Decimal numbers
 are read as exactly the same float64. ``warnings`` are sentences that say why the model is not to be
 trusted. A reader refuses unknown keys, so files with warnings have version 2, and files without
 them have version 1.
@@ -80,6 +83,7 @@ from minorloop.dynamics.linear import Linear
 from minorloop.errors import ModelFileError, ParameterError
 from minorloop.files import PathLike, check_name, check_writable, write_atomically
 from minorloop.lab.records import Quantity
+from minorloop.operators.after_effect import AfterEffect
 from minorloop.version import __version__
 
 if TYPE_CHECKING:
@@ -110,7 +114,7 @@ class ModelFile:
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii,
-        Polynomial, Cascade, Linear or HeatedWire
+        Polynomial, Cascade, Linear, HeatedWire or AfterEffect
         The model.
     input, output : Quantity
         Names and units of its input and output.
@@ -134,7 +138,7 @@ class ModelFile:
 
     @property
     def operator(self) -> StaticModel:
-        """The model, or the operator of a cascade: the output for slow inputs.
+        """The model, or the operator of one with time: the output for slow inputs.
 
         Raises
         ------
@@ -143,6 +147,8 @@ class ModelFile:
         """
         if isinstance(self.model, Cascade):
             return self.model.operator  # type: ignore[return-value]
+        if isinstance(self.model, AfterEffect):
+            return self.model.settled
         if isinstance(self.model, Linear | HeatedWire):
             raise ModelFileError(
                 f"the file has a model of kind {self.kind!r}, which minorloop.load reads; give a "
@@ -222,7 +228,7 @@ def save(
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial,
-            Cascade, Linear, HeatedWire, Identification or DynamicIdentification
+            Cascade, Linear, HeatedWire, AfterEffect, or the result of an identification
         The model. That of an identification is written with its lag, scores and warnings.
     path : str or path
         The file to write.
@@ -295,7 +301,7 @@ def load(path: PathLike) -> Model:
     Returns
     -------
     Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial, Cascade,
-    Linear or HeatedWire
+    Linear, HeatedWire or AfterEffect
         Equal to what was saved, to the last bit.
 
     Raises

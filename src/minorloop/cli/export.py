@@ -136,6 +136,7 @@ def run(
     if len(models) > 1:
         raise ParameterError(f"{target} takes one model file, and there are {len(models)}")
     from minorloop import modelfile
+    from minorloop.operators.after_effect import AfterEffect
     from minorloop.operators.preisach import Preisach
 
     (model,) = models
@@ -149,7 +150,8 @@ def run(
     if interval is not None and not 0 < interval < float("inf"):
         raise ParameterError(f"--interval is {interval:g}; give a positive number of seconds")
     part, order = _dynamics(known, model, linear, first, interval)
-    if interval is not None and part is None and target == "c":
+    timed = isinstance(known.model, AfterEffect)
+    if interval is not None and part is None and target == "c" and not timed:
         raise ParameterError("--interval does nothing for c without dynamics; leave it out")
     options: dict[str, Any] = {
         "name": name,
@@ -165,9 +167,11 @@ def run(
         return
     from minorloop.export.c99 import export_c
 
+    if timed:
+        options["interval"] = interval
     with _common.working("writing C"):
         code = export_c(
-            known.operator,
+            known.model if timed else known.operator,
             out,
             **options,
             force=force,
@@ -289,10 +293,15 @@ def _dynamics(
 def _say_what_is_missing(known: ModelFile, what: str) -> None:
     """Print what of the model an export does not carry."""
     from minorloop.dynamics.cascade import Cascade
+    from minorloop.operators.after_effect import AfterEffect
 
     if known.lag:
         typer.echo(
             f"the output follows the model by {known.lag} samples; this lag is not in the {what}"
+        )
+    if isinstance(known.model, AfterEffect) and what != "C":
+        typer.echo(
+            f"the output changes with time; this is not in the {what}, which settles at once"
         )
     if isinstance(known.model, Cascade) and known.model.creep is not None:
         typer.echo(f"the output creeps after the model; this creep is not in the {what}")

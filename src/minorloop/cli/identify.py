@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from minorloop.cli import _common
+from minorloop.cli import _after_effect, _common
 from minorloop.cli._completion import one_of
 from minorloop.cli._data_sheet import DataSheet, numbers_of, write_model
 from minorloop.cli._identification import DYNAMICS, Columns, identified
@@ -73,6 +73,17 @@ _Dynamics = Annotated[
         "linear: the same, and which of both comes first; needs --time.",
         autocompletion=one_of(DYNAMICS),
     ),
+]
+_Creep = Annotated[
+    str,
+    typer.Option(
+        help="none, or after-effect by left-out error: auto, thermal (thresholds relax with the "
+        "logarithm of time) or spectrum (cells creep); needs --time.",
+        autocompletion=one_of(("none", "auto", "thermal", "spectrum")),
+    ),
+]
+_Rate = Annotated[
+    bool, typer.Option("--rate", help="Compare viscous relays too; needs --time and two rates.")
 ]
 _Slope = Annotated[
     bool | None,
@@ -168,6 +179,8 @@ def run(
     diagonal: _Diagonal = None,
     lag: _Lag = None,
     dynamics: _Dynamics = "none",
+    creep: _Creep = "none",
+    rate: _Rate = False,
     slope: _Slope = None,
     signed: _Signed = False,
     smoothness: _Smoothness = "auto",
@@ -208,6 +221,23 @@ def run(
     if field is not None:
         raise ParameterError("--field is given without --from-loop; leave it out")
     _common.check_outputs([save, report], inputs=[file], force=force)
+    if creep != _after_effect.NONE or rate:
+        given = dict(context.params)
+        _after_effect.refuse_others(given)
+        timed = {
+            "creep": creep,
+            "rate": True if rate else "auto" if creep == "auto" else False,
+            "levels": levels or _after_effect.LEVELS,
+            "spacing": spacing,
+            "diagonal": diagonal or "reversible",
+            "smoothness": _number_or_auto("smoothness", smoothness, float),
+            "start": start,
+            "start_of_curve": start_of_curve,
+            "skip": skip,
+        }
+        data = _after_effect.TimedData(file, input, output, time, curves, rows)
+        _after_effect.run(data, timed, save, report, force, as_json)
+        return
     lag_seconds = None if lag is None else parse_lag(lag)
     options = {
         "levels": levels,

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 NAME = "invert"
 EXAMPLE = "minorloop invert model.json targets.csv --target curvature --save inputs.csv"
+_TIME_CONSTANTS = 5.0
+"""Time constants after which less than 1 % is left."""
 _SHOWN = 20
 """Most rows of the printed table; ``--save`` and ``--json`` give all."""
 
@@ -45,7 +47,8 @@ def run(
     """Compute the inputs that bring the output to each target in turn.
 
     With --time, a model with dynamics follows the targets in time, from rest at the lowest input;
-    without it, each input is the one at which the output settles.
+    with --hold, one with after-effect reaches each target at the end of its hold. Without them,
+    each input is the one at which the output settles.
     """
     _common.check_outputs([save], inputs=[model, file], force=force)
     from minorloop import modelfile
@@ -59,12 +62,17 @@ def run(
         known = modelfile.read(model)
         targets = _common.read_column(file, target, known.output.unit)
         times, check = ({}, None) if time is None else _common.times_of(known, file, time)
+        if hold is not None:
+            times = _ends_of_holds(known, hold, targets.size)
         notes = [] if check is None else [*_gaps(check), *check.of_steps, *check.others]
         now(f"inverting {targets.size} targets")
         result = _inverted(known, model, times, targets, start, clip)
         notes += _ahead(result)
         if save is not None:
-            columns: dict[str, Any] = {**times, **known.inverse_columns(targets, result)}
+            columns: dict[str, Any] = {
+                **({} if hold else times),
+                **known.inverse_columns(targets, result),
+            }
             if hold is not None:
                 columns = _as_plan(known, columns, start, hold)
             _common.write_csv(save, columns, force=force)
@@ -81,7 +89,7 @@ def run(
     for note in notes:
         typer.echo(f"note: {note}", err=True)
     _print(known, targets, result, saved=save is not None)
-    if known.operator is not known.model and time is None:
+    if known.operator is not known.model and not times:
         typer.echo("each output settles at its target; --time follows targets in time")
     if save is not None:
         typer.echo(f"written to {save}")
@@ -113,6 +121,17 @@ def _ahead(result: Inversion | CascadeInversion) -> list[str]:
     ]
 
 
+def _ends_of_holds(known: ModelFile, hold: float, count: int) -> dict[str, FloatArray]:
+    """Return when the holds of a model with after-effect end; nothing for other models."""
+    from numpy import arange
+
+    from minorloop.operators.after_effect import AfterEffect
+
+    if not isinstance(known.model, AfterEffect) or not 0 < hold < float("inf"):
+        return {}
+    return {"time [s]": hold * arange(1.0, count + 1)}
+
+
 def _as_plan(
     known: ModelFile, columns: dict[str, Any], start: str, hold: float
 ) -> dict[str, list[Any]]:
@@ -128,8 +147,20 @@ def _as_plan(
     first = float(levels[0] if start == "negative" else levels[-1])
     plan = {name: ["", *values] for name, values in columns.items()}
     plan[str(known.input)][0] = first
-    plan["hold [s]"] = [2 * hold, *[hold] * (len(plan[str(known.input)]) - 1)]
+    plan["hold [s]"] = [
+        max(2 * hold, _settled_after(known)),
+        *[hold] * (len(plan[str(known.input)]) - 1),
+    ]
     return plan
+
+
+def _settled_after(known: ModelFile) -> float:
+    """Return the seconds after which the slowest after-effect of a model has settled to 1 %."""
+    from minorloop.operators.after_effect import AfterEffect
+
+    if not isinstance(known.model, AfterEffect):
+        return 0.0
+    return _TIME_CONSTANTS * max([known.model.settling, *known.model.times], default=0.0)
 
 
 def _inverted(
@@ -142,6 +173,7 @@ def _inverted(
 ) -> Inversion | CascadeInversion:
     from minorloop.dynamics.cascade import Cascade
     from minorloop.dynamics.linear import Linear
+    from minorloop.operators.after_effect import AfterEffect
     from minorloop.operators.relays import RelayModel
 
     if isinstance(known.operator, RelayModel):
@@ -163,6 +195,9 @@ def _inverted(
                 unreachable=unreachable,  # type: ignore[arg-type]
                 between="held",
             )
+        if times and isinstance(known.model, AfterEffect):
+            t = next(iter(times.values()))
+            return known.model.invert(t, targets, start, unreachable)  # type: ignore[arg-type]
         return known.operator.invert(targets, start, unreachable)  # type: ignore[arg-type]
     except UnreachableError as error:
         hint = str(error).replace('pass unreachable="clip"', "pass --clip")

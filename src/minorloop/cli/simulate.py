@@ -89,8 +89,9 @@ def _simulated(
 
     from minorloop.dynamics.cascade import Cascade
     from minorloop.identification.baseline import delayed
+    from minorloop.operators.after_effect import AfterEffect
 
-    if isinstance(known.model, Cascade):
+    if isinstance(known.model, Cascade | AfterEffect):
         return known.model.simulate(next(iter(times.values())), u, start)
     y = known.model.simulate(u, start)
     if times and known.lag_seconds:

@@ -23,6 +23,8 @@ _FUNCTIONS = {
     "CreepFit": "dynamics.draw_creep_fit",
     "Identification": "identification.draw_identification",
     "DynamicIdentification": "dynamics.draw_dynamic_identification",
+    "AfterEffect": "after_effect.draw_after_effect",
+    "AfterEffectIdentification": "after_effect.draw_after_effect_identification",
     "DataSheetModel": "identification.draw_data_sheet",
     "Prediction": "identification.draw_prediction",
     "ExcitationReport": "identification.draw_excitation",

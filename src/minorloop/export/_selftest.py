@@ -113,11 +113,13 @@ def selftest(
     both_ways: bool,
     digit: float = 0.0,
     asked: Asked | None = None,
+    targets: FloatArray | None = None,
 ) -> str:
     """Return the self-test, which compares the C with outputs of Python within a tolerance.
 
-    The inverse is tested with the outputs as targets. With a linear part, the output reaches a
-    target later only; so the inputs that the C computes are compared instead.
+    The inverse is tested with the outputs in reverse order, or ``targets`` (T,). With a linear
+    part, the output reaches a target later only; so the inputs that the C computes are compared
+    instead.
     """
     width = width or 1.0
     rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
@@ -125,7 +127,7 @@ def selftest(
         "inputs": numbers.table(u),
         # As doubles: rounded to the type, they would hide what rounding does to the output.
         "outputs": Numbers(False).table(y),
-        "targets": numbers.table(y[::-1]),
+        "targets": numbers.table(y[::-1] if targets is None else targets),
     }
     tolerance = max(1e-12, 300 * rounding) + _DIGITS * digit
     tolerance += output_error(numbers, y, width, "linear" in context and bool(context["linear"]))

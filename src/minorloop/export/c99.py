@@ -15,12 +15,14 @@ from minorloop.arrays import as_whole, check_option
 from minorloop.dynamics.cascade import First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.export._after_effect import after_effect_parts
 from minorloop.export._plays import plays_parts
 from minorloop.export._relays import relay_parts
 from minorloop.export._selftest import asked_of, examples, selftest, width_of
 from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
 from minorloop.export._templates import render
 from minorloop.files import PathLike, write_folder
+from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
@@ -36,7 +38,7 @@ _COMMENT = 96
 """Characters of a line in a comment."""
 _MOST_LAG = 100_000
 """Intervals of dead time, each of which takes a number in a state."""
-_OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel)
+_OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel, AfterEffect)
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: An
 
     Parameters
     ----------
-    model : Preisach, RelayModel, PrandtlIshlinskii or GeneralisedPrandtlIshlinskii
+    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or AfterEffect
         The model.
     folder : str or path
         New or empty folder.
@@ -128,13 +130,14 @@ def source(
     output: str = "output",
     largest: int | None = None,
     firmware: bool = False,
+    interval: float | None = None,
     warnings: Sequence[str] = (),
 ) -> CSource:
     """Return the C99 of a model.
 
     Parameters
     ----------
-    model : Preisach, RelayModel, PrandtlIshlinskii or GeneralisedPrandtlIshlinskii
+    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or AfterEffect
         The operator. Only a Preisach operator can have a linear part; relays have no inverse.
     name : str
         Name of the files, and prefix of all public names in them.
@@ -156,6 +159,8 @@ def source(
     firmware : bool
         Whether to write a sketch of firmware too, with the serial protocol of
         `minorloop.lab.drivers.serial_line`.
+    interval : float, optional
+        Seconds of one step, for an operator with after-effect only.
     warnings : sequence of str
         Why the model is not to be trusted, for a comment at the top of header and source.
 
@@ -178,6 +183,8 @@ def source(
                 f"C of a {type(model).__name__} has no linear part and no firmware; identify a "
                 "Preisach model for these"
             )
+        if isinstance(model, AfterEffect):
+            return _timed_source(model, numbers, inverse, largest, words, interval, memory)
         return _other_source(model, numbers, inverse, largest, words)
     operator = _as_preisach(model, inverse)
     context, table_bytes, state_bytes = _preisach_tables(operator, linear, first, numbers, memory)
@@ -225,6 +232,29 @@ def _other_source(
     test = selftest(context, numbers, u, y, float(np.ptp(y)), inverse)
     files = _files(parts.template, context, test)
     return CSource(files, parts.table_bytes, parts.state_bytes, parts.memory, 0.0, 0.0)
+
+
+def _timed_source(
+    model: AfterEffect,
+    numbers: Numbers,
+    inverse: bool,
+    largest: int | None,
+    words: Mapping[str, str],
+    interval: float | None,
+    memory: int,
+) -> CSource:
+    """Return the C of an operator with after-effect, stepped at a fixed interval."""
+    parts = after_effect_parts(model, numbers, inverse, interval, memory)
+    _check_bytes(parts.table_bytes, parts.state_bytes, largest)
+    context = parts.context | _common(parts.title, numbers, inverse, words)
+    u = numbers.array(parts.inputs).astype(np.float64)
+    y = model.simulate(float(interval or 1.0) * np.arange(u.size), u)
+    width = model.range[1] - model.range[0]
+    test = selftest(context, numbers, u, y, width, inverse, targets=y)
+    swing = model.plane.swing * float(np.abs(model.plane.weights).sum() + np.abs(model.creep).sum())
+    drop_error = swing / (memory - 3)
+    files = _files(parts.template, context, test)
+    return CSource(files, parts.table_bytes, parts.state_bytes, memory, drop_error, 0.0)
 
 
 def _files(template: str, context: dict[str, Any], test: str) -> dict[str, str]:

@@ -25,7 +25,7 @@ FEWEST_GROUPS = 3
 _WIDTH = 0.06
 """Width of the average of squared errors along the input, in ranges."""
 _BINS = 60
-_NORMAL_GROUPS = 8
+NORMAL_GROUPS = 8
 """Groups whose weight the normal distribution has against the errors found."""
 
 
@@ -70,7 +70,7 @@ class GroupScatter:
 
         normal = float(ndtri((1 + probability) / 2))
         found = float(np.quantile(self.scores, probability)) / normal
-        share = self.groups / (self.groups + _NORMAL_GROUPS)
+        share = self.groups / (self.groups + NORMAL_GROUPS)
         few = float(stdtrit(self.groups - 1, (1 + probability) / 2)) / normal
         factor = few * (share * found + (1 - share))
         return np.asarray(factor * np.sqrt(known**2 + self._at(u)))

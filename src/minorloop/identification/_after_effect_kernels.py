@@ -1,0 +1,67 @@
+"""Compiled loops that fit an operator with after-effect: arrays in, arrays out."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from minorloop.operators._after_effect_kernels import relaxed
+from minorloop.operators._memory_kernels import push, switched_on
+
+
+@njit(cache=True, nogil=True)
+def follow(marks, lost, begins, reset, x):
+    """In place: stretched inputs (T,) become stretched effective inputs.
+
+    ``marks`` are the ends of the stretched thresholds, ``lost`` (T,) is 1 - exp(-interval /
+    settling), ``begins`` (T,) is true where a curve begins, at the effective input ``reset``.
+    """
+    now = reset
+    for t in range(x.size):
+        if begins[t]:
+            now = reset
+        now = relaxed(now, min(max(x[t], marks[0]), marks[-1]), lost[t])
+        x[t] = now
+
+
+@njit(cache=True, nogil=True)
+def copy_rows(reset, out):
+    """Copy a start memory; returns its length."""
+    for k in range(reset.size):
+        out[k] = reset[k]
+    return reset.size
+
+
+@njit(cache=True, nogil=True)
+def fill(levels, spread, v, u, gained, begins, reset, extrema, count, late, out):
+    """Fill rows (T, P K) of the design matrix; returns the extrema in use.
+
+    Column block p is the share of each cell that has switched on late by time constant p, less that
+    by p + 1; block 0 is at once. So the unknowns of a block are the weights of plane and creep up
+    to time constant p, which must not be negative. ``v`` (T,) is the effective input, ``gained``
+    (T, P - 1) what creeps in each interval, ``extrema`` and ``late`` (P, K) the state.
+    """
+    bands, cells, planes = levels.size - 1, late.shape[1], late.shape[0]
+    for t in range(u.size):
+        if begins[t]:
+            count = copy_rows(reset, extrema)
+            switched_on(levels, spread, extrema, count, late[0])
+            for p in range(1, planes):
+                for k in range(cells):
+                    late[p, k] = late[0, k]
+        count = push(extrema, count, min(max(v[t], levels[0]), levels[-1]))
+        now = late[0]
+        switched_on(levels, spread, extrema, count, now)
+        if not spread:
+            for i in range(bands):
+                share = (u[t] - levels[i]) / (levels[i + 1] - levels[i])
+                now[i * (i + 1) // 2 + i] = min(max(share, 0.0), 1.0)
+        for p in range(1, planes):
+            one, gain = late[p], gained[t, p - 1]
+            for k in range(cells):
+                one[k] += gain * (now[k] - one[k])
+        for p in range(planes):
+            last = p + 1 == planes
+            for k in range(cells):
+                rest = 0.0 if last else late[p + 1, k]
+                out[t, p * cells + k] = late[p, k] - rest
+    return count

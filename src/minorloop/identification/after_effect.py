@@ -1,0 +1,645 @@
+"""Identify an operator with after-effect, creep or viscous relays from a record with times.
+
+Laws are compared by the error on left-out parts of the record. Each has few constants, which are
+searched; for given constants the weights are a least-squares problem with bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Levels,
+    as_times,
+    as_whole,
+    check_option,
+)
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification import _after_effect_kernels as _kernels
+from minorloop.identification import active_set
+from minorloop.identification import record_checks as checks
+from minorloop.identification.after_effect_result import (
+    AfterEffectIdentification,
+    TriedLaw,
+    along,
+    held,
+)
+from minorloop.identification.curves import Curves, StartOfCurve, as_curves, as_groups
+from minorloop.identification.design_matrix import PlaneSpec, unpack
+from minorloop.identification.least_squares import held_out_segments, neighbour_penalty
+from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.memory import Start
+from minorloop.operators.preisach import Diagonal, Preisach
+from minorloop.threads import one_thread
+
+Law: TypeAlias = Literal["none", "thermal", "wide", "viscous", "spectrum"]
+"""No effect of time; a fluctuation field that is the same everywhere, or that falls towards the
+ends of the levels; viscous relays; creep with a spectrum of time constants."""
+LAWS: tuple[Law, ...] = get_args(Law)
+Pair: TypeAlias = tuple[AfterEffect, AfterEffect]
+CREEP: dict[str, tuple[Law, ...]] = {
+    "auto": ("none", "thermal", "wide", "spectrum"),
+    "none": ("none",),
+    "thermal": ("none", "thermal", "wide"),
+    "spectrum": ("none", "spectrum"),
+}
+"""Laws that each kind of creep compares."""
+
+PER_DECADE = 2
+"""Time constants per decade of a spectrum. Responses of lags that are closer than a factor of 3 are
+almost collinear, so that a record cannot separate more."""
+MOST_UNKNOWNS = 6000
+"""Unknowns of the dense normal equations: 300 MB."""
+_BETTER = 0.98
+"""Ratio of the left-out errors below which a law with more constants is worth them, as in
+`minorloop.identification.dynamics`."""
+_BLOCK = 512
+"""Rows of the design matrix at a time: with 6000 unknowns 25 MB."""
+_FOLDS = 5
+"""One of so many curves is left out."""
+_LINEAR = 10.0
+"""Fluctuation field of viscous relays over the range of the input: sinh is then linear to 0.2 %."""
+_STRENGTHS = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
+"""Strengths of smoothing that are compared, as in `minorloop.identification.least_squares`; never
+none, because neighbouring time constants are almost collinear."""
+_FIRST_FIELD = 0.01
+"""First guess of a fluctuation field, over the range of the input: loops widen by a few percent per
+decade of rate."""
+_STEP = 0.7
+"""First step of the search in the logarithm of a constant: a factor of two."""
+_TRIALS = 25
+"""Fits of the search for each constant; the error then changes in the fourth digit."""
+_LOOSE = 1e-9
+"""Ridge of the covariance of the weights, over the largest diagonal: unknowns that no row
+determines keep a finite variance."""
+_CURVED = 0.3
+"""Distance in the logarithm of a constant over which the curvature of the error is taken: a third,
+far above the roughness that the bounds of the weights cause."""
+_PRIOR_SD = float(np.log(10.0))
+"""Standard deviation of the logarithm of a constant without data: a factor of ten."""
+_NOISELESS = 1e-12
+"""Error over the range below which it counts as so much: rounding."""
+_SAME_SPEED = 4.0
+"""Ratio of the greatest to the least tenth of the speeds of branches, and of their durations, below
+which a record has one rate."""
+_HELD = 4.0
+"""Shortest hold in median intervals that shows creep."""
+
+
+def identify_after_effect(
+    t: npt.ArrayLike,
+    u: npt.ArrayLike,
+    y: npt.ArrayLike,
+    *,
+    creep: Literal["auto", "none", "thermal", "spectrum"] = "auto",
+    rate: bool | Literal["auto"] = "auto",
+    levels: int | npt.ArrayLike = 25,
+    spacing: Literal["uniform", "adaptive"] = "uniform",
+    diagonal: Diagonal = "reversible",
+    times: npt.ArrayLike | None = None,
+    smoothness: float | Literal["auto"] = "auto",
+    start: Start = "negative",
+    curves: npt.ArrayLike | None = None,
+    start_of_curve: StartOfCurve | None = None,
+    groups: npt.ArrayLike | None = None,
+    skip: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> AfterEffectIdentification:
+    """Identify a Preisach model and how its output changes with time.
+
+    Every law is fitted without a part of the record and scored on it; another law must reduce the
+    error by 2 %. The weights of plane and creep up to each time constant together are not negative,
+    so that the model is monotone and can be inverted.
+
+    Parameters
+    ----------
+    t : (T,) array_like
+        Strictly increasing times in seconds.
+    u : (T,) array_like
+        Inputs; u[k] is applied since t[k - 1]. The first one of a curve has been applied for the
+        shortest interval of the record.
+    y : (T,) array_like
+        Outputs at these times; NaN where nothing was measured.
+    creep : {"auto", "none", "thermal", "spectrum"}
+        Laws that are compared, beside none: a fluctuation field by which thresholds relax with the
+        logarithm of time; weights that creep with a spectrum of time constants; or both.
+    rate : bool or "auto"
+        Whether to compare viscous relays too: thresholds that depend on the rate of the input.
+        ``"auto"``: if the record has more than one rate.
+    levels : int or (L + 1,) array_like
+        Number of bands over the range of ``u``, or the thresholds themselves.
+    spacing : {"uniform", "adaptive"}
+        As in `identify`.
+    diagonal : {"reversible", "uniform"}
+        As in `Preisach`. What is reversible follows the input without after-effect.
+    times : (n,) array_like, optional
+        Time constants of the spectrum in seconds; two per decade, from twice the shortest interval
+        to the longest hold, if not given.
+    smoothness : float or "auto"
+        Strength of smoothing of the planes, as in `identify`; chosen by the left-out error.
+    start : {"negative", "positive", "demagnetised"} or Memory
+        Memory before the first row, with which everything has settled.
+    curves, start_of_curve, skip
+        As in `identify`.
+    groups : (T,) array_like, optional
+        Label of the run of each row. Bands are then those of another run: they include the scatter
+        of the runs, of which there are few, by Student's distribution.
+    progress : callable, optional
+        Called with what is done next, as text.
+
+    Returns
+    -------
+    AfterEffectIdentification
+
+    Raises
+    ------
+    SignalError
+        If lengths differ, times do not increase, too few outputs are finite, or input or output
+        never change; if ``rate`` is asked for and the record has one rate only, or a spectrum and
+        there is no hold.
+    ParameterError
+        If an option is out of its range.
+
+    References
+    ----------
+    Neel, Annales de Geophysique 5, 1949: fluctuation field. Krejci and Kuhnen, IEE Proceedings D
+    148, 2001: creep with a spectrum of time constants. Both in ``docs/theory/time.md``.
+    """
+    inputs, outputs, coded = checks.checked_record(u, y)
+    clock = as_times(t)
+    if clock.shape != inputs.shape:
+        raise SignalError(
+            f"t has shape {clock.shape} and u {inputs.shape}; give one time for each input"
+        )
+    check_option("creep", creep, tuple(CREEP))
+    check_option("diagonal", diagonal, ("uniform", "reversible"))
+    check_option("spacing", spacing, ("uniform", "adaptive"))
+    if rate != "auto":
+        checks.check_flags(rate=rate)
+    parts = as_curves(curves, inputs.size, start, start_of_curve)
+    skipped = checks.as_skip(skip, parts.positions(inputs.size))
+    runs = None if groups is None else as_groups("groups", groups, inputs.size)
+    fitted, _ = checks.split(outputs, 0.0, len(coded), skipped)
+    known = np.where(fitted, outputs, np.nan)
+    spec = PlaneSpec(checks.grid(inputs, known, levels, spacing), "unipolar", diagonal)
+    record = TimedRecord(clock, inputs, outputs, fitted, parts, runs)
+    laws = [*CREEP[creep]]
+    if _wants_rate(record, rate):
+        laws.insert(1, "viscous")
+    spectrum = None
+    if "spectrum" in laws:
+        spectrum = _spectrum(record, times, creep == "spectrum")
+        if spectrum is None:
+            laws.remove("spectrum")
+    say = progress or (lambda stage: None)
+    search = _Search(record, spec, spectrum, smoothness)
+    with one_thread():
+        tried = [search.tried(law, say) for law in laws]
+        best = tried[0]
+        for one in tried[1:]:
+            if one.error < _BETTER * best.error:
+                best = one
+        say(f"fitting all rows with the law {best.law!r}")
+        return search.result(best, tried)
+
+
+@dataclass(frozen=True, eq=False)
+class TimedRecord:
+    """A record with times to be fitted: ``t``, ``u``, ``y``, ``fitted`` (T,), curves, and runs."""
+
+    t: FloatArray
+    u: FloatArray
+    y: FloatArray
+    fitted: BoolArray
+    curves: Curves
+    groups: IntArray | None = None
+
+    @cached_property
+    def intervals(self) -> FloatArray:
+        """(T,) seconds for which each input is held."""
+        return held(self.t, self.curves)
+
+    @cached_property
+    def begins(self) -> BoolArray:
+        """(T,) first rows of curves."""
+        begins = np.zeros(self.t.size, dtype=np.bool_)
+        begins[self.curves.begins] = True
+        return begins
+
+    @cached_property
+    def left_out(self) -> BoolArray:
+        """(T,) fitted rows that are left out to compare laws: curves, or contiguous segments."""
+        if self.curves.begins.size >= _FOLDS:
+            number = np.cumsum(self.begins) - 1
+            return np.asarray(self.fitted & (number % _FOLDS == _FOLDS // 2))
+        rows = np.flatnonzero(self.fitted)
+        out = np.zeros(self.t.size, dtype=np.bool_)
+        out[rows[held_out_segments(rows.size)]] = True
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """Normal equations of some rows: Gram matrix, right side, sum of squares, number of rows."""
+
+    gram: FloatArray
+    right: FloatArray
+    square: float
+    rows: int
+
+    def __add__(self, other: Normal) -> Normal:
+        return Normal(
+            self.gram + other.gram,
+            self.right + other.right,
+            self.square + other.square,
+            self.rows + other.rows,
+        )
+
+    def error(self, x: FloatArray) -> float:
+        """Root-mean-square residual."""
+        total = self.square - 2 * float(x @ self.right) + float(x @ self.gram @ x)
+        return float(np.sqrt(max(total, 0.0) / max(self.rows, 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Constants:
+    """Constants of a law: field of each band and settling time, or time constants of the creep."""
+
+    field: FloatArray
+    settling: float
+    times: FloatArray
+
+
+def rows_of(
+    spec: PlaneSpec, record: TimedRecord, constants: Constants, first: int, last: int, state: Any
+) -> FloatArray:
+    """Rows of the design matrix, of a block that follows the one before."""
+    planes = 1 + constants.times.size
+    out = np.empty((last - first, planes * spec.cells + 1))
+    part = slice(first, last)
+    state.count = _kernels.fill(
+        spec.levels,
+        spec.diagonal == "uniform",
+        state.v[part],
+        record.u[part],
+        -np.expm1(-record.intervals[part, None] / constants.times),
+        record.begins[part],
+        state.reset,
+        state.extrema,
+        state.count,
+        state.late,
+        out,
+    )
+    out[:, -1] = 1.0
+    return out
+
+
+class State:
+    """State of the rows of a design matrix between blocks."""
+
+    def __init__(self, spec: PlaneSpec, record: TimedRecord, constants: Constants) -> None:
+        blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)))
+        self.reset = np.array(blank.memory(record.curves.start).extrema)
+        self.extrema = np.empty(self.reset.size + record.u.size + 2)
+        self.count = 0
+        self.late = np.zeros((1 + constants.times.size, spec.cells))
+        self.v = effective(spec.levels, record, constants, float(self.reset[-1]))
+
+
+def effective(
+    levels: Levels, record: TimedRecord, constants: Constants, reset: float
+) -> FloatArray:
+    """(T,) effective input along a record."""
+    if constants.settling == 0:
+        return record.u
+    marks = np.concatenate([[0.0], np.cumsum(np.diff(levels) / constants.field)])
+    x = np.interp(record.u, levels, marks)
+    lost = -np.expm1(-record.intervals / constants.settling)
+    _kernels.follow(marks, lost, record.begins, float(np.interp(reset, levels, marks)), x)
+    return np.asarray(np.interp(x, marks, levels))
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Uncertainty of the weights of a fit: ``root`` (m, m), a root of their covariance, where free.
+
+    ``free`` (n,) are the unknowns that are not at their bound.
+    """
+
+    spec: PlaneSpec
+    constants: Constants
+    free: BoolArray
+    root: FloatArray
+
+    def variance(self, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
+        """Variance (T,) of the output along an input."""
+        everywhere = np.ones(t.size, dtype=np.bool_)
+        record = TimedRecord(t, u, u, everywhere, curves)
+        state, parts = State(self.spec, record, self.constants), []
+        for first in range(0, t.size, _BLOCK):
+            last = min(first + _BLOCK, t.size)
+            rows = rows_of(self.spec, record, self.constants, first, last, state)
+            parts.append(((rows[:, self.free] @ self.root.T) ** 2).sum(axis=1))
+        return np.concatenate(parts)
+
+
+class _Search:
+    """Fits of a record by several laws."""
+
+    def __init__(
+        self,
+        record: TimedRecord,
+        spec: PlaneSpec,
+        spectrum: FloatArray | None,
+        smoothness: float | Literal["auto"],
+    ) -> None:
+        self.record, self.spec, self.spectrum = record, spec, spectrum
+        planes = 1 + (0 if spectrum is None else spectrum.size)
+        if planes * spec.cells > MOST_UNKNOWNS:
+            raise ParameterError(
+                f"{spec.bands} bands and {planes - 1} time constants are {planes * spec.cells} "
+                f"unknowns, at most {MOST_UNKNOWNS} can be fitted; give fewer levels"
+            )
+        used = record.y[record.fitted]
+        self.centre, self.unit = float(used.mean()), float(np.ptp(used))
+        self.span = float(spec.levels[-1] - spec.levels[0])
+        self.kept = record.fitted & ~record.left_out
+        self.smoothness = smoothness
+        rows, columns, values = neighbour_penalty(spec)
+        self.penalty = active_set.Sparse(rows, columns, values * spec.bands**2)
+
+    def constants(self, law: str, numbers: FloatArray) -> Constants:
+        """Constants of a law from logarithms of its numbers."""
+        none = np.empty(0)
+        if law == "none":
+            return Constants(none, 0.0, none)
+        if law == "spectrum" and self.spectrum is not None:
+            return Constants(none, 0.0, self.spectrum)
+        settling, bands = float(np.exp(numbers[0])), self.spec.bands
+        if law == "viscous":
+            return Constants(np.full(bands, _LINEAR * self.span), settling, none)
+        field = np.full(bands, float(np.exp(numbers[1])))
+        if law == "wide":
+            levels = self.spec.levels
+            middle = (levels[:-1] + levels[1:] - levels[0] - levels[-1]) / 2
+            field /= np.hypot(1.0, middle / np.exp(numbers[2]))
+        return Constants(field, settling, none)
+
+    def guess(self, law: Law) -> FloatArray:
+        """First guess of the logarithms of the numbers of a law."""
+        steps = self.record.intervals
+        settling, field = float(steps.max()), _FIRST_FIELD * self.span
+        if law == "viscous":
+            return np.log([float(np.median(steps))])
+        if law == "thermal":
+            return np.log([settling, field])
+        return np.log([settling, field, self.span / 6]) if law == "wide" else np.empty(0)
+
+    def normal(self, constants: Constants) -> tuple[Normal, Normal]:
+        """Normal equations of the rows that are kept, and of those left out."""
+        record = self.record
+        state = State(self.spec, record, constants)
+        sums: list[Normal] = []
+        y = (record.y - self.centre) / self.unit
+        for first in range(0, y.size, _BLOCK):
+            last = min(first + _BLOCK, y.size)
+            block = rows_of(self.spec, record, constants, first, last, state)
+            for number, used in enumerate((self.kept, record.left_out)):
+                picked = used[first:last]
+                a, b = block[picked], y[first:last][picked]
+                one = Normal(a.T @ a, a.T @ b, float(b @ b), b.size)
+                if len(sums) <= number:
+                    sums.append(one)
+                else:
+                    np.add(sums[number].gram, one.gram, out=sums[number].gram)
+                    sums[number] = replace(
+                        sums[number],
+                        right=sums[number].right + one.right,
+                        square=sums[number].square + one.square,
+                        rows=sums[number].rows + one.rows,
+                    )
+        return sums[0], sums[1]
+
+    def solve(self, normal: Normal, strength: float, guess: FloatArray | None = None) -> FloatArray:
+        """Unknowns of least squares; all but the offset are not negative."""
+        gram = np.tril(normal.gram)
+        planes = (len(gram) - 1) // self.spec.cells
+        shift = np.repeat(np.arange(planes) * self.spec.cells, self.penalty.rows.size)
+        rows = np.tile(self.penalty.rows, planes) + shift
+        columns = np.tile(self.penalty.columns, planes) + shift
+        values = np.tile(self.penalty.values, planes) * (strength * normal.rows)
+        np.add.at(gram, (rows, columns), values)
+        diagonal = gram.diagonal()
+        scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        gram *= scale
+        gram *= scale[:, None]
+        whole = gram + np.tril(gram, -1).T
+        right = normal.right * scale
+        bounded = np.ones(scale.size, dtype=np.bool_)
+        bounded[-1] = False
+        found = active_set.solve(
+            gram,
+            lambda z: whole @ z - right,
+            lambda z: whole @ z,
+            bounded,
+            float(np.sqrt(normal.square)) or 1.0,
+            guess=None if guess is None else guess / scale,
+        )
+        return np.asarray(found.z * scale)
+
+    def tried(self, law: Law, say: Callable[[str], None]) -> TriedLaw:
+        """Search the constants of a law on the rows that are kept; its error on those left out."""
+        from scipy.optimize import minimize
+
+        say(f"comparing the law {law!r}")
+        strength = 0.0 if self.smoothness == "auto" else float(self.smoothness)
+        strength = strength or _STRENGTHS[0]
+        last: list[FloatArray] = []
+
+        def cost(numbers: FloatArray) -> float:
+            kept, _ = self.normal(self.constants(law, numbers))
+            last[:] = [self.solve(kept, strength, last[0] if last else None)]
+            return float(np.log(max(kept.error(last[0]), _NOISELESS)))
+
+        numbers = self.guess(law)
+        if numbers.size:
+            simplex = np.vstack([numbers, numbers + _STEP * np.eye(numbers.size)])
+            found = minimize(
+                cost,
+                numbers,
+                method="Nelder-Mead",
+                options={
+                    "maxfev": _TRIALS * numbers.size,
+                    "xatol": 0.02,
+                    "fatol": 1e-4,
+                    "initial_simplex": simplex,
+                },
+            )
+            numbers = np.asarray(found.x)
+        kept, left_out = self.normal(self.constants(law, numbers))
+        strengths = _STRENGTHS if self.smoothness == "auto" else (strength,)
+        guess, errors = None, []
+        for one in strengths:
+            x = self.solve(kept, one, guess)
+            errors.append(left_out.error(x))
+            guess = x
+        best = int(np.argmin(errors))
+        return TriedLaw(law, numbers, errors[best], strengths[best])
+
+    def result(self, best: TriedLaw, tried: Sequence[TriedLaw]) -> AfterEffectIdentification:
+        """Fit all rows by a law; the uncertainty of its constants follows from the curvature."""
+        kept, left_out = self.normal(self.constants(best.law, best.numbers))
+        whole = kept + left_out
+        x = self.solve(whole, best.smoothness)
+        return AfterEffectIdentification(
+            model=self.model(best, best.numbers, x),
+            law=best.law,
+            tried=tuple(tried),
+            t=self.record.t,
+            u=self.record.u,
+            y=self.record.y,
+            fitted=self.record.fitted,
+            left_out=self.record.left_out,
+            curves=self.record.curves,
+            groups=self.record.groups,
+            weights=self.weights(best, whole, x),
+            without=self.model(best, best.numbers, self.solve(kept, best.smoothness, x)),
+            directions=self.directions(best, x),
+        )
+
+    def weights(self, best: TriedLaw, whole: Normal, x: FloatArray) -> Weights:
+        """Uncertainty of the unknowns that are not at their bound."""
+        free = x > 0
+        free[-1] = True
+        gram = whole.gram[np.ix_(free, free)]
+        gram[np.diag_indices_from(gram)] += _LOOSE * gram.diagonal().max()
+        variance = (whole.error(x) * self.unit) ** 2
+        root = np.linalg.inv(np.linalg.cholesky(gram)) * np.sqrt(variance)
+        return Weights(self.spec, self.constants(best.law, best.numbers), free, root)
+
+    def model(self, tried: TriedLaw, numbers: FloatArray, x: FloatArray) -> AfterEffect:
+        """Operator of the unknowns of a fit."""
+        constants, spec = self.constants(tried.law, numbers), self.spec
+        sums = [unpack(one) for one in (x[:-1] * self.unit).reshape(-1, spec.cells)]
+        plane = Preisach(
+            spec.levels,
+            sums[0],
+            offset=float(x[-1] * self.unit + self.centre),
+            relay=spec.relay,
+            diagonal=spec.diagonal,
+        )
+        creep = np.diff(np.array(sums), axis=0)
+        return AfterEffect(plane, constants.field, constants.settling, constants.times, creep)
+
+    def directions(self, best: TriedLaw, x: FloatArray) -> tuple[Pair, ...]:
+        """Models one standard deviation away along each principal axis of the constants.
+
+        The cost is the logarithm of the likelihood, n log of the error, with as many rows n as the
+        correlation of the residuals leaves; a constant is known to a factor of ten beforehand.
+        """
+        count = best.numbers.size
+        if not count:
+            return ()
+        guess = x
+
+        def fitted(numbers: FloatArray) -> tuple[float, FloatArray]:
+            kept, left_out = self.normal(self.constants(best.law, numbers))
+            whole = kept + left_out
+            found = self.solve(whole, best.smoothness, guess)
+            return float(np.log(max(whole.error(found), _NOISELESS))), found
+
+        middle = fitted(best.numbers)[0]
+        shifts = _CURVED * np.eye(count)
+        ahead = np.array([fitted(best.numbers + shift)[0] for shift in shifts])
+        behind = np.array([fitted(best.numbers - shift)[0] for shift in shifts])
+        curvature = np.diag((ahead + behind - 2 * middle) / _CURVED**2)
+        for i in range(count):
+            for j in range(i):
+                both = fitted(best.numbers + shifts[i] + shifts[j])[0]
+                curvature[i, j] = (both - ahead[i] - ahead[j] + middle) / _CURVED**2
+                curvature[j, i] = curvature[i, j]
+        model = self.model(best, best.numbers, x)
+        information = self._independent_rows(model) * curvature
+        values, axes = np.linalg.eigh(information)
+        sd = 1 / np.sqrt(np.maximum(values, 0.0) + 1 / _PRIOR_SD**2)
+        pairs = []
+        for axis, length in zip(axes.T, sd, strict=True):
+            ends = [best.numbers - length * axis, best.numbers + length * axis]
+            down, up = (self.model(best, end, fitted(end)[1]) for end in ends)
+            pairs.append((down, up))
+        return tuple(pairs)
+
+    def _independent_rows(self, model: AfterEffect) -> float:
+        """Number of independent residuals, from the correlation of neighbours."""
+        record = self.record
+        residual = along(model, record.t, record.u, record.curves) - record.y
+        residual = residual[record.fitted]
+        residual = residual - residual.mean()
+        rho = float(residual[1:] @ residual[:-1]) / (float(residual @ residual) or 1.0)
+        rho = min(max(rho, 0.0), 1 - 1 / residual.size)
+        return float(residual.size * (1 - rho) / (1 + rho))
+
+
+def _wants_rate(record: TimedRecord, rate: bool | Literal["auto"]) -> bool:
+    """Whether to compare viscous relays; refuse if they are asked for and cannot be found."""
+    if rate is False:
+        return False
+    speeds, durations = _branches(record)
+    several = all(
+        most >= _SAME_SPEED * least
+        for least, most in (np.quantile(one, [0.1, 0.9]) for one in (speeds, durations))
+    )
+    if rate is True and not several:
+        raise SignalError(
+            f"branches last {durations.min():.3g} to {durations.max():.3g} s, at "
+            f"{speeds.min():.3g} to {speeds.max():.3g} per second, which is one rate; record the "
+            "same loops ten times as fast too, or leave rate out"
+        )
+    return several
+
+
+def _branches(record: TimedRecord) -> tuple[FloatArray, FloatArray]:
+    """Mean speed of the input on each branch between reversals, and seconds in which it moves."""
+    moves, steps = np.diff(record.u), record.intervals[1:]
+    moving = (moves != 0) & ~record.begins[1:]
+    moves, steps = moves[moving], steps[moving]
+    if not moves.size:
+        return np.ones(1), np.ones(1)
+    firsts = np.flatnonzero(np.append(True, np.diff(np.sign(moves)) != 0))
+    travels, durations = np.add.reduceat(np.abs(moves), firsts), np.add.reduceat(steps, firsts)
+    return travels / durations, durations
+
+
+def _spectrum(record: TimedRecord, times: npt.ArrayLike | None, wanted: bool) -> FloatArray | None:
+    """Return the time constants of a spectrum; None, or an error, where there are no holds."""
+    if times is not None:
+        found = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        if found.ndim != 1 or not (np.isfinite(found) & (found > 0)).all():
+            raise ParameterError(f"times are {found}; give positive seconds")
+        return np.unique(found)
+    steps = record.intervals
+    change = np.append(True, (np.diff(record.u) != 0)) | record.begins
+    begun = record.t - steps
+    first = np.flatnonzero(change)
+    ends = record.t[np.append(first[1:], record.t.size) - 1]
+    longest = float((ends - begun[first]).max())
+    shortest = 2 * float(steps.min())
+    if longest < _HELD * float(np.median(steps)):
+        if wanted:
+            raise SignalError(
+                f"no input is held for longer than {longest:.3g} s, so that no creep is seen; "
+                f"record holds of at least {_HELD:.0f} samples"
+            )
+        return None
+    longest = max(longest, shortest)
+    count = int(np.ceil(PER_DECADE * np.log10(longest / shortest))) + 1
+    return np.geomspace(shortest, longest, as_whole("times", count, 1))

@@ -1,0 +1,100 @@
+"""A model with after-effect through the verbs."""
+
+import json
+
+import numpy as np
+import pytest
+
+from minorloop import modelfile
+from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.linspace(-1, 1, 5)
+COLUMNS = "--input voltage --output length --time time"
+
+
+@pytest.fixture
+def creeping():
+    """A model that creeps in the file creep.json, and a record of its holds in holds.csv."""
+    weights = np.tril(np.random.default_rng(1000).uniform(0.2, 1, (4, 4)))
+    plane = Preisach(LEVELS, weights, relay="unipolar", diagonal="reversible")
+    model = AfterEffect(plane, times=[5.0], creep=[0.4 * weights])
+    modelfile.save(model, "creep.json", input="voltage [V]", output="length [um]")
+    u = np.repeat(np.random.default_rng(1001).uniform(-1, 1, 60), 10)
+    t = np.arange(1.0, u.size + 1)
+    y = model.simulate(t, u) + 1e-3 * np.random.default_rng(1002).normal(size=t.size)
+    rows = np.column_stack([t, u, y])
+    header = "time [s],voltage [V],length [um]"
+    np.savetxt("holds.csv", rows, "%.17g", ",", header=header, comments="")
+    return model
+
+
+def test_identify_writes_model_and_report(creeping, run):
+    line = f"identify holds.csv {COLUMNS} --creep spectrum --levels 4"
+    status, out, err = run(f"{line} --save m.json --report r.html")
+    assert (status, err) == (0, "")
+    assert "law" in out
+    assert "spectrum" in out
+    found = modelfile.load("m.json")
+    t = np.arange(1.0, 31.0)
+    u = np.repeat([0.7, -0.4, 0.2], 10)
+    wanted = creeping.simulate(t, u)
+    np.testing.assert_allclose(found.simulate(t, u), wanted, atol=0.01 * np.ptp(creeping.range))
+    with open("r.html") as report:
+        assert "time explains" in report.read()
+    assert modelfile.read("m.json").provenance.scores["left_out_nrmse"] < 0.005
+
+
+def test_identify_prints_json(creeping, run):
+    status, out, _ = run(f"identify holds.csv {COLUMNS} --creep spectrum --levels 4 --json")
+    found = json.loads(out)
+    assert status == 0
+    assert found["law"] == "spectrum"
+    assert found["laws"]["spectrum"] < 0.1 * found["laws"]["none"]
+
+
+def test_what_cannot_be_combined_is_refused(creeping, refused):
+    line = "identify holds.csv --input voltage --output length --creep spectrum"
+    assert "--time is missing" in refused(line)
+    line += " --time time --levels 4"
+    assert "--holdout cannot be combined with --creep" in refused(f"{line} --holdout 0.3")
+    assert "--dynamics cannot be combined" in refused(f"{line} --dynamics auto")
+    assert "creep is 'slow'" in refused(line.replace("spectrum", "slow"))
+    assert "one rate; record the same loops" in refused(f"{line} --rate")
+
+
+def test_holds_that_are_too_short_to_settle_still_reach_their_targets(creeping, run):
+    status, _, _ = run("invert creep.json targets.csv --target length --hold 2 --save in.csv")
+    assert status == 2
+    status, _, _ = run(
+        "invert creep.json targets.csv --target length --hold 2 --clip --save in.csv"
+    )
+    rows = np.genfromtxt("in.csv", delimiter=",", skip_header=1)
+    u, hold, reachable = rows[:, 0], rows[:, 4], rows[1:, 3] == 1
+    # The first row saturates for five time constants, as the model begins settled.
+    assert hold.tolist() == [25.0, 2.0, 2.0, 2.0]
+    y = creeping.simulate(2.0 * np.arange(1, 4), u[1:])
+    assert reachable.sum() == 2
+    np.testing.assert_allclose(y[reachable], np.array([0.3, 1.5])[reachable[:2]], atol=1e-9)
+
+
+def test_simulate_and_invert_with_times(creeping, run, refused):
+    assert "name the column of holds.csv with --time" in refused(
+        "simulate creep.json holds.csv --input voltage"
+    )
+    status, _, _ = run("simulate creep.json holds.csv --time time --save out.csv")
+    assert status == 0
+    t, u, y = np.loadtxt("out.csv", delimiter=",", skiprows=1).T
+    np.testing.assert_allclose(y, creeping.simulate(t, u))
+    status, _, _ = run("invert creep.json out.csv --target length --time time --save back.csv")
+    assert status == 0
+    t, u, wanted, y, _ = np.loadtxt("back.csv", delimiter=",", skiprows=1).T
+    np.testing.assert_allclose(creeping.simulate(t, u), wanted, atol=1e-9)
+
+
+def test_c_is_stepped_at_the_given_interval(creeping, run, refused, tmp_path):
+    line = "export c creep.json --out firmware"
+    assert "give the seconds between samples" in refused(line)
+    status, _, _ = run(f"{line} --interval 0.5 --memory 16")
+    assert status == 0
+    assert "interval of 0.5 s" in (tmp_path / "firmware" / "minorloop.h").read_text()

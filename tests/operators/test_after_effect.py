@@ -1,0 +1,203 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import integrate
+
+from minorloop.errors import NotInvertibleError, ParameterError, SignalError, UnreachableError
+from minorloop.operators.after_effect import AfterEffect, AfterEffectState, intervals
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.array([-1.0, -0.75, -0.2, 0.0, 0.05, 0.6, 1.0])
+BANDS = LEVELS.size - 1
+DIAGONALS = ("uniform", "reversible")
+FIELD = np.linspace(0.02, 0.05, BANDS)
+LAWS = {
+    "field": {"field": FIELD, "settling": 3.0},
+    "creep": {"times": [0.2, 5.0]},
+    "both": {"field": 0.03, "settling": 3.0, "times": [0.2, 5.0]},
+}
+
+
+def a_plane(seed=1000, diagonal="reversible", slope=0.2):
+    rng = np.random.default_rng(seed)
+    weights = np.tril(rng.uniform(0.1, 1, (BANDS, BANDS)))
+    return Preisach(LEVELS, weights, rng.normal(), "bipolar", diagonal, slope)
+
+
+def a_model(law="both", seed=1000, diagonal="reversible", slope=0.2):
+    """A monotone model: creep takes back at most a part of what the plane does."""
+    plane, options = a_plane(seed, diagonal, slope), dict(LAWS[law])
+    if "times" in options:
+        shares = np.random.default_rng(seed + 1).uniform(-0.4, 0.4, (2, BANDS, BANDS))
+        options["creep"] = shares * plane.weights
+    return AfterEffect(plane, **options)
+
+
+def a_walk(seed, size, reach=0.9):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.choice([0.01, 0.3, 20.0], size))
+    return t, rng.uniform(-reach, reach, size)
+
+
+@pytest.mark.parametrize("diagonal", DIAGONALS)
+@given(seed=st.integers(0, 50), slope=st.sampled_from([0.0, 0.7]))
+@settings(max_examples=10)
+def test_without_field_and_creep_it_is_the_plane(diagonal, seed, slope):
+    plane = a_plane(seed, diagonal, slope)
+    t, u = a_walk(seed, 60, reach=1.3)
+    y = AfterEffect(plane).simulate(t, u, "demagnetised")
+    np.testing.assert_allclose(y, plane.simulate(u, "demagnetised"), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("diagonal", DIAGONALS)
+def test_inputs_held_for_long_settle_at_the_settled_operator(law, diagonal):
+    model = a_model(law, diagonal=diagonal)
+    _, u = a_walk(3, 40)
+    y = model.simulate(1e4 * np.arange(40), u)
+    np.testing.assert_allclose(y, model.settled.simulate(u), rtol=0, atol=1e-9)
+
+
+def test_the_effective_input_solves_the_law_of_thermal_activation():
+    model = a_model("field")
+    marks = model.marks
+    t, u = np.array([0.0, 0.7]), np.array([0.9, 0.9])
+    got = model.effective(t, u, Memory((-1.0, 0.4)))[0]
+    field = np.diff(LEVELS) / np.diff(marks)
+
+    def rate(_, v):
+        band = min(np.searchsorted(LEVELS, v[0], side="right") - 1, BANDS - 1)
+        s = field[band]
+        # Within one band, x = v / S obeys dx/dt = sinh(g(u) - x) / T.
+        apart = np.interp(0.9, LEVELS, marks) - np.interp(v[0], LEVELS, marks)
+        return [s * np.sinh(min(apart, 50.0)) / model.settling]
+
+    solved = integrate.solve_ivp(rate, (0, 0.7), [0.4], rtol=1e-10, atol=1e-12, max_step=1e-2)
+    assert got == pytest.approx(solved.y[0, -1], abs=1e-6)
+
+
+def test_the_effective_input_follows_the_logarithm_of_time():
+    model = AfterEffect(a_plane(), 0.02, 1e6)
+    t = np.array([1.0, 10.0, 100.0])
+    lag = 0.5 - np.array([model.effective([0.0, one], [0.5, 0.5])[0] for one in t])
+    np.testing.assert_allclose(np.diff(lag), -0.02 * np.log(10), rtol=1e-3)
+
+
+def test_a_constant_field_far_above_the_range_is_a_linear_lag():
+    model = AfterEffect(a_plane(), 1e4, 2.0)
+    got = model.effective([0.0, 1.0], [0.5, 0.5])
+    np.testing.assert_allclose(got, 0.5 - 1.5 * np.exp(-np.array([0.5, 1.0])), rtol=1e-6)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("diagonal", DIAGONALS)
+@given(seed=st.integers(0, 30))
+@settings(max_examples=8)
+def test_the_inverse_meets_outputs_at_each_instant(law, diagonal, seed):
+    model = a_model(law, seed, diagonal)
+    t, u = a_walk(seed, 60)
+    targets = model.simulate(t, u, "demagnetised")
+    found = model.invert(t, targets, "demagnetised")
+    assert found.reachable.all()
+    assert found.worst <= 1e-10 * np.ptp(model.range)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_output_after_an_interval_rises_with_the_input(law):
+    model = a_model(law)
+    tracker = model.track()
+    for step, u in zip(*map(np.ndarray.tolist, a_walk(5, 30)), strict=True):
+        tracker.push(u, step % 3 + 0.01)
+    y = [tracker.peek(u, 0.05) for u in np.linspace(-1, 1, 400)]
+    assert (np.diff(y) >= -1e-12).all()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_step_and_tracker_agree_with_simulate(law):
+    model = a_model(law)
+    t, u = a_walk(7, 150)
+    y = model.simulate(t, u, "demagnetised")
+    state, tracker = "demagnetised", model.track("demagnetised")
+    for step, value, wanted in zip(intervals(t), u, y, strict=True):
+        peeked = tracker.peek(value, step)
+        assert peeked == tracker.push(value, step)
+        got, state = model.step(state, value, step)
+        assert (got, peeked) == pytest.approx((wanted, wanted), abs=1e-11)
+    assert isinstance(state, AfterEffectState)
+
+
+def test_a_tracker_aims_and_its_copy_is_independent():
+    tracker = a_model().track("demagnetised")
+    other = tracker.copy()
+    u = tracker.aim(0.5, 0.1)
+    assert tracker.push(u, 0.1) == pytest.approx(0.5, abs=1e-12)
+    assert other.state == a_model().track("demagnetised").state
+    assert other.effective == pytest.approx(Memory.demagnetised(-1.0, 1.0).u)
+
+
+def test_rows_are_independent_signals():
+    model = a_model()
+    t, u = a_walk(9, 40)
+    both = model.simulate(t, np.stack([u, -u]))
+    np.testing.assert_array_equal(both[1], model.simulate(t, -u))
+
+
+def test_a_held_output_drifts_and_the_inverse_keeps_it():
+    model = a_model("creep")
+    t = np.linspace(0.1, 10, 50)
+    drifting = model.simulate(t, np.full(50, 0.4))
+    found = model.invert(t, np.full(50, drifting[0]))
+    assert np.ptp(drifting) > 0.01 * np.ptp(model.range)
+    assert np.ptp(found.y) <= 1e-10 * np.ptp(model.range)
+
+
+def test_a_target_that_needs_more_time_is_out_of_reach():
+    plane = a_plane(slope=0.0, diagonal="uniform")
+    model = AfterEffect(plane, 1e3, 10.0)
+    high = plane.range[1]
+    with pytest.raises(UnreachableError, match=r"index 0 \(0.1 s\) is out of reach at its time"):
+        model.invert([0.1, 0.2], [high, high])
+    clipped = model.invert([0.1, 0.2], [high, high], unreachable="clip")
+    assert clipped.u.tolist() == [1.0, 1.0]
+    assert not clipped.reachable.any()
+
+
+def test_creep_that_takes_back_more_than_the_plane_gives_is_not_inverted():
+    plane = a_plane()
+    model = AfterEffect(plane, times=[1.0], creep=[-1.2 * plane.weights])
+    assert not model.monotone
+    with pytest.raises(NotInvertibleError, match="negative weights"):
+        model.invert([1.0, 2.0], [0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"field": -0.1, "settling": 1.0}, "give fields >= 0"),
+        ({"field": 0.1}, "settling is 0 s; give a positive time with a field"),
+        ({"settling": 1.0}, "settling is 1 s"),
+        ({"field": [0.1, 0.2], "settling": 1.0}, "give one number, or 6"),
+        ({"field": [0.1, 0, 0, 0, 0, 0], "settling": 1.0}, "a positive field in every band"),
+        ({"times": [2.0, 1.0]}, "increasing positive seconds"),
+        ({"times": [1.0]}, r"give one \(L, L\) array for each time"),
+        ({"times": [1.0], "creep": np.ones((1, 6, 6))}, "alpha >= beta"),
+    ],
+)
+def test_bad_constants_are_refused(options, words):
+    with pytest.raises(ParameterError, match=words):
+        AfterEffect(a_plane(), **options)
+
+
+def test_bad_signals_are_refused():
+    model = a_model()
+    with pytest.raises(SignalError, match="t does not increase at index 2"):
+        model.simulate([0.0, 1.0, 1.0], [0.0, 0.0, 0.0])
+    with pytest.raises(SignalError, match="one input for each time"):
+        model.simulate([0.0, 1.0], [0.0, 0.0, 0.0])
+    with pytest.raises(ParameterError, match="interval"):
+        model.track().push(0.0, 0.0)
+    state = AfterEffectState(Memory((-1.0,)), -1.0, (0.0,))
+    with pytest.raises(ParameterError, match="the state has 1 creep outputs, the model 2"):
+        model.step(state, 0.0, 1.0)
