@@ -1,0 +1,269 @@
+"""Identify an oscillator with hysteresis by the error of its simulation.
+
+The parameters minimise the difference between the measured displacement and the one that the model
+gives for the force alone. Derivatives of the simulation are exact: they are integrated with it.
+
+Far from the truth this error has many minima, because the model resonates elsewhere. So the model
+is first tied to the measured displacement by a spring and a damper, which hold it near the record
+whatever its parameters are. The spring is then weakened in steps and finally removed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.dynamics import _oscillator_kernels
+from minorloop.dynamics.oscillator import Oscillator
+from minorloop.dynamics.sampling import (
+    Interpolation,
+    decimated,
+    pulses,
+    refined,
+)
+from minorloop.errors import ParameterError
+from minorloop.identification.levenberg_marquardt import Minimum, minimise
+from minorloop.operators.differential import BoucWen, Differential, Duhem
+
+_TIES = (10.0, 1.0, 0.1)
+"""Springs that tie the model to the record, over its own stiffness at the start. By trial: with 10
+times a start 50 % off is harmless, and steps of ten lose no start."""
+_TIED_STEPS, _TIED_GAIN = 40, 1e-3
+"""Steps with each of these springs: its minimum is only the start for the next one."""
+_TIED_DAMPING = 0.7
+"""Damping ratio of the mass on this spring alone: its noise does not ring."""
+_BENDS = (1.0, 0.5, 0.25, 0.1, 0.0)
+"""Shares of the bend of the law with which the first fit begins, the first that is stable: with a
+wrong law the hysteretic force may grow without bound along the measured displacement."""
+_TIED_SUBSTEPS = 2
+"""Steps in an interval then; they are as accurate as that minimum needs to be."""
+_STEPS = 60
+"""Most steps of the last fit; four to ten are usual."""
+
+
+@dataclass(frozen=True, eq=False)
+class OscillatorRecord:
+    """A record of force and displacement, ready for simulations.
+
+    Parameters
+    ----------
+    u, y : (T,) arrays
+        Force and displacement; of a periodic record, its mean period.
+    interval : float
+        Seconds between samples.
+    periodic : bool
+        Whether the record is one period of a settled response.
+    noise : float or None
+        Standard deviation of y, from the differences between periods.
+    between : {"band", "straight", "held"}
+        The force between samples.
+    substeps : int
+        Steps of the integration in an interval.
+    stages : sequence of (int, array)
+        Filters of the converter.
+    scored : (T,) array of bool
+        Samples whose error counts.
+    """
+
+    u: FloatArray
+    y: FloatArray
+    interval: float
+    periodic: bool
+    noise: float | None
+    between: Interpolation
+    substeps: int
+    stages: Sequence[tuple[int, FloatArray]]
+    scored: BoolArray
+
+    @property
+    def step(self) -> float:
+        """Seconds of one step of the integration."""
+        return self.interval / self.substeps
+
+    def coarse(self) -> OscillatorRecord:
+        """Return the record for longer steps, without filters."""
+        return replace(self, substeps=min(_TIED_SUBSTEPS, self.substeps), stages=())
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """(K, 3) force in each step."""
+        return pulses(self.u, self.substeps, self.between, periodic=self.periodic)
+
+    @cached_property
+    def motion(self) -> tuple[FloatArray, FloatArray]:
+        """(K, 3) measured displacement and velocity in each step; straight where none was."""
+        known = np.isfinite(self.y)
+        y = np.interp(np.arange(self.y.size), np.flatnonzero(known), self.y[known])
+        fine = refined(y, 2 * self.substeps, "band", periodic=self.periodic)
+        speed = np.gradient(fine, self.step / 2)
+        return tuple(  # type: ignore[return-value]
+            np.column_stack([x[:-2:2], x[1:-1:2], x[2::2]]) for x in (fine, speed)
+        )
+
+    def residuals(
+        self, model: Oscillator, tie: tuple[float, float] | None = None
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return simulated less measured displacements, and their derivatives (N, P).
+
+        None where the simulation is not finite.
+
+        Parameters
+        ----------
+        model : Oscillator
+            The model.
+        tie : (float, float), optional
+            Spring and damper between the model and the measured displacement.
+        """
+        mass, damping, spring, levels, values = model.plant
+        force = self.force
+        if tie is not None:
+            y, v = self.motion
+            force = force + tie[0] * y + tie[1] * v
+            spring = np.concatenate([[spring[0] + tie[0]], spring[1:]])
+            damping = damping + tie[1]
+        plant = mass, damping, spring, levels, values
+        p = 2 + spring.size + values.size
+        state, slopes = np.zeros(3), np.zeros((3, p))
+        out = np.empty(len(force) + 1)
+        gradient = np.empty((len(force) + 1, p))
+        for _ in range(2 if self.periodic else 1):
+            if not _oscillator_kernels.respond(
+                force, self.step, plant, state, slopes, out, gradient
+            ):
+                return None
+        if self.periodic:
+            out, gradient = out[:-1], gradient[:-1]
+        if self.stages:
+            out = decimated(out, self.stages, periodic=self.periodic)
+            gradient = decimated(gradient, self.stages, periodic=self.periodic)
+        else:
+            out, gradient = out[:: self.substeps], gradient[:: self.substeps]
+        if not (np.isfinite(out).all() and np.isfinite(gradient).all()):
+            return None
+        return (out - self.y)[self.scored], gradient[self.scored]
+
+
+def parameter_names(model: Oscillator) -> tuple[str, ...]:
+    """Return the names of the parameters, in the order of `parameters_of`."""
+    springs = ["stiffness", *(f"stiffness {k}" for k in range(2, model.stiffness.size + 1))]
+    operator = model.operator
+    if isinstance(operator, BoucWen):
+        law = ["alpha", "gamma", "delta", "exponent"]
+    else:
+        law = [f"{side} {k}" for side in ("rising", "falling") for k in range(operator.levels.size)]
+    return ("mass", "damping", *springs, *law)
+
+
+def parameters_of(model: Oscillator) -> FloatArray:
+    """Return the parameters (P,): mass, damping, springs, and those of the operator."""
+    return np.concatenate([[model.mass, model.damping], model.stiffness, model.operator.law[1]])
+
+
+def with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
+    """Return a model of the same structure.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of its range.
+    """
+    springs, law = np.split(parameters[2:], [model.stiffness.size])
+    operator: Differential
+    if isinstance(model.operator, BoucWen):
+        operator = BoucWen(*law)
+    else:
+        operator = Duhem(model.operator.levels, *np.split(law, 2))
+    return Oscillator(parameters[0], parameters[1], springs, operator)
+
+
+def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Oscillator | None:
+    """Return the model after fits in which it is tied to the record more and more weakly.
+
+    None if even the tied start is unstable.
+
+    Parameters
+    ----------
+    record : OscillatorRecord
+        What to fit.
+    start : Oscillator
+        Where to begin.
+    free : (P,) array of bool
+        Parameters that may change.
+    """
+    coarse, model = record.coarse(), start
+    stiffness = abs(start.stiffness[0]) + np.mean(np.abs(start.operator.slopes([0.0])))
+    for share in _TIES:
+        spring = share * float(stiffness)
+        tie = spring, 2 * _TIED_DAMPING * float(np.sqrt(spring * model.mass))
+        if share == _TIES[0]:
+            calm = (_calmed(start, free, bend) for bend in _BENDS)
+            stable = next((one for one in calm if coarse.residuals(one, tie) is not None), None)
+            if stable is None:
+                return None
+            model = stable
+        found = fit(coarse, model, free, tie, steps=_TIED_STEPS, gain=_TIED_GAIN)
+        if found is None:
+            return None
+        model = found[0]
+    return model
+
+
+def _calmed(model: Oscillator, free: BoolArray, share: float) -> Oscillator:
+    """Return the model with a share of the bend of its law, as far as it is free to change."""
+    parameters = parameters_of(model)
+    first = 2 + model.stiffness.size
+    law, which = parameters[first:], free[first:]
+    calm = law.copy()
+    if isinstance(model.operator, BoucWen):
+        calm[1:3] *= share
+    else:
+        calm = law.mean() + share * (law - law.mean())
+    parameters[first:] = np.where(which, calm, law)
+    return with_parameters(model, parameters)
+
+
+def fit(
+    record: OscillatorRecord,
+    start: Oscillator,
+    free: BoolArray,
+    tie: tuple[float, float] | None = None,
+    *,
+    steps: int = _STEPS,
+    gain: float = 1e-6,
+) -> tuple[Oscillator, Minimum] | None:
+    """Return the model with the least simulation error near a start; None if that is unstable.
+
+    Parameters
+    ----------
+    record : OscillatorRecord
+        What to fit.
+    start : Oscillator
+        Where to begin.
+    free : (P,) array of bool
+        Parameters that may change.
+    tie : (float, float), optional
+        As for `OscillatorRecord.residuals`.
+    steps, gain
+        As for `minimise`.
+    """
+    all_of_them = parameters_of(start)
+
+    def model_of(some: FloatArray) -> Oscillator:
+        parameters = all_of_them.copy()
+        parameters[free] = some
+        return with_parameters(start, parameters)
+
+    def errors(some: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        try:
+            model = model_of(some)
+        except ParameterError:  # out of its range
+            return None
+        found = record.residuals(model, tie)
+        return None if found is None else (found[0], found[1][:, free])
+
+    found = minimise(errors, all_of_them[free], steps=steps, gain=gain)
+    return None if found is None else (model_of(found.parameters), found)
