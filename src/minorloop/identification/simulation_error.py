@@ -17,8 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.dynamics import _oscillator_kernels
-from minorloop.dynamics.oscillator import Oscillator
+from minorloop.dynamics.oscillator import Motion, Oscillator
 from minorloop.dynamics.sampling import (
     Interpolation,
     decimated,
@@ -28,6 +27,7 @@ from minorloop.dynamics.sampling import (
 from minorloop.errors import ParameterError
 from minorloop.identification.levenberg_marquardt import Minimum, minimise
 from minorloop.operators.differential import BoucWen, Differential, Duhem
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 
 _TIES = (10.0, 1.0, 0.1)
 """Springs that tie the model to the record, over its own stiffness at the start. By trial: with 10
@@ -39,6 +39,8 @@ _TIED_DAMPING = 0.7
 _BENDS = (1.0, 0.5, 0.25, 0.1, 0.0)
 """Shares of the bend of the law with which the first fit begins, the first that is stable: with a
 wrong law the hysteretic force may grow without bound along the measured displacement."""
+_SMALL = 1e-9
+"""Displacement in m that measures the slope of a law at rest."""
 _TIED_SUBSTEPS = 2
 """Steps in an interval then; they are as accurate as that minimum needs to be."""
 _STEPS = 60
@@ -118,22 +120,17 @@ class OscillatorRecord:
         tie : (float, float), optional
             Spring and damper between the model and the measured displacement.
         """
-        mass, damping, spring, levels, values = model.plant
         force = self.force
         if tie is not None:
             y, v = self.motion
             force = force + tie[0] * y + tie[1] * v
-            spring = np.concatenate([[spring[0] + tie[0]], spring[1:]])
-            damping = damping + tie[1]
-        plant = mass, damping, spring, levels, values
-        p = 2 + spring.size + values.size
-        state, slopes = np.zeros(3), np.zeros((3, p))
+            spring = np.concatenate([[model.stiffness[0] + tie[0]], model.stiffness[1:]])
+            model = replace(model, stiffness=spring, damping=model.damping + tie[1])
+        motion = Motion(model, gradient=True)
         out = np.empty(len(force) + 1)
-        gradient = np.empty((len(force) + 1, p))
+        gradient = np.empty((len(force) + 1, motion.slopes.shape[1]))
         for _ in range(2 if self.periodic else 1):
-            if not _oscillator_kernels.respond(
-                force, self.step, plant, state, slopes, out, gradient
-            ):
+            if not motion.run(force, self.step, out, gradient):
                 return None
         if self.periodic:
             out, gradient = out[:-1], gradient[:-1]
@@ -153,14 +150,18 @@ def parameter_names(model: Oscillator) -> tuple[str, ...]:
     operator = model.operator
     if isinstance(operator, BoucWen):
         law = ["alpha", "gamma", "delta", "exponent"]
-    else:
+    elif isinstance(operator, Duhem):
         law = [f"{side} {k}" for side in ("rising", "falling") for k in range(operator.levels.size)]
+    else:
+        law = [f"weight {k}" for k in range(operator.weights.size)]
     return ("mass", "damping", *springs, *law)
 
 
 def parameters_of(model: Oscillator) -> FloatArray:
     """Return the parameters (P,): mass, damping, springs, and those of the operator."""
-    return np.concatenate([[model.mass, model.damping], model.stiffness, model.operator.law[1]])
+    operator = model.operator
+    law = operator.law[1] if isinstance(operator, Differential) else operator.weights
+    return np.concatenate([[model.mass, model.damping], model.stiffness, law])
 
 
 def with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
@@ -172,11 +173,13 @@ def with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
         If a parameter is out of its range.
     """
     springs, law = np.split(parameters[2:], [model.stiffness.size])
-    operator: Differential
+    operator: Differential | PrandtlIshlinskii
     if isinstance(model.operator, BoucWen):
         operator = BoucWen(*law)
-    else:
+    elif isinstance(model.operator, Duhem):
         operator = Duhem(model.operator.levels, *np.split(law, 2))
+    else:
+        operator = replace(model.operator, weights=law)
     return Oscillator(parameters[0], parameters[1], springs, operator)
 
 
@@ -195,7 +198,7 @@ def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Os
         Parameters that may change.
     """
     coarse, model = record.coarse(), start
-    stiffness = abs(start.stiffness[0]) + np.mean(np.abs(start.operator.slopes([0.0])))
+    stiffness = abs(start.stiffness[0]) + abs(start.operator.step("relaxed", _SMALL)[0] / _SMALL)
     for share in _TIES:
         spring = share * float(stiffness)
         tie = spring, 2 * _TIED_DAMPING * float(np.sqrt(spring * model.mass))
@@ -220,7 +223,7 @@ def _calmed(model: Oscillator, free: BoolArray, share: float) -> Oscillator:
     calm = law.copy()
     if isinstance(model.operator, BoucWen):
         calm[1:3] *= share
-    else:
+    elif isinstance(model.operator, Duhem):
         calm = law.mean() + share * (law - law.mean())
     parameters[first:] = np.where(which, calm, law)
     return with_parameters(model, parameters)
