@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from minorloop.dynamics.cascade import Cascade
     from minorloop.dynamics.creep import Creep, fit_creep
     from minorloop.dynamics.linear import Linear
+    from minorloop.dynamics.oscillator import Oscillator
     from minorloop.dynamics.trajectory import Trajectory
     from minorloop.errors import (
         FleetError,
@@ -48,6 +49,8 @@ if TYPE_CHECKING:
     from minorloop.identification.data_sheet import DataSheetModel, from_loop
     from minorloop.identification.design import NextInput, design, next_input
     from minorloop.identification.frequency import Preamble, describing_function, frequency_response
+    from minorloop.identification.oscillator import identify_oscillator
+    from minorloop.identification.oscillator_result import OscillatorIdentification
     from minorloop.identification.rational import fit_response
     from minorloop.identification.recursive import Recursive
     from minorloop.identification.representability import representability
@@ -60,6 +63,7 @@ if TYPE_CHECKING:
     from minorloop.lab.store import Setup, Store
     from minorloop.modelfile import ModelWarning, load, save
     from minorloop.operators import densities
+    from minorloop.operators.differential import BoucWen, Duhem
     from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
     from minorloop.operators.inversion import Inversion
     from minorloop.operators.memory import Memory
@@ -73,10 +77,12 @@ if TYPE_CHECKING:
 __all__ = [
     "Actuator",
     "Adaptive",
+    "BoucWen",
     "Cascade",
     "Channel",
     "Creep",
     "DataSheetModel",
+    "Duhem",
     "DynamicIdentification",
     "FleetError",
     "GeneralisedPrandtlIshlinskii",
@@ -92,6 +98,8 @@ __all__ = [
     "ModelWarning",
     "NextInput",
     "NotInvertibleError",
+    "Oscillator",
+    "OscillatorIdentification",
     "OutputError",
     "ParameterError",
     "Plan",
@@ -127,6 +135,7 @@ __all__ = [
     "from_loop",
     "identify",
     "identify_dynamics",
+    "identify_oscillator",
     "load",
     "next_input",
     "reduce",
@@ -148,6 +157,10 @@ _HOMES = {
         "fit_creep",
     ),
     "minorloop.dynamics.linear": ("Linear",),
+    "minorloop.dynamics.oscillator": ("Oscillator",),
+    "minorloop.identification.oscillator": ("identify_oscillator",),
+    "minorloop.identification.oscillator_result": ("OscillatorIdentification",),
+    "minorloop.operators.differential": ("BoucWen", "Duhem"),
     "minorloop.dynamics.trajectory": ("Trajectory",),
     "minorloop.identification.arx": (
         "arx",

@@ -23,6 +23,7 @@ _FUNCTIONS = {
     "CreepFit": "dynamics.draw_creep_fit",
     "Identification": "identification.draw_identification",
     "DynamicIdentification": "dynamics.draw_dynamic_identification",
+    "OscillatorIdentification": "oscillator.draw_oscillator_identification",
     "DataSheetModel": "identification.draw_data_sheet",
     "Prediction": "identification.draw_prediction",
     "ExcitationReport": "identification.draw_excitation",

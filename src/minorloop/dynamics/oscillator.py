@@ -38,7 +38,7 @@ _SETTLED = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Oscillator:
-    """``mass y'' + damping y' + stiffness y + z = u`` with the hysteretic force ``z = operator[y]``.
+    """``mass y'' + damping y' + stiffness y + z = u``, where z is hysteretic.
 
     Parameters
     ----------
@@ -215,9 +215,7 @@ class Motion:
             self._law = law
         self._begun = False
 
-    def run(
-        self, force: FloatArray, step: float, y_out: FloatArray, gradient: FloatArray
-    ) -> bool:
+    def run(self, force: FloatArray, step: float, y_out: FloatArray, gradient: FloatArray) -> bool:
         """Continue with a force (K, 3), and return whether the displacements are finite.
 
         Parameters

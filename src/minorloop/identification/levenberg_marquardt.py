@@ -11,7 +11,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 
 Model: TypeAlias = "Callable[[FloatArray], tuple[FloatArray, FloatArray] | None]"
-"""From parameters (P,) to residuals (N,) and their derivatives (N, P); None where there are none."""
+"""From parameters (P,) to residuals (N,) and derivatives (N, P); None where there are none."""
 
 _FIRST, _LEAST, _MOST = 1e-3, 1e-12, 1e12
 """Damping at the beginning, and its limits; relative to the squared norms of the columns."""

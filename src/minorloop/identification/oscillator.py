@@ -198,7 +198,8 @@ def _unknown(record: OscillatorRecord) -> OscillatorIdentification:
     reach = float(linear.stiffness[0] * np.nanmax(np.abs(record.y)))
     # Half of the stiffness is given to the hysteretic force; the fit divides it anew.
     half = linear.stiffness / 2
-    law = Duhem([-reach / 2, reach / 2], [half[0]] * 2, [half[0]] * 2)
+    slopes = np.repeat(half[0], 2)
+    law = Duhem(np.array([-reach, reach]) / 2, slopes, slopes)
     model: Oscillator | None = replace(linear, stiffness=half, operator=law)
     assert model is not None
     model = fit_tied(record, model, _all_free(model))
@@ -252,8 +253,7 @@ def _linear_start(record: OscillatorRecord) -> Oscillator:
     By least squares of ``(-w^2 m + i w c + k) Y = U`` where the force is large. Its hysteresis is
     zero.
     """
-    known = np.isfinite(record.y)
-    y = np.interp(np.arange(record.y.size), np.flatnonzero(known), record.y[known])
+    y = record.filled
     window = np.ones(y.size) if record.periodic else np.hanning(y.size)
     force, motion = np.fft.rfft(window * record.u), np.fft.rfft(window * y)
     w = 2 * np.pi * np.fft.rfftfreq(y.size, record.interval)
@@ -277,8 +277,7 @@ def _with_levels(model: Oscillator, record: OscillatorRecord, count: int) -> Osc
     law = model.operator
     if law.levels.size == count:
         return model
-    known = np.isfinite(record.y)
-    y = np.interp(np.arange(record.y.size), np.flatnonzero(known), record.y[known])
+    y = record.filled
     z = law.simulate(np.tile(y, 2) if record.periodic else y)[-y.size :]
     levels = np.unique(np.quantile(z, np.linspace(0, 1, count)))
     slopes = (np.interp(levels, law.levels, values) for values in (law.rising, law.falling))

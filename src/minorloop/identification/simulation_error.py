@@ -96,11 +96,15 @@ class OscillatorRecord:
         return pulses(self.u, self.substeps, self.between, periodic=self.periodic)
 
     @cached_property
-    def motion(self) -> tuple[FloatArray, FloatArray]:
-        """(K, 3) measured displacement and velocity in each step; straight where none was."""
+    def filled(self) -> FloatArray:
+        """(T,) measured displacements, straight where nothing was measured."""
         known = np.isfinite(self.y)
-        y = np.interp(np.arange(self.y.size), np.flatnonzero(known), self.y[known])
-        fine = refined(y, 2 * self.substeps, "band", periodic=self.periodic)
+        return np.interp(np.arange(self.y.size), np.flatnonzero(known), self.y[known])
+
+    @cached_property
+    def motion(self) -> tuple[FloatArray, FloatArray]:
+        """(K, 3) measured displacement and velocity in each step."""
+        fine = refined(self.filled, 2 * self.substeps, "band", periodic=self.periodic)
         speed = np.gradient(fine, self.step / 2)
         return tuple(  # type: ignore[return-value]
             np.column_stack([x[:-2:2], x[1:-1:2], x[2::2]]) for x in (fine, speed)

@@ -193,7 +193,7 @@ def _quadrature(z, end, side, index, levels, values):
 def invert(targets, y, z, low, high, share, levels, values, u, reachable):
     """Fill ``u`` (T,) with inputs that bring the output to ``targets`` (T,), from input y.
 
-    Of a target beyond ``low`` or ``high``, and of these themselves, only a share of the way is gone.
+    Of the way to a target at or beyond ``low`` or ``high``, only a share is gone.
     """
     for t in range(targets.size):
         target = targets[t]

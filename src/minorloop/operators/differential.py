@@ -26,7 +26,6 @@ from minorloop.arrays import (
     frozen,
 )
 from minorloop.errors import NotInvertibleError, ParameterError
-from minorloop.figures import NotebookView
 from minorloop.operators import _differential_kernels
 from minorloop.operators._parallel import in_parallel
 from minorloop.operators.inversion import (
@@ -49,7 +48,7 @@ _NEARLY = 0.999
 """Share of the way to a limit that a clipped target goes: the limit itself needs infinite input."""
 
 
-class Differential(NotebookView, ABC):
+class Differential(ABC):
     """Base of operators with ``dz/du = rising(z)`` for rising and ``falling(z)`` for falling u.
 
     A start state is one of
@@ -190,9 +189,7 @@ class Differential(NotebookView, ABC):
             )
         low, high = self.range
         u, reachable = np.empty_like(wanted), np.empty(wanted.shape, dtype=np.bool_)
-        _differential_kernels.invert(
-            wanted, before, z, low, high, _NEARLY, *self.law, u, reachable
-        )
+        _differential_kernels.invert(wanted, before, z, low, high, _NEARLY, *self.law, u, reachable)
         if not np.isfinite(u).all():
             raise NotInvertibleError(
                 "the output falls while the input rises, so no input leads to the target; "
