@@ -25,6 +25,7 @@ from minorloop.identification.simulation_error import (
     fit_tied,
     parameter_names,
     parameters_of,
+    softened,
 )
 from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.threads import one_thread
@@ -195,12 +196,13 @@ def _from_start(
 def _unknown(record: OscillatorRecord) -> OscillatorIdentification:
     """Find the slopes of an unknown law, on finer and finer levels."""
     linear = _linear_start(record)
-    reach = float(linear.stiffness[0] * np.nanmax(np.abs(record.y)))
+    reach = float(np.abs(record.filled).max())
     # Half of the stiffness is given to the hysteretic force; the fit divides it anew.
     half = linear.stiffness / 2
     slopes = np.repeat(half[0], 2)
-    law = Duhem(np.array([-reach, reach]) / 2, slopes, slopes)
-    model: Oscillator | None = replace(linear, stiffness=half, operator=law)
+    law = Duhem(half[0] * reach * np.array([-1, 1]), slopes, slopes)
+    neutral = replace(linear, stiffness=half, operator=law)
+    model: Oscillator | None = softened(neutral, _all_free(neutral), reach)
     assert model is not None
     model = fit_tied(record, model, _all_free(model))
     best: tuple[Oscillator, Minimum] | None = None

@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import LARGEST, BoolArray, FloatArray
 from minorloop.dynamics.oscillator import Motion, Oscillator
 from minorloop.dynamics.sampling import (
     Interpolation,
@@ -36,11 +36,15 @@ _TIED_STEPS, _TIED_GAIN = 40, 1e-3
 """Steps with each of these springs: its minimum is only the start for the next one."""
 _TIED_DAMPING = 0.7
 """Damping ratio of the mass on this spring alone: its noise does not ring."""
-_BENDS = (1.0, 0.5, 0.25, 0.1, 0.0)
-"""Shares of the bend of the law with which the first fit begins, the first that is stable: with a
-wrong law the hysteretic force may grow without bound along the measured displacement."""
+_SOFT = 0.5
+"""Share by which the slope of a soft loop falls from zero to its largest displacement: the memory
+of the start then fades within a turn, and the derivatives of a periodic response are finite."""
 _SMALL = 1e-9
 """Displacement in m that measures the slope of a law at rest."""
+_MOST_TURNS = 20
+"""Periods that are simulated until the response repeats."""
+_SETTLED = 1e-6
+"""Relative change from period to period of a state, and of its derivatives, that repeat."""
 _TIED_SUBSTEPS = 2
 """Steps in an interval then; they are as accurate as that minimum needs to be."""
 _STEPS = 60
@@ -133,9 +137,13 @@ class OscillatorRecord:
         motion = Motion(model, gradient=True)
         out = np.empty(len(force) + 1)
         gradient = np.empty((len(force) + 1, motion.slopes.shape[1]))
-        for _ in range(2 if self.periodic else 1):
+        for _ in range(_MOST_TURNS if self.periodic else 1):
+            before = np.vstack([motion.state, motion.slopes.T])
             if not motion.run(force, self.step, out, gradient):
                 return None
+            now = np.vstack([motion.state, motion.slopes.T])
+            if (np.abs(now - before) <= _SETTLED * np.abs(now)).all():
+                break
         if self.periodic:
             out, gradient = out[:-1], gradient[:-1]
         if self.stages:
@@ -143,7 +151,8 @@ class OscillatorRecord:
             gradient = decimated(gradient, self.stages, periodic=self.periodic)
         else:
             out, gradient = out[:: self.substeps], gradient[:: self.substeps]
-        if not (np.isfinite(out).all() and np.isfinite(gradient).all()):
+        # Derivatives of an unstable motion grow faster than the motion itself.
+        if not (np.abs(out) < LARGEST).all() or not (np.abs(gradient) < LARGEST).all():
             return None
         return (out - self.y)[self.scored], gradient[self.scored]
 
@@ -206,30 +215,42 @@ def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Os
     for share in _TIES:
         spring = share * float(stiffness)
         tie = spring, 2 * _TIED_DAMPING * float(np.sqrt(spring * model.mass))
+        begins = [model]
         if share == _TIES[0]:
-            calm = (_calmed(start, free, bend) for bend in _BENDS)
-            stable = next((one for one in calm if coarse.residuals(one, tie) is not None), None)
-            if stable is None:
-                return None
-            model = stable
-        found = fit(coarse, model, free, tie, steps=_TIED_STEPS, gain=_TIED_GAIN)
-        if found is None:
+            # With a wrong law the hysteretic force may explode along the measured displacement.
+            begins = [start, softened(start, free, float(np.abs(record.filled).max()))]
+        tried = (
+            fit(coarse, one, free, tie, steps=_TIED_STEPS, gain=_TIED_GAIN) for one in begins
+        )
+        found = [one for one in tried if one is not None]
+        if not found:
             return None
-        model = found[0]
+        model = min(found, key=lambda one: float(one[1].residuals @ one[1].residuals))[0]
     return model
 
 
-def _calmed(model: Oscillator, free: BoolArray, share: float) -> Oscillator:
-    """Return the model with a share of the bend of its law, as far as it is free to change."""
-    parameters = parameters_of(model)
+def softened(model: Oscillator, free: BoolArray, reach: float) -> Oscillator:
+    """Return the model with the law of a soft loop, as far as it is free to change.
+
+    Parameters
+    ----------
+    model : Oscillator
+        The model.
+    free : (P,) array of bool
+        Parameters that may change.
+    reach : float
+        Largest displacement.
+    """
+    parameters, operator = parameters_of(model), model.operator
     first = 2 + model.stiffness.size
-    law, which = parameters[first:], free[first:]
-    calm = law.copy()
-    if isinstance(model.operator, BoucWen):
-        calm[1:3] *= share
-    elif isinstance(model.operator, Duhem):
-        calm = law.mean() + share * (law - law.mean())
-    parameters[first:] = np.where(which, calm, law)
+    law = parameters[first:].copy()
+    if isinstance(operator, BoucWen):
+        law[1:] = _SOFT / reach, 0.0, 1.0
+    elif isinstance(operator, Duhem):
+        slope = float(law.mean())
+        fall = _SOFT * operator.levels / (abs(slope) * reach)
+        law = slope * np.concatenate([1 - fall, 1 + fall])
+    parameters[first:] = np.where(free[first:], law, parameters[first:])
     return with_parameters(model, parameters)
 
 
