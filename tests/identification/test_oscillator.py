@@ -21,11 +21,11 @@ def multisine(seed, size=PERIOD):
     return 50 * u / u.std()
 
 
-def record(plant=PLANT, seed=1000, **options):
+def record(plant=PLANT, seed=1000, substeps=16):
     """Times, forces and noisy displacements of four settled periods."""
     u = multisine(seed)
     t = np.arange(TURNS * PERIOD) / 750
-    y = plant.simulate(t[:PERIOD], u, periodic=True, substeps=16, **options)
+    y = plant.simulate(t[:PERIOD], u, periodic=True, substeps=substeps)
     noise = NOISE * np.random.default_rng(seed + 1).normal(size=t.size)
     return t, np.tile(u, TURNS), np.tile(y, TURNS) + noise
 
@@ -83,6 +83,13 @@ def test_fixed_parameters_stay(settled):
     assert "2 (fixed)" in str(found)
 
 
+def test_its_figure_has_the_record_and_the_loops(found):
+    left, right = found.plot().axes
+    assert [line.get_label() for line in left.lines] == ["displacement", "model - record"]
+    assert np.ptp(right.lines[0].get_ydata()) > 40  # N
+    assert "OscillatorIdentification" in found._repr_html_()
+
+
 def test_an_unknown_law_is_found_from_the_record_alone(settled):
     found = identify_oscillator(*settled, period=PERIOD)
     assert isinstance(found.model.operator, Duhem)
@@ -100,8 +107,8 @@ def test_plays_in_feedback_are_found():
     radii = np.array([2e-4, 6e-4, 1.2e-3])
     plant = Oscillator(2.0, 20.0, 8e4, PrandtlIshlinskii(radii, [1e4, 8e3, 6e3]))
     begin = Oscillator(1.5, 30.0, 9e4, PrandtlIshlinskii(radii, np.zeros(3)))
-    t, u, y = record(plant)
-    found = identify_oscillator(t, u, y, begin, period=PERIOD, substeps=16)
+    t, u, y = record(plant, substeps=6)
+    found = identify_oscillator(t, u, y, begin, period=PERIOD, substeps=6)
     wanted = np.array([2.0, 20.0, 8e4, 1e4, 8e3, 6e3])
     assert (np.abs(found.parameters - wanted) < 4 * found.sd).all()
     assert found.names[-1] == "weight 2"
