@@ -41,6 +41,8 @@ _HEARD = 0.1
 """Share of its largest spectral line from which a force counts, for the linear start."""
 _FEWEST_EACH = 5
 """Samples for each parameter: with fewer the errors of parameters are as large as themselves."""
+_WHERE_IT_IS = 0.5
+"""Share of the levels that lie where the force is most often; the others are evenly spaced."""
 _TRIAL_STEPS, _TRIAL_GAIN = 20, 1e-4
 """Steps of a fit with a number of levels that may not be the last one."""
 
@@ -281,7 +283,11 @@ def _with_levels(model: Oscillator, record: OscillatorRecord, count: int) -> Osc
         return model
     y = record.filled
     z = law.simulate(np.tile(y, 2) if record.periodic else y)[-y.size :]
-    levels = np.unique(np.quantile(z, np.linspace(0, 1, count)))
+    order = np.sort(z)
+    share = np.linspace(0, 1, order.size)
+    even = (order - order[0]) / (order[-1] - order[0])
+    mixed = _WHERE_IT_IS * share + (1 - _WHERE_IT_IS) * even
+    levels = np.interp(np.linspace(0, 1, count), mixed, order)
     slopes = (np.interp(levels, law.levels, values) for values in (law.rising, law.falling))
     return replace(model, operator=Duhem(levels, *slopes))
 
