@@ -6,6 +6,7 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.oscillator import identify_oscillator
 from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop.operators.preisach import Preisach
 
 TRUE = np.array([2.0, 10.0, 5e4, 5e4, 800.0, 900.0, 1.0])
 PLANT = Oscillator(2.0, 10.0, 5e4, BoucWen(5e4, 800.0, 900.0))
@@ -151,6 +152,9 @@ def test_bad_records_and_starts_say_what_to_do(settled):
         identify_oscillator(t, u, y, good, fixed=["weight"])
     with pytest.raises(ParameterError, match="fixed is given without a start"):
         identify_oscillator(t, u, y, fixed=["mass"])
+    plane = Oscillator(2.0, 10.0, 5e4, Preisach([-1e-3, 0, 1e-3], np.tril(np.ones((2, 2)))))
+    with pytest.raises(ParameterError, match="is a Preisach, whose weights are not fitted"):
+        identify_oscillator(t, u, y, plane, period=PERIOD)
     with pytest.raises(ParameterError, match="start is 'best'"):
         identify_oscillator(t, u, y, "best")
     with pytest.raises(SignalError, match="which both must be positive"):

@@ -17,11 +17,12 @@ def draw_oscillator_identification(found: OscillatorIdentification) -> Any:
     figure, (left, right) = new_figure(1, 2, height=3.8, width_ratios=[2, 1])
     record = found.record
     t = np.arange(record.y.size) * record.interval
-    left.plot(t, record.y, color="0.6", lw=0.8, label="displacement")
-    left.plot(t[record.scored], found.minimum.residuals, color="C3", lw=0.8, label="model - record")
-    left.set(xlabel="time [s]", ylabel="displacement [m]")
+    miss = 1e3 * found.minimum.residuals
+    left.plot(t, 1e3 * record.y, color="0.6", lw=0.8, label="displacement")
+    left.plot(t[record.scored], miss, color="C3", lw=0.8, label="model - record")
+    left.set(xlabel="time [s]", ylabel="displacement [mm]")
     left.legend(frameon=False, fontsize=9)
     y = record.filled
-    right.plot(y, found.model.operator.simulate(y, "relaxed"), color="C0", lw=0.5)
-    right.set(xlabel="displacement [m]", ylabel="hysteretic force [N]")
+    right.plot(1e3 * y, found.model.operator.simulate(y, "relaxed"), color="C0", lw=0.5)
+    right.set(xlabel="displacement [mm]", ylabel="hysteretic force [N]")
     return figure

@@ -28,6 +28,7 @@ from minorloop.identification.simulation_error import (
     softened,
 )
 from minorloop.operators.differential import BoucWen, Duhem
+from minorloop.operators.preisach import Preisach
 from minorloop.threads import one_thread
 
 _LEVELS = (2, 4, 6, 8, 12, 16, 24, 32)
@@ -71,7 +72,8 @@ def identify_oscillator(
     y : (T,) array_like
         Displacements from rest in m; NaN where nothing was measured.
     start : Oscillator or "unknown"
-        Structure of the model, and rough values of its parameters; 50 % off is near enough. Or
+        Structure of the model, and rough values of its parameters; 50 % off is near enough. Its
+        operator is of differential type or `PrandtlIshlinskii`. Or
         ``"unknown"``: a mass on a linear spring with a hysteretic force whose slopes are any
         functions of this force, one for each direction (`Duhem`), with as many levels as the
         record supports. Nothing else is assumed.
@@ -179,6 +181,11 @@ def _from_start(
     record: OscillatorRecord, start: Oscillator, fixed: Sequence[str]
 ) -> OscillatorIdentification:
     """Fit the parameters of a known law."""
+    if isinstance(start.operator, Preisach):
+        raise ParameterError(
+            "the operator of start is a Preisach, whose weights are not fitted to a motion; give "
+            "PrandtlIshlinskii, BoucWen or Duhem, or leave start out"
+        )
     names = parameter_names(start)
     unknown = next((name for name in fixed if name not in names), None)
     if unknown is not None:

@@ -244,7 +244,7 @@ def softened(model: Oscillator, free: BoolArray, reach: float) -> Oscillator:
     law = parameters[first:].copy()
     if isinstance(operator, BoucWen):
         law[1:] = _SOFT / reach, 0.0, 1.0
-    elif isinstance(operator, Duhem):
+    elif isinstance(operator, Duhem) and law.mean() != 0:
         slope = float(law.mean())
         fall = _SOFT * operator.levels / (abs(slope) * reach)
         law = slope * np.concatenate([1 - fall, 1 + fall])

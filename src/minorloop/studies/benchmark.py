@@ -29,8 +29,9 @@ SUBSTEPS = 5
 """Steps of the integration in an interval: 3,750 a second, a fourth of those of the twin."""
 OFF = 0.5
 """Share by which the start of the grey box is off, up or down for each parameter."""
-PLAYS, SPRINGS = 12, 3
-"""Plays, and degree of the restoring force beside them; more of both are hardly better."""
+PLAYS, SPRINGS = 6, 3
+"""Plays, and degree of the restoring force beside them. By trial: twelve plays are hardly better,
+and unstable for some forces."""
 MODELS = {
     "linear": "linear",
     "plays": "plays in feedback, cubic spring",
