@@ -218,7 +218,9 @@ def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Os
         begins = [model]
         if share == _TIES[0]:
             # With a wrong law the hysteretic force may explode along the measured displacement.
-            begins = [start, softened(start, free, float(np.abs(record.filled).max()))]
+            soft = softened(start, free, float(np.abs(record.filled).max()))
+            if not np.array_equal(parameters_of(soft), parameters_of(start)):
+                begins.append(soft)
         tried = (fit(coarse, one, free, tie, steps=_TIED_STEPS, gain=_TIED_GAIN) for one in begins)
         found = [one for one in tried if one is not None]
         if not found:
