@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from minorloop.drawing.operators import draw_density
 from minorloop.head.studies import head
 from minorloop.head.studies.head_report import draw_steps
-from minorloop.studies import design
+from minorloop.studies import benchmark, design
+from minorloop.studies.benchmark_report import draw_law
 from minorloop.studies.claims import for_each
 from minorloop.studies.design_report import draw_curves
 from minorloop.studies.positioning import Positioning, run_positioning
@@ -52,4 +53,5 @@ if __name__ == "__main__":
     draw(run_positioning(0)).savefig(FOLDER / "positioning.png", dpi=100)
     runs = for_each(figures_of, 10, 0, print)
     draw_steps(head.run_study(0)).savefig(FOLDER / "head.png", dpi=100)
+    draw_law(benchmark.run_study(0)).savefig(FOLDER / "benchmark.png", dpi=100)
     draw_curves(runs).savefig(FOLDER / "design.png", dpi=100)

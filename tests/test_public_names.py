@@ -25,6 +25,7 @@ NAMES = {
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
     *("OutputError", "StoreError", "InstrumentError", "SafetyError", "FleetError"),
     "MissingExtraError",
+    *("Oscillator", "BoucWen", "Duhem", "identify_oscillator", "OscillatorIdentification"),
 }
 
 

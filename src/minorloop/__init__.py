@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from minorloop.dynamics.cascade import Cascade
     from minorloop.dynamics.creep import Creep, fit_creep
     from minorloop.dynamics.linear import Linear
+    from minorloop.dynamics.oscillator import Oscillator
     from minorloop.dynamics.trajectory import Trajectory
     from minorloop.errors import (
         FleetError,
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
     from minorloop.identification.data_sheet import DataSheetModel, from_loop
     from minorloop.identification.design import NextInput, design, next_input
     from minorloop.identification.frequency import Preamble, describing_function, frequency_response
+    from minorloop.identification.oscillator import identify_oscillator
+    from minorloop.identification.oscillator_result import OscillatorIdentification
     from minorloop.identification.rational import fit_response
     from minorloop.identification.recursive import Recursive
     from minorloop.identification.representability import representability
@@ -63,6 +66,7 @@ if TYPE_CHECKING:
     from minorloop.modelfile import ModelWarning, load, save
     from minorloop.operators import densities
     from minorloop.operators.after_effect import AfterEffect
+    from minorloop.operators.differential import BoucWen, Duhem
     from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
     from minorloop.operators.inversion import Inversion
     from minorloop.operators.memory import Memory
@@ -78,10 +82,12 @@ __all__ = [
     "Adaptive",
     "AfterEffect",
     "AfterEffectIdentification",
+    "BoucWen",
     "Cascade",
     "Channel",
     "Creep",
     "DataSheetModel",
+    "Duhem",
     "DynamicIdentification",
     "FleetError",
     "GeneralisedPrandtlIshlinskii",
@@ -97,6 +103,8 @@ __all__ = [
     "ModelWarning",
     "NextInput",
     "NotInvertibleError",
+    "Oscillator",
+    "OscillatorIdentification",
     "OutputError",
     "ParameterError",
     "Plan",
@@ -133,6 +141,7 @@ __all__ = [
     "identify",
     "identify_after_effect",
     "identify_dynamics",
+    "identify_oscillator",
     "load",
     "next_input",
     "reduce",
@@ -154,6 +163,10 @@ _HOMES = {
         "fit_creep",
     ),
     "minorloop.dynamics.linear": ("Linear",),
+    "minorloop.dynamics.oscillator": ("Oscillator",),
+    "minorloop.identification.oscillator": ("identify_oscillator",),
+    "minorloop.identification.oscillator_result": ("OscillatorIdentification",),
+    "minorloop.operators.differential": ("BoucWen", "Duhem"),
     "minorloop.dynamics.trajectory": ("Trajectory",),
     "minorloop.identification.arx": (
         "arx",

@@ -25,6 +25,7 @@ _FUNCTIONS = {
     "DynamicIdentification": "dynamics.draw_dynamic_identification",
     "AfterEffect": "after_effect.draw_after_effect",
     "AfterEffectIdentification": "after_effect.draw_after_effect_identification",
+    "OscillatorIdentification": "oscillator.draw_oscillator_identification",
     "DataSheetModel": "identification.draw_data_sheet",
     "Prediction": "identification.draw_prediction",
     "ExcitationReport": "identification.draw_excitation",

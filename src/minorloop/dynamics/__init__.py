@@ -3,6 +3,7 @@
 from minorloop.dynamics.cascade import Cascade, CascadeInversion, CascadeState
 from minorloop.dynamics.creep import Creep, CreepFit, fit_creep
 from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.oscillator import Oscillator
 from minorloop.dynamics.trajectory import Trajectory
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "Creep",
     "CreepFit",
     "Linear",
+    "Oscillator",
     "Trajectory",
     "fit_creep",
 ]

@@ -1,0 +1,170 @@
+"""Compiled steps of Newmark, with Newton in each, for an oscillator with any hysteretic force.
+
+The method is the one with the constants 1/2 and 1/4, which neither damps nor amplifies. ``law`` is
+what a kind of operator needs: its parameters and its memory, which is updated. ``state`` (3,) is
+displacement, velocity and acceleration. Other arguments are those of `_oscillator_kernels`.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+from minorloop.operators import _differential_kernels as differential
+from minorloop.operators import _kernels as planes
+from minorloop.operators._play_kernels import move
+
+_ITERATIONS = 30
+"""Most steps of Newton; two or three are usual."""
+_ROUNDING = 1e-14
+"""Relative change of the acceleration at which they end."""
+_FAR = 1e100
+"""Displacement from which a simulation counts as unstable; its square is still finite."""
+
+
+def _marching(trial, commit, carry):
+    """Return the compiled loop for one kind of operator."""
+
+    @njit(cache=True, nogil=True)
+    def run(force, h, mass, damping, spring, law, state, slopes, y_out, gradient):
+        """Fill ``y_out`` and ``gradient``; return whether all displacements are finite."""
+        y, v, a = state
+        quarter = h * h / 4
+        y_out[0] = y
+        if slopes.shape[1] > 0:
+            gradient[0] = slopes[0]
+        for k in range(len(force)):
+            y_free, v_free = y + h * v + quarter * a, v + h / 2 * a
+            for _ in range(_ITERATIONS):
+                y_next, v_next = y_free + quarter * a, v_free + h / 2 * a
+                z, tangent = trial(y_next, law)
+                restoring, stiffness = 0.0, tangent
+                power = 1.0
+                for i in range(spring.size):
+                    stiffness += (i + 1) * spring[i] * power
+                    power *= y_next
+                    restoring += spring[i] * power
+                rest = mass * a + damping * v_next + restoring + z - force[k, 2]
+                change = rest / (mass + damping * h / 2 + stiffness * quarter)
+                a -= change
+                if abs(change) <= _ROUNDING * abs(a) or not abs(y_next) < _FAR:
+                    break
+            y, v = y_free + quarter * a, v_free + h / 2 * a
+            if not abs(y) < _FAR:
+                return False
+            if slopes.shape[1] > 0:
+                carry(y, v, a, h, mass, damping, spring, stiffness, law, slopes)
+                gradient[k + 1] = slopes[0]
+            commit(y, law)
+            y_out[k + 1] = y
+        state[0], state[1], state[2] = y, v, a
+        return True
+
+    return run
+
+
+@njit(cache=True, nogil=True)
+def _trial_differential(y, law):
+    """Return force and tangent; the law is levels, values, and memory: input and output."""
+    levels, values, memory = law
+    z = differential.advance(memory[1], y - memory[0], levels, values)
+    side = 1.0 if y >= memory[0] else -1.0
+    return z, differential.slope(z, side, differential.piece(z, True, levels), levels, values)[0]
+
+
+@njit(cache=True, nogil=True)
+def _commit_differential(y, law):
+    levels, values, memory = law
+    memory[1] = differential.advance(memory[1], y - memory[0], levels, values)
+    memory[0] = y
+
+
+@njit(cache=True, nogil=True)
+def _trial_plays(y, law):
+    """Return force and tangent; the law is radii, weights, offset, positions and their slopes."""
+    radii, weights, offset, positions, _ = law
+    z, tangent = offset, 0.0
+    for i in range(radii.size):
+        place = min(max(positions[i], y - radii[i]), y + radii[i])
+        z += weights[i] * place
+        if place != positions[i]:
+            tangent += weights[i]
+    return z, tangent
+
+
+@njit(cache=True, nogil=True)
+def _commit_plays(y, law):
+    move(y, law[0], law[3])
+
+
+@njit(cache=True, nogil=True)
+def _carry_plays(y, v, a, h, mass, damping, spring, stiffness, law, slopes):
+    """Update the derivatives of the state, and those of the plays, from implicit derivatives.
+
+    Parameters are mass, damping, spring and weights. The plays have not moved yet.
+    """
+    radii, weights, _, positions, play_slopes = law
+    first = 2 + spring.size
+    quarter = h * h / 4
+    factor = mass + damping * h / 2 + stiffness * quarter
+    for j in range(slopes.shape[1]):
+        y_free = slopes[0, j] + h * slopes[1, j] + quarter * slopes[2, j]
+        v_free = slopes[1, j] + h / 2 * slopes[2, j]
+        direct = damping * v_free + stiffness * y_free
+        if j == 0:
+            direct += a
+        elif j == 1:
+            direct += v
+        elif j < first:
+            direct += y ** (j - 1)
+        for i in range(radii.size):
+            place = min(max(positions[i], y - radii[i]), y + radii[i])
+            if place == positions[i]:
+                direct += weights[i] * play_slopes[i, j]
+            if first + i == j:
+                direct += place
+        slopes[2, j] = -direct / factor
+        slopes[1, j] = v_free + h / 2 * slopes[2, j]
+        slopes[0, j] = y_free + quarter * slopes[2, j]
+        for i in range(radii.size):
+            if min(max(positions[i], y - radii[i]), y + radii[i]) != positions[i]:
+                play_slopes[i, j] = slopes[0, j]
+
+
+@njit(cache=True, nogil=True)
+def _trial_preisach(y, law):
+    """Return force and tangent; the law is plane, stack, rows in use, and space for a trial.
+
+    The tangent is that of the chord from the present input.
+    """
+    plane, stack, rows, scratch, signal = law
+    top = rows[0] - 1
+    for k in range(rows[0]):
+        for i in range(4):
+            scratch[k, i] = stack[k, i]
+    signal[0] = y
+    planes.simulate(plane, scratch, rows[0], signal[:1], signal[1:])
+    before = stack[top, planes.VALUE]
+    lowest, highest = plane.levels[0], plane.levels[-1]
+    inside = min(max(y, lowest), highest)
+    z = signal[1]
+    if inside == before:
+        return z, plane.slope
+    output = z - plane.slope * y
+    return z, plane.slope + (output - stack[top, planes.OUTPUT]) / (inside - before)
+
+
+@njit(cache=True, nogil=True)
+def _commit_preisach(y, law):
+    plane, stack, rows, _, signal = law
+    signal[0] = y
+    rows[0] = planes.simulate(plane, stack, rows[0], signal[:1], signal[1:])
+
+
+@njit(cache=True, nogil=True)
+def _no_derivatives(y, v, a, h, mass, damping, spring, stiffness, law, slopes):
+    """Leave the derivatives as they are: these kinds have none."""
+
+
+march_differential = _marching(_trial_differential, _commit_differential, _no_derivatives)
+march_plays = _marching(_trial_plays, _commit_plays, _carry_plays)
+march_preisach = _marching(_trial_preisach, _commit_preisach, _no_derivatives)

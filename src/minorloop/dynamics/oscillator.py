@@ -1,0 +1,272 @@
+"""A mass on a spring with hysteresis: the operator is in the restoring force.
+
+In a cascade the operator and the dynamics follow each other; here the displacement that the
+operator receives is the result of the force that it gives. So it damps vibrations, and makes the
+resonance depend on the amplitude.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite, as_waveform, as_whole, check_option, frozen
+from minorloop.dynamics import _newmark_kernels, _oscillator_kernels
+from minorloop.dynamics.sampling import (
+    Interpolation,
+    Stage,
+    checked_stages,
+    decimated,
+    even_interval,
+    pulses,
+)
+from minorloop.errors import ParameterError, SignalError
+from minorloop.operators.differential import Differential
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop.operators.preisach import Preisach
+
+Method: TypeAlias = Literal["auto", "runge-kutta", "newmark"]
+
+_MOST_TURNS = 50
+"""Periods after which a response counts as settled anyway."""
+_SETTLED = 1e-9
+"""Relative change of the state from period to period of a response that has settled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Oscillator:
+    """``mass y'' + damping y' + stiffness y + z = u``, where z is hysteretic.
+
+    Parameters
+    ----------
+    mass : float
+        In kg, positive.
+    damping : float
+        In N s/m.
+    stiffness : float or (n,) array_like
+        In N/m; or the coefficients of y, y^2, ... in the restoring force.
+    operator : BoucWen, Duhem, PrandtlIshlinskii or Preisach
+        Hysteretic force in N as a function of the displacement in m; demagnetised at rest.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite, the mass is not positive, or the operator is another one.
+
+    References
+    ----------
+    Noel and Schoukens, Hysteretic benchmark with a dynamic nonlinearity, Workshop on Nonlinear
+    System Identification Benchmarks, 2016. Newmark, A method of computation for structural
+    dynamics, ASCE J. Engineering Mechanics 85 (1959) 67.
+    """
+
+    mass: float
+    damping: float
+    stiffness: FloatArray
+    operator: Any
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "damping"):
+            object.__setattr__(self, name, as_finite(name, getattr(self, name)))
+        if self.mass <= 0:
+            raise ParameterError(f"mass is {self.mass:g} kg; give a positive number")
+        spring = frozen(np.atleast_1d(np.asarray(self.stiffness, dtype=np.float64)))
+        if spring.ndim != 1 or not spring.size or not np.isfinite(spring).all():
+            raise ParameterError(
+                f"stiffness is {self.stiffness!r}; give a finite number, or the coefficients of "
+                "y, y^2, ..."
+            )
+        object.__setattr__(self, "stiffness", spring)
+        if not isinstance(self.operator, Differential | PrandtlIshlinskii | Preisach):
+            raise ParameterError(
+                f"operator is a {type(self.operator).__name__}; give a BoucWen, Duhem, "
+                "PrandtlIshlinskii or Preisach"
+            )
+
+    def simulate(
+        self,
+        t: npt.ArrayLike,
+        u: npt.ArrayLike,
+        *,
+        between: Interpolation = "band",
+        substeps: int = 8,
+        periodic: bool = False,
+        stages: tuple[Stage, ...] = (),
+        method: Method = "auto",
+    ) -> FloatArray:
+        """Return the displacements for a sampled force.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Evenly spaced times in seconds.
+        u : (T,) array_like
+            Forces in N.
+        between : {"band", "straight", "held"}
+            Force between samples: without content above half the sampling rate, linear, or each
+            sample held over the interval before it.
+        substeps : int
+            Steps of the integration in an interval.
+        periodic : bool
+            Whether the force repeats after the record; then the response is the one that has
+            settled, after as many turns as that needs. Otherwise the oscillator is at rest first.
+        stages : sequence of (int, array)
+            Filters of a converter that samples ``substeps`` times as fast and decimates: factor and
+            symmetric taps of each. None if the displacement is sampled directly.
+        method : {"auto", "runge-kutta", "newmark"}
+            How to integrate. ``"auto"`` is Runge and Kutta, with a step that ends at every corner
+            of the law, for operators of differential type, and Newmark for others.
+
+        Returns
+        -------
+        (T,) array
+            Displacements in m.
+
+        Raises
+        ------
+        SignalError
+            If the times are not even, or the oscillator is unstable with this force.
+        ParameterError
+            If an option is out of its range.
+        """
+        times, forces = as_waveform(t, u)
+        interval = even_interval(times)
+        count = as_whole("substeps", substeps, 1)
+        filters = checked_stages(stages, count)
+        force = pulses(forces, count, between, periodic=periodic)
+        y = self._response(force, interval / count, periodic, method)
+        if y is None:
+            raise SignalError(
+                "the displacement grows without bound for this force; check the units, make the "
+                "damping or the stiffness larger, or give more substeps"
+            )
+        shown = y[:-1] if periodic else y
+        if filters:
+            return decimated(shown, filters, periodic=periodic)
+        return np.ascontiguousarray(shown[::count])
+
+    @property
+    def plant(self) -> tuple[float, float, FloatArray, FloatArray, FloatArray]:
+        """Mass, damping, spring, levels and values, as the compiled loops take them."""
+        return self.mass, self.damping, self.stiffness, *self.operator.law
+
+    def _response(
+        self, force: FloatArray, step: float, periodic: bool, method: Method
+    ) -> FloatArray | None:
+        """Return the displacement after each step, (K + 1,); None where it is not finite."""
+        check_option("method", method, ("auto", "runge-kutta", "newmark"))
+        differential = isinstance(self.operator, Differential)
+        if method == "runge-kutta" and not differential:
+            raise ParameterError(
+                "method is 'runge-kutta', which is for operators of differential type; give "
+                "'newmark' or 'auto'"
+            )
+        motion = Motion(self, newmark=method == "newmark")
+        y, none = np.empty(len(force) + 1), np.empty((len(force) + 1, 0))
+        for _ in range(_MOST_TURNS if periodic else 1):
+            before = motion.state.copy()
+            if not motion.run(force, step, y, none):
+                return None
+            if np.allclose(motion.state, before, rtol=_SETTLED, atol=0.0):
+                break
+        return y
+
+
+class Motion:
+    """The state of an oscillator at rest, and its derivatives, which steps update.
+
+    Parameters
+    ----------
+    model : Oscillator
+        The oscillator.
+    newmark : bool
+        Whether to use the method of Newmark where another one is possible.
+    gradient : bool
+        Whether derivatives with respect to the parameters are wanted: mass, damping, springs, and
+        those of the operator. There are none for Preisach operators.
+    """
+
+    def __init__(self, model: Oscillator, *, newmark: bool = False, gradient: bool = False) -> None:
+        self.model = model
+        operator = model.operator
+        self.state = np.zeros(3)
+        self._law: tuple[Any, ...] = ()
+        self._march: Any = None
+        count = 0
+        if isinstance(operator, Differential):
+            count = operator.law[1].size
+            if newmark:
+                self._march = _newmark_kernels.march_differential
+                self._law = (*operator.law, np.zeros(2))
+        elif isinstance(operator, PrandtlIshlinskii):
+            count = operator.weights.size
+            self._march = _newmark_kernels.march_plays
+        else:
+            self._march = _newmark_kernels.march_preisach
+        parameters = 2 + model.stiffness.size + count if gradient else 0
+        self.slopes = np.zeros((3, parameters))
+        if isinstance(operator, PrandtlIshlinskii):
+            n = operator.radii.size
+            positions, play_slopes = np.zeros(n), np.zeros((n, parameters))
+            law = operator.radii, operator.weights, operator.offset, positions, play_slopes
+            self._law = law
+        self._begun = False
+
+    def run(self, force: FloatArray, step: float, y_out: FloatArray, gradient: FloatArray) -> bool:
+        """Continue with a force (K, 3), and return whether the displacements are finite.
+
+        Parameters
+        ----------
+        force : (K, 3) array
+            From `sampling.pulses`.
+        step : float
+            Seconds of a step.
+        y_out : (K + 1,) array
+            Receives the displacements.
+        gradient : (K + 1, P) array
+            Receives their derivatives.
+        """
+        model = self.model
+        if self._march is None:
+            return bool(
+                _oscillator_kernels.respond(
+                    force, step, model.plant, self.state, self.slopes, y_out, gradient
+                )
+            )
+        if isinstance(model.operator, Preisach):
+            self._make_room(len(force))
+        if not self._begun:
+            self._begin(float(force[0, 0]))
+        spring = model.stiffness
+        return bool(
+            self._march(
+                *(force, step, model.mass, model.damping, spring, self._law),
+                *(self.state, self.slopes, y_out, gradient),
+            )
+        )
+
+    def _begin(self, force: float) -> None:
+        """Set the acceleration at rest, and its derivative to the mass."""
+        start = "demagnetised" if isinstance(self.model.operator, Preisach) else None
+        operator = self.model.operator
+        z = operator.step(start, 0.0)[0] if start else getattr(operator, "offset", 0.0)
+        self.state[2] = (force - z) / self.model.mass
+        if self.slopes.size:
+            self.slopes[2, 0] = -self.state[2] / self.model.mass
+        self._begun = True
+
+    def _make_room(self, steps: int) -> None:
+        """Give the memory of a Preisach operator room for a reversal in every step."""
+        operator = self.model.operator
+        if not self._law:
+            stack, rows = operator.stack("demagnetised", steps)
+        else:
+            _, old, used, _, _ = self._law
+            rows = int(used[0])
+            stack = np.empty((rows + steps + 2, 4))
+            stack[:rows] = old[:rows]
+        count = np.array([rows], dtype=np.int64)
+        self._law = operator.tables, stack, count, np.empty_like(stack), np.zeros(2)

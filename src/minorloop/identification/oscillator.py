@@ -1,0 +1,309 @@
+"""From a record of force and displacement to an oscillator with hysteresis.
+
+Either the law of the hysteresis is known, and its parameters are found from a rough start; or it is
+not, and any slopes of the hysteretic force are found from the record alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, as_pair, as_times, as_whole, check_option
+from minorloop.dynamics.oscillator import Oscillator
+from minorloop.dynamics.sampling import Interpolation, Stage, checked_stages, even_interval
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.levenberg_marquardt import Minimum
+from minorloop.identification.oscillator_result import OscillatorIdentification, TriedLaw
+from minorloop.identification.simulation_error import (
+    OscillatorRecord,
+    fit,
+    fit_tied,
+    parameter_names,
+    parameters_of,
+    softened,
+)
+from minorloop.operators.differential import BoucWen, Duhem
+from minorloop.operators.preisach import Preisach
+from minorloop.threads import one_thread
+
+_LEVELS = (2, 4, 6, 8, 12, 16, 24, 32)
+"""Numbers of levels of an unknown law that are tried, coarse ones first. All are even, so that none
+of the levels is at the middle, where many laws have a corner."""
+_COARSE = 4
+"""Levels up to which longer steps of the integration are accurate enough."""
+_WORSE = 2
+"""Numbers of levels in a row that must be no better before the search ends."""
+_HEARD = 0.1
+"""Share of its largest spectral line from which a force counts, for the linear start."""
+_FEWEST_EACH = 5
+"""Samples for each parameter: with fewer the errors of parameters are as large as themselves."""
+_WHERE_IT_IS = 0.5
+"""Share of the levels that lie where the force is most often; the others are evenly spaced."""
+_TRIAL_STEPS, _TRIAL_GAIN = 20, 1e-4
+"""Steps of a fit with a number of levels that may not be the last one."""
+
+
+def identify_oscillator(
+    t: npt.ArrayLike,
+    u: npt.ArrayLike,
+    y: npt.ArrayLike,
+    start: Oscillator | Literal["unknown"] = "unknown",
+    *,
+    period: int | None = None,
+    between: Interpolation = "band",
+    substeps: int = 5,
+    stages: Sequence[Stage] = (),
+    skip: int = 0,
+    fixed: Sequence[str] = (),
+) -> OscillatorIdentification:
+    """Identify mass, damping, stiffness and hysteretic force by the error of the simulation.
+
+    Parameters
+    ----------
+    t : (T,) array_like
+        Evenly spaced times in seconds.
+    u : (T,) array_like
+        Forces in N.
+    y : (T,) array_like
+        Displacements from rest in m; NaN where nothing was measured.
+    start : Oscillator or "unknown"
+        Structure of the model, and rough values of its parameters; 50 % off is near enough. Its
+        operator is of differential type or `PrandtlIshlinskii`. Or
+        ``"unknown"``: a mass on a linear spring with a hysteretic force whose slopes are any
+        functions of this force, one for each direction (`Duhem`), with as many levels as the
+        record supports. Nothing else is assumed.
+    period : int, optional
+        Samples after which force and displacement repeat, if the record is one of whole periods
+        of the settled response; periods are averaged. If not given, the record begins at rest.
+    between : {"band", "straight", "held"}
+        Force between samples, as in `Oscillator.simulate`.
+    substeps : int
+        Steps of the integration in an interval.
+    stages : sequence of (int, array_like)
+        Filters of the converter, as in `Oscillator.simulate`.
+    skip : int
+        First samples that are simulated, but whose error does not count.
+    fixed : sequence of str
+        Names of parameters that keep their value, such as ``"mass"`` or ``"exponent"``.
+
+    Returns
+    -------
+    OscillatorIdentification
+
+    Raises
+    ------
+    SignalError
+        If the record is too short, not even, or without motion, or the start is unstable.
+    ParameterError
+        If an option is out of its range, or a name of ``fixed`` is unknown.
+
+    References
+    ----------
+    Schoukens and Ljung, Nonlinear system identification: a user-oriented road map, IEEE Control
+    Systems Magazine 39 (2019) 28: simulation error, multisines, averages over periods.
+    """
+    record = _record(t, u, y, period, between, substeps, stages, skip)
+    with one_thread():
+        if isinstance(start, Oscillator):
+            return _from_start(record, start, fixed)
+        check_option("start", start, ("unknown",))
+        if len(fixed):
+            raise ParameterError("fixed is given without a start; give an Oscillator as start")
+        return _unknown(record)
+
+
+def _record(
+    t: npt.ArrayLike,
+    u: npt.ArrayLike,
+    y: npt.ArrayLike,
+    period: int | None,
+    between: Interpolation,
+    substeps: int,
+    stages: Sequence[Stage],
+    skip: int,
+) -> OscillatorRecord:
+    """Return the record, averaged over its periods."""
+    times, (forces, outputs) = as_times(t), as_pair(u, y)
+    if forces.shape != times.shape:
+        raise SignalError(f"t has shape {times.shape} and u {forces.shape}; give one of each")
+    check_option("between", between, ("held", "straight", "band"))
+    count = as_whole("substeps", substeps, 1)
+    filters = checked_stages(stages, count)
+    interval = even_interval(times)
+    noise = None
+    if period is not None:
+        forces, outputs, noise = _averaged(forces, outputs, as_whole("period", period, 2))
+    scored = np.isfinite(outputs)
+    scored[: as_whole("skip", skip, 0)] = False
+    if not scored.any() or not np.ptp(outputs[scored]) or not np.ptp(forces):
+        raise SignalError(
+            "force or displacement is constant over the samples that count; give a record in "
+            "which both move"
+        )
+    return OscillatorRecord(
+        forces, outputs, interval, period is not None, noise, between, count, filters, scored
+    )
+
+
+def _averaged(
+    u: FloatArray, y: FloatArray, period: int
+) -> tuple[FloatArray, FloatArray, float | None]:
+    """Return one period of force and displacement, and the standard deviation of the latter."""
+    turns, rest = divmod(u.size, period)
+    if rest or not turns:
+        raise SignalError(
+            f"the record has {u.size} samples, which is not a whole number of periods of {period}; "
+            "cut it, or leave period out"
+        )
+    forces, outputs = u.reshape(turns, period), y.reshape(turns, period)
+    apart = np.abs(forces - forces.mean(axis=0)).max()
+    if apart > 0.01 * np.ptp(u):
+        raise SignalError(
+            f"the force differs between periods of {period} samples by {apart / np.ptp(u):.1%} of "
+            "its range; give its period in samples, or leave period out"
+        )
+    known = np.isfinite(outputs)
+    number = known.sum(axis=0)
+    mean = np.where(number > 0, np.nansum(outputs, axis=0) / np.maximum(number, 1), np.nan)
+    spare = int(np.sum(number[number > 1] - 1))
+    if not spare:
+        return forces.mean(axis=0), mean, None
+    squares = np.where(known, (outputs - mean) ** 2, 0.0)[:, number > 1]
+    return forces.mean(axis=0), mean, float(np.sqrt(squares.sum() / spare / turns))
+
+
+def _from_start(
+    record: OscillatorRecord, start: Oscillator, fixed: Sequence[str]
+) -> OscillatorIdentification:
+    """Fit the parameters of a known law."""
+    if isinstance(start.operator, Preisach):
+        raise ParameterError(
+            "the operator of start is a Preisach, whose weights are not fitted to a motion; give "
+            "PrandtlIshlinskii, BoucWen or Duhem, or leave start out"
+        )
+    names = parameter_names(start)
+    unknown = next((name for name in fixed if name not in names), None)
+    if unknown is not None:
+        raise ParameterError(f"fixed has {unknown!r}; give names out of {', '.join(names)}")
+    free = ~np.isin(names, list(fixed))
+    _check_samples(record, int(free.sum()))
+    tied = fit_tied(record, start, free)
+    found = None if tied is None else fit(record, tied, free)
+    if found is None:
+        raise SignalError(
+            "the simulation from this start grows without bound, even tied to the record; give a "
+            "start with a positive damping and stiffness, or check the units"
+        )
+    return _result(record, *found, free)
+
+
+def _unknown(record: OscillatorRecord) -> OscillatorIdentification:
+    """Find the slopes of an unknown law, on finer and finer levels."""
+    linear = _linear_start(record)
+    reach = float(np.abs(record.filled).max())
+    # Half of the stiffness is given to the hysteretic force; the fit divides it anew.
+    half = linear.stiffness / 2
+    slopes = np.repeat(half[0], 2)
+    law = Duhem(half[0] * reach * np.array([-1, 1]), slopes, slopes)
+    neutral = replace(linear, stiffness=half, operator=law)
+    model: Oscillator | None = softened(neutral, _all_free(neutral), reach)
+    assert model is not None
+    model = fit_tied(record, model, _all_free(model))
+    best: tuple[Oscillator, Minimum] | None = None
+    tried: list[TriedLaw] = []
+    for count in _LEVELS:
+        if model is None or _too_many(record, model, count):
+            break
+        model = _with_levels(model, record, count)
+        near = record.coarse() if count <= _COARSE else record
+        found = fit(near, model, _all_free(model), steps=_TRIAL_STEPS, gain=_TRIAL_GAIN)
+        if found is None:
+            break
+        model = found[0]
+        tried.append(TriedLaw.of(count, found[1]))
+        if best is None or tried[-1].criterion <= min(one.criterion for one in tried):
+            best = found
+        least = min(range(len(tried)), key=lambda k: tried[k].criterion)
+        if len(tried) - 1 - least >= _WORSE:
+            break
+    final = None if best is None else fit(record, best[0], _all_free(best[0]))
+    if final is None:
+        raise SignalError(
+            "no stable oscillator with a hysteretic force was found; check the units and the sign "
+            "of the force, or give a start"
+        )
+    return _result(record, *final, _all_free(final[0]), tuple(tried))
+
+
+def _all_free(model: Oscillator) -> BoolArray:
+    return np.ones(parameters_of(model).size, dtype=np.bool_)
+
+
+def _too_many(record: OscillatorRecord, model: Oscillator, levels: int) -> bool:
+    parameters = 2 + model.stiffness.size + 2 * levels
+    return bool(record.scored.sum() < _FEWEST_EACH * parameters) and levels > _LEVELS[0]
+
+
+def _check_samples(record: OscillatorRecord, parameters: int) -> None:
+    count = int(record.scored.sum())
+    if count < _FEWEST_EACH * parameters:
+        raise SignalError(
+            f"{count} samples count for {parameters} parameters; give at least "
+            f"{_FEWEST_EACH * parameters}, or fix some"
+        )
+
+
+def _linear_start(record: OscillatorRecord) -> Oscillator:
+    """Return the linear oscillator nearest to the spectra of force and displacement.
+
+    By least squares of ``(-w^2 m + i w c + k) Y = U`` where the force is large. Its hysteresis is
+    zero.
+    """
+    y = record.filled
+    window = np.ones(y.size) if record.periodic else np.hanning(y.size)
+    force, motion = np.fft.rfft(window * record.u), np.fft.rfft(window * y)
+    w = 2 * np.pi * np.fft.rfftfreq(y.size, record.interval)
+    heard = np.abs(force) > _HEARD * np.abs(force[1:]).max()
+    columns = np.column_stack([-(w**2) * motion, 1j * w * motion, motion])[heard]
+    scale = np.linalg.norm(columns, axis=0)
+    rows = np.vstack([columns.real, columns.imag]) / scale
+    wanted = np.concatenate([force[heard].real, force[heard].imag])
+    mass, damping, stiffness = np.linalg.lstsq(rows, wanted, rcond=None)[0] / scale
+    if mass <= 0 or stiffness <= 0:
+        raise SignalError(
+            f"the record looks like a mass of {mass:.3g} kg on a spring of {stiffness:.3g} N/m, "
+            "which both must be positive; check the units and the sign of the force, and excite "
+            "below and above the resonance, or give a start"
+        )
+    return Oscillator(mass, max(damping, 0.0), stiffness, BoucWen(1.0, 0.0, 0.0))
+
+
+def _with_levels(model: Oscillator, record: OscillatorRecord, count: int) -> Oscillator:
+    """Return the model with other levels, between which its force lies equally often."""
+    law = model.operator
+    if law.levels.size == count:
+        return model
+    y = record.filled
+    z = law.simulate(np.tile(y, 2) if record.periodic else y)[-y.size :]
+    order = np.sort(z)
+    share = np.linspace(0, 1, order.size)
+    even = (order - order[0]) / (order[-1] - order[0])
+    mixed = _WHERE_IT_IS * share + (1 - _WHERE_IT_IS) * even
+    levels = np.interp(np.linspace(0, 1, count), mixed, order)
+    slopes = (np.interp(levels, law.levels, values) for values in (law.rising, law.falling))
+    return replace(model, operator=Duhem(levels, *slopes))
+
+
+def _result(
+    record: OscillatorRecord,
+    model: Oscillator,
+    found: Minimum,
+    free: BoolArray,
+    tried: tuple[TriedLaw, ...] = (),
+) -> OscillatorIdentification:
+    return OscillatorIdentification(model, record, found, free, tried)

@@ -1,0 +1,178 @@
+"""Result of the identification of an oscillator with hysteresis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.dynamics.oscillator import Oscillator
+from minorloop.figures import NotebookView, figure_of
+from minorloop.identification.levenberg_marquardt import Minimum
+from minorloop.identification.output_error import correlation_time
+from minorloop.identification.simulation_error import (
+    OscillatorRecord,
+    parameter_names,
+    parameters_of,
+)
+
+_BEYOND_NOISE = 1.1
+"""Error over noise from which the model misses something: for 100 samples and more, an error that
+is only noise is as large with a probability below 1 %."""
+_UNCERTAIN = 0.5
+"""Standard deviation over the value of a parameter from which it counts as not determined."""
+
+
+@dataclass(frozen=True)
+class TriedLaw:
+    """A number of levels of an unknown law that was compared.
+
+    Parameters
+    ----------
+    levels : int
+        Levels for each direction.
+    error : float
+        Root-mean-square error of the simulation, in m.
+    criterion : float
+        Bayesian information criterion; the least is best.
+    """
+
+    levels: int
+    error: float
+    criterion: float
+
+    @classmethod
+    def of(cls, levels: int, found: Minimum) -> TriedLaw:
+        """Return the comparison of a fit."""
+        count, parameters = found.jacobian.shape
+        square = float(np.mean(found.residuals**2))
+        criterion = count * np.log(max(square, 1e-300)) + parameters * np.log(count)
+        return cls(levels, float(np.sqrt(square)), float(criterion))
+
+
+@dataclass(frozen=True, eq=False)
+class OscillatorIdentification(NotebookView):
+    """An oscillator with hysteresis, identified from a record.
+
+    Parameters
+    ----------
+    model : Oscillator
+        The model.
+    record : OscillatorRecord
+        What was fitted; of a periodic record, its mean period.
+    minimum : Minimum
+        How the search ended.
+    free : (P,) array of bool
+        Parameters that were fitted.
+    tried : tuple of TriedLaw
+        Numbers of levels that were compared for an unknown law.
+    """
+
+    model: Oscillator
+    record: OscillatorRecord
+    minimum: Minimum
+    free: BoolArray
+    tried: tuple[TriedLaw, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return parameter_names(self.model)
+
+    @property
+    def parameters(self) -> FloatArray:
+        """(P,) values of the parameters."""
+        return parameters_of(self.model)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(P, P) covariance of the parameters; zero for those that were fixed.
+
+        The variance of the error counts as often as its samples are correlated.
+        """
+        jacobian, residuals = self.minimum.jacobian, self.minimum.residuals
+        scale = np.linalg.norm(jacobian, axis=0)
+        scale = np.where(scale > 0, scale, 1.0)
+        inverse = np.linalg.pinv(jacobian / scale) / scale[:, None]
+        spare = max(residuals.size - jacobian.shape[1], 1)
+        variance = float(residuals @ residuals) / spare * correlation_time([residuals])
+        found = np.zeros((self.free.size, self.free.size))
+        found[np.ix_(self.free, self.free)] = variance * (inverse @ inverse.T)
+        return found
+
+    @property
+    def sd(self) -> FloatArray:
+        """(P,) standard deviations of the parameters; zero for those that were fixed."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def error(self) -> float:
+        """Root-mean-square error of the simulation, in m."""
+        return float(np.sqrt(np.mean(self.minimum.residuals**2)))
+
+    @property
+    def noise(self) -> float | None:
+        """Standard deviation of the mean period; None if the record does not repeat."""
+        return self.record.noise
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search ended at a minimum."""
+        return self.minimum.converged
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What to know about this model, and what to do."""
+        texts = []
+        if not self.converged:
+            texts.append(
+                f"the search has not converged after {self.minimum.steps} steps; give a nearer "
+                "start, or fix parameters that the record does not determine"
+            )
+        if self.noise and self.error > _BEYOND_NOISE * self.noise:
+            texts.append(
+                f"the error is {self.error / self.noise:.2g} times the noise of the record, so the "
+                "model lacks something; try start='unknown', or a stiffness of higher degree"
+            )
+        share = self.sd / np.maximum(np.abs(self.parameters), np.finfo(float).tiny)
+        loose = [name for name, one in zip(self.names, share, strict=True) if one > _UNCERTAIN]
+        if loose and not self.tried:
+            texts.append(
+                f"the record does not determine {', '.join(loose)}; excite larger amplitudes and "
+                "more frequencies, or fix them"
+            )
+        return tuple(texts)
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Rows of a table, label and value."""
+        noise = "not known" if self.noise is None else f"{self.noise:.3g} m"
+        rows = [
+            ("simulation error, rms", f"{self.error:.3g} m"),
+            ("noise of the record", noise),
+            ("parameters", f"{int(self.free.sum())}"),
+        ]
+        if self.tried:
+            rows += [(f"{one.levels} levels", f"{one.error:.3g} m") for one in self.tried]
+            shown = 2 + self.model.stiffness.size
+        else:
+            shown = self.free.size
+        for name, value, sd in list(zip(self.names, self.parameters, self.sd, strict=True))[:shown]:
+            rows.append((name, f"{value:.6g} +- {sd:.2g}" if sd else f"{value:.6g} (fixed)"))
+        return rows
+
+    def __str__(self) -> str:
+        lines = [f"{name:<24} {value}" for name, value in self.rows]
+        return "\n".join([*lines, *(f"advice: {text}" for text in self.advice)])
+
+    def plot(self) -> Any:
+        """Draw displacement with residual, and the loop of the hysteretic force.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        return figure_of(self)

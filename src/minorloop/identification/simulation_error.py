@@ -1,0 +1,297 @@
+"""Identify an oscillator with hysteresis by the error of its simulation.
+
+The parameters minimise the difference between the measured displacement and the one that the model
+gives for the force alone. Derivatives of the simulation are exact: they are integrated with it.
+
+Far from the truth this error has many minima, because the model resonates elsewhere. So the model
+is first tied to the measured displacement by a spring and a damper, which hold it near the record
+whatever its parameters are. The spring is then weakened in steps and finally removed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from minorloop.arrays import LARGEST, BoolArray, FloatArray
+from minorloop.dynamics.oscillator import Motion, Oscillator
+from minorloop.dynamics.sampling import (
+    Interpolation,
+    decimated,
+    pulses,
+    refined,
+)
+from minorloop.errors import ParameterError
+from minorloop.identification.levenberg_marquardt import Minimum, minimise
+from minorloop.operators.differential import BoucWen, Differential, Duhem
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+
+_TIES = (10.0, 1.0, 0.1)
+"""Springs that tie the model to the record, over its own stiffness at the start. By trial: with 10
+times a start 50 % off is harmless, and steps of ten lose no start."""
+_TIED_STEPS, _TIED_GAIN = 40, 1e-3
+"""Steps with each of these springs: its minimum is only the start for the next one."""
+_TIED_DAMPING = 0.7
+"""Damping ratio of the mass on this spring alone: its noise does not ring."""
+_SOFT = 0.5
+"""Share by which the slope of a soft loop falls from zero to its largest displacement: the memory
+of the start then fades within a turn, and the derivatives of a periodic response are finite."""
+_SMALL = 1e-9
+"""Displacement in m that measures the slope of a law at rest."""
+_MOST_TURNS = 20
+"""Periods that are simulated until the response repeats."""
+_SETTLED = 1e-6
+"""Relative change from period to period of a state, and of its derivatives, that repeat."""
+_TIED_SUBSTEPS = 2
+"""Steps in an interval then; they are as accurate as that minimum needs to be."""
+_STEPS = 60
+"""Most steps of the last fit; four to ten are usual."""
+
+
+@dataclass(frozen=True, eq=False)
+class OscillatorRecord:
+    """A record of force and displacement, ready for simulations.
+
+    Parameters
+    ----------
+    u, y : (T,) arrays
+        Force and displacement; of a periodic record, its mean period.
+    interval : float
+        Seconds between samples.
+    periodic : bool
+        Whether the record is one period of a settled response.
+    noise : float or None
+        Standard deviation of y, from the differences between periods.
+    between : {"band", "straight", "held"}
+        The force between samples.
+    substeps : int
+        Steps of the integration in an interval.
+    stages : sequence of (int, array)
+        Filters of the converter.
+    scored : (T,) array of bool
+        Samples whose error counts.
+    """
+
+    u: FloatArray
+    y: FloatArray
+    interval: float
+    periodic: bool
+    noise: float | None
+    between: Interpolation
+    substeps: int
+    stages: Sequence[tuple[int, FloatArray]]
+    scored: BoolArray
+
+    @property
+    def step(self) -> float:
+        """Seconds of one step of the integration."""
+        return self.interval / self.substeps
+
+    def coarse(self) -> OscillatorRecord:
+        """Return the record for longer steps, without filters."""
+        return replace(self, substeps=min(_TIED_SUBSTEPS, self.substeps), stages=())
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """(K, 3) force in each step."""
+        return pulses(self.u, self.substeps, self.between, periodic=self.periodic)
+
+    @cached_property
+    def filled(self) -> FloatArray:
+        """(T,) measured displacements, straight where nothing was measured."""
+        known = np.isfinite(self.y)
+        return np.interp(np.arange(self.y.size), np.flatnonzero(known), self.y[known])
+
+    @cached_property
+    def motion(self) -> tuple[FloatArray, FloatArray]:
+        """(K, 3) measured displacement and velocity in each step."""
+        fine = refined(self.filled, 2 * self.substeps, "band", periodic=self.periodic)
+        speed = np.gradient(fine, self.step / 2)
+        return tuple(  # type: ignore[return-value]
+            np.column_stack([x[:-2:2], x[1:-1:2], x[2::2]]) for x in (fine, speed)
+        )
+
+    def residuals(
+        self, model: Oscillator, tie: tuple[float, float] | None = None
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return simulated less measured displacements, and their derivatives (N, P).
+
+        None where the simulation is not finite.
+
+        Parameters
+        ----------
+        model : Oscillator
+            The model.
+        tie : (float, float), optional
+            Spring and damper between the model and the measured displacement.
+        """
+        force = self.force
+        if tie is not None:
+            y, v = self.motion
+            force = force + tie[0] * y + tie[1] * v
+            spring = np.concatenate([[model.stiffness[0] + tie[0]], model.stiffness[1:]])
+            model = replace(model, stiffness=spring, damping=model.damping + tie[1])
+        motion = Motion(model, gradient=True)
+        out = np.empty(len(force) + 1)
+        gradient = np.empty((len(force) + 1, motion.slopes.shape[1]))
+        for _ in range(_MOST_TURNS if self.periodic else 1):
+            before = np.vstack([motion.state, motion.slopes.T])
+            if not motion.run(force, self.step, out, gradient):
+                return None
+            now = np.vstack([motion.state, motion.slopes.T])
+            if (np.abs(now - before) <= _SETTLED * np.abs(now)).all():
+                break
+        if self.periodic:
+            out, gradient = out[:-1], gradient[:-1]
+        if self.stages:
+            out = decimated(out, self.stages, periodic=self.periodic)
+            gradient = decimated(gradient, self.stages, periodic=self.periodic)
+        else:
+            out, gradient = out[:: self.substeps], gradient[:: self.substeps]
+        # Derivatives of an unstable motion grow faster than the motion itself.
+        if not (np.abs(out) < LARGEST).all() or not (np.abs(gradient) < LARGEST).all():
+            return None
+        return (out - self.y)[self.scored], gradient[self.scored]
+
+
+def parameter_names(model: Oscillator) -> tuple[str, ...]:
+    """Return the names of the parameters, in the order of `parameters_of`."""
+    springs = ["stiffness", *(f"stiffness {k}" for k in range(2, model.stiffness.size + 1))]
+    operator = model.operator
+    if isinstance(operator, BoucWen):
+        law = ["alpha", "gamma", "delta", "exponent"]
+    elif isinstance(operator, Duhem):
+        law = [f"{side} {k}" for side in ("rising", "falling") for k in range(operator.levels.size)]
+    else:
+        law = [f"weight {k}" for k in range(operator.weights.size)]
+    return ("mass", "damping", *springs, *law)
+
+
+def parameters_of(model: Oscillator) -> FloatArray:
+    """Return the parameters (P,): mass, damping, springs, and those of the operator."""
+    operator = model.operator
+    law = operator.law[1] if isinstance(operator, Differential) else operator.weights
+    return np.concatenate([[model.mass, model.damping], model.stiffness, law])
+
+
+def with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
+    """Return a model of the same structure.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of its range.
+    """
+    springs, law = np.split(parameters[2:], [model.stiffness.size])
+    operator: Differential | PrandtlIshlinskii
+    if isinstance(model.operator, BoucWen):
+        operator = BoucWen(*law)
+    elif isinstance(model.operator, Duhem):
+        operator = Duhem(model.operator.levels, *np.split(law, 2))
+    else:
+        operator = replace(model.operator, weights=law)
+    return Oscillator(parameters[0], parameters[1], springs, operator)
+
+
+def fit_tied(record: OscillatorRecord, start: Oscillator, free: BoolArray) -> Oscillator | None:
+    """Return the model after fits in which it is tied to the record more and more weakly.
+
+    None if even the tied start is unstable.
+
+    Parameters
+    ----------
+    record : OscillatorRecord
+        What to fit.
+    start : Oscillator
+        Where to begin.
+    free : (P,) array of bool
+        Parameters that may change.
+    """
+    coarse, model = record.coarse(), start
+    stiffness = abs(start.stiffness[0]) + abs(start.operator.step("relaxed", _SMALL)[0] / _SMALL)
+    for share in _TIES:
+        spring = share * float(stiffness)
+        tie = spring, 2 * _TIED_DAMPING * float(np.sqrt(spring * model.mass))
+        begins = [model]
+        if share == _TIES[0]:
+            # With a wrong law the hysteretic force may explode along the measured displacement.
+            soft = softened(start, free, float(np.abs(record.filled).max()))
+            if not np.array_equal(parameters_of(soft), parameters_of(start)):
+                begins.append(soft)
+        tried = (fit(coarse, one, free, tie, steps=_TIED_STEPS, gain=_TIED_GAIN) for one in begins)
+        found = [one for one in tried if one is not None]
+        if not found:
+            return None
+        model = min(found, key=lambda one: float(one[1].residuals @ one[1].residuals))[0]
+    return model
+
+
+def softened(model: Oscillator, free: BoolArray, reach: float) -> Oscillator:
+    """Return the model with the law of a soft loop, as far as it is free to change.
+
+    Parameters
+    ----------
+    model : Oscillator
+        The model.
+    free : (P,) array of bool
+        Parameters that may change.
+    reach : float
+        Largest displacement.
+    """
+    parameters, operator = parameters_of(model), model.operator
+    first = 2 + model.stiffness.size
+    law = parameters[first:].copy()
+    if isinstance(operator, BoucWen):
+        law[1:] = _SOFT / reach, 0.0, 1.0
+    elif isinstance(operator, Duhem) and law.mean() != 0:
+        slope = float(law.mean())
+        fall = _SOFT * operator.levels / (abs(slope) * reach)
+        law = slope * np.concatenate([1 - fall, 1 + fall])
+    parameters[first:] = np.where(free[first:], law, parameters[first:])
+    return with_parameters(model, parameters)
+
+
+def fit(
+    record: OscillatorRecord,
+    start: Oscillator,
+    free: BoolArray,
+    tie: tuple[float, float] | None = None,
+    *,
+    steps: int = _STEPS,
+    gain: float = 1e-6,
+) -> tuple[Oscillator, Minimum] | None:
+    """Return the model with the least simulation error near a start; None if that is unstable.
+
+    Parameters
+    ----------
+    record : OscillatorRecord
+        What to fit.
+    start : Oscillator
+        Where to begin.
+    free : (P,) array of bool
+        Parameters that may change.
+    tie : (float, float), optional
+        As for `OscillatorRecord.residuals`.
+    steps, gain
+        As for `minimise`.
+    """
+    all_of_them = parameters_of(start)
+
+    def model_of(some: FloatArray) -> Oscillator:
+        parameters = all_of_them.copy()
+        parameters[free] = some
+        return with_parameters(start, parameters)
+
+    def errors(some: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        try:
+            model = model_of(some)
+        except ParameterError:  # out of its range
+            return None
+        found = record.residuals(model, tie)
+        return None if found is None else (found[0], found[1][:, free])
+
+    found = minimise(errors, all_of_them[free], steps=steps, gain=gain)
+    return None if found is None else (model_of(found.parameters), found)

@@ -1,0 +1,375 @@
+"""Operators of differential type: the slope of the output depends on the output itself.
+
+A law ``dz/du`` for rising and another for falling inputs gives loops without relays or plays. Its
+memory is one number, so minor loops need not close; a Preisach operator never describes that. The
+law of Bouc and Wen is one of these operators. It is used as a force in a vibrating structure
+(`dynamics.oscillator`).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import (
+    FloatArray,
+    Samples,
+    as_finite,
+    as_levels,
+    as_samples,
+    check_option,
+    frozen,
+)
+from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.operators import _differential_kernels
+from minorloop.operators._parallel import in_parallel
+from minorloop.operators.inversion import (
+    Inversion,
+    Unreachable,
+    as_signal,
+    check_unreachable_option,
+    refuse_unreachable,
+)
+from minorloop.operators.step_tracker import StepTracker
+
+DifferentialStart: TypeAlias = (
+    "npt.ArrayLike | Literal['negative', 'positive', 'demagnetised', 'relaxed']"
+)
+"""Input and output before the first sample, or the name of a start state."""
+
+_LEAST_EXPONENT = 0.5
+"""Below it the slope changes too abruptly at z = 0 to be integrated; estimates of 1 are near it."""
+_NEARLY = 0.999
+"""Share of the way to a limit that a clipped target goes: the limit itself needs infinite input."""
+
+
+class Differential(ABC):
+    """Base of operators with ``dz/du = rising(z)`` for rising and ``falling(z)`` for falling u.
+
+    A start state is one of
+
+    - a (2,) array, the input and the output before the first sample,
+    - ``"demagnetised"`` or ``"relaxed"``: both are zero,
+    - ``"negative"`` or ``"positive"``: the input came from far below, or from far above, so that
+      the output is at its limit.
+    """
+
+    @property
+    @abstractmethod
+    def law(self) -> tuple[FloatArray, FloatArray]:
+        """Levels and values of the law, as the compiled loops take them."""
+
+    @property
+    @abstractmethod
+    def range(self) -> tuple[float, float]:
+        """Limits of the output for falling and for rising inputs; infinite where there is none."""
+
+    def slopes(self, z: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the slopes for rising and for falling inputs.
+
+        Parameters
+        ----------
+        z : (n,) array_like
+            Outputs.
+
+        Returns
+        -------
+        rising, falling : (n,) arrays
+            In the unit of the output over that of the input.
+        """
+        outputs, law = as_signal(z, name="z"), self.law
+        found = np.empty((2, outputs.size))
+        for row, side in enumerate((1.0, -1.0)):
+            for k, value in enumerate(outputs):
+                index = _differential_kernels.piece(value, True, law[0])
+                found[row, k] = _differential_kernels.slope(value, side, index, *law)[0]
+        return found[0], found[1]
+
+    def state(self, start: DifferentialStart) -> tuple[float, float]:
+        """Return input and output of a start state; the input is infinite at a limit.
+
+        Raises
+        ------
+        ParameterError
+            If the name is unknown, the operator has no such limit, or the numbers are not two.
+        """
+        if not isinstance(start, str):
+            values = np.asarray(start, dtype=np.float64)
+            if values.shape != (2,) or not np.isfinite(values).all():
+                raise ParameterError(
+                    f"start has shape {values.shape}; give two finite numbers, input and output"
+                )
+            return float(values[0]), float(values[1])
+        check_option("start", start, ("negative", "positive", "demagnetised", "relaxed"))
+        if start in ("demagnetised", "relaxed"):
+            return 0.0, 0.0
+        limit = self.range[1 if start == "negative" else 0]
+        if not np.isfinite(limit):
+            raise ParameterError(
+                f"start is {start!r}, but the output has no limit; give 'demagnetised' or the "
+                "input and the output before the first sample"
+            )
+        return (-np.inf if start == "negative" else np.inf), limit
+
+    def simulate(self, u: npt.ArrayLike, start: DifferentialStart = "demagnetised") -> Samples:
+        """Return the outputs for input signals that are monotone between samples.
+
+        Parameters
+        ----------
+        u : (T,) or (S, T) array_like
+            Inputs; rows are independent signals, computed in parallel.
+        start : start state
+            State before the first sample.
+
+        Returns
+        -------
+        (T,) or (S, T) array
+            Outputs.
+
+        Raises
+        ------
+        SignalError
+            If the inputs are not finite numbers of one of these shapes.
+        ParameterError
+            If the start state is out of range.
+        """
+        inputs, (before, z) = as_samples(u, name="u"), self.state(start)
+        out = np.empty_like(inputs)
+
+        def run(u: FloatArray, out: FloatArray) -> None:
+            first = before if np.isfinite(before) else float(u[0]) if u.size else 0.0
+            _differential_kernels.simulate(u, first, z, *self.law, out)
+
+        if inputs.ndim == 1:
+            run(inputs, out)
+        else:
+            in_parallel(lambda row: run(inputs[row], out[row]), len(inputs))
+        return out
+
+    def invert(
+        self,
+        targets: npt.ArrayLike,
+        start: DifferentialStart = "demagnetised",
+        unreachable: Unreachable = "raise",
+    ) -> Inversion:
+        """Return inputs that bring the output to each target in turn, by the shortest way.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Wanted outputs, in order.
+        start : start state
+            State before the first input.
+        unreachable : {"raise", "clip"}
+            What to do about targets at or beyond a limit. ``"clip"`` goes 99.9 % of the way to it.
+
+        Returns
+        -------
+        Inversion
+
+        Raises
+        ------
+        NotInvertibleError
+            If the output falls while the input rises at some output within the limits.
+        UnreachableError
+            If a target is out of reach and ``unreachable="raise"``.
+        """
+        check_unreachable_option(unreachable)
+        wanted = as_signal(targets, name="targets")
+        before, z = self.state(start)
+        if not np.isfinite(before):
+            raise ParameterError(
+                f"start is {start!r}, whose input is not known; give the input and the output "
+                "before the first target"
+            )
+        low, high = self.range
+        u, reachable = np.empty_like(wanted), np.empty(wanted.shape, dtype=np.bool_)
+        _differential_kernels.invert(wanted, before, z, low, high, _NEARLY, *self.law, u, reachable)
+        if not np.isfinite(u).all():
+            raise NotInvertibleError(
+                "the output falls while the input rises, so no input leads to the target; "
+                "slopes must be positive between the limits"
+            )
+        if unreachable == "raise":
+            refuse_unreachable(wanted, low, high, reachable)
+        y = self.simulate(u, start)
+        return Inversion(u, y, y - wanted, reachable)
+
+    def step(self, memory: DifferentialStart, u: float) -> tuple[float, FloatArray]:
+        """Return output and memory after one input.
+
+        Parameters
+        ----------
+        memory : start state
+            State before the input; it is not changed.
+        u : float
+            The input.
+
+        Returns
+        -------
+        z : float
+        memory : (2,) array
+            Input and output.
+        """
+        given = as_finite("u", u)
+        z = float(self.simulate([given], memory)[0])
+        return z, frozen([given, z])
+
+    def aim(self, memory: DifferentialStart, y: float) -> float:
+        """Return the input that brings the output to y from a start state.
+
+        Parameters
+        ----------
+        memory : start state
+            State before the input.
+        y : float
+            Wanted output.
+        """
+        return float(self.invert([as_finite("target", y)], memory).u[0])
+
+    def track(self, start: DifferentialStart = "demagnetised") -> StepTracker[DifferentialStart]:
+        """Return a tracker that follows a live input sample by sample.
+
+        Parameters
+        ----------
+        start : start state
+            State before the first sample.
+        """
+        memory = start if isinstance(start, str) else frozen(self.state(start))
+        self.state(memory)
+        return StepTracker(self, memory)
+
+
+@dataclass(frozen=True)
+class BoucWen(Differential):
+    """The law ``dz/du = alpha - (gamma sign(du z) + delta) |z|^exponent`` of Bouc and Wen.
+
+    With the usual ``beta``, give the products: only they can be seen in a loop. For an exponent
+    of 1 steps are exact; for others they are integrated to about seven digits.
+
+    Parameters
+    ----------
+    alpha : float
+        Slope at z = 0, positive.
+    gamma, delta : float
+        Pull of z back to zero; ``gamma + delta > 0`` limits the output.
+    exponent : float
+        At least 0.5, in most texts 1 or more; nu there.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite or out of its range.
+
+    References
+    ----------
+    Wen, Method for random vibration of hysteretic systems, ASCE J. Engineering Mechanics 102
+    (1976) 249.
+    """
+
+    alpha: float
+    gamma: float
+    delta: float
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("alpha", "gamma", "delta", "exponent"):
+            object.__setattr__(self, name, as_finite(name, getattr(self, name)))
+        if self.alpha <= 0:
+            raise ParameterError(f"alpha is {self.alpha:g}; give a positive slope")
+        if self.exponent < _LEAST_EXPONENT:
+            raise ParameterError(
+                f"exponent is {self.exponent:g}; give at least {_LEAST_EXPONENT:g}"
+            )
+
+    @cached_property
+    def law(self) -> tuple[FloatArray, FloatArray]:
+        """Levels and values of the law, as the compiled loops take them."""
+        return np.empty(0), frozen([self.alpha, self.gamma, self.delta, self.exponent])
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Limits of the output for falling and for rising inputs; infinite where there is none."""
+        pull = self.gamma + self.delta
+        high = (self.alpha / pull) ** (1 / self.exponent) if pull > 0 else np.inf
+        return -high, high
+
+
+@dataclass(frozen=True, eq=False)
+class Duhem(Differential):
+    """Slopes that are any piecewise linear functions of the output, one for each direction.
+
+    Steps are exact: on each piece the output is an exponential of the input.
+
+    Parameters
+    ----------
+    levels : (n,) array_like
+        Outputs at which the slopes are given, strictly increasing.
+    rising, falling : (n,) array_like
+        Slopes ``dz/du`` at the levels for rising and for falling inputs; constant beyond them.
+
+    Raises
+    ------
+    ParameterError
+        If levels do not increase, lengths differ, or a number is not finite.
+
+    References
+    ----------
+    Duhem, Zeitschrift für physikalische Chemie 22 (1897) 545. Visintin, Differential Models of
+    Hysteresis, 1994, chapter 5.
+    """
+
+    levels: FloatArray
+    rising: FloatArray
+    falling: FloatArray
+
+    def __post_init__(self) -> None:
+        levels = as_levels(self.levels)
+        object.__setattr__(self, "levels", levels)
+        for name in ("rising", "falling"):
+            values = frozen(getattr(self, name))
+            if values.shape != levels.shape or not np.isfinite(values).all():
+                raise ParameterError(
+                    f"{name} has shape {values.shape}; give {levels.size} finite slopes, one for "
+                    "each level"
+                )
+            object.__setattr__(self, name, values)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Duhem):
+            return NotImplemented
+        return all(np.array_equal(a, b) for a, b in zip(self.law, other.law, strict=True))
+
+    @cached_property
+    def law(self) -> tuple[FloatArray, FloatArray]:
+        """Levels and values of the law, as the compiled loops take them."""
+        return self.levels, frozen(np.concatenate([self.rising, self.falling]))
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Limits of the output for falling and for rising inputs; infinite where there is none.
+
+        They are the first zeros of the slopes on the way from the middle of the levels.
+        """
+        middle = (self.levels[0] + self.levels[-1]) / 2
+        high = _first_zero(self.levels, self.rising, middle)
+        low = -_first_zero(-self.levels[::-1], self.falling[::-1], -middle)
+        return low, high
+
+
+def _first_zero(levels: FloatArray, slopes: FloatArray, begin: float) -> float:
+    """Return the first place from ``begin`` on at which the slopes are not positive."""
+    there = np.concatenate([[begin], levels[levels > begin]])
+    values = np.interp(there, levels, slopes)
+    if (values > 0).all():
+        return np.inf
+    i = int(np.argmax(values <= 0))
+    if i == 0:
+        return begin
+    share = values[i - 1] / (values[i - 1] - values[i])
+    return float(there[i - 1] + share * (there[i] - there[i - 1]))

@@ -1,0 +1,167 @@
+import numpy as np
+import pytest
+
+from minorloop.dynamics.oscillator import Oscillator
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.oscillator import identify_oscillator
+from minorloop.operators.differential import BoucWen, Duhem
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop.operators.preisach import Preisach
+
+TRUE = np.array([2.0, 10.0, 5e4, 5e4, 800.0, 900.0, 1.0])
+PLANT = Oscillator(2.0, 10.0, 5e4, BoucWen(5e4, 800.0, 900.0))
+NOISE, PERIOD, TURNS = 5e-6, 512, 4
+
+
+def multisine(seed, size=PERIOD):
+    rng = np.random.default_rng(seed)
+    spectrum = np.zeros(size // 2 + 1, complex)
+    lines = slice(5 * size // 750, 150 * size // 750)
+    spectrum[lines] = np.exp(2j * np.pi * rng.random(size // 2 + 1))[lines]
+    u = np.fft.irfft(spectrum, size)
+    return 50 * u / u.std()
+
+
+def record(plant=PLANT, seed=1000, substeps=16):
+    """Times, forces and noisy displacements of four settled periods."""
+    u = multisine(seed)
+    t = np.arange(TURNS * PERIOD) / 750
+    y = plant.simulate(t[:PERIOD], u, periodic=True, substeps=substeps)
+    noise = NOISE * np.random.default_rng(seed + 1).normal(size=t.size)
+    return t, np.tile(u, TURNS), np.tile(y, TURNS) + noise
+
+
+def start(factors):
+    mass, damping, stiffness, *law = TRUE * factors
+    return Oscillator(mass, damping, stiffness, BoucWen(*law))
+
+
+@pytest.fixture(scope="module")
+def settled():
+    return record()
+
+
+@pytest.fixture(scope="module")
+def found(settled):
+    factors = np.array([0.5, 1.5, 0.5, 1.5, 0.5, 1.5, 1.5])
+    return identify_oscillator(*settled, start(factors), period=PERIOD)
+
+
+def test_parameters_are_found_from_a_start_that_is_half_off(found):
+    assert found.converged
+    assert (np.abs(found.parameters - TRUE) < 4 * found.sd).all()
+    assert (found.sd < 0.1 * np.abs(TRUE)).all()
+    assert found.error == pytest.approx(found.noise, rel=0.15)
+    assert found.noise == pytest.approx(NOISE / np.sqrt(TURNS), rel=0.1)
+    assert not found.advice
+
+
+def test_it_predicts_another_force(found):
+    u, t = multisine(1007), np.arange(PERIOD) / 750
+    wanted = PLANT.simulate(t, u, periodic=True)
+    error = found.model.simulate(t, u, periodic=True) - wanted
+    assert np.sqrt(np.mean(error**2)) < 2e-3 * np.std(wanted)
+
+
+def test_a_start_that_explodes_is_bent_back():
+    """The search from the law of the start alone ended at 150 times the noise."""
+    plant = Oscillator(2.0, 10.0, 5e4, BoucWen(5e4, 800.0, -1100.0))
+    factors = np.array([1.5, 1.5, 0.5, 0.5, 0.5, 1.5, 1.5])
+    mass, damping, stiffness, *law = np.array([2.0, 10, 5e4, 5e4, 800, -1100, 1]) * factors
+    begin = Oscillator(mass, damping, stiffness, BoucWen(*law))
+    found = identify_oscillator(*record(plant), begin, period=PERIOD)
+    assert found.error < 1.2 * found.noise
+
+
+def test_fixed_parameters_stay(settled):
+    begin = start(np.array([1.0, 1.3, 1.0, 1.0, 1.0, 1.0, 1.0]))
+    fixed = ("mass", "stiffness", "alpha", "gamma", "delta", "exponent")
+    found = identify_oscillator(*settled, begin, period=PERIOD, fixed=fixed)
+    assert np.delete(found.parameters, 1).tolist() == np.delete(TRUE, 1).tolist()
+    assert found.sd[1] > 0
+    assert not np.delete(found.sd, 1).any()
+    assert found.parameters[1] == pytest.approx(10, rel=0.05)
+    assert "2 (fixed)" in str(found)
+
+
+def test_its_figure_has_the_record_and_the_loops(found):
+    left, right = found.plot().axes
+    assert [line.get_label() for line in left.lines] == ["displacement", "model - record"]
+    assert np.ptp(right.lines[0].get_ydata()) > 40  # N
+    assert "OscillatorIdentification" in found._repr_html_()
+
+
+def test_an_unknown_law_is_found_from_the_record_alone(settled):
+    found = identify_oscillator(*settled, period=PERIOD)
+    assert isinstance(found.model.operator, Duhem)
+    assert found.free.sum() <= 35
+    assert found.error < 1.5 * found.noise
+    assert found.model.mass == pytest.approx(2, rel=0.02)
+    u, t = multisine(1007), np.arange(PERIOD) / 750
+    wanted = PLANT.simulate(t, u, periodic=True)
+    error = found.model.simulate(t, u, periodic=True) - wanted
+    assert np.sqrt(np.mean(error**2)) < 0.01 * np.std(wanted)
+    assert "levels" in str(found)
+
+
+def test_plays_in_feedback_are_found():
+    radii = np.array([2e-4, 6e-4, 1.2e-3])
+    plant = Oscillator(2.0, 20.0, 8e4, PrandtlIshlinskii(radii, [1e4, 8e3, 6e3]))
+    begin = Oscillator(1.5, 30.0, 9e4, PrandtlIshlinskii(radii, np.zeros(3)))
+    t, u, y = record(plant, substeps=6)
+    found = identify_oscillator(t, u, y, begin, period=PERIOD, substeps=6)
+    wanted = np.array([2.0, 20.0, 8e4, 1e4, 8e3, 6e3])
+    assert (np.abs(found.parameters - wanted) < 4 * found.sd).all()
+    assert found.names[-1] == "weight 2"
+
+
+def test_a_record_from_rest_with_gaps_is_enough():
+    t = np.arange(2 * PERIOD) / 750
+    u = np.interp(t, [0, 0.1], [0, 1]) * np.tile(multisine(1002), 2)
+    y = PLANT.simulate(t, u, substeps=16)
+    y = y + NOISE * np.random.default_rng(1003).normal(size=t.size)
+    y[300:320] = np.nan
+    found = identify_oscillator(t, u, y, start(np.full(7, 1.3)), skip=10)
+    assert found.record.scored.sum() == t.size - 30
+    assert found.noise is None
+    assert (np.abs(found.parameters - TRUE) < 4 * found.sd).all()
+    assert found.error == pytest.approx(NOISE, rel=0.1)
+
+
+def test_a_model_that_lacks_something_says_so(settled):
+    begin = Oscillator(2.0, 10.0, 1e5, BoucWen(1e-3, 0.0, 0.0))
+    fixed = ("alpha", "gamma", "delta", "exponent")
+    found = identify_oscillator(*settled, begin, period=PERIOD, fixed=fixed)
+    assert any("times the noise of the record" in text for text in found.advice)
+
+
+def test_bad_records_and_starts_say_what_to_do(settled):
+    t, u, y = settled
+    good = start(np.ones(7))
+    with pytest.raises(SignalError, match="not a whole number of periods of 500"):
+        identify_oscillator(t, u, y, good, period=500)
+    with pytest.raises(SignalError, match="the force differs between periods of 256"):
+        identify_oscillator(t, u, y, good, period=256)
+    with pytest.raises(SignalError, match="force or displacement is constant"):
+        identify_oscillator(t, u, np.zeros_like(y), good, period=PERIOD)
+    with pytest.raises(SignalError, match="give evenly spaced times"):
+        identify_oscillator(np.where(t > 1, t + 0.1, t), u, y, good)
+    with pytest.raises(SignalError, match="20 samples count for 7 parameters"):
+        identify_oscillator(t[:20], u[:20], y[:20], good)
+    with pytest.raises(ParameterError, match="fixed has 'weight'; give names out of mass, damping"):
+        identify_oscillator(t, u, y, good, fixed=["weight"])
+    with pytest.raises(ParameterError, match="fixed is given without a start"):
+        identify_oscillator(t, u, y, fixed=["mass"])
+    plane = Oscillator(2.0, 10.0, 5e4, Preisach([-1e-3, 0, 1e-3], np.tril(np.ones((2, 2)))))
+    with pytest.raises(ParameterError, match="is a Preisach, whose weights are not fitted"):
+        identify_oscillator(t, u, y, plane, period=PERIOD)
+    with pytest.raises(ParameterError, match="start is 'best'"):
+        identify_oscillator(t, u, y, "best")
+    with pytest.raises(SignalError, match="which both must be positive"):
+        identify_oscillator(t, u, -y, period=PERIOD)
+
+
+def test_an_unstable_start_is_one_sentence(settled):
+    begin = Oscillator(2.0, -1e5, 5e4, BoucWen(5e4, 800.0, 900.0))
+    with pytest.raises(SignalError, match="grows without bound, even tied to the record"):
+        identify_oscillator(*settled, begin, period=PERIOD)

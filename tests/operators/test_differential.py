@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
+from minorloop.operators.differential import BoucWen, Duhem
+
+HARDENING = BoucWen(5e4, 800.0, -1100.0)
+SOFTENING = BoucWen(5e4, 800.0, 1100.0)
+SQUARE = BoucWen(1.0, 0.5, 0.3, 2.0)
+FREE = Duhem([-1.0, -0.2, 0.5, 1.2], [2.0, 1.0, 0.5, -0.1], [-0.1, 0.5, 1.0, 2.0])
+EVERY = [(HARDENING, 1e-3), (SOFTENING, 1e-3), (SQUARE, 2.0), (FREE, 1.0)]
+
+
+def walk(scale, count=60, seed=1000):
+    return scale * np.cumsum(np.random.default_rng(seed).normal(size=count)) / 8
+
+
+@pytest.mark.parametrize(("operator", "scale"), EVERY)
+def test_outputs_are_those_of_many_small_steps_of_the_law(operator, scale):
+    u = walk(scale, 8)
+    z, before = 0.0, 0.0
+    for target in u:
+        step = (target - before) / 800
+        for _ in range(800):  # the midpoint rule: its error is of the order of step^2
+            side = 0 if step > 0 else 1
+            middle = z + step / 2 * float(operator.slopes([z])[side][0])
+            z += step * float(operator.slopes([middle])[side][0])
+        before = target
+    assert operator.simulate(u)[-1] == pytest.approx(z, rel=1e-5)
+
+
+@pytest.mark.parametrize(("operator", "scale"), EVERY)
+def test_samples_in_between_change_nothing(operator, scale):
+    u = walk(scale)
+    fine = np.interp(np.arange(0, u.size - 0.9, 0.1), np.arange(u.size), u)
+    coarse = operator.simulate(u)
+    assert operator.simulate(fine)[::10] == pytest.approx(
+        coarse, rel=1e-6, abs=1e-6 * np.ptp(coarse)
+    )
+
+
+@pytest.mark.parametrize(("operator", "scale"), EVERY)
+def test_the_inverse_returns_the_inputs(operator, scale):
+    u = walk(scale / 2)
+    found = operator.invert(operator.simulate(u))
+    assert found.reachable.all()
+    assert found.u == pytest.approx(u, abs=1e-6 * scale)
+    assert found.worst <= 1e-6 * np.ptp(found.y)
+
+
+def test_steps_with_an_exponent_of_one_are_exact():
+    z = SOFTENING.simulate([1e-3])[0]
+    assert z == pytest.approx(5e4 / 1900 * (1 - np.exp(-1.9)), rel=1e-14)
+    assert SOFTENING.range == pytest.approx((-5e4 / 1900, 5e4 / 1900))
+    assert SOFTENING.invert([z]).u[0] == pytest.approx(1e-3, rel=1e-13)
+
+
+def test_signals_in_rows_and_steps_give_the_same():
+    u = walk(1e-3)
+    rows = SOFTENING.simulate(np.stack([u, -u]))
+    assert rows[1] == pytest.approx(-rows[0])
+    tracker = SOFTENING.track()
+    assert [tracker.push(float(x)) for x in u] == pytest.approx(rows[0])
+    assert SOFTENING.step(tracker.memory, tracker.aim(3.0))[0] == pytest.approx(3.0)
+
+
+def test_a_memory_that_came_from_far_is_at_the_limit():
+    low, high = SOFTENING.range
+    assert SOFTENING.simulate([0.3, 0.4], "negative") == pytest.approx([high, high])
+    assert SOFTENING.simulate([-0.3], "positive") == pytest.approx([low])
+    assert FREE.range == pytest.approx((-1 + 0.8 / 6, 0.5 + 0.7 * 5 / 6))
+
+
+def test_targets_at_the_limit_are_out_of_reach():
+    with pytest.raises(UnreachableError, match="beyond what the model can reach"):
+        SOFTENING.invert([30.0])
+    found = SOFTENING.invert([30.0, -1.0], unreachable="clip")
+    assert found.reachable.tolist() == [False, True]
+    assert found.y[0] == pytest.approx(0.999 * SOFTENING.range[1])
+
+
+def test_bad_parameters_say_what_to_do():
+    with pytest.raises(ParameterError, match="alpha is -1; give a positive slope"):
+        BoucWen(-1.0, 0.0, 0.0)
+    with pytest.raises(ParameterError, match=r"exponent is 0\.1; give at least 0\.5"):
+        BoucWen(1.0, 0.0, 0.0, 0.1)
+    with pytest.raises(ParameterError, match="give 2 finite slopes"):
+        Duhem([0.0, 1.0], [1.0], [1.0, 1.0])
+    with pytest.raises(ParameterError, match="the output has no limit"):
+        HARDENING.simulate([0.0], "negative")
+    with pytest.raises(ParameterError, match="give two finite numbers"):
+        HARDENING.simulate([0.0], [0.0, np.nan])
+    with pytest.raises(ParameterError, match="whose input is not known"):
+        SOFTENING.invert([0.0], "negative")
+
+
+def test_an_output_that_falls_while_the_input_rises_has_no_inverse():
+    without_limit = BoucWen(1.0, -1.0, 0.9)
+    with pytest.raises(NotInvertibleError, match="slopes must be positive"):
+        without_limit.invert([0.6], [0.0, 1.0])
+
+
+def test_equal_laws_are_equal():
+    assert Duhem(FREE.levels, FREE.rising, FREE.falling) == FREE
+    assert Duhem(FREE.levels, FREE.falling, FREE.rising) != FREE
+    assert FREE != SQUARE
