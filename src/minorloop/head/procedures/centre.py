@@ -92,6 +92,8 @@ class Centring(Procedure[CentreState]):
 
     calibration: HeadCalibration
     gain: float = 0.5
+    integral_gain: float = 0.0
+    hold_integral: float = 0.0
     delay: float = 0.2
     soft: float = 6.0
     rate_limit: float = math.radians(20.0)
@@ -158,6 +160,7 @@ class Centring(Procedure[CentreState]):
         return Servo(
             self.calibration.camera_at(reading.place),
             gain=self.gain,
+            integral_gain=self.integral_gain,
             delay=self.delay,
             interval=self.interval,
             cone=self.cone,
@@ -182,7 +185,7 @@ class Centring(Procedure[CentreState]):
             track=track,
             shown=pixel,
             servo=servo.begin(reading.angles),
-            hold=PointHold(servo=servo).begin(reading.angles),
+            hold=PointHold(servo=servo, integral_gain=self.hold_integral).begin(reading.angles),
         )
 
     def _distance(self, state: CentreState, reading: Reading) -> float | None:
@@ -209,7 +212,7 @@ class Centring(Procedure[CentreState]):
         assert state.servo is not None
         assert state.hold is not None
         now = replace(reading, angles=angles)
-        hold = PointHold(servo=self._servo(now))
+        hold = PointHold(servo=self._servo(now), integral_gain=self.hold_integral)
         if passed(state.began or 0.0, reading.t, self.hold_after):
             move, held = hold.step(state.hold, seen, angles)
             return move, replace(state, hold=held)

@@ -74,7 +74,7 @@ class HeatedWires(SimulatedAxes):
     """
 
     _farthest = 180.0
-    _truth_names = ("angle", "temperature", "stress", "martensite")
+    _truth_names = ("angle", "temperature", "stress", "martensite", "body")
 
     def __init__(
         self,
@@ -99,6 +99,7 @@ class HeatedWires(SimulatedAxes):
                 raise ParameterError(f"{name} is {value}; give 0 to 1, a share of a wire's life")
         self._around = self.surroundings.courses()
         self._loads = self.surroundings.loads(len(self.outputs))
+        self._cooling = self.surroundings.cooling_numbers()
         self._age = np.array([self.ageing, self.drift / 3600.0])
         super().__init__(
             specimen,
@@ -134,7 +135,7 @@ class HeatedWires(SimulatedAxes):
 
     def _check_state(self, state: FloatArray, clock: float) -> None:
         """Refuse unreachable temperatures and states that contradict the equations of ``Wire``."""
-        temperature, fraction, effective, compression, hottest, highest = state.T
+        temperature, fraction, effective, compression, hottest, highest, body = state.T
         (coldest, warmest), (film, _) = self.surroundings.reach
         wire = self._axes.T
         heat = HIGHEST_CURRENT**2 * wire[2:4].max(axis=0) / (film * wire[4])
@@ -162,6 +163,7 @@ class HeatedWires(SimulatedAxes):
             self._cross,
             self._around,
             self._loads,
+            self._cooling,
             self._age,
             self._clock,
             ends,
@@ -183,7 +185,7 @@ class HeatedWires(SimulatedAxes):
         temperature, martensite, effective = self._state[:, :3].T
         age = min(self._age[0] + self._age[1] * self._clock, 1.0)
         stress = self._axes[:, 10] * (temperature - effective - 5.0 * age)
-        return np.array([self._output_now(), temperature, stress, martensite])
+        return np.array([self._output_now(), temperature, stress, martensite, self._state[:, 6]])
 
     def _peaks(self) -> tuple[FloatArray, FloatArray]:
         """Return the highest temperature and stress of each wire so far. For scoring only."""

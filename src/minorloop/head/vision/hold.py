@@ -8,22 +8,28 @@ wires.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
-from minorloop.head.vision.servo import AT_CONE, NO_TARGET, SINGULAR, TURNING, Servo, ServoStep
+from minorloop.head.vision.servo import AT_CONE, NO_TARGET, SINGULAR, TURNING, Servo, ServoStep, _shortened
 
 
 @dataclass(frozen=True, eq=False)
 class HoldState:
-    """State of a hold: wanted joint angles (2,) in radians, and their rates (2,)."""
+    """State of a hold.
+
+    ``angles`` (2,) are the joint angles that would centre the point, in radians, ``rates`` (2,)
+    their rates, ``integral`` (2,) that of the angular error, in radian seconds; the point has not
+    been seen for ``missed`` seconds.
+    """
 
     angles: FloatArray
     rates: FloatArray
+    integral: FloatArray
     missed: float = 0.0
 
 
@@ -55,6 +61,8 @@ class PointHold:
 
     servo: Servo
     lead: float = 0.35
+    integral_gain: float = 0.0
+    near: float = math.radians(2.0)
     share: float = 0.5
     slope_share: float = 0.15
     patience: float = 0.4
@@ -70,7 +78,7 @@ class PointHold:
     def begin(self, angles: npt.ArrayLike) -> HoldState:
         """Return the state of a hold that starts at (2,) angles in radians."""
         start = np.nan_to_num(np.asarray(angles, dtype=np.float64))
-        return HoldState(self.servo.cone.clip(start), np.zeros(2))
+        return HoldState(self.servo.cone.clip(start), np.zeros(2), np.zeros(2))
 
     def step(
         self, state: HoldState, pixel: npt.ArrayLike | None, angles: npt.ArrayLike
@@ -98,13 +106,18 @@ class PointHold:
         if error is None:
             missed = state.missed + interval
             rates = state.rates if missed <= self.patience else np.zeros(2)
-            new = HoldState(predicted if missed <= self.patience else state.angles, rates, missed)
+            angles = predicted if missed <= self.patience else state.angles
+            new, error = HoldState(angles, rates, state.integral, missed), np.zeros(2)
         else:
             innovation = measured - error - predicted
             rates = state.rates + self.slope_share / interval * innovation
-            new = HoldState(predicted + self.share * innovation, rates)
+            far = float(np.hypot(*error)) > self.near
+            integral = state.integral + (0.0 if far else interval) * error
+            new = HoldState(predicted + self.share * innovation, rates, integral)
+            error = _shortened(error, self.near)
         wanted = new.angles + self.lead * new.rates
+        wanted = wanted - self.integral_gain * (new.integral + self.lead * error)
         inside = cone.clip(wanted)
         if verdict == TURNING and np.abs(inside - wanted).max() > 1e-12:
-            verdict = AT_CONE
+            verdict, new = AT_CONE, replace(new, integral=state.integral)
         return ServoStep(inside, new.rates, pixels, verdict), new
