@@ -11,6 +11,7 @@ of the head.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -112,7 +113,7 @@ class Ramps:
         """(n, 2) rms error of each ramp up and down, in degrees."""
         middles = 0.5 * (self.ends[:-1] + self.ends[1:])
         cuts = np.searchsorted(self.t, np.sort(np.concatenate([self.ends, middles])))
-        parts = [self.error[a:b] for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        parts = [self.error[a:b] for a, b in pairwise(cuts)]
         return np.array([np.sqrt(np.mean(part**2)) for part in parts]).reshape(-1, 2)
 
     def figures(self) -> dict[str, float]:

@@ -39,8 +39,8 @@ FIRST_LOOP, VALIDATION, TARGETS = 25, 40, 40
 STEP = (0.16, 25.0, 40.0)
 """Times at which the current of the step is switched on and off, and end of its record, in s."""
 ARBITRARY_SECONDS, ARBITRARY_PERIODS, SINES, RISE = 600.0, (30.0, 90.0), 4, 20.0
-"""The arbitrary input: duration in s; a sum of so many sines with periods in this range, slow enough
-for the wire to cross its loop and fast enough for the lag to count; time in which it rises from 0."""
+"""The arbitrary input: duration in s; a sum of so many sines with periods in this range, slow
+enough for the wire to cross its loop and fast enough for the lag to count; rise from 0 in s."""
 MOVING, MOVING_GAP = 0.1, 2.0
 """A wire moves where its angle changes by so many degrees a second over so many seconds: a
 hundredth of its usual rate, and four times the noise of such a difference."""
@@ -199,7 +199,7 @@ def heating_lag(seed: int, model: Preisach, surroundings: Surroundings | None = 
 def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Arbitrary:
     """Drive the first axis by an arbitrary input over the whole range of commands."""
     rng = np.random.default_rng([seed, 6])
-    t = 2 * TICK * np.arange(round(ARBITRARY_SECONDS / (2 * TICK)))
+    t: FloatArray = 2 * TICK * np.arange(round(ARBITRARY_SECONDS / (2 * TICK)), dtype=np.float64)
     turns = np.outer(1.0 / rng.uniform(*ARBITRARY_PERIODS, SINES), t)
     shape = np.sin(2 * np.pi * (turns + rng.uniform(size=(SINES, 1)))).sum(axis=0)
     command = COMMAND * np.minimum(t / RISE, 1.0) * (shape - shape.min()) / np.ptp(shape)

@@ -164,7 +164,21 @@ def film_share(rise, angle, cooling):
 
 @njit(cache=True, nogil=True)
 def head_run(
-    state, axes, cross, around, loads, cooling, ageing, clock, ends, first, u, pace, delay, past, mark
+    state,
+    axes,
+    cross,
+    around,
+    loads,
+    cooling,
+    ageing,
+    clock,
+    ends,
+    first,
+    u,
+    pace,
+    delay,
+    past,
+    mark,
 ):
     """Integrate one wire, or two coupled ones, under currents linear between samples.
 

@@ -110,9 +110,9 @@ class Cooling:
         Of the film coefficient over the rise of the wire's temperature: 0.148, by Morgan (1975)
         for still gas and Rayleigh numbers of 0.01 to 100; that of a wire of 0.2 mm is 0.03.
     bend : float
-        Growth of the film coefficient with the angle, in 1/rad. A wire at a distance D from a wall
-        loses heat as 1 / acosh(2 D / d) (Incropera, shape factors of conduction); a bent head brings
-        it from 3 to 2 mm, which is 11 % at 60 degrees.
+        Growth of the film coefficient with the angle, in 1/rad. A wire of diameter d at a distance
+        D from a wall loses heat as 1 / acosh(2 D / d) (Incropera, shape factors of conduction); a
+        bent head brings it from 3 to 2 mm, which is 11 % at 60 degrees.
     share : float
         Share of the surroundings of a wire that is the body of the head, the rest is ambient: a
         choice, for a wire along the outside of the body.
@@ -247,4 +247,5 @@ def _check(name: str, value: float | Course, low: float, high: float, unit: str)
     least, most = _as_course(value).bounds
     if least < low or most > high:
         reach = f"{least:g}" if least == most else f"{least:g} to {most:g}"
-        raise ParameterError(f"{name} is {reach} {unit}; it must stay in [{low:g}, {high:g}]")
+        found = f"{reach} {unit}".rstrip()
+        raise ParameterError(f"{name} is {found}; it must stay in [{low:g}, {high:g}]")

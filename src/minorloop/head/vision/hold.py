@@ -15,7 +15,15 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
-from minorloop.head.vision.servo import AT_CONE, NO_TARGET, SINGULAR, TURNING, Servo, ServoStep, _shortened
+from minorloop.head.vision.servo import (
+    AT_CONE,
+    NO_TARGET,
+    SINGULAR,
+    TURNING,
+    Servo,
+    ServoStep,
+    _shortened,
+)
 
 
 @dataclass(frozen=True, eq=False)
