@@ -18,7 +18,7 @@ from minorloop.head.procedures.values import Procedure, Reading, Request, held_s
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.hold import HoldState, PointHold
 from minorloop.head.vision.jacobian import wall_depth
-from minorloop.head.vision.servo import Cone, Servo, ServoState, ServoStep
+from minorloop.head.vision.servo import Cone, Servo, ServoStep
 from minorloop.head.vision.sighting import sighted_angles
 from minorloop.head.vision.tracking import TRACKED, PatchTracker, Track, TrackState
 
@@ -41,7 +41,6 @@ class CentreState:
     place: FloatArray
     pixel: FloatArray | None = None
     track: TrackState | None = None
-    servo: ServoState | None = None
     hold: HoldState | None = None
     shown: FloatArray | None = None
     sighted: FloatArray | None = None
@@ -57,21 +56,25 @@ NOT_IN_VIEW = "not in view"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Centring(Procedure[CentreState]):
-    """Tracker and servo in one loop.
+    """Tracker and hold in one loop: the wanted angles are those at which the point is centred.
 
     Parameters
     ----------
     calibration : HeadCalibration
+    integral_gain : float
+        Of the hold, in 1/s; 0 is without its integral.
     gain : float
-        Of the servo, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
+        Of `turn`, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
         overshoots, and needs 9 s instead of 6 to stay within 2 pixels of a 320 by 240 image.
     delay : float
-        Delay from the wanted angles to the image in seconds: that of the sensors, and most of
-        that of the wires.
+        Of `turn`: delay from the wanted angles to the image in seconds, that of the sensors, and
+        most of that of the wires.
     soft : float
-        Error in pixels below which the gain falls, since most of it is noise of the joints.
+        Of `turn`: error in pixels below which the gain falls, since most of it is noise of the
+        joints.
     rate_limit : float
-        Fastest change of the wanted direction in rad/s; wires do not follow a faster one.
+        Of `turn`: fastest change of the wanted direction in rad/s; wires do not follow a faster
+        one.
     cone : Cone
         Directions in which the head may look.
     in_middle : float
@@ -82,18 +85,14 @@ class Centring(Procedure[CentreState]):
         Longest duration in seconds.
     interval : float
         Time between frames, in seconds.
-    hold_after : float
-        Seconds from the beginning after which the point is held against sway: the wanted angles
-        are then computed directly instead of from rates. Infinite without sway.
     by_image : bool
         Whether the angles of the head are estimated from the image, because its joints have no
         sensors.
     """
 
     calibration: HeadCalibration
+    integral_gain: float = PointHold.integral_gain
     gain: float = 0.5
-    integral_gain: float = 0.0
-    hold_integral: float = 0.0
     delay: float = 0.2
     soft: float = 6.0
     rate_limit: float = math.radians(20.0)
@@ -102,7 +101,6 @@ class Centring(Procedure[CentreState]):
     still: float = 0.44
     patience: float = 15.0
     interval: float = 0.04
-    hold_after: float = math.inf
     by_image: bool = False
 
     def begin(self, place: npt.ArrayLike, pixel: npt.ArrayLike | None = None) -> CentreState:
@@ -123,7 +121,9 @@ class Centring(Procedure[CentreState]):
         shown = state.shown if seen is None else seen
         angles, sighted = self._angles(state.place, seen, reading)
         state = replace(state, track=tracked, shown=shown, sighted=sighted, verdict=track.verdict)
-        move, state = self._steer(state, seen, angles, reading)
+        assert state.hold is not None
+        move, hold = self._hold(reading).step(state.hold, seen, angles)
+        state = replace(state, hold=hold)
         state = self._checked(state, move, reading.t)
         return state, Request(angles=move.angles, sighted=sighted, frame=True)
 
@@ -160,13 +160,15 @@ class Centring(Procedure[CentreState]):
         return Servo(
             self.calibration.camera_at(reading.place),
             gain=self.gain,
-            integral_gain=self.integral_gain,
             delay=self.delay,
             interval=self.interval,
             cone=self.cone,
             rate_limit=self.rate_limit,
             soft=self.soft,
         )
+
+    def _hold(self, reading: Reading) -> PointHold:
+        return PointHold(servo=self._servo(reading), integral_gain=self.integral_gain)
 
     def _picked(self, state: CentreState, reading: Reading, image: Image) -> CentreState:
         """Return the state with the patch about the point, as the first frame shows it."""
@@ -178,14 +180,12 @@ class Centring(Procedure[CentreState]):
             picked, track = self.pick(image, pixel, reading)
         except SignalError:
             return replace(state, verdict=NOT_IN_VIEW, done=True)
-        servo = self._servo(reading)
         return replace(
             state,
             place=picked.place,
             track=track,
             shown=pixel,
-            servo=servo.begin(reading.angles),
-            hold=PointHold(servo=servo, integral_gain=self.hold_integral).begin(reading.angles),
+            hold=self._hold(reading).begin(reading.angles),
         )
 
     def _distance(self, state: CentreState, reading: Reading) -> float | None:
@@ -205,19 +205,6 @@ class Centring(Procedure[CentreState]):
         camera = self.calibration.camera_at(reading.place)
         sighted = sighted_angles(camera, place, seen, reading.angles)
         return (reading.angles, None) if sighted is None else (sighted, sighted)
-
-    def _steer(
-        self, state: CentreState, seen: FloatArray | None, angles: FloatArray, reading: Reading
-    ) -> tuple[ServoStep, CentreState]:
-        assert state.servo is not None
-        assert state.hold is not None
-        now = replace(reading, angles=angles)
-        hold = PointHold(servo=self._servo(now), integral_gain=self.hold_integral)
-        if passed(state.began or 0.0, reading.t, self.hold_after):
-            move, held = hold.step(state.hold, seen, angles)
-            return move, replace(state, hold=held)
-        move, servo = hold.servo.step(state.servo, seen, angles)
-        return move, replace(state, servo=servo, hold=hold.begin(move.angles))
 
     def _checked(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
         """Return the state with the error, done if that has been small for long enough."""

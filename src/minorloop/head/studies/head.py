@@ -1,10 +1,10 @@
 """The catheter head paper, end to end, on the twin.
 
 Boudjabi, Ferreira and Krupa (Modeling and vision-based control of a micro catheter head for
-teleoperated in-pipe inspection, IEEE ICRA 2003) identify a Preisach model of a shape-memory wire from
-reversal curves, invert it by stepping, and control the head by an internal model around that
-inverse. They find that open loop errs more and more, and leave changing surroundings open. Here the
-head is identified, driven in open and closed loop by seven controllers, disturbed, and given
+teleoperated in-pipe inspection, IEEE ICRA 2003) identify a Preisach model of a shape-memory wire
+from reversal curves, invert it by stepping, and control the head by an internal model around that
+inverse. They find that open loop errs more and more, and leave changing surroundings open. Here
+the head is identified, driven in open and closed loop by seven controllers, disturbed, and given
 targets that it cannot reach.
 """
 
