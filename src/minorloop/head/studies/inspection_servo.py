@@ -340,13 +340,13 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
             "held_px": held,
             "still_px": still,
         },
-        "integral": _integral_figures(runs, still),
+        "integral": integral_figures(runs, still),
         "tracking": {"lost_fraction": runs["motion"].lost, "reacquire_s": runs["motion"].reacquire},
     }
     return figures, runs
 
 
-def _integral_figures(runs: Mapping[str, ServoRun], still: float) -> dict[str, float]:
+def integral_figures(runs: Mapping[str, ServoRun], still: float) -> dict[str, float]:
     """Return what the integral changes, by the camera alone unless a sensor is named."""
 
     def ratio(name: str) -> float:
