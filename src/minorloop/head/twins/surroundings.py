@@ -158,6 +158,9 @@ class Surroundings:
     load : float, Course, or one of them for each axis
         Torque of the flow against the wire, in N m, up to 4 mN m in either direction; a single
         one acts on every axis.
+    cooling : Cooling, optional
+        How the cooling of the wires varies. Without it the film coefficient is the same at every
+        temperature and angle, and the body of the head stays at the ambient temperature.
 
     Raises
     ------
