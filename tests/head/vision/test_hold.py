@@ -100,6 +100,18 @@ def test_a_joint_that_does_not_follow_is_not_integrated():
     assert np.abs(state.integral).max() > np.radians(5)
 
 
+def test_the_wanted_angles_turn_no_faster_than_the_rate_limit():
+    hold = PointHold(servo=Servo(CAMERA, cone=Cone(half=np.radians(40)), rate_limit=0.1))
+    joints = AIM + np.radians([5.0, -4.0])
+    state, before = hold.begin(joints), joints
+    for _ in range(15):
+        step, state = hold.step(state, seen(joints), joints)
+        assert np.hypot(*(step.angles - before)) <= 0.1 * 0.04 + 1e-12
+        assert step.verdict == "at the rate limit"
+        joints = before = step.angles
+    assert np.abs(state.integral).max() == 0.0
+
+
 def test_what_is_far_is_not_integrated():
     hold = PointHold(servo=HOLD.servo)
     joints = AIM + np.radians([3.0, 0.0])

@@ -73,8 +73,8 @@ class Centring(Procedure[CentreState]):
         Of `turn`: error in pixels below which the gain falls, since most of it is noise of the
         joints.
     rate_limit : float
-        Of `turn`: fastest change of the wanted direction in rad/s; wires do not follow a faster
-        one.
+        Fastest change of the wanted direction in rad/s: up to it the tracker is tested. Wires turn
+        at up to twice that, and the blur then moves what is tracked by a pixel.
     cone : Cone
         Directions in which the head may look.
     in_middle : float
@@ -95,7 +95,7 @@ class Centring(Procedure[CentreState]):
     gain: float = 0.5
     delay: float = 0.2
     soft: float = 6.0
-    rate_limit: float = math.radians(20.0)
+    rate_limit: float = math.radians(10.0)
     cone: Cone = CONE
     in_middle: float = 2.0
     still: float = 0.44

@@ -16,6 +16,7 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 from minorloop.head.vision.servo import (
     AT_CONE,
+    AT_RATE,
     NO_TARGET,
     SINGULAR,
     TURNING,
@@ -34,14 +35,15 @@ class HoldState:
 
     ``angles`` (2,) are the joint angles that would centre the point, in radians, ``rates`` (2,)
     their rates, ``integral`` (2,) that of the angular error, in radian seconds; ``followed`` (2,)
-    are the angles at which joints are that follow. The point has not been seen for ``missed``
-    seconds.
+    are the angles at which joints are that follow, ``wanted`` (2,) the last ones asked for. The
+    point has not been seen for ``missed`` seconds.
     """
 
     angles: FloatArray
     rates: FloatArray
     integral: FloatArray
     followed: FloatArray
+    wanted: FloatArray
     missed: float = 0.0
 
 
@@ -52,7 +54,7 @@ class PointHold:
     Parameters
     ----------
     servo : Servo
-        Gives camera, interval and cone; its gains are not used.
+        Gives camera, interval, cone and rate limit; its gains are not used.
     lead : float
         Delay of the wires, in seconds.
     integral_gain : float
@@ -113,7 +115,7 @@ class PointHold:
     def begin(self, angles: npt.ArrayLike) -> HoldState:
         """Return the state of a hold that starts at (2,) angles in radians."""
         start = self.servo.cone.clip(np.nan_to_num(np.asarray(angles, dtype=np.float64)))
-        return HoldState(start, np.zeros(2), np.zeros(2), start)
+        return HoldState(start, np.zeros(2), np.zeros(2), start, start)
 
     def step(
         self, state: HoldState, pixel: npt.ArrayLike | None, angles: npt.ArrayLike
@@ -140,9 +142,16 @@ class PointHold:
         wanted = new.angles + self.lead * new.rates + self.correction(new.integral, error)
         inside = self.servo.cone.clip(wanted)
         if verdict == TURNING and np.abs(inside - wanted).max() > 1e-12:
-            verdict, new = AT_CONE, replace(new, integral=state.integral)
+            verdict = AT_CONE
+        move = shortened(inside - state.wanted, self.servo.rate_limit * self.servo.interval)
+        if verdict == TURNING and (move != inside - state.wanted).any():
+            verdict = AT_RATE
+        inside = state.wanted + move
+        if verdict in (AT_CONE, AT_RATE):
+            new = replace(new, integral=state.integral)
         pace = self.servo.interval / (self.lead + self.servo.interval)
-        new = replace(new, followed=new.followed + pace * (inside - new.followed))
+        followed = new.followed + pace * (inside - new.followed)
+        new = replace(new, followed=followed, wanted=inside)
         return ServoStep(inside, new.rates, pixels, verdict), new
 
     def correction(self, integral: FloatArray, error: FloatArray | None) -> FloatArray:
@@ -170,4 +179,5 @@ class PointHold:
             state.rates + self.slope_share / interval * innovation,
             state.integral + interval * error * (follows & near),
             state.followed,
+            state.wanted,
         )
