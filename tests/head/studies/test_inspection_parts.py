@@ -307,11 +307,20 @@ def test_wall_and_water_are_known_with_errors(scene):
 def test_settling_and_losses_of_a_run():
     off = np.array([9.0, 5.0, 1.0, 3.0, 1.0, 1.0])
     verdicts = ("tracked", "lost", "lost", "tracked", "tracked", "tracked")
-    run = ServoRun("x", 0.04 * np.arange(1.0, 7.0), off, verdicts)
+    place = np.array([[9.0, 0.0]] * 4 + [[1.0, 0.0], [0.0, 1.0]])
+    run = ServoRun("x", 0.04 * np.arange(1.0, 7.0), off, verdicts, place=place)
+    assert run.offset(0.17) == pytest.approx(np.sqrt(0.5))
     assert run.settle == pytest.approx(0.16)
     assert run.lost == pytest.approx(1 / 3)
     assert run.reacquire == pytest.approx(0.08)
     assert run.rms(0.17) == pytest.approx(1.0)
+
+
+RUNS = [
+    "sensor", "still", "motion", "printed", "swayed", "swayed, no integral",
+    *(f"camera{what}{words}" for what in ("", " swayed", " drifting")
+      for words in ("", ", no integral")),
+]  # fmt: skip
 
 
 def test_everything_is_gathered_and_reported(mission):
@@ -321,7 +330,7 @@ def test_everything_is_gathered_and_reported(mission):
     kinds = dict.fromkeys(("pit", "unfocused", "dished", "hole", "fused"), (scored,)) | {
         "dry": (dry,)
     }
-    run = ServoRun("x", np.array([13.0, 14.0]), np.ones(2), ("tracked",) * 2)
+    run = ServoRun("x", np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2)
     outcomes = [
         SceneOutcome(mode, hole, hole, 1e-5, 0.0, 0)
         for mode in ("switched", "single", "dither")
@@ -332,10 +341,11 @@ def test_everything_is_gathered_and_reported(mission):
             ("settle_s_with_sensor", "settle_s_camera_only", "steady_rms_px"), 1.0
         ),
         "sway": {"ratio": 0.5, "stabilised_ratio": 0.1},
+        "integral": inspection_servo.integral_figures(dict.fromkeys(RUNS, run), 1.0),
         "tracking": {"lost_fraction": 0.0, "reacquire_s": 0.0},
     }
     study = inspection.InspectionStudy(
-        1, servo, dict.fromkeys(("sensor", "camera", "swayed", "still", "motion"), run),
+        1, servo, dict.fromkeys(RUNS, run),
         tuple(outcomes), np.full(48, 0.3), kinds, mission, 1.0,
     )  # fmt: skip
     runs = [study.figures()] * 2
@@ -346,5 +356,5 @@ def test_everything_is_gathered_and_reported(mission):
     assert figure(found, "mission.false_cracks") == 0
     page = inspection_report.study_report(study, found, runs).html()
     assert found["detection"]["plain_edge_px_p90"] == 0.3
-    assert page.count("<img") == 8
+    assert page.count("<img") == 9
     assert "Fig 14" in page

@@ -3,7 +3,7 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop.head.twins.head import Head
-from minorloop.head.twins.surroundings import Course, Surroundings
+from minorloop.head.twins.surroundings import Cooling, Course, Surroundings
 from minorloop.head.twins.wire import Wire
 
 
@@ -113,3 +113,27 @@ def test_runs_in_a_loop_of_one_line_a_tick():
         u = np.clip(0.3 + 0.01 * (np.array([30.0, 20.0]) - y), 0.0, 0.4)
     assert np.all(y > 5)
     assert plant.clock == pytest.approx(60.0)
+
+
+def test_one_wire_warms_the_other_through_the_body():
+    around = Surroundings(cooling=Cooling())
+    _, alone = settled(0.0, 0.0, surroundings=around)
+    _, beside = settled(0.0, 0.4, surroundings=around)
+    np.testing.assert_allclose(alone["temperature"], 20.0)
+    assert beside["body"][0] == beside["body"][1] > 21.0
+    between = 20.0 + 0.5 * (beside["body"][0] - 20.0)
+    assert beside["temperature"][0] == pytest.approx(between, abs=0.1)
+
+
+def test_the_warmth_of_the_body_is_part_of_a_checkpoint():
+    around = Surroundings(cooling=Cooling())
+    first = Head(surroundings=around)
+    first.apply(np.array([0.3, 0.1]), 60.0, 60.0)
+    other = Head(surroundings=around)
+    other.restore(first.checkpoint())
+    after = [twin.apply(np.array([0.25, 0.2]), 60.0, 1.0).y for twin in (first, other)]
+    np.testing.assert_array_equal(*after)
+    broken = first.checkpoint()
+    broken["state"][0][6] = 500.0
+    with pytest.raises(ParameterError, match="temperature of body"):
+        other.restore(broken)

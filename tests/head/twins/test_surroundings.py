@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop.head.twins.surroundings import Course, Surroundings, convection
+from minorloop.head.twins.surroundings import Cooling, Course, Surroundings, convection
 
 
 @pytest.mark.parametrize(
@@ -62,6 +62,20 @@ def test_refuses_a_course_that_is_none(options, complaint):
 def test_refuses_surroundings_that_are_none(options, complaint):
     with pytest.raises(ParameterError, match=complaint):
         Surroundings(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"exponent": 0.5}, r"exponent is 0.5; it must stay in \[0, 0.4\]"),
+        ({"share": -0.1}, "share is -0.1"),
+        ({"capacity": 0.0}, "capacity is 0 J/K"),
+        ({"conductance": np.nan}, "conductance is nan"),
+    ],
+)
+def test_refuses_a_cooling_that_is_none(options, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        Cooling(**options)
 
 
 def test_loads_are_one_for_all_or_one_an_axis():

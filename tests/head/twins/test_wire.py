@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from minorloop.errors import ParameterError
-from minorloop.head.twins.surroundings import Course, Surroundings, convection
+from minorloop.head.twins.surroundings import Cooling, Course, Surroundings, convection
 from minorloop.head.twins.wire import DIAMETER, WIRE, Wire
 
 VOLT = 0.4 / 1.2
@@ -24,6 +24,12 @@ def hot(current=0.4, **options):
     twin = Wire(log_truth=True, **options)
     twin.apply(current, 120.0, 120.0)
     return {name: float(values[-1, 0]) for name, values in twin._truth().items() if name != "t"}
+
+
+def resistance(xi, wire=WIRE):
+    """Resistance in ohm per metre at fraction xi."""
+    mixed = wire["resistivity_austenite"] * (1 - xi) + wire["resistivity_martensite"] * xi
+    return mixed / (np.pi / 4 * DIAMETER**2)
 
 
 def by_hand(z, xi, wire=WIRE):
@@ -160,11 +166,10 @@ def test_keeps_the_balance_of_heat():
     before = np.array([20.0, 1.0])
     for current in np.repeat([0.4, 0.1, 0.3, 0.0], 500):
         twin.apply(float(current), step, step)
-        _, temperature, _, xi = (values[-1, 0] for values in list(twin._truth().values())[1:])
-        share = WIRE["resistivity_austenite"] * (1 - xi) + WIRE["resistivity_martensite"] * xi
-        gained += step * (
-            current**2 * share / area - 75.0 * np.pi * DIAMETER * (temperature - 20.0)
-        )
+        truth = twin._truth()
+        temperature, xi = truth["temperature"][-1, 0], truth["martensite"][-1, 0]
+        lost = 75.0 * np.pi * DIAMETER * (temperature - 20.0)
+        gained += step * (current**2 * resistance(xi) - lost)
         now = np.array([temperature, xi])
     stored = mass * np.dot([WIRE["heat_capacity"], -WIRE["latent_heat"]], now - before)
     assert gained == pytest.approx(stored, abs=0.05)
@@ -284,6 +289,33 @@ def test_a_load_at_the_start_moves_the_rest_and_not_the_temperature():
     assert -1.5 < first < -0.1
     assert twin.apply(0.0, 100.0, 100.0).y[-1] == pytest.approx(first, abs=1e-9)
     assert twin._truth()["temperature"][-1, 0] == pytest.approx(20.0, abs=1e-9)
+
+
+def test_convection_grows_with_temperature_and_bending():
+    """At full current the film is (rise / 50)^0.148 times 1 + bend x angle of the given one."""
+    cooling = Cooling(share=0.0)
+    plain, varying = hot(), hot(surroundings=Surroundings(cooling=cooling))
+    rise = varying["temperature"] - 20.0
+    film = 75.0 * (rise / 50.0) ** 0.148 * (1.0 + 0.1 * np.radians(varying["angle"]))
+    gained = 0.4**2 * resistance(varying["martensite"])
+    assert film * np.pi * DIAMETER * rise == pytest.approx(gained, rel=1e-6)
+    assert 10.0 < plain["temperature"] - varying["temperature"] < 25.0
+
+
+def test_a_wire_warms_the_body_of_the_head_and_the_body_the_wire():
+    cooling = Cooling(exponent=0.0, bend=0.0)
+    twin = Wire(surroundings=Surroundings(cooling=cooling), log_truth=True)
+    minutes = twin.apply(0.31, 3600.0, 60.0).y
+    truth = {name: values[-1, 0] for name, values in twin._truth().items() if name != "t"}
+    # What the body gets from the wire leaves it to the ambient; so does the rest of the heat.
+    flow = 75.0 * np.pi * DIAMETER * WIRE["length"]
+    own = cooling.share * flow * (truth["temperature"] - truth["body"])
+    assert own == pytest.approx(cooling.conductance * (truth["body"] - 20.0), rel=1e-3)
+    rest = (1.0 - cooling.share) * flow * (truth["temperature"] - 20.0)
+    gained = 0.31**2 * resistance(truth["martensite"]) * WIRE["length"]
+    assert own + rest == pytest.approx(gained, rel=1e-3)
+    assert 2.0 < truth["body"] - 20.0 < 10.0
+    assert minutes[-1] - minutes[0] > 4.0  # it goes on turning for minutes
 
 
 def test_an_old_wire_has_less_stroke_and_needs_more_heat():

@@ -37,7 +37,7 @@ class Feedforward(Loop):
 
     References
     ----------
-    Boudjabi, Ferreira and Krupa, Proc. IEEE IROS 2003, Fig. 7; the order of lag and operator is
+    Boudjabi, Ferreira and Krupa, Proc. IEEE ICRA 2003, Fig. 7; the order of lag and operator is
     that of the physics, and the model follows the current that was applied.
     """
 

@@ -70,7 +70,7 @@ class InternalModel(Loop):
     References
     ----------
     Morari and Zafiriou, Robust Process Control, 1989, chapter 4: design of C(s).
-    Boudjabi, Ferreira and Krupa, Proc. IEEE IROS 2003, Fig. 9: the loop around the inverse.
+    Boudjabi, Ferreira and Krupa, Proc. IEEE ICRA 2003, Fig. 9: the loop around the inverse.
     """
 
     wire: HeatedWire

@@ -18,7 +18,7 @@ from minorloop.head.procedures.values import Procedure, Reading, Request, held_s
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.hold import HoldState, PointHold
 from minorloop.head.vision.jacobian import wall_depth
-from minorloop.head.vision.servo import Cone, Servo, ServoState, ServoStep
+from minorloop.head.vision.servo import Cone, Servo, ServoStep
 from minorloop.head.vision.sighting import sighted_angles
 from minorloop.head.vision.tracking import TRACKED, PatchTracker, Track, TrackState
 
@@ -41,7 +41,6 @@ class CentreState:
     place: FloatArray
     pixel: FloatArray | None = None
     track: TrackState | None = None
-    servo: ServoState | None = None
     hold: HoldState | None = None
     shown: FloatArray | None = None
     sighted: FloatArray | None = None
@@ -57,21 +56,25 @@ NOT_IN_VIEW = "not in view"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Centring(Procedure[CentreState]):
-    """Tracker and servo in one loop.
+    """Tracker and hold in one loop: the wanted angles are those at which the point is centred.
 
     Parameters
     ----------
     calibration : HeadCalibration
+    integral_gain : float
+        Of the hold, in 1/s; 0 is without its integral.
     gain : float
-        Of the servo, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
+        Of `turn`, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
         overshoots, and needs 9 s instead of 6 to stay within 2 pixels of a 320 by 240 image.
     delay : float
-        Delay from the wanted angles to the image in seconds: that of the sensors, and most of
-        that of the wires.
+        Of `turn`: delay from the wanted angles to the image in seconds, that of the sensors, and
+        most of that of the wires.
     soft : float
-        Error in pixels below which the gain falls, since most of it is noise of the joints.
+        Of `turn`: error in pixels below which the gain falls, since most of it is noise of the
+        joints.
     rate_limit : float
-        Fastest change of the wanted direction in rad/s; wires do not follow a faster one.
+        Fastest change of the wanted direction in rad/s: up to it the tracker is tested. Wires turn
+        at up to twice that, and the blur then moves what is tracked by a pixel.
     cone : Cone
         Directions in which the head may look.
     in_middle : float
@@ -82,25 +85,22 @@ class Centring(Procedure[CentreState]):
         Longest duration in seconds.
     interval : float
         Time between frames, in seconds.
-    hold_after : float
-        Seconds from the beginning after which the point is held against sway: the wanted angles
-        are then computed directly instead of from rates. Infinite without sway.
     by_image : bool
         Whether the angles of the head are estimated from the image, because its joints have no
         sensors.
     """
 
     calibration: HeadCalibration
+    integral_gain: float = PointHold.integral_gain
     gain: float = 0.5
     delay: float = 0.2
     soft: float = 6.0
-    rate_limit: float = math.radians(20.0)
+    rate_limit: float = math.radians(10.0)
     cone: Cone = CONE
     in_middle: float = 2.0
     still: float = 0.44
     patience: float = 15.0
     interval: float = 0.04
-    hold_after: float = math.inf
     by_image: bool = False
 
     def begin(self, place: npt.ArrayLike, pixel: npt.ArrayLike | None = None) -> CentreState:
@@ -121,7 +121,9 @@ class Centring(Procedure[CentreState]):
         shown = state.shown if seen is None else seen
         angles, sighted = self._angles(state.place, seen, reading)
         state = replace(state, track=tracked, shown=shown, sighted=sighted, verdict=track.verdict)
-        move, state = self._steer(state, seen, angles, reading)
+        assert state.hold is not None
+        move, hold = self._hold(reading).step(state.hold, seen, angles)
+        state = replace(state, hold=hold)
         state = self._checked(state, move, reading.t)
         return state, Request(angles=move.angles, sighted=sighted, frame=True)
 
@@ -165,6 +167,9 @@ class Centring(Procedure[CentreState]):
             soft=self.soft,
         )
 
+    def _hold(self, reading: Reading) -> PointHold:
+        return PointHold(servo=self._servo(reading), integral_gain=self.integral_gain)
+
     def _picked(self, state: CentreState, reading: Reading, image: Image) -> CentreState:
         """Return the state with the patch about the point, as the first frame shows it."""
         camera = self.calibration.camera_at(reading.place)
@@ -175,14 +180,12 @@ class Centring(Procedure[CentreState]):
             picked, track = self.pick(image, pixel, reading)
         except SignalError:
             return replace(state, verdict=NOT_IN_VIEW, done=True)
-        servo = self._servo(reading)
         return replace(
             state,
             place=picked.place,
             track=track,
             shown=pixel,
-            servo=servo.begin(reading.angles),
-            hold=PointHold(servo=servo).begin(reading.angles),
+            hold=self._hold(reading).begin(reading.angles),
         )
 
     def _distance(self, state: CentreState, reading: Reading) -> float | None:
@@ -202,19 +205,6 @@ class Centring(Procedure[CentreState]):
         camera = self.calibration.camera_at(reading.place)
         sighted = sighted_angles(camera, place, seen, reading.angles)
         return (reading.angles, None) if sighted is None else (sighted, sighted)
-
-    def _steer(
-        self, state: CentreState, seen: FloatArray | None, angles: FloatArray, reading: Reading
-    ) -> tuple[ServoStep, CentreState]:
-        assert state.servo is not None
-        assert state.hold is not None
-        now = replace(reading, angles=angles)
-        hold = PointHold(servo=self._servo(now))
-        if passed(state.began or 0.0, reading.t, self.hold_after):
-            move, held = hold.step(state.hold, seen, angles)
-            return move, replace(state, hold=held)
-        move, servo = hold.servo.step(state.servo, seen, angles)
-        return move, replace(state, servo=servo, hold=hold.begin(move.angles))
 
     def _checked(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
         """Return the state with the error, done if that has been small for long enough."""

@@ -1,10 +1,10 @@
 """The catheter head paper, end to end, on the twin.
 
 Boudjabi, Ferreira and Krupa (Modeling and vision-based control of a micro catheter head for
-teleoperated in-pipe inspection, 2003) identify a Preisach model of a shape-memory wire from
-reversal curves, invert it by stepping, and control the head by an internal model around that
-inverse. They find that it drifts in open loop, and leave changing surroundings open. Here the
-head is identified, driven in open and closed loop by seven controllers, disturbed, and given
+teleoperated in-pipe inspection, IEEE ICRA 2003) identify a Preisach model of a shape-memory wire
+from reversal curves, invert it by stepping, and control the head by an internal model around that
+inverse. They find that open loop errs more and more, and leave changing surroundings open. Here
+the head is identified, driven in open and closed loop by seven controllers, disturbed, and given
 targets that it cannot reach.
 """
 
@@ -33,11 +33,19 @@ from minorloop.head.studies.head_loop import (
     run_loop,
     stairs,
 )
+from minorloop.head.studies.head_ramps import (
+    HIGH,
+    LOW,
+    PERIOD,
+    Ramps,
+    ramp_figures,
+    run_ramps,
+)
 from minorloop.head.studies.head_static import CURRENT, HOLD, Static, run_static
 from minorloop.head.studies.scoring import truth
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.sensor import Fault
-from minorloop.head.twins.surroundings import Course, Surroundings
+from minorloop.head.twins.surroundings import Cooling, Course, Surroundings
 from minorloop.head.twins.wire import Wire
 from minorloop.studies.claims import Claim, medians
 
@@ -54,10 +62,9 @@ DISTURBED = {
     "convection 90": Surroundings(convection=90.0),
 }
 WARMER = Surroundings(ambient=30.0)
-WARMING = Surroundings(ambient=Course(20.0, 26.0, at=30.0, duration=120.0))
-"""For the ramps in open loop: 6 K in two minutes, as a bench in a warming room."""
-RAMPS_SECONDS = 180.0
-"""Duration of three ramps up and down."""
+VARYING = Surroundings(cooling=Cooling())
+RAMPS_SECONDS = 2 * PERIOD
+"""Duration of two of the slow ramps in closed loop."""
 RAMP_AT, RAMP_SECONDS = 40.0, 90.0
 """Time of the rise of the ambient, long after the step has settled, and end of that run, in s."""
 RAMP = Surroundings(ambient=Course(20.0, 30.0, at=RAMP_AT, duration=10.0))
@@ -111,6 +118,24 @@ CLAIMS = (
     Claim("the same, mesh of 0.1 V: rms [deg]", "static.mesh_rms_deg", "agrees (Fig 5)"),
     Claim("the same, dots of that mesh: rms [deg]", "static.dots_rms_deg", "not studied"),
     Claim(
+        "the same, between the ends of the stroke [deg]",
+        "static.moving_rms_deg",
+        "agrees (Fig 5)",
+        most=1.5,
+    ),
+    Claim("arbitrary input: rms [deg]", "arbitrary.rms_deg", "agrees (Fig 5)", most=1.5),
+    Claim(
+        "the same, while the wire moves: rms [deg]",
+        "arbitrary.moving_rms_deg",
+        "agrees (Fig 5)",
+        most=1.5,
+    ),
+    Claim(
+        "the same, mesh behind a linear lag [deg]",
+        "arbitrary.mesh_moving_rms_deg",
+        "agrees (Fig 5)",
+    ),
+    Claim(
         "stepping inverse on its model, rms [% of range]",
         "stepping_inverse.rms_pct",
         "used (Fig 6)",
@@ -118,9 +143,15 @@ CLAIMS = (
     Claim(
         "open loop, settled holds: rms [deg]",
         "open_loop.rms_deg",
-        "later ramps off (Fig 8)",
+        "not given",
         most=3.5,
     ),
+    Claim("open loop, first ramp: rms [deg]", "fig8.error_first_ramp_deg", "followed (Fig 8)"),
+    Claim("the same, tenth ramp [deg]", "fig8.error_last_ramp_deg", "significant error (Fig 8)"),
+    Claim("tenth ramp over the first", "fig8.ratio", "grows (Fig 8)", least=1.5),
+    Claim("the same, heating that does not vary", "fig8.constant.ratio", "not studied"),
+    Claim("the same, ramps that get faster", "fig8.faster.ratio", "dynamical effects (Fig 8)"),
+    Claim("the same, the room warms by 6 K", "fig8.room.ratio", "not the cause"),
     Claim("the same, ambient 10 K warmer [deg]", "open_loop_plus_10K.rms_deg", "not studied"),
     Claim("steps of 20, 30, 40: settling [s]", "steps.settle_s", "plotted (Fig 10)", most=8),
     Claim("the same: overshoot [%]", "steps.overshoot_pct", "plotted (Fig 10)", most=3),
@@ -157,9 +188,10 @@ class HeadStudy:
 
     ``facts`` are of the nominal twin; ``runs`` all closed and open loops by the name of the
     experiment and the controller; ``reach`` the true angle under full current, in degrees, for
-    impossible targets; ``plan`` the planned and the inverse sequence for the same targets, with
-    ``planned`` (2, N) the true angles of a wire that is driven by them; ``delay_edges`` the longest
-    delay of the sensor in s with which the internal model is predicted and found to be stable.
+    impossible targets; ``ramps`` those of Fig 8 by case; ``plan`` the planned and the inverse
+    sequence for the same targets, with ``planned`` (2, N) the true angles of a wire that is driven
+    by them; ``delay_edges`` the longest delay of the sensor in s with which the internal model is
+    predicted and found to be stable.
     """
 
     seed: int
@@ -167,6 +199,7 @@ class HeadStudy:
     static: Static
     runs: dict[tuple[str, str], HeadRun]
     reach: dict[str, float]
+    ramps: dict[str, Ramps]
     plan: tuple[PlannedPowers, PlannedPowers]
     planned: FloatArray
     delay_edges: tuple[float, float]
@@ -181,6 +214,7 @@ class HeadStudy:
         found["steps_disturbed"] = _worst([self.runs[each, DEFAULT] for each in disturbed])
         for key, what in (("open_loop", "stairs"), ("open_loop_plus_10K", "stairs, warmer")):
             found[key] = {"rms_deg": _settled_rms(self.runs[what, "feedforward"])}
+        found["fig8"] = {**ramp_figures(self.ramps), "closed_deg": self._closed_ramps()}
         found["ambient_ramp"] = {"max_deg": _ramp_worst(self.runs["ambient ramp", DEFAULT])}
         for period in (*PERIODS, *FASTER):
             found[f"circle_{period:g}s"] = _round(self.runs[f"circle {period:g} s", DEFAULT])
@@ -219,6 +253,11 @@ class HeadStudy:
             "circle_rms_deg": _round(self.runs[RIVALS_CIRCLE, name])["rms_deg"],
             "energy_A2s": float(sum(np.sum(run.current[:, 0] ** 2) * TICK for run in steps)),
         }
+
+    def _closed_ramps(self) -> float:
+        """Return the rms error of the ramps in closed loop, in degrees."""
+        run = self.runs["ramps", DEFAULT]
+        return float(np.sqrt(np.mean(run.error[run.t > CIRCLE_WAIT, 0] ** 2)))
 
     def _unreachable(self) -> dict[str, Any]:
         found, causes, false = [], [], 0
@@ -272,6 +311,7 @@ def run_study(seed: int) -> HeadStudy:
         static=static,
         runs={**runs, **later},
         reach={what: _reach(seed, around) for what, (around, _) in IMPOSSIBLE.items()},
+        ramps=run_ramps(seed),
         plan=(plan, inverse),
         planned=np.array(driven),
         delay_edges=edges,
@@ -337,8 +377,7 @@ def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, s
     tried = [
         ("stairs", "feedforward", way, span, None),
         ("stairs, warmer", "feedforward", way, span, WARMER),
-        ("ramps", "feedforward", ramps(5.0, 45.0, 60.0), RAMPS_SECONDS, WARMING),
-        ("ramps", DEFAULT, ramps(5.0, 45.0, 60.0), RAMPS_SECONDS, WARMING),
+        ("ramps", DEFAULT, ramps(LOW, HIGH, PERIOD), RAMPS_SECONDS, VARYING),
     ]
     for name in controls:
         tried.append(("ambient ramp", name, constant(RAMP_TARGET), RAMP_SECONDS, RAMP))

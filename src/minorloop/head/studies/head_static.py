@@ -3,6 +3,7 @@
 Boudjabi, Ferreira and Krupa measure reversal curves on a mesh of 0.1 V over a command of 0 to
 1.2 V and interpolate between them. The same is done here, beside the dots of the fibre paper on
 the same measurements, and an operator on the heating power with its levels where the wire moves.
+All are then tried on random holds and, as in the paper's Fig 5, on an arbitrary continuous input.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Levels, uniform_levels
 from minorloop.dynamics.heated_wire import HeatedWire
+from minorloop.dynamics.linear import Linear
 from minorloop.head.control.heating import (
     HeatedIdentification,
     identify_coupling,
@@ -23,7 +25,9 @@ from minorloop.head.control.heating import (
 )
 from minorloop.head.studies.head_loop import NOISE, TICK
 from minorloop.head.twins.head import Head
+from minorloop.head.twins.surroundings import Surroundings
 from minorloop.identification import Identification, excitation, identify
+from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 
 COMMAND, CURRENT = 1.2, 0.4
@@ -34,9 +38,51 @@ HOLD = 40.0
 FIRST_LOOP, VALIDATION, TARGETS = 25, 40, 40
 STEP = (0.16, 25.0, 40.0)
 """Times at which the current of the step is switched on and off, and end of its record, in s."""
+ARBITRARY_SECONDS, ARBITRARY_PERIODS, SINES, RISE = 600.0, (30.0, 90.0), 4, 20.0
+"""The arbitrary input: duration in s; a sum of so many sines with periods in this range, slow
+enough for the wire to cross its loop and fast enough for the lag to count; rise from 0 in s."""
+MOVING, MOVING_GAP = 0.1, 2.0
+"""A wire moves where its angle changes by so many degrees a second over so many seconds: a
+hundredth of its usual rate, and four times the noise of such a difference."""
+_LAGS = (0.3, 60.0)
+"""Range in seconds in which the lag of a linear heating is looked for."""
+EDGE = 0.02
+"""Share of the stroke at each end that counts as the end."""
 _MARGIN = 0.05
 """Share of the range at each end without targets, by trial: near saturation, the inverse is
 ill-conditioned."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arbitrary:
+    """An arbitrary continuous input with minor loops, that no model was fitted to.
+
+    ``t`` (T,) in s, ``command`` (T,) in V, ``angle`` (T,) as measured in degrees; ``predicted``
+    are the angles (T,) of the operator on power with its lag, and of the mesh behind a linear lag.
+    """
+
+    t: FloatArray
+    command: FloatArray
+    angle: FloatArray
+    predicted: dict[str, FloatArray]
+
+    @property
+    def moving(self) -> npt.NDArray[np.bool_]:
+        """(T,) where the wire moves: the rest is predicted by any model."""
+        gap = MOVING_GAP / 2
+        change = np.interp(self.t + gap, self.t, self.angle) - np.interp(
+            self.t - gap, self.t, self.angle
+        )
+        return np.asarray(np.abs(change) > MOVING * MOVING_GAP)
+
+    def figures(self) -> dict[str, float]:
+        """Return rms errors in degrees, of all samples and of those in which the wire moves."""
+        found = {"moving_share": float(np.mean(self.moving))}
+        for name, prefix in (("power", ""), ("mesh", "mesh_")):
+            error = self.predicted[name] - self.angle
+            found[f"{prefix}rms_deg"] = _rms(error)
+            found[f"{prefix}moving_rms_deg"] = _rms(error[self.moving])
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +93,8 @@ class Static:
     axes on heating power; ``coupling`` (2, 2) that of the sensors. ``inputs`` (n,) are random
     commands in V that no model was fitted to and ``settled`` (n,) the angles after them;
     ``targets`` (m,) with ``stepping`` (m,) and ``exact`` (m,), the results of two inverses on the
-    identified plane, and ``driven``, the angles to which they drive the wire.
+    identified plane, and ``driven``, the angles to which they drive the wire. ``arbitrary`` is the
+    continuous input.
     """
 
     paper: Identification
@@ -60,6 +107,14 @@ class Static:
     stepping: FloatArray
     exact: FloatArray
     driven: dict[str, FloatArray]
+    arbitrary: Arbitrary
+
+    @property
+    def between(self) -> npt.NDArray[np.bool_]:
+        """(n,) holds between the ends of the stroke: at the ends any model is right."""
+        low, high = self.wires[0].model.operator.range
+        edge = EDGE * (high - low)
+        return np.asarray((self.settled > low + edge) & (self.settled < high - edge))
 
     @property
     def predictions(self) -> dict[str, FloatArray]:
@@ -85,7 +140,10 @@ class Static:
                 "mesh_rms_deg": rms["mesh"],
                 "dots_rms_deg": rms["dots"],
                 "max_deg": float(np.abs(self.predictions["power"] - self.settled).max()),
+                "moving_rms_deg": _rms((self.predictions["power"] - self.settled)[self.between]),
+                "moving_holds": int(self.between.sum()),
             },
+            "arbitrary": self.arbitrary.figures(),
             "stepping_inverse": {"rms_pct": stepping, "driven_rms_deg": driven["stepping"]},
             "exact_inverse": {
                 "rms_pct": exact,
@@ -97,18 +155,7 @@ class Static:
 
 def run_static(seed: int) -> Static:
     """Identify both wires of one specimen, and validate the models on other commands."""
-    mesh = uniform_levels(0.0, COMMAND, MESH)
-    commands = excitation.reversal_curves(mesh)
-    measured = _settled(seed, 0, commands * CURRENT / COMMAND)[:, 0]
-    paper = identify(
-        commands,
-        measured,
-        levels=mesh,
-        relay="unipolar",
-        diagonal="reversible",
-        prior="none",
-        smoothness=0.0,
-    )
+    paper = identify_mesh(seed)
     dots = RelayModel.from_preisach(paper.model)
     wires, readings = zip(*(_wire(seed, axis) for axis in range(2)), strict=True)
     rng = np.random.default_rng([seed, 5])
@@ -132,6 +179,53 @@ def run_static(seed: int) -> Static:
             name: _settled(seed, 0, np.clip(u, 0.0, COMMAND) * CURRENT / COMMAND)[:, 0]
             for name, u in (("stepping", stepping.u), ("exact", exact.u))
         },
+        arbitrary=_arbitrary(seed, wires[0].model, paper.model),
+    )
+
+
+def heating_lag(seed: int, model: Preisach, surroundings: Surroundings | None = None) -> float:
+    """Return the lag in seconds of a linear heating before a model, from a step of one specimen."""
+    from scipy.optimize import minimize_scalar
+
+    t, current, angle = step_record(seed, 0, surroundings)
+
+    def error(lag: float) -> float:
+        heated = Linear.lags(lag).simulate(t, current * COMMAND / CURRENT)
+        return float(np.mean((model.simulate(heated) - angle) ** 2))
+
+    return float(minimize_scalar(error, bounds=_LAGS, method="bounded").x)
+
+
+def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Arbitrary:
+    """Drive the first axis by an arbitrary input over the whole range of commands."""
+    rng = np.random.default_rng([seed, 6])
+    t: FloatArray = 2 * TICK * np.arange(round(ARBITRARY_SECONDS / (2 * TICK)), dtype=np.float64)
+    turns = np.outer(1.0 / rng.uniform(*ARBITRARY_PERIODS, SINES), t)
+    shape = np.sin(2 * np.pi * (turns + rng.uniform(size=(SINES, 1)))).sum(axis=0)
+    command = COMMAND * np.minimum(t / RISE, 1.0) * (shape - shape.min()) / np.ptp(shape)
+    current = command * CURRENT / COMMAND
+    head = Head(seed, NOISE, 2 * seed)
+    heated = Linear.lags(heating_lag(seed, mesh)).simulate(t, command)
+    return Arbitrary(
+        t=t,
+        command=command,
+        angle=np.asarray(head.drive(t, np.array([current, np.zeros(t.size)])).y[0]),
+        predicted={"power": wire.simulate(t, current), "mesh": mesh.simulate(heated)},
+    )
+
+
+def identify_mesh(seed: int, surroundings: Surroundings | None = None) -> Identification:
+    """Identify the first axis as the paper does: reversal curves on a mesh of commands in V."""
+    mesh = uniform_levels(0.0, COMMAND, MESH)
+    commands = excitation.reversal_curves(mesh)
+    return identify(
+        commands,
+        _settled(seed, 0, commands * CURRENT / COMMAND, surroundings)[:, 0],
+        levels=mesh,
+        relay="unipolar",
+        diagonal="reversible",
+        prior="none",
+        smoothness=0.0,
     )
 
 
@@ -151,33 +245,37 @@ def _wire(seed: int, axis: int) -> tuple[HeatedIdentification, FloatArray]:
     levels: Levels = moving_levels(loop, _settled(seed, axis, loop)[:, axis], BANDS)
     holds = excitation.reversal_curves(levels)
     readings = _settled(seed, axis, holds)
-    t, current, angle = _step(seed, axis)
+    t, current, angle = step_record(seed, axis)
     found = identify_heating(holds, readings[:, axis], step=(t, current, angle), levels=levels)
     return found, readings.T
 
 
-def _settled(seed: int, axis: int, currents: npt.ArrayLike) -> FloatArray:
+def _settled(
+    seed: int, axis: int, currents: npt.ArrayLike, surroundings: Surroundings | None = None
+) -> FloatArray:
     """Return the readings (n, 2) at the ends of holds of one axis, the other one cold."""
-    head = _head(seed, axis)
+    head = _head(seed, axis, surroundings)
     inputs = np.zeros((np.size(currents), 2))
     inputs[:, axis] = currents
     return np.array([np.asarray(head.apply(u, HOLD, HOLD).y)[:, -1] for u in inputs])
 
 
-def _step(seed: int, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times, currents and readings of a step to full current and back."""
+def step_record(
+    seed: int, axis: int, surroundings: Surroundings | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times, currents and readings of a step of one axis to full current and back."""
     on, off, end = STEP
     interval = 2 * TICK
     t = np.arange(0.0, end, interval)
     current = np.where((t >= on) & (t < off), CURRENT, 0.0)
-    head, inputs = _head(seed, axis), np.zeros((t.size, 2))
+    head, inputs = _head(seed, axis, surroundings), np.zeros((t.size, 2))
     inputs[:, axis] = current
     read = [np.asarray(head.apply(u, interval, interval).y)[axis, -1] for u in inputs[:-1]]
     return t, current, np.array([0.0, *read])
 
 
-def _head(seed: int, axis: int) -> Head:
-    return Head(seed, NOISE, 2 * seed + axis)
+def _head(seed: int, axis: int, surroundings: Surroundings | None = None) -> Head:
+    return Head(seed, NOISE, 2 * seed + axis, surroundings=surroundings)
 
 
 def _rms(error: FloatArray) -> float:

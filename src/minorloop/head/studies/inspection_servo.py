@@ -1,14 +1,16 @@
 """Centre a point of the wall in the image, and hold it there with two wires.
 
-Camera, tracker, servo and the wires' controller form one loop at 25 Hz, with and without angle
-sensors. Without them no reading of a joint is used: the model of the wires brings the head near,
-and then the controller gets the angles that follow from the tracked patch of the wall. All pixel
-figures are at the scale of a 320 by 240 image.
+Camera, tracker, hold and the wires' controller form one loop at 25 Hz, with and without angle
+sensors, and with and without the integral of the paper's Eq. (10). Without sensors no reading of a
+joint is used: the model of the wires brings the head near, and then the controller gets the angles
+that follow from the tracked patch of the wall. All pixel figures are at the scale of a 320 by 240
+image.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -32,6 +34,7 @@ from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Pipe
 from minorloop.head.twins.rig import Rig, SimulatedTip, Sway
+from minorloop.head.vision.hold import PointHold
 from minorloop.head.vision.tracking import TRACKED
 
 TICK = 0.04
@@ -42,7 +45,11 @@ SERVO, STEADY = 25.0, 8.0
 FOCAL = LENS.focal / 2
 """Focal length in the pixels of this study: those of an image of 320 x 240."""
 START_PX, SETTLED_PX = 43.0, 2.0
-SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
+SWAY_SECONDS, SWAY_WAIT = 40.0, 12.0
+DRIFT = Sway(amplitude=math.radians(2.0), pan=0.01, tilt=0.008)
+"""Slow turn of the base, at up to 0.13 degrees a second: what an integral is for."""
+PRINTED_SECONDS, PRINTED_END = 12.0, 4.0
+"""Duration of the run with the printed sign, and its end that is scored, in seconds."""
 SWING, MOTION, MOTION_SECONDS = math.radians(7.0), math.radians(10.0), 20.0
 """Amplitude of the motion under which the tracker is tested, its fastest rate, and its duration."""
 STROKE_SHARE = 0.93
@@ -60,7 +67,7 @@ class ServoRun:
     ``t`` (T,) in seconds since the servo took over; ``off`` (T,) distance of the true point from
     the middle of the image, in pixels; ``verdicts`` (T,) of the tracker; ``left`` (T,) distance of
     the true point from the tracked one, in pixels: the motion that remains if each image is
-    shifted by what was tracked.
+    shifted by what was tracked. ``place`` (T, 2) is the true point from the middle, in pixels.
     """
 
     name: str
@@ -68,6 +75,13 @@ class ServoRun:
     off: FloatArray
     verdicts: tuple[str, ...]
     left: FloatArray | None = None
+    place: FloatArray | None = None
+
+    def offset(self, after: float) -> float:
+        """Return how far the mean place is from the middle after a time, in pixels."""
+        if self.place is None:
+            return np.nan
+        return float(np.hypot(*self.place[self.t > after].mean(axis=0)))
 
     @property
     def settle(self) -> float:
@@ -150,7 +164,7 @@ class Watch:
     def __init__(self, scene: Scene, rig: InspectionRig) -> None:
         assert isinstance(rig.plant, Rig)
         self._scene, self._plant, self._lens = scene, rig.plant, rig.calibration.lens
-        self.off: list[float] = []
+        self.place: list[tuple[float, float]] = []
         self.left: list[float] = []
         self.verdicts: list[str] = []
         self.pixel = self._pixel()
@@ -163,15 +177,16 @@ class Watch:
             return
         shown = getattr(state, "shown", None)
         x, y, z = self._point()
-        self.off.append(float(FOCAL * np.hypot(x / z, y / z)))
+        self.place.append((float(FOCAL * x / z), float(FOCAL * y / z)))
         self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
         self.verdicts.append(verdict)
 
     def run(self, name: str, after: int = 0) -> ServoRun:
         """Return the run from a tick on."""
-        off, left = np.array(self.off[after:]), np.array(self.left[after:])
-        t = TICK * np.arange(1.0, len(off) + 1.0)
-        return ServoRun(name, t, off, tuple(self.verdicts[after:]), left)
+        place, left = np.array(self.place[after:]), np.array(self.left[after:])
+        t = TICK * np.arange(1.0, len(place) + 1.0)
+        off = np.hypot(*place.T)
+        return ServoRun(name, t, off, tuple(self.verdicts[after:]), left, place)
 
     def _point(self) -> FloatArray:
         """Return the hole (3,) in camera coordinates."""
@@ -183,21 +198,53 @@ class Watch:
         return np.asarray(self._lens.project(self._point()))
 
 
-def run_servo(scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: float) -> ServoRun:
-    """Centre the hole in the image, from where the head starts.
+def run_servo(
+    scene: Scene,
+    *,
+    sensor: bool,
+    sway: Sway | None = None,
+    seconds: float,
+    integral: bool = True,
+) -> ServoRun:
+    """Centre the hole in the image, from where the head starts, and hold it there.
 
-    Against sway, the wanted angles are computed directly once the hole is near. Without a sensor,
-    no reading of a joint is used.
+    Without a sensor, no reading of a joint is used.
     """
     rig = scene.rig(sway, sensor=sensor)
     centring = Centring(
         calibration=rig.calibration,
         still=math.inf,
         patience=seconds + TICK,  # a tick passes before the first frame is tracked
-        hold_after=math.inf if sway is None else HOLD_AFTER,
+        integral_gain=Centring.integral_gain if integral else 0.0,
         by_image=not sensor,
     )
-    return _watched(scene, rig, centring).run("sensor" if sensor else "camera only")
+    name = "sensor" if sensor else "camera only"
+    return _watched(scene, rig, centring).run(name if integral else f"{name}, no integral")
+
+
+class _PrintedHold(PointHold):
+    """A hold with the integral of Eq. (10) as it is printed: with a plus."""
+
+    def correction(self, integral: FloatArray, error: FloatArray | None) -> FloatArray:
+        return -super().correction(integral, error)
+
+
+class _PrintedCentring(Centring):
+    def _hold(self, reading: Reading) -> PointHold:
+        hold = super()._hold(reading)
+        return _PrintedHold(servo=hold.servo, near=math.pi, slip=math.pi)
+
+
+def run_printed(scene: Scene) -> ServoRun:
+    """Centre the hole by the camera alone with the printed sign of the integral."""
+    rig = scene.rig(sensor=False)
+    centring = _PrintedCentring(
+        calibration=rig.calibration,
+        still=math.inf,
+        patience=PRINTED_SECONDS + TICK,
+        by_image=True,
+    )
+    return _watched(scene, rig, centring).run("printed sign")
 
 
 def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
@@ -264,7 +311,21 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
         "swayed": run_servo(scene, sensor=True, sway=sway, seconds=SWAY_SECONDS),
         "still": run_still(scene, sway, SWAY_SECONDS - SWAY_WAIT),
         "motion": run_motion(scene),
+        "printed": run_printed(scene),
     }
+    for name, around, seconds in (
+        ("camera", None, SERVO),
+        ("camera swayed", sway, SWAY_SECONDS),
+        ("camera drifting", DRIFT, SERVO),
+    ):
+        for integral, words in ((True, ""), (False, ", no integral")):
+            if f"{name}{words}" not in runs:
+                runs[f"{name}{words}"] = run_servo(
+                    scene, sensor=False, sway=around, seconds=seconds, integral=integral
+                )
+    runs["swayed, no integral"] = run_servo(
+        scene, sensor=True, sway=sway, seconds=SWAY_SECONDS, integral=False
+    )
     held, still = runs["swayed"].rms(SWAY_WAIT), runs["still"].rms(0.0)
     figures = {
         "servo": {
@@ -279,6 +340,29 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
             "held_px": held,
             "still_px": still,
         },
+        "integral": integral_figures(runs, still),
         "tracking": {"lost_fraction": runs["motion"].lost, "reacquire_s": runs["motion"].reacquire},
     }
     return figures, runs
+
+
+def integral_figures(runs: Mapping[str, ServoRun], still: float) -> dict[str, float]:
+    """Return what the integral changes, by the camera alone unless a sensor is named."""
+
+    def ratio(name: str) -> float:
+        return runs[name].rms(SWAY_WAIT) / runs[f"{name}, no integral"].rms(SWAY_WAIT)
+
+    found = {
+        "sway_ratio": ratio("camera swayed"),
+        "sway_ratio_with_sensor": ratio("swayed"),
+        "printed_px": runs["printed"].rms(PRINTED_SECONDS - PRINTED_END),
+    }
+    for key, words in (("", ""), ("without_", ", no integral")):
+        camera, drifting = runs[f"camera{words}"], runs[f"camera drifting{words}"]
+        found |= {
+            f"{key}offset_px": camera.offset(SERVO - STEADY),
+            f"{key}settle_s": camera.settle,
+            f"{key}sway_over_still": runs[f"camera swayed{words}"].rms(SWAY_WAIT) / still,
+            f"{key}drift_px": drifting.rms(SERVO - STEADY),
+        }
+    return found

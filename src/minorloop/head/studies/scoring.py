@@ -44,6 +44,11 @@ def truth(twin: HeatedWires) -> Truth:
     return Truth(twin._truth()["angle"], hottest, stress)
 
 
+def body_temperature(twin: HeatedWires) -> FloatArray:
+    """Return the temperature (T,) of the body of a head with ``log_truth=True``, in Celsius."""
+    return twin._truth()["body"][:, 0]
+
+
 def line_of_sight(plant: Rig) -> FloatArray:
     """Return the true pan and tilt (2,) of the optical axis, in radians."""
     return np.array(plant.stance()[:2])

@@ -4,6 +4,9 @@
 heat capacity, latent heat, resistance as martensite and as austenite, circumference, length,
 cross-section, recoverable strain, moduli of austenite and martensite, stress influence,
 austenite start and finish, martensite start and finish, preload, spring, pulley, strain at rest.
+``state`` (axes, 7) is temperature, martensite fraction, effective temperature, compression of the
+spring, hottest temperature and highest stress so far, and the temperature of the body of the head,
+the same for every wire. ``cooling`` (6,) are the parameters of `surroundings.Cooling`.
 """
 
 from __future__ import annotations
@@ -18,6 +21,8 @@ from minorloop.head.twins._kernels import course, recall, remember
 ITERATIONS = 200
 NEAR = 1e-11
 """Tolerance of the effective temperature, in K."""
+LEAST_RISE = 1.0
+"""Rise in K below which convection no longer falls: the air conducts the heat."""
 
 
 @njit(cache=True, nogil=True)
@@ -86,8 +91,7 @@ def heat_left(z, start, axis, around, h):
 def wire_step(state, axis, around, h):
     """Integrate one wire over a step, in place, by implicit Euler and safeguarded Newton.
 
-    ``state`` is temperature, martensite fraction, effective temperature, spring compression,
-    hottest temperature so far, highest stress so far. The unknown is the effective temperature
+    The unknown is the effective temperature
     T - stress / C - shift: fraction, stress and temperature all follow from it, and the heat
     balance rises with it, at least as steeply as the heat capacity, which brackets the root.
     """
@@ -117,9 +121,9 @@ def wire_step(state, axis, around, h):
 
 @njit(cache=True, nogil=True)
 def heads_at_rest(axes, cross, around, loads, age):
-    """Return the state (axes, 6) of wires that have been cold for long, at time 0."""
+    """Return the state (axes, 7) of wires that have been cold for long, at time 0."""
     count = axes.shape[0]
-    state = np.empty((count, 6))
+    state = np.empty((count, 7))
     ambient = course(around[0], 0.0)
     for a in range(count):
         axis = axes[a]
@@ -127,7 +131,7 @@ def heads_at_rest(axes, cross, around, loads, age):
         if count == 2:
             force -= cross[3] * cross[4]
         stress, _ = wire_stress(1.0, axis, axis[7] * (1.0 - 0.1 * age), force)
-        state[a, 0] = state[a, 4] = ambient
+        state[a, 0] = state[a, 4] = state[a, 6] = ambient
         state[a, 1] = 1.0
         state[a, 2] = ambient - stress / axis[10] - 5.0 * age
         state[a, 3] = axis[5] * (axis[18] - stress / axis[9])
@@ -149,8 +153,32 @@ def head_angles(state, axes, cross, out):
 
 
 @njit(cache=True, nogil=True)
+def film_share(rise, angle, cooling):
+    """Return the film coefficient over that of a straight wire at the rise where it is given.
+
+    ``rise`` is the temperature over that around the wire, in K; ``angle`` in radians.
+    """
+    warm = max(abs(rise), LEAST_RISE) / cooling[0]
+    return math.pow(warm, cooling[1]) * (1.0 + cooling[2] * max(angle, 0.0))
+
+
+@njit(cache=True, nogil=True)
 def head_run(
-    state, axes, cross, around, loads, ageing, clock, ends, first, u, pace, delay, past, mark
+    state,
+    axes,
+    cross,
+    around,
+    loads,
+    cooling,
+    ageing,
+    clock,
+    ends,
+    first,
+    u,
+    pace,
+    delay,
+    past,
+    mark,
 ):
     """Integrate one wire, or two coupled ones, under currents linear between samples.
 
@@ -175,13 +203,19 @@ def head_run(
             age = min(ageing[0] + ageing[1] * now, 1.0)
             for a in range(count):
                 length[a] = state[a, 3]
+            body, flow = state[0, 6], 0.0
+            near = ambient + cooling[3] * (body - ambient)
             for a in range(count):
                 before = first[a] if n == 0 else u[n - 1, a]
                 current = before + (u[n, a] - before) * k / steps
                 force = course(loads[a], now) / axes[a, 17]
                 if count == 2:
                     force += cross[3] * (length[1 - a] - cross[4])
-                wire_step(state[a], axes[a], (current, ambient, film, force, age), h)
+                own = film * film_share(state[a, 0] - near, length[a] / axes[a, 17], cooling)
+                wire_step(state[a], axes[a], (current, near, own, force, age), h)
+                flow += cooling[3] * own * axes[a, 4] * axes[a, 5] * (state[a, 0] - body)
+            flow += cooling[5] * ambient
+            state[:, 6] = (cooling[4] * body + h * flow) / (cooling[4] + h * cooling[5])
             if delay > 0.0:
                 head_angles(state, axes, cross, seen)
                 remember(past, mark, now, seen, 0.25 * pace[0] / pace[1])

@@ -74,7 +74,7 @@ class HeatedWires(SimulatedAxes):
     """
 
     _farthest = 180.0
-    _truth_names = ("angle", "temperature", "stress", "martensite")
+    _truth_names = ("angle", "temperature", "stress", "martensite", "body")
 
     def __init__(
         self,
@@ -99,6 +99,7 @@ class HeatedWires(SimulatedAxes):
                 raise ParameterError(f"{name} is {value}; give 0 to 1, a share of a wire's life")
         self._around = self.surroundings.courses()
         self._loads = self.surroundings.loads(len(self.outputs))
+        self._cooling = self.surroundings.cooling_numbers()
         self._age = np.array([self.ageing, self.drift / 3600.0])
         super().__init__(
             specimen,
@@ -134,12 +135,14 @@ class HeatedWires(SimulatedAxes):
 
     def _check_state(self, state: FloatArray, clock: float) -> None:
         """Refuse unreachable temperatures and states that contradict the equations of ``Wire``."""
-        temperature, fraction, effective, compression, hottest, highest = state.T
+        temperature, fraction, effective, compression, hottest, highest, body = state.T
         (coldest, warmest), (film, _) = self.surroundings.reach
         wire = self._axes.T
-        heat = HIGHEST_CURRENT**2 * wire[2:4].max(axis=0) / (film * wire[4])
+        still = _kernels.film_share(0.0, 0.0, self._cooling)
+        heat = HIGHEST_CURRENT**2 * wire[2:4].max(axis=0) / (still * film * wire[4])
         low = np.full(len(state), coldest - _MARGIN)
         high = warmest + heat + _MARGIN
+        check_within(body, np.full_like(low, coldest), high, "temperature of body")
         check_within(temperature, low, high, "temperature of wire")
         check_within(hottest, temperature, high, "hottest temperature of wire")
         check_within(fraction, np.zeros_like(low), np.ones_like(low), "martensite of wire")
@@ -162,6 +165,7 @@ class HeatedWires(SimulatedAxes):
             self._cross,
             self._around,
             self._loads,
+            self._cooling,
             self._age,
             self._clock,
             ends,
@@ -183,7 +187,7 @@ class HeatedWires(SimulatedAxes):
         temperature, martensite, effective = self._state[:, :3].T
         age = min(self._age[0] + self._age[1] * self._clock, 1.0)
         stress = self._axes[:, 10] * (temperature - effective - 5.0 * age)
-        return np.array([self._output_now(), temperature, stress, martensite])
+        return np.array([self._output_now(), temperature, stress, martensite, self._state[:, 6]])
 
     def _peaks(self) -> tuple[FloatArray, FloatArray]:
         """Return the highest temperature and stress of each wire so far. For scoring only."""
@@ -216,8 +220,13 @@ class Wire(HeatedWires):
     x = L (e_0 - e_L xi - s / E(xi)), angle = x / r.
 
     The third and fourth are the cosine laws of Liang and Rogers (1990) in differential form,
-    which gives smooth minor loops. The heat is integrated by implicit Euler, the kinetics
-    exactly, and every step solves for the stress. The constants of the material are those of
+    which gives smooth minor loops. With a ``Cooling`` in the surroundings, h depends on T and on
+    the angle, and T_amb is replaced by a mean of it and of the temperature T_b of the body,
+
+    C dT_b/dt = share (sum over wires of h P L (T - T_b)) - G (T_b - T_amb).
+
+    The heat is integrated by implicit Euler, the kinetics exactly, and every step solves for the
+    stress. The constants of the material are those of
     Brinson (1993) and of a data sheet; those of the mechanism are chosen to give the 60 degrees
     at 400 mA of Boudjabi, Ferreira and Krupa (2003).
     """

@@ -130,7 +130,10 @@ class Servo:
     Notes
     -----
     e is the angular error of the head; the law is that of Chaumette and Hutchinson, Visual servo
-    control I, 2006, equation (5), plus an integral term with the sign of the proportional one.
+    control I, 2006, equation (5), plus an integral term with the sign of the proportional one. The
+    wanted angles are an integral of the rates already, so that a second one overshoots on the way
+    to a point; it is for a head that drifts all the time. `PointHold` has the integral of the
+    angles.
     """
 
     camera: CalibratedCamera
@@ -228,14 +231,14 @@ class Servo:
         rates = -gain * error - self.integral_gain * integral
         aimed, verdict = state.angles + self.interval * rates, TURNING
         if measured is not None and math.isfinite(self.lead):
-            near = measured + _shortened(aimed - measured, self.lead)
+            near = measured + shortened(aimed - measured, self.lead)
             verdict = AT_RATE if (near != aimed).any() else verdict
             aimed = near
         inside = self.cone.clip(aimed)
         if np.abs(inside - aimed).max() > 1e-12:
             verdict = AT_CONE
         # The cone is convex: a shorter step from inside stays inside.
-        move = _shortened(inside - state.angles, self.rate_limit * self.interval)
+        move = shortened(inside - state.angles, self.rate_limit * self.interval)
         if verdict == TURNING and (move != inside - state.angles).any():
             verdict = AT_RATE
         step = ServoStep(state.angles + move, move / self.interval, pixels, verdict)
@@ -252,7 +255,7 @@ def _pair(values: npt.ArrayLike | None) -> FloatArray:
     return pair if pair.shape == (2,) else np.full(2, np.nan)
 
 
-def _shortened(vector: FloatArray, most: float) -> FloatArray:
+def shortened(vector: FloatArray, most: float) -> FloatArray:
     """Return the vector, shortened to a length of ``most``."""
     length = float(np.hypot(*vector))
     return vector if length <= most else np.asarray(vector * (most / length))
