@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import SignalError
 from minorloop.head.geometry import Mount, meet_wall
 from minorloop.head.procedures.meter import LIMITS
@@ -22,7 +22,7 @@ from minorloop.head.twins.camera import LENS, Camera
 from minorloop.head.twins.pipe import Bore, Dirt, Pipe
 from minorloop.head.twins.rig import Sway
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.tracking import TRACKED, PatchTracker, TrackState
+from minorloop.head.vision.tracking import TRACKED, PatchTracker
 
 WALLS = ("drawn", "poor", "repeated", "polished", "blurred", "lights")
 """As drawn; hardly any texture; equal spots at equal distances; bright reflections that move with
@@ -34,6 +34,8 @@ POINTS = 5
 SWING, RATE = math.radians(10.0), math.radians(20.0)
 """Amplitude of the motion of the head in radians, and its fastest rate in rad/s, the rate limit of
 the servo."""
+AWAY = (20.0, 27.0)
+"""Deflection at which the hole is in the middle, in degrees: from where the head centres it."""
 JOINT_NOISE = math.radians(0.05)
 OFF_MOUNT = 0.05e-3
 """Standard deviation of the known place of the pivot, in metres, as in a mission."""
@@ -42,6 +44,9 @@ PITCH = 2.0e-3
 GRADED = 2.0
 """Error in pixels of 320 beyond which a point that counts as tracked has drifted."""
 _SWAY, _PHASES = Sway(), 1e3
+_BORDER = 60.0
+"""Distance from the edge of a frame of 640 by 480 pixels, about half a patch, within which a point
+cannot be asked for."""
 _SPREAD = 120.0
 """Standard deviation in pixels of 640 of picked points about the middle."""
 
@@ -75,12 +80,17 @@ class Sequence:
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """One point of a sequence: errors (T,) in pixels of 320, and whether it was tracked (T,)."""
+    """One point of a sequence.
+
+    ``error`` (T,) in pixels of 320; whether it was ``tracked`` (T,), and whether the frame showed
+    its patch, ``shown`` (T,).
+    """
 
     wall: str
     hole: bool
     error: FloatArray
-    tracked: np.ndarray
+    tracked: BoolArray
+    shown: BoolArray
 
 
 def wall_of(kind: str, seed: int, hole: Bore) -> Pipe:
@@ -101,10 +111,10 @@ def wall_of(kind: str, seed: int, hole: Bore) -> Pipe:
     if kind == "polished":
         bright = replace(
             pipe.finish,
-            roughness_around=0.06,
-            roughness_along=0.04,
-            diffuse=0.15,
-            specular=0.8,
+            roughness_around=0.08,
+            roughness_along=0.05,
+            diffuse=0.3,
+            specular=0.6,
         )
         pipe = replace(pipe, finish=bright)
     return pipe
@@ -120,7 +130,7 @@ def draw_sequence(kind: str, seed: int) -> Sequence:
     seed : int
     """
     rng = np.random.default_rng([seed, 52, WALLS.index(kind)])
-    away, way = math.radians(rng.uniform(16, 24)), float(rng.uniform(0, 2 * np.pi))
+    away, way = math.radians(rng.uniform(*AWAY)), float(rng.uniform(0, 2 * np.pi))
     aim = away * np.array([math.cos(way), math.sin(way)])
     x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
     mount = Mount(offset=(x, y), roll=float(rng.uniform(-np.pi, np.pi)))
@@ -158,6 +168,7 @@ def draw_sequence(kind: str, seed: int) -> Sequence:
 def follow(sequence: Sequence) -> list[Followed]:
     """Follow the points of a sequence; one that the tracker refuses to pick is left out."""
     tracker = PatchTracker(sequence.camera)
+    edge = np.array(sequence.images.shape[:0:-1]) - _BORDER
     found = []
     for k, pixel in enumerate(sequence.picked):
         error, tracked = np.zeros(len(sequence.images)), np.ones(len(sequence.images), bool)
@@ -169,7 +180,10 @@ def follow(sequence: Sequence) -> list[Followed]:
             track, state = tracker.step(state, sequence.images[n], *sequence.angles[n].tolist())
             error[n] = 0.5 * math.dist(track.pixel, sequence.true[n, k])
             tracked[n] = track.verdict == TRACKED
-        found.append(Followed(sequence.wall, k == 0, error[1:], tracked[1:]))
+        inside = (sequence.true[1:, k] > _BORDER) & (sequence.true[1:, k] < edge)
+        found.append(
+            Followed(sequence.wall, k == 0, error[1:], tracked[1:], inside.all(axis=-1))
+        )
     return found
 
 
@@ -194,7 +208,9 @@ def _quantile(points: list[Followed], share: float) -> float:
 
 
 def _lost(points: list[Followed]) -> float:
-    return float(np.mean([~each.tracked for each in points])) if points else math.nan
+    shown = [~each.tracked[each.shown] for each in points]
+    together = np.concatenate(shown) if shown else np.empty(0)
+    return float(together.mean()) if together.size else math.nan
 
 
 def _expose(camera: Camera, aim: FloatArray, focus: float) -> None:

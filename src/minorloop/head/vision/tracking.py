@@ -48,6 +48,8 @@ _CLOSE = 4
 """Texels from where the surroundings put the patch in which it is searched closely."""
 _HIDDEN = 0.5
 """Share of its usual correlation below which a patch is hidden, though its surroundings are not."""
+_WHOLE = 0.7
+"""Share of the tiles with which a patch is found far away: part of a regular pattern fits often."""
 _USUAL = 0.1
 """Weight of a new frame in the usual correlation: light changes it over some frames."""
 
@@ -123,7 +125,7 @@ class _Found:
     angles: FloatArray
     score: float
     verdict: str
-    agreed: float
+    seen: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +187,7 @@ class PatchTracker:
     alone: float = 0.75
     apart: float = 0.1e-3
     jump: float = 0.7e-3
-    fresh: float = 0.12
+    fresh: float = 0.07
     most_views: int = 24
 
     def __post_init__(self) -> None:
@@ -408,7 +410,7 @@ class PatchTracker:
             verdict = LOST if angles is None else verdict
         if angles is None:
             angles = expected
-        return _Found(pixel, angles, score, verdict, agreed.score)
+        return _Found(pixel, angles, score, verdict, agreed.seen)
 
     def _search_again(self, state: TrackState, image: Image, expected: FloatArray) -> _Found:
         """Search for a lost patch about its expected place, then farther away.
@@ -416,13 +418,14 @@ class PatchTracker:
         Farther away it has to be unlike everything else that is seen, and to match by itself.
         """
         near = self._search_near(state, image, expected, self.reach, self.again)
-        if near.verdict == TRACKED:
+        if near.verdict == TRACKED and near.score > self.distinct:
             return near
         for rough in self._likely_angles(state, image, expected):
             found = self._search_near(state, image, rough, self.reach / 2, self.surely)
-            if found.verdict == TRACKED and found.score > self.surely:
+            sure = found.score > self.surely and found.seen > _WHOLE
+            if found.verdict == TRACKED and sure:
                 return found
-        return near
+        return replace(near, verdict=LOST) if near.verdict == TRACKED else near
 
     def _likely_angles(
         self, state: TrackState, image: Image, expected: FloatArray

@@ -20,7 +20,7 @@ SIDE = 3
 """Tiles along a side of a view."""
 _NUDGE = 1e-3
 """Turn in radians by which the motion of a tile is predicted, a hundredth of a tile."""
-_NEAR = 3
+_NEAR = 4
 """Cells about a peak that belong to it."""
 _LEAST_SEEN = 0.8
 """Share of a tile that a view has to show; the rest is beyond the frame or saturated."""
@@ -58,11 +58,14 @@ class Agreement:
         Weighted mean of the correlations there, up to 1.
     other : float
         The same of the best other shift.
+    seen : float
+        Share of the tiles that are seen there.
     """
 
     shift: FloatArray
     score: float
     other: float
+    seen: float = 0.0
 
 
 def unrolled(
@@ -159,7 +162,9 @@ def agree(view: View, area: Image32, ways: FloatArray, cell: float) -> Agreement
     kernels.vote(maps, ways, weights, votes)
     best = best_of(votes)
     shift = (best[:2] - margin / 2) * cell
-    return Agreement(shift, float(best[2]), float(kernels.second(votes, best, _NEAR)))
+    i, j = (np.clip(round(k), 0, margin) for k in (best[1], best[0]))
+    seen = float(np.mean(maps[:, i, j] > -1.0))
+    return Agreement(shift, float(best[2]), float(kernels.second(votes, best, _NEAR)), seen)
 
 
 def tile_motions(
