@@ -31,6 +31,7 @@ from minorloop.head.procedures.values import (
     Request,
     State,
     Tip,
+    ToolTip,
     apply_to_tip,
 )
 from minorloop.head.vision.video import LiveCamera
@@ -106,6 +107,7 @@ class InspectionRig:
     def reading(self, request: Request = NOTHING) -> Reading:
         """Carry out a request on the tip and return the reading, with its frame and its burst."""
         apply_to_tip(self.tip, request)
+        tool = self.tip.tool_state() if isinstance(self.tip, ToolTip) else (0.0, False)
         return Reading(
             t=self.t,
             angles=self.angles,
@@ -114,6 +116,8 @@ class InspectionRig:
             image=self.tip.frame().image if request.frame else None,
             shots=tuple(self.tip.shots(request.shots)) if request.shots else (),
             fired=request.shots > 0,
+            extension=tool[0],
+            touching=tool[1],
         )
 
     def run(
