@@ -19,11 +19,11 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import Tool, wall_point
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import CONE, NOT_IN_VIEW, Centring
-from minorloop.head.procedures.extract import Acquisition, AcquisitionState, nearest
+from minorloop.head.procedures.extract import Acquisition, AcquisitionState
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.meter import Metering, MeterState
 from minorloop.head.procedures.values import Procedure, Reading, Request, held_since, passed
-from minorloop.head.vision.defects import find_holes
+from minorloop.head.vision.recentre import outline_about
 from minorloop.head.vision.tracking import TRACKED, TrackState
 
 APPROACH = 0.6
@@ -202,10 +202,11 @@ class Marking(Procedure[MarkState]):
         if not frames.done:
             return state, request
         camera = self.calibration.camera_at(reading.place)
-        hole = nearest(find_holes(frames.frames, camera).holes, state.place, camera.radius)
-        place = state.place if hole is None else np.asarray(hole.place)
         last = frames.frames[-1]
-        pixel = camera.pixel(place, last.pan, last.tilt)
+        pixel = np.asarray(camera.pixel(state.place, last.pan, last.tilt))
+        hole = outline_about(frames.frames, camera, pixel)
+        place = state.place if hole is None else hole.place
+        pixel = pixel if hole is None else hole.pixel
         then = replace(reading, angles=np.array([last.pan, last.tilt]))
         try:
             _, track = Centring(calibration=self.calibration).pick(last.image, pixel, then)
