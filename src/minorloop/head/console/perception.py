@@ -199,6 +199,8 @@ class Perception:
             if math.hypot(spot[0] - u, spot[1] - v) < max(_SNAP, 0.7 * spot[2]):
                 pixel = np.array(spot[:2])
                 break
+        else:
+            pixel = self._centring.outlined(reading.image, pixel, reading)
         track, self._track = self._centring.pick(reading.image, pixel, reading)
         self._visible, self._score = True, track.score
         self._report("picked")

@@ -154,6 +154,12 @@ class Marking(Procedure[MarkState]):
             beside=np.asarray(beside, dtype=np.float64),
         )
 
+    def reaches(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> bool:
+        """Return whether the tool reaches phi and z (2,) from a place (2,) of the catheter."""
+        tool, where = self.calibration.tool, np.asarray(place, dtype=np.float64)
+        guess = aim_at(self.calibration, where, catheter)
+        return tool is not None and self._angles(tool, where, catheter, guess) is not None
+
     def _next(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
         tool = self.calibration.tool
         if tool is None:
@@ -183,7 +189,8 @@ class Marking(Procedure[MarkState]):
         """Turn the tool towards the place by the joints."""
         if state.go is None:
             target = self._target(state.place, state)
-            angles = self._angles(tool, target, reading, aim_at(self.calibration, target, reading.place))
+            guess = aim_at(self.calibration, target, reading.place)
+            angles = self._angles(tool, target, reading.place, guess)
             if angles is None:
                 return replace(state, verdict=BEYOND, done=True), Request()
             state = replace(state, go=self.go.begin(angles=angles), wanted=angles)
@@ -239,7 +246,7 @@ class Marking(Procedure[MarkState]):
         """Return the state with new wanted angles and the distance that is left, in pixels."""
         camera = self.calibration.camera_at(reading.place)
         target, (pan, tilt) = self._target(place, state), reading.angles.tolist()
-        angles = self._angles(tool, target, reading, reading.angles)
+        angles = self._angles(tool, target, reading.place, reading.angles)
         pixel = tool_pixel(self.calibration, tool, reading.place, reading.angles)
         if angles is None or not np.isfinite(pixel).all():
             return replace(state, verdict=BEYOND, near_since=None)
@@ -288,10 +295,10 @@ class Marking(Procedure[MarkState]):
         return place + state.beside / np.array([self.calibration.radius, 1.0])
 
     def _angles(
-        self, tool: Tool, place: FloatArray, reading: Reading, guess: FloatArray
+        self, tool: Tool, place: FloatArray, catheter: npt.ArrayLike, guess: FloatArray
     ) -> FloatArray | None:
         """Return the angles at which the tool meets a place; None beyond the cone."""
-        mount = self.calibration.mount_at(reading.place)
+        mount = self.calibration.mount_at(catheter)
         angles = tool.aim(mount, place, self.calibration.radius, guess)
         if angles is None or not np.hypot(*angles) <= CONE.half:
             return None

@@ -32,7 +32,11 @@ BESIDE = 1.2e-3
 OFF_PLACE = 0.1e-3
 """Standard deviation of the place of the hole as it is known before, in metres."""
 STROKE_SHARE = 0.93
-_AWAY = (19.0, 26.0)
+"""Largest share of a wire's identified stroke in a scene, so that every place can be reached."""
+AWAY = (19.0, 26.0)
+"""Deflection at which the tool meets the place, in degrees."""
+_DARKER = 0.8
+"""Share of the grey level around it below which a mark is seen: four times the noise."""
 _TICK = 0.04
 
 
@@ -79,9 +83,9 @@ def run_touch(seed: int, number: int, control: HeadControl) -> Touch:
     rng = np.random.default_rng([seed, 62, number])
     x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
     mount = Mount(offset=(x, y), roll=float(rng.uniform(-np.pi, np.pi)))
-    aim = _within_stroke(control, rng)
+    aim = within_stroke(control, rng)
     tip = SimulatedTip(Pipe.draw(seed), mount=mount, specimen=seed, seed=seed + number)
-    phi, z, _ = tip.tool._tool.meet(mount, *aim.tolist(), tip.pipe.radius)
+    phi, z, _ = scoring.true_tool(tip).meet(mount, *aim.tolist(), tip.pipe.radius)
     way, radius = float(rng.uniform(0, 2 * np.pi)), tip.pipe.radius
     beside = BESIDE * np.array([math.cos(way), math.sin(way)])
     hole = Bore(float(phi - beside[0] / radius), float(z - beside[1]), 1e-3)
@@ -162,16 +166,15 @@ def touch_figures(touches: Sequence[Touch]) -> dict[str, Any]:
     }
 
 
-_DARKER = 0.8
-"""Share of the grey level around it below which a mark is seen: four times the noise."""
 
-
-def _within_stroke(control: HeadControl, rng: np.random.Generator) -> FloatArray:
-    """Draw angles (2,) that the identified wires reach."""
+def within_stroke(
+    control: HeadControl, rng: np.random.Generator, away: tuple[float, float] = AWAY
+) -> FloatArray:
+    """Draw angles (2,) that the identified wires reach, at a deflection within a range in degrees."""
     top = [axis.observer.wire.operator.range[1] for axis in control.axes]
     while True:
-        away, way = np.radians(rng.uniform(*_AWAY)), float(rng.uniform(0, 2 * np.pi))
-        aim = away * np.array([np.cos(way), np.sin(way)])
+        far, way = np.radians(rng.uniform(*away)), float(rng.uniform(0, 2 * np.pi))
+        aim = far * np.array([np.cos(way), np.sin(way)])
         own = np.linalg.solve(np.asarray(control.coupling), np.degrees(aim + STRAIGHT))
         if (own < STROKE_SHARE * np.array(top)).all():
             return np.asarray(aim)

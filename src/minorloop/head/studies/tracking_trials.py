@@ -8,6 +8,7 @@ figures are at the scale of a 320 by 240 image.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence as Many
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -187,7 +188,12 @@ def follow(sequence: Sequence) -> list[Followed]:
     return found
 
 
-def tracking_figures(followed: list[Followed]) -> dict[str, Any]:
+def run_tracking(seed: int) -> list[Followed]:
+    """Follow the points of one sequence of each wall."""
+    return [each for kind in WALLS for each in follow(draw_sequence(kind, seed))]
+
+
+def tracking_figures(followed: Many[Followed]) -> dict[str, Any]:
     """Return the errors of holes, and those of plain wall while it counted as tracked."""
     holes = [each for each in followed if each.hole]
     walls = [each for each in followed if not each.hole]
@@ -201,29 +207,27 @@ def tracking_figures(followed: list[Followed]) -> dict[str, Any]:
     }
 
 
-def _quantile(points: list[Followed], share: float) -> float:
+def _quantile(points: Many[Followed], share: float) -> float:
     errors = [each.error[each.tracked] for each in points]
     together = np.concatenate(errors) if errors else np.empty(0)
     return float(np.quantile(together, share, method="higher")) if together.size else math.nan
 
 
-def _lost(points: list[Followed]) -> float:
+def _lost(points: Many[Followed]) -> float:
     shown = [~each.tracked[each.shown] for each in points]
     together = np.concatenate(shown) if shown else np.empty(0)
     return float(together.mean()) if together.size else math.nan
 
 
 def _expose(camera: Camera, aim: FloatArray, focus: float) -> None:
-    """Set focus and gain as metering does."""
+    """Set focus and gain as metering does; the focus arrives meanwhile."""
     camera.look(*aim.tolist())
     camera.focus_at(LIMITS.focus(focus))
     gain = 1.0
-    for _ in range(6):
+    for _ in range(8):
         camera.expose(LIMITS.exposure, gain)
         mean = max(float(camera.frame().image.mean()), 1.0)
         gain = float(np.clip(gain * (LIMITS.grey / mean) ** 0.7, 0.1, LIMITS.most_gain))
-    for _ in range(20):
-        camera._advance(INTERVAL)
 
 
 def _switch(camera: Camera, n: int) -> None:

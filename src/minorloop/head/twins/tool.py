@@ -50,6 +50,7 @@ class MicroTool(Mounted):
         self._tool, self.calibration = _specimen(design, specimen)
         self._extension = self._wanted = 0.0
         self.touching = False
+        self.touches: list[tuple[float, float]] = []
         self.marks: list[tuple[float, float]] = []
 
     @property
@@ -79,7 +80,10 @@ class MicroTool(Mounted):
         phi, z, free = self._met()
         was, self.touching = self.touching, moved >= free
         self._extension = min(moved, free)
-        if self.touching and not was and self._bore_at(phi, z) is None:
+        if not self.touching or was:
+            return
+        self.touches.append((phi, z))
+        if self._bore_at(phi, z) is None:
             self.marks.append((phi, z))
             dot = Dirt(phi, z, MARK_RADIUS, MARK_ALBEDO, softness=0.03e-3, raggedness=0.0)
             self.pipe = replace(self.pipe, dirt=(*self.pipe.dirt, dot))

@@ -55,7 +55,7 @@ def outline_about(
     camera: CalibratedCamera,
     pixel: npt.ArrayLike,
     *,
-    reach: float = 0.8e-3,
+    reach: float = 1.2e-3,
 ) -> Outline | None:
     """Return the best round outline near a pixel of the last frame.
 
