@@ -40,7 +40,11 @@ class Bench(Loop):
         super().__init__(place=CATHETER, share=0.5)
         hole = Bore(*PLACE, 1e-3)
         pipe = replace(Pipe.draw(1), bores=(hole,))
-        self.tip, self.blind, self.ticks = SimulatedTip(pipe, mount=replace(MOUNT, advance=0)), blind, 0
+        self.tip, self.blind, self.ticks = (
+            SimulatedTip(pipe, mount=replace(MOUNT, advance=0)),
+            blind,
+            0,
+        )
 
     def reading(self, request=None):
         request = request or Request()
@@ -107,7 +111,9 @@ def test_a_place_out_of_reach_and_a_head_without_a_tool_are_said():
 
 
 def test_the_tool_meets_the_wall_where_it_is_seen():
-    angles = Tool().aim(CALIBRATED.mount_at(CATHETER), PLACE, 10e-3, aim_at(CALIBRATED, PLACE, CATHETER))
+    angles = Tool().aim(
+        CALIBRATED.mount_at(CATHETER), PLACE, 10e-3, aim_at(CALIBRATED, PLACE, CATHETER)
+    )
     assert tool_pixel(CALIBRATED, Tool(), CATHETER, angles) == pytest.approx(
         eye().pixel(PLACE, *angles)
     )

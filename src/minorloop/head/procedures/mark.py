@@ -33,7 +33,7 @@ TOUCHED, NO_TOOL, BEYOND = "touched", "no tool", "out of reach of the tool"
 NO_CONTACT, UNSTEADY = "no contact", "not steady enough to touch"
 """Verdicts; others are those of the tracker."""
 _MOST_LEAN = math.radians(2.0)
-"""Largest angle that is added for a head that stays off: what wires leave where their model errs."""
+"""Largest angle that is added for a head that stays off, as wires do whose model errs."""
 
 MarkStage: TypeAlias = Literal["turn", "meter", "outline", "aim", "near", "contact", "withdraw"]
 
@@ -202,9 +202,7 @@ class Marking(Procedure[MarkState]):
     def _outline(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
         """Find the outline of the feature from here, and begin to track it."""
         acquisition = Acquisition()
-        frames, request = acquisition.step(
-            state.frames or acquisition.begin(state.gain), reading
-        )
+        frames, request = acquisition.step(state.frames or acquisition.begin(state.gain), reading)
         state = replace(state, frames=frames)
         if not frames.done:
             return state, request
@@ -259,9 +257,7 @@ class Marking(Procedure[MarkState]):
         before = angles if state.wanted is None else state.wanted - state.lean
         wanted = before + self.share * (angles - before) + lean
         near = held_since(state.near_since, reading.t, float(np.hypot(*smooth)) < self.close)
-        return replace(
-            state, wanted=CONE.clip(wanted), lean=lean, off=smooth, near_since=near
-        )
+        return replace(state, wanted=CONE.clip(wanted), lean=lean, off=smooth, near_since=near)
 
     def _moved(
         self, state: MarkState, tool: Tool, place: FloatArray, reading: Reading
@@ -269,7 +265,8 @@ class Marking(Procedure[MarkState]):
         """Extend the tool to the next stop, or touch."""
         mount = self.calibration.mount_at(reading.place)
         try:
-            *hit, free = tool.meet(mount, *reading.angles.tolist(), self.calibration.radius)
+            pan, tilt = reading.angles.tolist()
+            *hit, free = tool.meet(mount, pan, tilt, self.calibration.radius).tolist()
         except ParameterError:
             return state, self._request(state)
         still = state.near_since is not None and passed(state.near_since, reading.t, self.still)
@@ -292,7 +289,8 @@ class Marking(Procedure[MarkState]):
 
     def _target(self, place: FloatArray, state: MarkState) -> FloatArray:
         """Return phi and z of the point to be touched, beside a place."""
-        return place + state.beside / np.array([self.calibration.radius, 1.0])
+        metres = np.array([self.calibration.radius, 1.0])
+        return np.asarray(place + state.beside / metres)
 
     def _angles(
         self, tool: Tool, place: FloatArray, catheter: npt.ArrayLike, guess: FloatArray
@@ -302,6 +300,6 @@ class Marking(Procedure[MarkState]):
         angles = tool.aim(mount, place, self.calibration.radius, guess)
         if angles is None or not np.hypot(*angles) <= CONE.half:
             return None
-        _, _, length = tool.meet(mount, *angles.tolist(), self.calibration.radius)
+        pan, tilt = angles.tolist()
+        _, _, length = tool.meet(mount, pan, tilt, self.calibration.radius).tolist()
         return angles if length + self.gap <= tool.longest else None
-

@@ -33,8 +33,8 @@ from minorloop.head.studies.mission_steps import (
     search,
     touch,
 )
-from minorloop.head.studies.ultrasonic_scan import drain, fused_wall, ring_of, scan, sweep
 from minorloop.head.studies.touch_trials import WITHIN
+from minorloop.head.studies.ultrasonic_scan import drain, fused_wall, ring_of, scan, sweep
 from minorloop.head.twins.pipe import Bore, Crack
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit
 from minorloop.head.ultrasound.profile import Profile

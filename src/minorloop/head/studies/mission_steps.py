@@ -133,7 +133,7 @@ def touch(rig: InspectionRig, hole: Hole) -> Image:
     """
     marking, home = Marking(calibration=rig.calibration), rig.place
     for by in STEPS:
-        place = home + (by, 0.0)
+        place = home + np.array([by, 0.0])
         if place[0] >= FIRST and marking.reaches(hole.place, place):
             if by:
                 go(rig, place=place)

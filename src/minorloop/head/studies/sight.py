@@ -27,9 +27,7 @@ SIGHT_CLAIMS = (
         "tracked (Fig 14)",
         most=1.0,
     ),
-    Claim(
-        "the same: frames lost", "tracking.lost_fraction", "tracked (Fig 14)", most=0.01
-    ),
+    Claim("the same: frames lost", "tracking.lost_fraction", "tracked (Fig 14)", most=0.01),
     Claim(
         "plain wall, while tracked: error, 99th percentile [px]",
         "tracking.texture_error_px_p99",

@@ -69,7 +69,7 @@ class Picked:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A picture, the pixel (2,) where the hole is marked, NaN if it is not, and the true one (2,)."""
+    """A picture, the pixel (2,) where the hole is marked or NaN, and the true one (2,)."""
 
     image: npt.NDArray[np.uint8]
     marked: FloatArray
@@ -106,6 +106,7 @@ def run_pick(scene: Scene) -> Picked:
     rig = scene.rig()
     tip = rig.tip
     assert isinstance(tip, SimulatedTip)
+    assert isinstance(rig.plant, Rig)
     metering = Metering(calibration=rig.calibration)
     there = Go(still=math.inf, turning=APPROACH - metering.seconds)
     rig.run(there, there.begin(angles=scene.start))

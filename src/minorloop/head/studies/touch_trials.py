@@ -28,7 +28,7 @@ WITHIN = 0.3e-3
 less than a third of the hole that is marked."""
 TOUCHES = 3
 BESIDE = 1.2e-3
-"""Distance in metres of a mark from the middle of the hole: in the hole there is no wall to mark."""
+"""Distance in metres of a mark from the middle of the hole, in which there is no wall to mark."""
 OFF_PLACE = 0.1e-3
 """Standard deviation of the place of the hole as it is known before, in metres."""
 STROKE_SHARE = 0.93
@@ -85,7 +85,8 @@ def run_touch(seed: int, number: int, control: HeadControl) -> Touch:
     mount = Mount(offset=(x, y), roll=float(rng.uniform(-np.pi, np.pi)))
     aim = within_stroke(control, rng)
     tip = SimulatedTip(Pipe.draw(seed), mount=mount, specimen=seed, seed=seed + number)
-    phi, z, _ = scoring.true_tool(tip).meet(mount, *aim.tolist(), tip.pipe.radius)
+    pan, tilt = aim.tolist()
+    phi, z, _ = scoring.true_tool(tip).meet(mount, pan, tilt, tip.pipe.radius)
     way, radius = float(rng.uniform(0, 2 * np.pi)), tip.pipe.radius
     beside = BESIDE * np.array([math.cos(way), math.sin(way)])
     hole = Bore(float(phi - beside[0] / radius), float(z - beside[1]), 1e-3)
@@ -166,11 +167,10 @@ def touch_figures(touches: Sequence[Touch]) -> dict[str, Any]:
     }
 
 
-
 def within_stroke(
     control: HeadControl, rng: np.random.Generator, away: tuple[float, float] = AWAY
 ) -> FloatArray:
-    """Draw angles (2,) that the identified wires reach, at a deflection within a range in degrees."""
+    """Draw angles (2,) that the identified wires reach, at a deflection ``away`` in degrees."""
     top = [axis.observer.wire.operator.range[1] for axis in control.axes]
     while True:
         far, way = np.radians(rng.uniform(*away)), float(rng.uniform(0, 2 * np.pi))

@@ -1,4 +1,4 @@
-"""The tracker graded by the truth: a hole and pieces of plain wall, on walls that are hard to follow.
+"""The tracker graded by the truth: a hole and plain wall, on walls that are hard to follow.
 
 A head on a swaying base turns before a wall. The tracker gets the pictures and the readings of the
 joints; how far the point that it follows is from the true one is computed afterwards. All pixel
@@ -101,7 +101,7 @@ def wall_of(kind: str, seed: int, hole: Bore) -> Pipe:
         dull = replace(pipe.finish, stain=0.02, streak=0.01, brush=0.01)
         pipe = replace(pipe, finish=dull, dents=(), scratches=(), dirt=())
     if kind == "repeated":
-        steps = np.arange(-8, 9)
+        steps = range(-8, 9)
         spots = [
             Dirt(hole.phi + PITCH * i / pipe.radius, hole.z + PITCH * j, 0.35e-3, 0.5, 0.1e-3, 0.0)
             for i in steps
@@ -181,10 +181,9 @@ def follow(sequence: Sequence) -> list[Followed]:
             track, state = tracker.step(state, sequence.images[n], *sequence.angles[n].tolist())
             error[n] = 0.5 * math.dist(track.pixel, sequence.true[n, k])
             tracked[n] = track.verdict == TRACKED
-        inside = (sequence.true[1:, k] > _BORDER) & (sequence.true[1:, k] < edge)
-        found.append(
-            Followed(sequence.wall, k == 0, error[1:], tracked[1:], inside.all(axis=-1))
-        )
+        true = sequence.true[1:, k]
+        shown = np.asarray(((true > _BORDER) & (true < edge)).all(axis=-1))
+        found.append(Followed(sequence.wall, k == 0, error[1:], tracked[1:], shown))
     return found
 
 

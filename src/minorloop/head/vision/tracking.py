@@ -38,7 +38,12 @@ AMBIGUOUS, APART, JUMPED = "several alike", "apart from its surroundings", "jump
 """Verdicts of a step; others are those of ``frame_checks``."""
 
 _COARSE = 4  # texels in one of the coarsest search
-_BORDER = 4.0  # pixels
+_BORDER, _EDGE = 4.0, 45.0
+"""Distances from the edge of a frame in pixels within which a patch is out of view: nothing is
+searched, and plain wall is not followed, of which half of the patch is beyond the edge."""
+_RIDGE = 0.1
+"""Least share by which the agreement falls at 0.2 mm. In 889 frames of plain wall (seeds 1000 to
+1002) the errors are five times as large below it."""
 _FADE = 0.5  # damping of the drift
 _PLAIN = 1e-3
 """Standard deviation of the details of a patch below which there are none."""
@@ -396,7 +401,7 @@ class PatchTracker:
         verdict, score = TRACKED, float(best[2])
         if agreed.score < least or score < _HIDDEN * state.usual:
             verdict = self._loss_verdict(state.home, expected)
-        elif agreed.other > self.alone * agreed.score:
+        elif agreed.other > self.alone * agreed.score or agreed.drop < _RIDGE:
             verdict = AMBIGUOUS
         elif score < self.distinct:
             off = agreed.shift
@@ -404,6 +409,8 @@ class PatchTracker:
             verdict = APART
         place = state.home + off / np.array([self.camera.radius, 1.0])
         pixel = self.camera.pixel(place, *expected.tolist())
+        if verdict == TRACKED and score < self.surely and not self._inside(pixel, _EDGE):
+            verdict = OUT_OF_VIEW
         angles = None
         if verdict == TRACKED:
             angles = sighted_angles(self.camera, state.home, pixel, expected)
@@ -450,14 +457,16 @@ class PatchTracker:
 
     def _loss_verdict(self, place: FloatArray, angles: FloatArray) -> str:
         pixel = self.camera.pixel(place, *angles.tolist())
-        edge = np.array([self.camera.lens.width, self.camera.lens.height]) - _BORDER
-        inside = (pixel > _BORDER).all() and (pixel < edge).all()
-        return LOST if inside else OUT_OF_VIEW
+        return LOST if self._inside(pixel, _BORDER) else OUT_OF_VIEW
+
+    def _inside(self, pixel: FloatArray, border: float) -> bool:
+        edge = np.array([self.camera.lens.width, self.camera.lens.height]) - border
+        return bool((pixel > border).all() and (pixel < edge).all())
 
     def _not_seen(
         self, state: TrackState, given: FloatArray, verdict: str, score: float = math.nan
     ) -> tuple[Track, TrackState]:
-        """Return the track of a patch that stays where the angles, with their last error, put it."""
+        """Return the track of a patch that stays where angles and their last error put it."""
         turned, place, pixel = given + state.turn, state.place, np.full(2, np.nan)
         if self.camera.inside(*turned.tolist()):
             pixel = np.asarray(self.camera.pixel(state.home, *turned.tolist()))
