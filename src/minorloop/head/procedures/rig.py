@@ -107,7 +107,9 @@ class InspectionRig:
     def reading(self, request: Request = NOTHING) -> Reading:
         """Carry out a request on the tip and return the reading, with its frame and its burst."""
         apply_to_tip(self.tip, request)
-        tool = self.tip.tool_state() if isinstance(self.tip, ToolTip) else (0.0, False)
+        tool = (0.0, False)
+        if self.calibration.tool is not None and isinstance(self.tip, ToolTip):
+            tool = self.tip.tool_state()
         return Reading(
             t=self.t,
             angles=self.angles,
