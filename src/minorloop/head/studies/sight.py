@@ -42,6 +42,7 @@ SIGHT_CLAIMS = (
         most=1.0,
     ),
     Claim("the same: focus found, worst error [%]", "pick.focus_error_pct", "focused (5.2)"),
+    Claim("the same: focus not found", "pick.focus_failed", "focused (5.2)"),
     Claim(
         "insertion: strongest finding is the hole",
         "fig14.told_apart",

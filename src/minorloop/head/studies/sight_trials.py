@@ -231,6 +231,7 @@ def _turned(
 
 def sight_figures(picks: Sequence[Picked], insertions: Sequence[Insertion]) -> dict[str, Any]:
     """Return the figures of points picked by hand and of Fig 14."""
+    known = [abs(one.focus) for one in picks if math.isfinite(one.focus)]
     errors = [one.error[one.tracked] for one in insertions]
     tracked = np.concatenate([one.tracked for one in insertions])
     return {
@@ -239,7 +240,8 @@ def sight_figures(picks: Sequence[Picked], insertions: Sequence[Insertion]) -> d
             "outline_px": max(one.outlined for one in picks),
             "final_error_px": max(one.final for one in picks),
             "off_middle_px": max(one.off for one in picks),
-            "focus_error_pct": 100 * max(abs(one.focus) for one in picks),
+            "focus_error_pct": 100 * max(known, default=math.nan),
+            "focus_failed": len(picks) - len(known),
         },
         "fig14": {
             "told_apart": sum(one.told_apart for one in insertions) / len(AHEAD) / len(insertions),
