@@ -23,10 +23,10 @@ from minorloop.head.procedures.go import Go
 from minorloop.head.procedures.mark import aim_at
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.steps import go, meter, search
 from minorloop.head.procedures.values import Request
 from minorloop.head.studies import scoring
 from minorloop.head.studies.inspection_servo import APPROACH, Scene, Swinging
-from minorloop.head.studies.mission_steps import go, meter, search
 from minorloop.head.studies.touch_trials import within_stroke
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
