@@ -13,6 +13,7 @@ export interface Commands {
   measure(): void;
   depth(): void;
   sharpen(): void;
+  mark(): void;
   record(): void;
   take(): void;
 }
@@ -222,6 +223,7 @@ export class Hands {
       m: () => this.commands.measure(),
       e: () => this.commands.depth(),
       f: () => this.commands.sharpen(),
+      k: () => this.commands.mark(),
       r: () => this.commands.record(),
       t: () => this.commands.take(),
     };

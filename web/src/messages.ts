@@ -72,6 +72,14 @@ export interface Sharpen {
   grant: number;
 }
 
+/** Touch the tracked target with the micro-tool. */
+export interface Mark {
+  type: "mark";
+  seq: number;
+  t: number;
+  grant: number;
+}
+
 /** Measure the depth of a finding with the probe; of the newest finding without a number. */
 export interface Scan {
   type: "scan";
@@ -302,6 +310,6 @@ export interface ReplayEnded {
   type: "ended";
 }
 
-export type FromPage = Drive | SetMode | Pick | Measure | Focus | Find | Sharpen | Scan | RecordSession | Forget | Release | Take | Ping;
+export type FromPage = Drive | SetMode | Pick | Measure | Focus | Find | Sharpen | Mark | Scan | RecordSession | Forget | Release | Take | Ping;
 
 export type ToPage = Hello | LoopState | Controls | FindingList | RecordingStatus | Notice | Failed | Pong | SearchResult | FocusResult | ScanEnded | DepthProgress | ReplayEnded;

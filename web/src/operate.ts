@@ -76,6 +76,9 @@ const commands = {
   sharpen() {
     order("sharpen", {});
   },
+  mark() {
+    order("mark", {});
+  },
   record() {
     order("record", { on: recording === null });
   },
@@ -217,7 +220,7 @@ function showControls(): void {
   take.classList.toggle("leaving", mine);
   text("viewers", controls ? `${controls.viewers} ${controls.viewers === 1 ? "page" : "pages"}` : "");
   document.body.dataset.pilot = mine ? "yes" : "no";
-  for (const id of ["clutch", "measure", "record", "sharpen"]) byId<HTMLButtonElement>(id).disabled = !mine;
+  for (const id of ["clutch", "mark", "measure", "record", "sharpen"]) byId<HTMLButtonElement>(id).disabled = !mine;
   for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-mode]")) button.disabled = !mine;
 }
 
@@ -369,6 +372,7 @@ byId("take").onclick = commands.take;
 byId("measure").onclick = commands.measure;
 byId("depth").onclick = commands.depth;
 byId("sharpen").onclick = commands.sharpen;
+byId("mark").onclick = commands.mark;
 byId("record").onclick = commands.record;
 byId("menu").onclick = () => void showMenu();
 byId("source").onchange = () => void changeSource();

@@ -24,6 +24,10 @@ _NEWTON_STEPS = 40
 """Most steps of `Pinhole.undistort`. It takes 4 to 6 for coefficients from -0.5 to 0.3; the
 bound only ends a search that has no solution."""
 
+_TURN, _LONGEST_STEP, _ON_PLACE = 1e-6, 0.2, 1e-9
+"""Turn for a difference, longest Newton step, both in radians, and distance at which the tool is on
+its place, in metres."""
+
 
 def rotation_x(angle: float) -> FloatArray:
     """Return the (3, 3) rotation about x by an angle in radians."""
@@ -251,6 +255,105 @@ class Probe:
     def _direction(self) -> FloatArray:
         """(3,) direction of the beam in the camera."""
         return np.array([np.sin(self.squint), 0.0, np.cos(self.squint)])
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A micro-tool beside the lens, whose point extends along a straight line.
+
+    Parameters
+    ----------
+    offset : (float, float, float)
+        Of its point when it is drawn in, in the camera, in metres.
+    slope : (float, float)
+        Of its way: metres to the right and down for a metre along the optical axis.
+    longest : float
+        Longest extension, in metres.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite, or the longest extension not positive.
+
+    Notes
+    -----
+    With the default slope the way crosses the optical axis 35 mm ahead, so that the point of
+    contact is in view wherever the tool reaches the wall.
+    """
+
+    offset: tuple[float, float, float] = (0.0, 3.5e-3, 0.0)
+    slope: tuple[float, float] = (0.0, -0.1)
+    longest: float = 25e-3
+
+    def __post_init__(self) -> None:
+        for value in (*self.offset, *self.slope):
+            as_finite("offset or slope of the tool", value)
+        if not 0 < self.longest < np.inf:
+            raise ParameterError(
+                f"longest extension of the tool is {self.longest} m; give a positive length"
+            )
+
+    def meet(self, mount: Mount, pan: float, tilt: float, radius: float) -> FloatArray:
+        """Return phi, z and extension (3,) at which the tool meets the wall of a pipe.
+
+        Raises
+        ------
+        ParameterError
+            If its point is not inside the pipe when it is drawn in.
+        """
+        pose = mount.pose(pan, tilt)
+        way = np.array([*self.slope, 1.0])
+        start = pose.to_pipe(np.array(self.offset))
+        return meet_wall(start, pose.rotation @ (way / np.linalg.norm(way)), radius)
+
+    def aim(
+        self, mount: Mount, place: npt.ArrayLike, radius: float, guess: npt.ArrayLike
+    ) -> FloatArray | None:
+        """Return pan and tilt (2,) in radians at which the tool meets a place of the wall.
+
+        Parameters
+        ----------
+        mount : Mount
+        place : (2,) array_like
+            Phi and z.
+        radius : float
+            Of the pipe, in metres.
+        guess : (2,) array_like
+            Pan and tilt to begin from, in radians.
+
+        Returns
+        -------
+        (2,) array or None
+            None if no angles near the guess reach it.
+
+        Notes
+        -----
+        Newton's method with differences.
+        """
+        wanted, angles = np.asarray(place, dtype=np.float64), np.asarray(guess, dtype=np.float64)
+        try:
+            for _ in range(_NEWTON_STEPS):
+                off = self._off(mount, angles, wanted, radius)
+                if not np.isfinite(off).all():
+                    return None
+                if np.hypot(*off) < _ON_PLACE:
+                    return angles
+                columns = [
+                    (self._off(mount, angles + turn, wanted, radius) - off) / _TURN
+                    for turn in _TURN * np.eye(2)
+                ]
+                step = np.linalg.solve(np.stack(columns, axis=-1), -off)
+                angles = angles + step * min(1.0, _LONGEST_STEP / max(np.hypot(*step), 1e-12))
+        except (ParameterError, np.linalg.LinAlgError):
+            return None
+        return None
+
+    def _off(
+        self, mount: Mount, angles: FloatArray, place: FloatArray, radius: float
+    ) -> FloatArray:
+        """Return where the tool meets the wall less a place, in metres around and along."""
+        phi, z, _ = self.meet(mount, float(angles[0]), float(angles[1]), radius)
+        return np.array([radius * float(wrapped(phi - place[0])), z - place[1]])
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -408,3 +409,40 @@ def test_pages_are_sent_planes_and_memory():
     assert state["late"] == 1.0
     assert state["received"]["seq"] == pilot.seq
     assert AHEAD[3] == 1.0
+
+
+def numbers_of(pilot, name):
+    """Numbers of all commands of a name."""
+    every = [command for request in pilot.camera.requests for command in request.commands]
+    return [numbers for one, numbers in every if one == name]
+
+
+def test_the_tool_is_turned_to_the_target_extended_and_withdrawn():
+    pilot = Pilot().following((319.5, 239.5))
+    pilot.order(messages.Mark)
+    pilot.drive(20)
+    assert numbers_of(pilot, "extend") == []  # the middle is not where the tool meets the wall
+    for _ in range(20):
+        u, v = pilot.session._tool_pixel()
+        pilot.camera.target = (float(u), float(v), 1.0, True)
+        pilot.drive()
+    ((length,),) = numbers_of(pilot, "extend")
+    assert 8e-3 < length <= pilot.session.view.tool.longest
+    pilot.camera.events = [{"what": "touched"}]
+    pilot.drive(2)
+    assert numbers_of(pilot, "extend")[-1] == [0.0]
+    assert pilot.session._marking == ""
+
+
+def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_stopped():
+    pilot = Pilot().steering()
+    pilot.order(messages.Mark)
+    assert b"no target is tracked" in pilot.session.events[-1]
+    pilot = Pilot().following()
+    pilot.order(messages.Mark)
+    pilot.mode("HOLD")
+    pilot.drive(2)
+    assert any(b"the mark was stopped" in event for event in pilot.session.events)
+    pilot.session.view = replace(pilot.session.view, tool=None)
+    pilot.order(messages.Mark)
+    assert b"no micro-tool" in pilot.session.events[-1]

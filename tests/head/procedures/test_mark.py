@@ -1,14 +1,29 @@
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
 
-from minorloop.head.geometry import wall_point
+from minorloop.head.geometry import Tool, wall_distance
 from minorloop.head.procedures.centre import CONE
 from minorloop.head.procedures.go import Go
-from minorloop.head.procedures.mark import APPROACH, Marking, aim_at
+from minorloop.head.procedures.mark import (
+    BEYOND,
+    NO_TOOL,
+    TOUCHED,
+    Marking,
+    aim_at,
+    tool_pixel,
+)
+from minorloop.head.procedures.values import Request
+from minorloop.head.twins.pipe import Bore, Pipe
+from minorloop.head.twins.rig import SimulatedTip
 
-from .fakes import CALIBRATION, Loop, eye
+from .fakes import CALIBRATION, MOUNT, Loop, eye
 
-PLACE, CATHETER = (0.5, 20e-3), (1e-3, 0.0)
+PLACE, CATHETER = (0.5, 24e-3), (1e-3, 0.0)
+CALIBRATED = replace(CALIBRATION, tool=Tool())
+BESIDE = (0.0, -1.2e-3)
 
 
 def test_an_aim_looks_at_its_place_or_stops_at_the_cone():
@@ -18,12 +33,88 @@ def test_an_aim_looks_at_its_place_or_stops_at_the_cone():
     assert np.hypot(*near) == pytest.approx(CONE.half)
 
 
-def test_a_mark_turns_part_of_the_way_meters_and_centres():
-    loop = Loop(place=CATHETER, sees=True)
-    marking = Marking(calibration=CALIBRATION, go=Go(still=0.08))
-    state = loop.run(marking, marking.begin(PLACE))
-    assert (state.go.done, state.meter.done, state.centre.done) == (True, True, True)
-    turned = next(request.angles for request in loop.asked if request.angles is not None)
-    full = np.array(eye().mount.aim(wall_point(*PLACE, 10e-3)))
-    assert turned == pytest.approx(APPROACH * full)
+class Bench(Loop):
+    """A head that follows at once, with the tip of the twin; ``blind`` frames are black."""
+
+    def __init__(self, blind=()):
+        super().__init__(place=CATHETER, share=0.5)
+        hole = Bore(*PLACE, 1e-3)
+        pipe = replace(Pipe.draw(1), bores=(hole,))
+        self.tip, self.blind, self.ticks = (
+            SimulatedTip(pipe, mount=replace(MOUNT, advance=0)),
+            blind,
+            0,
+        )
+
+    def reading(self, request=None):
+        request = request or Request()
+        self.ticks += 1
+        reading = super().reading(replace(request, frame=False))
+        self.tip.move_to((*self.angles, 0.0, 0.0, *self.place))
+        for name, send in (("lights", self.tip.switch), ("focus", self.tip.focus_at),
+                           ("extension", self.tip.extend)):  # fmt: skip
+            if getattr(request, name) is not None:
+                send(getattr(request, name))
+        if request.exposure is not None:
+            self.tip.expose(*request.exposure)
+        image = self.tip.frame().image if request.frame else None
+        if image is not None and self.ticks in self.blind:
+            image = np.zeros_like(image)
+        extension, touching = self.tip.tool_state()
+        return replace(reading, image=image, extension=extension, touching=touching)
+
+
+@cache
+def touched(blind=()):
+    bench = Bench(blind)
+    marking = Marking(calibration=CALIBRATED, go=Go(still=0.08))
+    return bench, bench.run(marking, marking.begin(PLACE, beside=BESIDE))
+
+
+def test_the_tool_and_not_the_axis_is_turned_to_a_place_and_leaves_a_mark():
+    bench, state = touched()
+    assert (state.verdict, state.outlined) == (TOUCHED, True)
+    wanted = PLACE + BESIDE / np.array([10e-3, 1.0])
+    assert wall_distance(bench.tip.tool.marks[-1], wanted, 10e-3) < 0.1e-3
+    assert wall_distance(state.touch, wanted, 10e-3) < 0.1e-3
+    axis = eye().place(eye().lens.centre, *bench.angles)
+    assert wall_distance(axis, wanted, 10e-3) > 1e-3
+    assert bench.tip.tool.extension == 0.0
     assert state.gain != 1.0
+
+
+def test_a_mark_is_seen_in_the_next_picture():
+    bench, _ = touched()
+    bench.tip.switch((True,) * 3)
+    u, v = np.rint(eye().pixel(bench.tip.tool.marks[-1], *bench.angles)).astype(int)
+    image = bench.reading(Request(frame=True)).image.astype(float)
+    assert image[v, u] < 0.7 * np.median(image[v - 16 : v + 17, u - 16 : u + 17])
+
+
+def test_it_waits_while_it_sees_nothing_and_goes_on_when_it_sees_again():
+    first = touched()[0].ticks
+    blind = tuple(range(first - 60, first - 40))
+    bench, state = touched(blind)
+    assert state.verdict == TOUCHED
+    assert bench.ticks > first
+    assert len(bench.tip.tool.marks) == 1
+
+
+def test_a_place_out_of_reach_and_a_head_without_a_tool_are_said():
+    loop = Loop(place=CATHETER)
+    marking = Marking(calibration=CALIBRATED)
+    assert not marking.reaches((0.5, 8e-3), CATHETER)
+    assert marking.reaches(PLACE, CATHETER)
+    assert loop.run(marking, marking.begin((0.5, 8e-3))).verdict == BEYOND
+    bare = Marking(calibration=CALIBRATION)
+    assert loop.run(bare, bare.begin(PLACE)).verdict == NO_TOOL
+
+
+def test_the_tool_meets_the_wall_where_it_is_seen():
+    angles = Tool().aim(
+        CALIBRATED.mount_at(CATHETER), PLACE, 10e-3, aim_at(CALIBRATED, PLACE, CATHETER)
+    )
+    assert tool_pixel(CALIBRATED, Tool(), CATHETER, angles) == pytest.approx(
+        eye().pixel(PLACE, *angles)
+    )
+    assert np.isnan(tool_pixel(CALIBRATED, Tool(offset=(0.0, 9.9e-3, 0.0)), CATHETER, angles)).all()

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from minorloop.head.studies import head, head_report
+from minorloop.head.studies import head, head_report, touch_trials, tracking_trials
 from minorloop.head.studies.head_loop import circle, constant, ramps, run_loop, stairs
 from minorloop.head.twins.surroundings import Course, Surroundings
 from minorloop.studies.claims import claim_table
@@ -21,6 +21,9 @@ def study():
     with pytest.MonkeyPatch.context() as patch:
         for name, value in shorter.items():
             patch.setattr(head, name, value)
+        patch.setattr(tracking_trials, "WALLS", ("drawn", "repeated"))
+        patch.setattr(tracking_trials, "FRAMES", 16)
+        patch.setattr(touch_trials, "TOUCHES", 1)
         yield head.run_study(1)
 
 

@@ -65,7 +65,8 @@ def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
     assert figures["measured"]
     assert figures["position_mm"] <= 0.3
     assert figures["depth_error_mm"] <= 0.1
-    assert figures["touch_mm"] <= 1.0
+    assert figures["touched"]
+    assert figures["touch_mm"] <= 0.3
     assert mission.wall.depth.max() == pytest.approx(mission.truth.depth, rel=0.1)
     assert figures["water_error_mm"] <= 1.0
     assert set(np.unique(mission.ring.source)) == {UNSEEN, CAMERA, ECHOES, BOTH}

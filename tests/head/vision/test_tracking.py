@@ -138,3 +138,95 @@ def test_angles_that_no_head_in_the_pipe_has_lose_the_piece():
     _, state = begin()
     track, _ = replace(TRACKER, camera=camera).step(state, photograph(*AIM, seed=3), 1.5, 0.0)
     assert track.verdict == "lost"
+
+
+def distance(track, angles):
+    return np.hypot(*(track.pixel - CAMERA.pixel(PLACE, *angles)))
+
+
+def test_a_reflection_that_moves_with_the_head_is_not_followed():
+    def with_reflection(angles, seed):
+        image = photograph(*angles, seed=seed).astype(float)
+        v, u = np.mgrid[0:480, 0:640]
+        image += 120 * np.exp(-((u - 330) ** 2 + (v - 250) ** 2) / 2 / 14**2)
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    _, state = TRACKER.begin(with_reflection(AIM, 0), CAMERA.pixel(PLACE, *AIM), *AIM)
+    seen = 0
+    for n in range(1, 16):
+        angles = AIM + 0.012 * n * np.array([1.0, 0.4])
+        track, state = TRACKER.step(state, with_reflection(angles, n), *angles)
+        if track.verdict == "tracked":
+            seen += 1
+            assert distance(track, angles) < 2.0
+    assert seen > 10
+
+
+def test_a_patch_that_is_covered_is_lost_though_its_surroundings_are_seen():
+    _, state = begin()
+    for n in range(1, 4):
+        _, state = TRACKER.step(state, photograph(*AIM, seed=n), *AIM)
+    covered = photograph(*AIM, seed=9).copy()
+    u, v = np.rint(CAMERA.pixel(PLACE, *AIM)).astype(int)
+    rng = np.random.default_rng(0)
+    covered[v - 60 : v + 60, u - 60 : u + 60] = rng.integers(90, 110, (120, 120))
+    track, state = TRACKER.step(state, covered, *AIM)
+    assert track.verdict == "lost"
+    assert distance(track, AIM) < 2
+    track, _ = TRACKER.step(state, photograph(*AIM, seed=10), *AIM)
+    assert track.verdict == "tracked"
+
+
+def test_a_frame_that_is_late_by_half_a_second_is_not_believed():
+    _, state = begin()
+    before = AIM - np.array([0.05, 0.03])  # 0.5 s ago at 7 degrees a second
+    track, state = TRACKER.step(state, photograph(*before, seed=1), *AIM)
+    assert track.verdict != "tracked"
+    track, state = TRACKER.step(state, photograph(*AIM, seed=2), *AIM)
+    assert track.verdict == "tracked"
+    assert distance(track, AIM) < 0.3
+
+
+def test_a_jump_that_stays_is_believed():
+    _, state = begin()
+    told, verdicts = AIM + np.array([0.035, 0.0]), []
+    for n in range(1, 4):
+        track, state = TRACKER.step(state, photograph(*AIM, seed=n), *told)
+        verdicts.append(track.verdict)
+    assert verdicts[0] == "jumped"
+    assert verdicts[-1] == "tracked"
+    assert distance(track, AIM) < 2
+
+
+def test_a_mirror_image_is_not_taken_for_the_wall():
+    _, state = begin()
+    mirrored = np.ascontiguousarray(photograph(*AIM, seed=1)[:, ::-1])
+    track, state = TRACKER.step(state, mirrored, *AIM)
+    assert track.verdict != "tracked"
+    assert TRACKER.step(state, photograph(*AIM, seed=2), *AIM)[0].verdict == "tracked"
+
+
+def test_a_lens_that_is_fouled_on_one_side_leaves_the_other():
+    _, state = begin()
+    for n in range(1, 6):
+        fouled = photograph(*AIM, seed=n).copy()
+        rng = np.random.default_rng(n)
+        fouled[:, 350:] = rng.integers(20, 26, fouled[:, 350:].shape)
+        track, state = TRACKER.step(state, fouled, *AIM)
+        assert track.verdict == "lost" or distance(track, AIM) < 1.5
+    track, _ = TRACKER.step(state, photograph(*AIM, seed=9), *AIM)
+    assert track.verdict == "tracked"
+
+
+def test_one_of_many_equal_spots_is_never_taken_for_another():
+    def spots(phi, z):
+        x, y = 10e-3 * phi, np.asarray(z)
+        return 0.5 + 0.4 * np.cos(2 * np.pi * x / 1.5e-3) * np.cos(2 * np.pi * y / 1.5e-3)
+
+    _, state = TRACKER.begin(photograph(*AIM, spots), CAMERA.pixel(PLACE, *AIM), *AIM)
+    dark = np.zeros((480, 640), np.uint8)
+    for n, turn in enumerate((0.0, 0.01, 0.05, 0.06, 0.0), start=1):
+        _, state = TRACKER.step(state, dark, *AIM)
+        told = AIM + np.array([turn, 0.0])
+        track, state = TRACKER.step(state, photograph(*AIM, spots, seed=n), *told)
+        assert track.verdict != "tracked" or distance(track, AIM) < 4

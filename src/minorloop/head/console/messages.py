@@ -105,6 +105,10 @@ class Sharpen(_Order, frozen=True, kw_only=True):
     """Focus on the tracked target."""
 
 
+class Mark(_Order, frozen=True, kw_only=True):
+    """Touch the tracked target with the micro-tool."""
+
+
 class Scan(_Order, frozen=True, kw_only=True):
     """Measure the depth of a finding with the probe; of the newest finding without a number."""
 
@@ -379,6 +383,7 @@ Order: TypeAlias = (
     | Focus
     | Find
     | Sharpen
+    | Mark
     | Scan
     | RecordSession
     | Forget

@@ -31,6 +31,7 @@ from minorloop.head.procedures.values import (
     Reading,
     Request,
     Tip,
+    ToolTip,
     apply_to_tip,
 )
 from minorloop.head.vision.calibrated_camera import Image
@@ -90,6 +91,7 @@ class Perception:
         self._all_lights = True
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
         self._ticks = 0
+        self._extending = 0.0
         self._queue: list[Callable[[], None]] = []
         self._echoes: ScanEchoes | None = None
         self._position: Position = (0.0, 0.0, 0.0, 0.0)
@@ -104,6 +106,7 @@ class Perception:
             "autofocus": self._autofocus,
             "sharpen": self._sharpen,
             "extract": self._extract,
+            "extend": self._extend,
             "begin_scan": self._begin_scan,
             "fire": self._fire,
             "finish_scan": self._finish_scan,
@@ -135,6 +138,7 @@ class Perception:
         self.taken = request.t if self._newest is None or frame is None else frame.t
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
+        self._watch_tool()
         events, self._events = self._events, []
         self._ticks += 1
         return CameraReport(
@@ -204,6 +208,8 @@ class Perception:
             if math.hypot(spot[0] - u, spot[1] - v) < max(_SNAP, 0.7 * spot[2]):
                 pixel = np.array(spot[:2])
                 break
+        else:
+            pixel = self._centring.outlined(reading.image, pixel, reading)
         track, self._track = self._centring.pick(reading.image, pixel, reading)
         self._visible, self._score = True, track.score
         self._report("picked")
@@ -277,6 +283,21 @@ class Perception:
     def _sharpened(self, state: Any) -> None:
         self._set_autofocus(False)
         self._report("focused", distance=float(state.found.distance), verdict=state.found.verdict)
+
+    # --- the micro-tool
+
+    def _extend(self, length: float) -> None:
+        """Extend the tool, or withdraw it."""
+        self._extending = length
+        apply_to_tip(self._tip, Request(extension=length))
+
+    def _watch_tool(self) -> None:
+        """Report once that the tool touches the wall, or that it does not meet it."""
+        if self._extending and isinstance(self._tip, ToolTip):
+            extension, touching = self._tip.tool_state()
+            if touching or extension >= self._extending:
+                self._extending = 0.0
+                self._report("touched" if touching else "no contact")
 
     # --- defects
 

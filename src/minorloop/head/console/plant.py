@@ -152,6 +152,7 @@ def open_tip(
         radius=pipe.radius + float(rng.normal(0.0, _RADIUS)),
         thickness=pipe.thickness * float(rng.uniform(1 - _THICKNESS, 1 + _THICKNESS)),
         temperature=ROOM_TEMPERATURE + float(rng.normal(0.0, _TEMPERATURE)),
+        tool=tip.tool.calibration,
     )
     return tip, view
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -30,7 +30,8 @@ from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
-from minorloop.head.procedures.values import Plant, Reading, passed
+from minorloop.head.procedures.mark import Marking, tool_pixel
+from minorloop.head.procedures.values import Plant, Reading, held_since, passed
 
 _LOST_TICKS = 3
 """Ticks without a reading after which a sensor counts as lost."""
@@ -93,6 +94,8 @@ class Session:
         self.scan: ConsoleScan | None = None
         self._commands: list[CameraCommand] = []
         self._centred_at: float | None = None
+        self._marking: Literal["", "aim", "touch"] = ""
+        self._aimed_at: float | None = None
         self.focus: str = ""
         self._centring = Centring(calibration=self.view, interval=self.interval)
         self.events: list[bytes] = []
@@ -120,6 +123,8 @@ class Session:
             self._command("find")
         elif isinstance(message, messages.Sharpen):
             self._command("sharpen")
+        elif isinstance(message, messages.Mark):
+            self._begin_mark()
         elif isinstance(message, messages.Scan):
             self._begin_scan(message.finding)
         elif isinstance(message, messages.DepthFitted):
@@ -325,9 +330,65 @@ class Session:
                 self._extracted(event)
             elif kind == "burst" and self.scan is not None:
                 self.scan = replace(self.scan, fired=True)
+            elif kind in ("touched", "no contact"):
+                self._end_mark(f"the tool was withdrawn: {kind}")
             elif kind == "found":
                 self._send(messages.SearchResult(count=event["count"], verdict=event["verdict"]))
         self._watch_centre()
+        self._watch_mark()
+
+    # --- the micro-tool
+
+    def _begin_mark(self) -> None:
+        """Turn the tool to the target."""
+        target = self.seen.target
+        if self.view.tool is None:
+            self.notice("this head has no micro-tool; nothing can be marked with it")
+        elif self.state.mode != "TRACK" or target is None or not target[3]:
+            self.notice("no target is tracked; pick a point and press Track, then Mark")
+        elif not np.isfinite(self._tool_pixel()).all():
+            self.notice("the tool does not reach the wall from here; move the catheter")
+        else:
+            self._marking, self._aimed_at = "aim", None
+
+    def _watch_mark(self) -> None:
+        """Extend the tool once it has pointed at the target for long enough, or withdraw it."""
+        if not self._marking:
+            return
+        target = self.seen.target
+        if self.state.mode != "TRACK":
+            self._end_mark("the mark was stopped; press Track, then Mark to start it again")
+            return
+        seen = target is not None and bool(target[3]) and self._fresh()
+        off = math.dist(target[:2], self._tool_pixel()) if target is not None and seen else math.inf
+        self._aimed_at = held_since(self._aimed_at, self._t, off < self._centring.in_middle)
+        if self._marking == "aim" and self._aimed_at is not None:
+            if passed(self._aimed_at, self._t, self._centring.still):
+                self._marking = "touch"
+                self._command("extend", self._tool_length())
+        elif self._marking == "touch" and not seen:
+            self._marking, self._aimed_at = "aim", None
+            self._command("extend", 0.0)
+
+    def _end_mark(self, sentence: str) -> None:
+        self._marking = ""
+        self._command("extend", 0.0)
+        self.notice(sentence)
+
+    def _tool_pixel(self) -> FloatArray:
+        """Return the pixel (2,) at which the tool would meet the wall."""
+        assert self.view.tool is not None
+        now = self._reading()
+        return tool_pixel(self.view, self.view.tool, now.place, now.angles)
+
+    def _tool_length(self) -> float:
+        """Return the extension in metres at which there is no contact, behind the wall."""
+        assert self.view.tool is not None
+        now = self._reading()
+        pan, tilt = now.angles.tolist()
+        mount = self.view.mount_at(now.place)
+        length = float(self.view.tool.meet(mount, pan, tilt, self.view.radius)[2])
+        return min(length + Marking.beyond, self.view.tool.longest)
 
     def _fresh(self) -> bool:
         return self.ticks - self.seen.number < _STALE_TICKS
@@ -337,7 +398,10 @@ class Session:
         target = self.seen.target
         if target is None or not target[3] or not self._fresh():
             return None
-        step = self._centring.turn(self.state.command, target[:2], self._reading())
+        pixel = np.asarray(target[:2])
+        if self._marking:  # the place goes to where the tool meets the wall, not to the middle
+            pixel = pixel - self._tool_pixel() + np.asarray(self.view.lens.centre)
+        step = self._centring.turn(self.state.command, pixel, self._reading())
         return float(step.rates[0]), float(step.rates[1])
 
     def _watch_centre(self) -> None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
-from minorloop.head.geometry import Mount, Pinhole, Probe
+from minorloop.head.geometry import Mount, Pinhole, Probe, Tool
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 
@@ -51,6 +51,8 @@ class HeadCalibration:
     latency : float
         Longest time in seconds from the exposure of a picture to its arrival. Pictures that arrive
         within it after the lights were switched may show the lights before.
+    tool : Tool, optional
+        The micro-tool beside the lens; None on a head without one.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class HeadCalibration:
     squint: float = 0.0
     camera_roll: float = 0.0
     latency: float = 0.04
+    tool: Tool | None = None
 
     def __post_init__(self) -> None:
         if self.leds.ndim != 2 or self.leds.shape[1] != 3 or not np.isfinite(self.leds).all():

@@ -18,6 +18,8 @@ from minorloop.head.procedures.values import Procedure, Reading, Request, held_s
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.hold import HoldState, PointHold
 from minorloop.head.vision.jacobian import wall_depth
+from minorloop.head.vision.recentre import outline_about
+from minorloop.head.vision.reflectance_map import LitFrame
 from minorloop.head.vision.servo import Cone, Servo, ServoStep
 from minorloop.head.vision.sighting import sighted_angles
 from minorloop.head.vision.tracking import TRACKED, PatchTracker, Track, TrackState
@@ -139,6 +141,16 @@ class Centring(Procedure[CentreState]):
         """
         pan, tilt = reading.angles.tolist()
         return self._tracker(reading).begin(image, pixel, pan, tilt)
+
+    def outlined(self, image: Image, pixel: npt.ArrayLike, reading: Reading) -> FloatArray:
+        """Return the middle (2,) of the round outline about a pixel; the pixel if there is none.
+
+        A person clicks some pixels beside what is meant.
+        """
+        clicked = np.asarray(pixel, dtype=np.float64)
+        frame = LitFrame(image, *reading.angles.tolist())
+        found = outline_about([frame], self.calibration.camera_at(reading.place), clicked)
+        return clicked if found is None else found.pixel
 
     def follow(self, track: TrackState, reading: Reading, image: Any) -> tuple[Track, TrackState]:
         """Track it in the next frame."""

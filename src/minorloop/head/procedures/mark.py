@@ -1,23 +1,41 @@
-"""Send the optical axis, along which the point of a tool goes, to a place of the wall."""
+"""Touch a place of the wall with the point of the micro-tool, which leaves a mark there.
+
+The tool is beside the lens, so that the head turns the tool to the place, not the optical axis.
+Picture and calibration give the pixel at which the tool would meet the wall; the head turns until
+the place, which is tracked, is at that pixel.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.geometry import wall_point
+from minorloop.errors import ParameterError, SignalError
+from minorloop.head.geometry import Tool, wall_point
 from minorloop.head.procedures.calibration import HeadCalibration
-from minorloop.head.procedures.centre import CONE, CentreState, Centring
+from minorloop.head.procedures.centre import CONE, NOT_IN_VIEW, Centring
+from minorloop.head.procedures.extract import Acquisition, AcquisitionState
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.meter import Metering, MeterState
-from minorloop.head.procedures.values import Procedure, Reading, Request
+from minorloop.head.procedures.values import Procedure, Reading, Request, held_since, passed
+from minorloop.head.vision.recentre import outline_about
+from minorloop.head.vision.tracking import TRACKED, TrackState
 
 APPROACH = 0.6
 """Share of the deflection to which the head turns before the servo takes over. The servo then
 approaches from the side of the axis and does not drive the head beyond the cone."""
+TOUCHED, NO_TOOL, BEYOND = "touched", "no tool", "out of reach of the tool"
+NO_CONTACT, UNSTEADY = "no contact", "not steady enough to touch"
+"""Verdicts; others are those of the tracker."""
+_MOST_LEAN = math.radians(2.0)
+"""Largest angle that is added for a head that stays off, as wires do whose model errs."""
+
+MarkStage: TypeAlias = Literal["turn", "meter", "outline", "aim", "near", "contact", "withdraw"]
 
 
 def aim_at(
@@ -40,44 +58,248 @@ def aim_at(
     return CONE.clip(share * np.array(calibration.mount_at(catheter).aim(point)))
 
 
+def tool_pixel(
+    calibration: HeadCalibration, tool: Tool, catheter: npt.ArrayLike, angles: npt.ArrayLike
+) -> FloatArray:
+    """Return the pixel (2,) at which a tool would meet the wall; NaN if its point is outside."""
+    camera, (pan, tilt) = calibration.camera_at(catheter), np.asarray(angles).tolist()
+    try:
+        phi, z, _ = tool.meet(camera.mount, pan, tilt, calibration.radius)
+    except ParameterError:
+        return np.full(2, np.nan)
+    return np.asarray(camera.pixel((phi, z), pan, tilt))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MarkState:
-    """The place (2,), phi and z, the gain of the camera, and the states of the parts."""
+    """State of a touch.
+
+    ``place`` (2,) is phi and z of the feature that is tracked, ``beside`` (2,) the metres around
+    and along the wall from there to the point that is touched, ``gain`` that of the camera.
+    ``stage`` began at ``since``. ``off`` (2,) is the smoothed distance of that point from where
+    the tool would meet the wall, in pixels, and ``lean`` (2,) the angles added to the wanted ones
+    to make up for a head that stays off. The point has been there without a break from
+    ``near_since``. ``verdict`` is empty until the end, or says what the touch waits for; ``touch``
+    (2,) is where the point touched by the picture, phi and z in the frame of ``place``.
+    """
 
     place: FloatArray
     gain: float
+    beside: FloatArray = field(default_factory=lambda: np.zeros(2))
+    stage: MarkStage = "turn"
+    since: float | None = None
     go: GoState | None = None
     meter: MeterState | None = None
-    centre: CentreState | None = None
+    frames: AcquisitionState | None = None
+    track: TrackState | None = None
+    outlined: bool = False
+    wanted: FloatArray | None = None
+    lean: FloatArray = field(default_factory=lambda: np.zeros(2))
+    off: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
+    near_since: float | None = None
+    extension: float = 0.0
+    touch: FloatArray | None = None
+    verdict: str = ""
     done: bool = False
+
+    @property
+    def error(self) -> float:
+        """Distance in pixels between the place and where the tool would meet the wall."""
+        return float(np.hypot(*self.off))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Marking(Procedure[MarkState]):
-    """Turn towards a place, meter the light, and centre it.
+    """Turn the tool to a place, extend it until it touches the wall, and withdraw it.
 
     Parameters
     ----------
     calibration : HeadCalibration
+        Without a tool the verdict is ``no tool``.
     go : Go
+        Of the turn.
+    close : float
+        Distance in pixels at which the tool touches: 1 of 640 is 0.03 mm across the way of the
+        tool and 0.07 mm along a wall that it meets at 25 degrees.
+    still : float
+        Seconds for which the place stays so near before the point moves on.
+    gap : float
+        Distance of the point from the wall in metres at which it waits for that again.
+    beyond : float
+        Metres behind the expected wall at which there is no contact: as deep as a pit may be.
+    share, lean : float
+        Weight of a frame in the wanted angles and the distance, and rate in 1/s at which a
+        remaining distance is made up for: as slow as the wires, which settle in some seconds.
+    patience : float
+        Longest duration of a stage in seconds; the tool is withdrawn then.
     """
 
     calibration: HeadCalibration
     go: Go = GO
+    close: float = 1.0
+    still: float = 0.44
+    gap: float = 1e-3
+    beyond: float = 2e-3
+    share: float = 0.2
+    lean: float = 0.4
+    patience: float = 15.0
 
-    def begin(self, place: npt.ArrayLike, gain: float = 1.0) -> MarkState:
-        """Return the state of a move of the axis to phi and z (2,), at a gain of the camera."""
-        return MarkState(place=np.asarray(place, dtype=np.float64), gain=gain)
+    def begin(
+        self, place: npt.ArrayLike, gain: float = 1.0, beside: npt.ArrayLike = (0.0, 0.0)
+    ) -> MarkState:
+        """Return the state of a touch of phi and z (2,), or beside it, at a gain of the camera."""
+        return MarkState(
+            place=np.asarray(place, dtype=np.float64),
+            gain=gain,
+            beside=np.asarray(beside, dtype=np.float64),
+        )
+
+    def reaches(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> bool:
+        """Return whether the tool reaches phi and z (2,) from a place (2,) of the catheter."""
+        tool, where = self.calibration.tool, np.asarray(place, dtype=np.float64)
+        guess = aim_at(self.calibration, where, catheter)
+        return tool is not None and self._angles(tool, where, catheter, guess) is not None
 
     def _next(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
-        if state.go is None or not state.go.done:
-            aim = aim_at(self.calibration, state.place, reading.place, APPROACH)
-            go, request = self.go.step(state.go or self.go.begin(angles=aim), reading)
-            return replace(state, go=go), request
-        if state.meter is None or not state.meter.done:
+        tool = self.calibration.tool
+        if tool is None:
+            return replace(state, verdict=NO_TOOL, done=True), Request()
+        state = replace(state, since=reading.t if state.since is None else state.since)
+        if state.stage == "turn":
+            return self._turn(state, tool, reading)
+        if state.stage == "meter":
             metering = Metering(calibration=self.calibration)
             meter, request = metering.step(state.meter or metering.begin(state.gain), reading)
-            return replace(state, meter=meter, gain=meter.gain), request
-        centring = Centring(calibration=self.calibration)
-        centre, request = centring.step(state.centre or centring.begin(state.place), reading)
-        return replace(state, centre=centre, done=centre.done), request
+            state = replace(state, meter=meter, gain=meter.gain)
+            return (self._at(state, "outline") if meter.done else state), request
+        if state.stage == "outline":
+            return self._outline(state, reading)
+        if state.stage == "withdraw":
+            over = reading.extension <= 0.0 or self._late(state, reading)
+            return replace(state, done=over), Request(extension=0.0, angles=state.wanted)
+        return self._aim(state, tool, reading)
+
+    def _at(self, state: MarkState, stage: MarkStage, verdict: str = "") -> MarkState:
+        return replace(state, stage=stage, since=None, near_since=None, verdict=verdict)
+
+    def _late(self, state: MarkState, reading: Reading) -> bool:
+        return passed(state.since or 0.0, reading.t, self.patience)
+
+    def _turn(self, state: MarkState, tool: Tool, reading: Reading) -> tuple[MarkState, Request]:
+        """Turn the tool towards the place by the joints."""
+        if state.go is None:
+            target = self._target(state.place, state)
+            guess = aim_at(self.calibration, target, reading.place)
+            angles = self._angles(tool, target, reading.place, guess)
+            if angles is None:
+                return replace(state, verdict=BEYOND, done=True), Request()
+            state = replace(state, go=self.go.begin(angles=angles), wanted=angles)
+        assert state.go is not None
+        go, request = self.go.step(state.go, reading)
+        state = replace(state, go=go)
+        return (self._at(state, "meter") if go.done else state), request
+
+    def _outline(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
+        """Find the outline of the feature from here, and begin to track it."""
+        acquisition = Acquisition()
+        frames, request = acquisition.step(state.frames or acquisition.begin(state.gain), reading)
+        state = replace(state, frames=frames)
+        if not frames.done:
+            return state, request
+        camera = self.calibration.camera_at(reading.place)
+        last = frames.frames[-1]
+        pixel = np.asarray(camera.pixel(state.place, last.pan, last.tilt))
+        hole = outline_about(frames.frames, camera, pixel)
+        place = state.place if hole is None else hole.place
+        pixel = pixel if hole is None else hole.pixel
+        then = replace(reading, angles=np.array([last.pan, last.tilt]))
+        try:
+            _, track = Centring(calibration=self.calibration).pick(last.image, pixel, then)
+        except SignalError:
+            return replace(state, verdict=NOT_IN_VIEW, done=True), request
+        state = replace(state, place=place, track=track, outlined=hole is not None)
+        return self._at(state, "aim"), replace(request, frame=True)
+
+    def _aim(self, state: MarkState, tool: Tool, reading: Reading) -> tuple[MarkState, Request]:
+        """Keep the tool turned to the place; extend it while it is."""
+        if self._late(state, reading):
+            reason = state.verdict or UNSTEADY
+            return self._at(state, "withdraw", reason), Request(extension=0.0)
+        if reading.image is None or state.track is None:
+            return state, self._request(state)
+        seen, track = Centring(calibration=self.calibration).follow(
+            state.track, reading, reading.image
+        )
+        state = replace(state, track=track)
+        if seen.verdict != TRACKED:  # it waits where it is
+            state = replace(state, verdict=seen.verdict, near_since=None)
+            still = replace(state, extension=reading.extension)
+            return still, self._request(still)
+        state = self._steered(replace(state, verdict=""), tool, seen.place, reading)
+        return self._moved(state, tool, seen.place, reading)
+
+    def _steered(
+        self, state: MarkState, tool: Tool, place: FloatArray, reading: Reading
+    ) -> MarkState:
+        """Return the state with new wanted angles and the distance that is left, in pixels."""
+        camera = self.calibration.camera_at(reading.place)
+        target, (pan, tilt) = self._target(place, state), reading.angles.tolist()
+        angles = self._angles(tool, target, reading.place, reading.angles)
+        pixel = tool_pixel(self.calibration, tool, reading.place, reading.angles)
+        if angles is None or not np.isfinite(pixel).all():
+            return replace(state, verdict=BEYOND, near_since=None)
+        off = np.asarray(camera.pixel(target, pan, tilt)) - pixel
+        smooth = off if np.isnan(state.off).any() else state.off + self.share * (off - state.off)
+        interval = Centring.interval
+        lean = np.clip(
+            state.lean + self.lean * interval * (angles - reading.angles), -_MOST_LEAN, _MOST_LEAN
+        )
+        before = angles if state.wanted is None else state.wanted - state.lean
+        wanted = before + self.share * (angles - before) + lean
+        near = held_since(state.near_since, reading.t, float(np.hypot(*smooth)) < self.close)
+        return replace(state, wanted=CONE.clip(wanted), lean=lean, off=smooth, near_since=near)
+
+    def _moved(
+        self, state: MarkState, tool: Tool, place: FloatArray, reading: Reading
+    ) -> tuple[MarkState, Request]:
+        """Extend the tool to the next stop, or touch."""
+        mount = self.calibration.mount_at(reading.place)
+        try:
+            pan, tilt = reading.angles.tolist()
+            *hit, free = tool.meet(mount, pan, tilt, self.calibration.radius).tolist()
+        except ParameterError:
+            return state, self._request(state)
+        still = state.near_since is not None and passed(state.near_since, reading.t, self.still)
+        if state.stage == "aim" and still:
+            state = self._at(replace(state, extension=max(free - self.gap, 0.0)), "near")
+        elif state.stage == "near" and still and reading.extension >= state.extension - 1e-4:
+            end = min(free + self.beyond, tool.longest)
+            state = self._at(replace(state, extension=end), "contact")
+        elif state.stage == "contact" and reading.touching:
+            metres = np.array([self.calibration.radius, 1.0])
+            off = (np.array(hit) - self._target(place, state)) * metres
+            touch = state.place + (state.beside + off) / metres
+            state = self._at(replace(state, touch=touch, extension=0.0), "withdraw", TOUCHED)
+        elif state.stage == "contact" and reading.extension >= state.extension - 1e-6:
+            state = self._at(replace(state, extension=0.0), "withdraw", NO_CONTACT)
+        return state, self._request(state)
+
+    def _request(self, state: MarkState) -> Request:
+        return Request(angles=state.wanted, extension=state.extension, frame=True)
+
+    def _target(self, place: FloatArray, state: MarkState) -> FloatArray:
+        """Return phi and z of the point to be touched, beside a place."""
+        metres = np.array([self.calibration.radius, 1.0])
+        return np.asarray(place + state.beside / metres)
+
+    def _angles(
+        self, tool: Tool, place: FloatArray, catheter: npt.ArrayLike, guess: FloatArray
+    ) -> FloatArray | None:
+        """Return the angles at which the tool meets a place; None beyond the cone."""
+        mount = self.calibration.mount_at(catheter)
+        angles = tool.aim(mount, place, self.calibration.radius, guess)
+        if angles is None or not np.hypot(*angles) <= CONE.half:
+            return None
+        pan, tilt = angles.tolist()
+        _, _, length = tool.meet(mount, pan, tilt, self.calibration.radius).tolist()
+        return angles if length + self.gap <= tool.longest else None

@@ -38,6 +38,7 @@ from minorloop.head.procedures.values import (
     Request,
     State,
     Tip,
+    ToolTip,
     apply_to_tip,
     passed,
 )
@@ -150,6 +151,9 @@ class InspectionRig:
         self._applied(request)
         if not request.frame:
             self._blind_since = None
+        tool = (0.0, False)
+        if self.calibration.tool is not None and isinstance(self.tip, ToolTip):
+            tool = self.tip.tool_state()
         return Reading(
             t=self.t,
             angles=self.angles,
@@ -158,6 +162,8 @@ class InspectionRig:
             image=self._image() if request.frame else None,
             shots=tuple(self.tip.shots(request.shots)) if request.shots else (),
             fired=request.shots > 0,
+            extension=tool[0],
+            touching=tool[1],
         )
 
     def run(

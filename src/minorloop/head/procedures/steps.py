@@ -26,6 +26,9 @@ CENTRED = np.radians(23.0)
 NEAR, FIRST = 6e-3, 1e-3
 """Advance of the near view beyond the place of centring, and least advance of the catheter, in
 metres: drawn back further, its tip sticks."""
+STEPS = (0.0, -3e-3, 3e-3, -6e-3, 6e-3)
+"""Travels in metres from which a tool reaches what the camera has in its middle. The tool is 3.5 mm
+beside the lens, which is 8 mm along a wall that it meets at 25 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,12 +140,19 @@ def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
 
 
 def touch(rig: InspectionRig, hole: Hole) -> Image:
-    """Send the axis, along which the tool's point goes, to a hole; return the image then."""
-    marking = Marking(calibration=rig.calibration)
+    """Touch a hole with the point of the tool; return the image after it.
+
+    The catheter travels to where the tool reaches it, if it does not from here.
+    """
+    marking, home = Marking(calibration=rig.calibration), rig.place
+    for by in STEPS:
+        place = home + np.array([by, 0.0])
+        if place[0] >= FIRST and marking.reaches(hole.place, place):
+            if by:
+                go(rig, place=place)
+            break
     state = rig.run(marking, marking.begin(hole.place, rig.gain))
     rig.gain = state.gain
-    assert state.centre is not None
-    _centred(rig, state.centre, "return")
     phi, z = np.degrees(hole.place[0]), 1e3 * hole.place[1]
-    rig.say("touch", f"the tool's point is sent to phi {phi:.1f} deg, z {z:.2f} mm")
+    rig.say("touch", f"phi {phi:.1f} deg, z {z:.2f} mm: {state.verdict}")
     return photo(rig).image

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, runtime_checkable
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.errors import InstrumentError
 from minorloop.lab.actuator import FrameSource, Shot
 
 if TYPE_CHECKING:
@@ -43,6 +44,10 @@ class Reading:
         The burst that was requested.
     fired : bool
         Whether the burst that was requested has been fired.
+    extension : float
+        Of the micro-tool, in metres.
+    touching : bool
+        Whether its point touches the wall.
     """
 
     t: float
@@ -52,6 +57,8 @@ class Reading:
     image: Image | None = None
     shots: tuple[Shot, ...] = ()
     fired: bool = False
+    extension: float = 0.0
+    touching: bool = False
 
     @property
     def line_of_sight(self) -> FloatArray:
@@ -84,6 +91,8 @@ class Request:
         Whether the next reading contains a frame.
     shots : int
         Number of shots in the burst of the next reading.
+    extension : float, optional
+        To which the micro-tool extends, in metres; it stops where it touches the wall.
     """
 
     angles: FloatArray | None = None
@@ -95,6 +104,7 @@ class Request:
     water: bool | None = None
     frame: bool = False
     shots: int = 0
+    extension: float | None = None
 
 
 NOTHING = Request()
@@ -175,8 +185,29 @@ class Tip(LitCamera, Protocol):
         """Fire pulses, one after the other."""
 
 
+@runtime_checkable
+class ToolTip(Protocol):
+    """A tip with a micro-tool."""
+
+    def extend(self, length: float) -> None:
+        """Extend the tool to a length in metres, or until it touches the wall."""
+
+    def tool_state(self) -> tuple[float, bool]:
+        """Return the extension in metres, and whether the tool touches the wall."""
+
+
 def apply_to_tip(tip: Tip, request: Request) -> None:
-    """Set lights, exposure, focus and water as requested."""
+    """Set lights, exposure, focus, water and tool as requested.
+
+    Raises
+    ------
+    InstrumentError
+        If the tool is to be extended and the tip has none.
+    """
+    if request.extension is not None:
+        if not isinstance(tip, ToolTip):
+            raise InstrumentError("this head has no micro-tool; nothing can be marked with it")
+        tip.extend(request.extension)
     if request.lights is not None:
         tip.switch(request.lights)
     if request.exposure is not None:

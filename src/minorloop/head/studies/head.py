@@ -5,7 +5,7 @@ teleoperated in-pipe inspection, IEEE ICRA 2003) identify a Preisach model of a 
 from reversal curves, invert it by stepping, and control the head by an internal model around that
 inverse. They find that open loop errs more and more, and leave changing surroundings open. Here
 the head is identified, driven in open and closed loop by seven controllers, disturbed, and given
-targets that it cannot reach.
+targets that it cannot reach; then its camera tracks, and its tool marks what was picked.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ from minorloop.head.studies.head_ramps import (
 )
 from minorloop.head.studies.head_static import CURRENT, HOLD, Static, run_static
 from minorloop.head.studies.scoring import truth
+from minorloop.head.studies.sight import SIGHT_CLAIMS, Sight, gather_sight, run_sight
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.sensor import Fault
 from minorloop.head.twins.surroundings import Cooling, Course, Surroundings
@@ -175,6 +176,7 @@ CLAIMS = (
     Claim("the same: after [s]", "unreachable.after_s", "left open", most=10),
     Claim("false alarms in all other runs", "unreachable.false_alarms", "left open", most=0),
     Claim("limits exceeded, all runs", "limits.violations", "not studied", most=0),
+    *SIGHT_CLAIMS,
     Claim("planned over inverse: cost", "planning.cost_ratio", "not studied", most=0.9),
     Claim("one step of both axes, median [ms]", "realtime.step_ms_median", "-", most=1.0),
     Claim("the same, 99.9th percentile [ms]", "realtime.step_ms_p999", "-", most=5.0),
@@ -203,6 +205,7 @@ class HeadStudy:
     plan: tuple[PlannedPowers, PlannedPowers]
     planned: FloatArray
     delay_edges: tuple[float, float]
+    sight: Sight
     seconds: float
 
     def figures(self) -> dict[str, Any]:
@@ -236,7 +239,8 @@ class HeadStudy:
             "step_ms_median": float(np.median(took)),
             "step_ms_p999": float(np.quantile(took, 0.999)),
         }
-        return {**found, "seconds": self.seconds}
+        found |= gather_sight([self.sight])
+        return {**found, "sight": self.sight, "seconds": self.seconds}
 
     def _of(self, controller: str) -> Iterator[HeadRun]:
         return (run for (_, name), run in self.runs.items() if name == controller)
@@ -315,13 +319,18 @@ def run_study(seed: int) -> HeadStudy:
         plan=(plan, inverse),
         planned=np.array(driven),
         delay_edges=edges,
+        sight=run_sight(seed, controls[DEFAULT]),
         seconds=time.perf_counter() - began,
     )
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return medians over specimens, but sums of violations and of false alarms."""
-    found = medians(runs)
+    """Return medians over specimens, but sums of violations and of false alarms.
+
+    What the camera sees is scored over all points, touches and pictures.
+    """
+    found = medians([{k: v for k, v in run.items() if k != "sight"} for run in runs])
+    found |= gather_sight([run["sight"] for run in runs])
     found["unreachable"]["detected"] = all(run["unreachable"]["detected"] for run in runs)
     found["unreachable"]["after_max_s"] = max(run["unreachable"]["after_s"] for run in runs)
     for part, key in (("unreachable", "false_alarms"), ("limits", "violations")):

@@ -23,6 +23,7 @@ from minorloop.head.studies.head import (
 from minorloop.head.studies.head_loop import HIGHEST, HOTTEST
 from minorloop.head.studies.head_ramps import CASES, NAMED
 from minorloop.head.studies.head_static import COMMAND, CURRENT, MESH
+from minorloop.head.studies.sight_report import add_sight
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
 from minorloop.studies.drawing import every_specimen, new_figure
@@ -81,6 +82,7 @@ def study_report(
     _add_circles(report, study)
     _add_limits(report, study)
     _add_planning(report, study)
+    add_sight(report, study.sight, figures)
     return report
 
 

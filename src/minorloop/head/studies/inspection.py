@@ -133,6 +133,13 @@ CLAIMS = (
         "missions that measured their pit", "mission.measured", "announced", least=0.9, percent=True
     ),
     Claim("of those, depth error, median [mm]", "mission.depth_error_mm", "announced"),
+    Claim(
+        "missions whose tool touched within 0.3 mm",
+        "mission.touched",
+        "tool named (section 2)",
+        least=0.95,
+        percent=True,
+    ),
     Claim("of those, water line, median error [mm]", "mission.water_error_mm", "-"),
     Claim("missions that found their crack", "mission.crack_found", "announced", percent=True),
     Claim("cracks reported where none is, in all", "mission.false_cracks", "-"),
@@ -253,7 +260,7 @@ def _of_missions(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     deep = [mission for mission in cracks if mission["crack_measured"]]
     return {
         "of": len(missions),
-        "measured": float(np.mean([mission["measured"] for mission in missions])),
+        **{key: float(np.mean([one[key] for one in missions])) for key in ("measured", "touched")},
         "seconds": float(np.median([mission["seconds"] for mission in missions])),
         **{key: _median(measured, key) for key in _OF_MISSIONS},
         "crack_found": len(cracks) / len(missions),

@@ -33,6 +33,7 @@ from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of
 from minorloop.head.studies import mission_cracks, scoring
 from minorloop.head.studies.mission_cracks import SeenCrack
 from minorloop.head.studies.mission_scene import RADIUS, MissionTruth, distance, draw_mission
+from minorloop.head.studies.touch_trials import WITHIN
 from minorloop.head.studies.ultrasonic_scan import drain, fused_wall, ring_of, scan, sweep
 from minorloop.head.twins.pipe import Bore, Crack
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit
@@ -89,7 +90,8 @@ class Mission:
     cracks : tuple of SeenCrack
         That were seen again in a near view.
     touch : float
-        Distance of the tool's point from the true centre, in m.
+        Distance from the true centre at which the tool came to the wall, in m; infinite without a
+        contact.
     """
 
     seed: int
@@ -128,7 +130,9 @@ class Mission:
             depth = 1e3 * abs(self.pit.depth - self.truth.depth)
         return {
             "found": self.found is not None,
-            "measured": self.pit is not None and self.pit.measured,
+            # What was measured elsewhere is not the pit.
+            "measured": self.pit is not None and self.pit.measured and place < 1e3 * SAME,
+            "touched": self.touch <= WITHIN,
             "seconds": self.log[-1].t,
             "touch_mm": 1e3 * self.touch,
             "position_mm": place,
@@ -227,7 +231,7 @@ def _measured(
     if hole is None:
         return one
     centred_image = touch(rig, hole)
-    off = scoring.off_bore(truth.plant, truth.offset, truth.bore, RADIUS)
+    off = scoring.touch_off(rig.tip, truth.bore, RADIUS)
     place = (float(hole.place[0]), float(hole.place[1]))
     probe, bursts = scan(rig, place)
     pit = measure_pit(bursts, probe, place, hole.diameter)

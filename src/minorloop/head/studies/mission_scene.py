@@ -103,6 +103,7 @@ def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig
         offset=(known_x, known_y),
         thickness=flooded.thickness * float(1 + OFF_THICKNESS * about.normal()),
         temperature=warm + OFF_TEMPERATURE * float(about.normal()),
+        tool=tip.tool.calibration,
     )
     rig = InspectionRig(plant, tip, control, calibration, gyroscope=plant.gyroscope)
     return rig, MissionTruth(bore, crack, flooded, warm, plant, (x, y))

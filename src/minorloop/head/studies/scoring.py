@@ -5,13 +5,15 @@ No estimator and no controller uses it; only a study reads it, after a run.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.geometry import Mount, Pinhole, meet_wall, wall_point
+from minorloop.head.geometry import Mount, Pinhole, Tool, wall_point
 from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.pipe import Bore
 from minorloop.head.twins.rig import Rig
@@ -61,22 +63,16 @@ def apart(place: npt.ArrayLike, bore: Bore, radius: float) -> float:
     return float(np.linalg.norm(ends[0] - ends[1]))
 
 
-def off_bore(plant: Rig, offset: tuple[float, float], bore: Bore, radius: float) -> float:
-    """Return the distance from the optical axis at the wall to a bore, in metres.
+def touch_off(tip: Any, bore: Bore, radius: float) -> float:
+    """Return how far from a bore the tool last came to the wall, in metres; infinite if never."""
+    touches = tip.tool.touches
+    return apart(touches[-1], bore, radius) if touches else math.inf
 
-    Parameters
-    ----------
-    plant : Rig
-        Head and catheter.
-    offset : (float, float)
-        Of the pivot off the axis of the pipe, in metres.
-    bore : Bore
-    radius : float
-        Of the pipe, in metres.
-    """
-    pan, tilt, _, _, advance, roll = plant.stance()
-    pose = Mount(offset=offset, roll=roll, advance=advance).pose(pan, tilt)
-    return apart(meet_wall(pose.position, pose.rotation[:, 2], radius)[:2], bore, radius)
+
+def true_tool(tip: Any) -> Tool:
+    """Return the tool of a simulated tip."""
+    tool: Tool = tip.tool._tool
+    return tool
 
 
 def middle_of(mount: Mount, plant: Rig, place: npt.ArrayLike, radius: float) -> FloatArray:

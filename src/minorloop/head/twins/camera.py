@@ -253,9 +253,14 @@ class Camera(Mounted):
             found = np.reshape(again, found.shape)
         return found
 
-    def _prepare(self) -> None:
-        """Prepare what is the same for all frames."""
-        surface, finish, optics = lay_out(self._pipe), self._pipe.finish, self._optics
+    def repaint(self, pipe: Pipe) -> None:
+        """Show another state of the wall, such as with a mark on it."""
+        self._pipe = pipe
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        """Prepare the wall, with its defects."""
+        surface, finish = lay_out(self._pipe), self._pipe.finish
         angle = surface.size[0] / self._pipe.radius
         self._texels, self._shapes = surface.texels, surface.shapes
         self._texel = np.array([*surface.size, angle], dtype=np.float32)
@@ -267,13 +272,18 @@ class Camera(Mounted):
             finish.ambient,
         )
         self._metal = np.array(metal, dtype=np.float32)
+        self._bores = [_bore_values(bore, self._pipe.thickness) for bore in self._pipe.bores]
+        self._cracks = [_corners(crack) for crack in self._pipe.cracks]
+        self._outlines = _outlines(self._pipe, self._cracks)
+
+    def _prepare(self) -> None:
+        """Prepare what is the same for all frames."""
+        self._lay_out()
+        optics = self._optics
         rows, columns = optics.height // kernels.CELL + 1, optics.width // kernels.CELL + 1
         v, u = np.mgrid[0:rows, 0:columns] * float(kernels.CELL)
         self._rays = optics.rays(np.stack([u, v], axis=-1))
         self._lens_dirt = _lens_dirt(optics, self.sensor.lens_dirt, self._rng)
-        self._bores = [_bore_values(bore, self._pipe.thickness) for bore in self._pipe.bores]
-        self._cracks = [_corners(crack) for crack in self._pipe.cracks]
-        self._outlines = _outlines(self._pipe, self._cracks)
         self._image = np.empty((optics.height, optics.width), dtype=np.float32)
         self._spare = np.empty_like(self._image)
 

@@ -23,6 +23,7 @@ from minorloop.head.twins.camera import LENS, Camera
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Pipe
+from minorloop.head.twins.tool import MicroTool
 from minorloop.head.twins.ultrasound import Ultrasound
 from minorloop.lab.actuator import Frame, Shot
 
@@ -144,7 +145,7 @@ class Rig:
 
 
 class SimulatedTip:
-    """The tip of a rig: a camera with its lights, and a probe for use in water.
+    """The tip of a rig: a camera with its lights, a micro-tool, and a probe for use in water.
 
     Parameters
     ----------
@@ -181,6 +182,7 @@ class SimulatedTip:
         self._mount, self._flow = mount or Mount(), flow
         self.pipe = pipe
         self.camera = Camera(pipe, self._mount, optics, specimen=specimen, seed=seed)
+        self.tool = MicroTool(pipe, self._mount, specimen=specimen)
         full = flooded or replace(pipe, water=-_FULL * pipe.radius)
         self._probe_of = {
             wet: partial(
@@ -200,6 +202,20 @@ class SimulatedTip:
         pan, tilt, pan_rate, tilt_rate, *_ = stance
         self.camera.move(self._mount_now())
         self.camera.look(pan, tilt, rates=(pan_rate, tilt_rate))
+        marks = len(self.tool.marks)
+        self.tool.move(self._mount_now())
+        self.tool.look(pan, tilt)
+        self.tool._advance(self.camera.sensor.interval)
+        if len(self.tool.marks) > marks:
+            self.camera.repaint(self.tool.pipe)
+
+    def extend(self, length: float) -> None:
+        """Extend the tool to a length in metres, or until it touches the wall."""
+        self.tool.extend(length)
+
+    def tool_state(self) -> tuple[float, bool]:
+        """Return the extension in metres, and whether the tool touches the wall."""
+        return self.tool.extension, self.tool.touching
 
     def frame(self) -> Frame:
         """Return the image that begins now."""

@@ -9,6 +9,8 @@ _LEAST_SEEN = 0.7
 """Share of the patch that has to be seen. In 160 patches of the twin's wall (seeds 1000 to 1019),
 4 % of the matches are more than 0.1 mm off where 70 % is seen, and 14 % where 40 % is; 3 % if all
 of it is."""
+_WHITE = 250.0
+"""Grey level from which a texel, a mean of four pixels, counts as saturated."""
 
 
 @njit(cache=True, nogil=True)
@@ -25,11 +27,31 @@ def shrink(fine, coarse):
 
 
 @njit(cache=True, nogil=True)
-def levels(flat, out):
-    """Take the logarithm of grey levels, so that light becomes a sum; NaN stays."""
-    for i in range(flat.shape[0]):
-        for j in range(flat.shape[1]):
-            out[i, j] = np.log(flat[i, j] + np.float32(4.0))
+def detail(flat, half, out):
+    """Fill out with the logarithm of grey levels less its mean over a box of 2 half + 1 texels.
+
+    The logarithm makes a sum of light and reflectance, of which the box takes the light that varies
+    slowly: most of what moves with the lights. Saturated texels count as unseen; NaN stays.
+    """
+    rows, columns = flat.shape
+    total = np.zeros((rows + 1, columns + 1))
+    count = np.zeros((rows + 1, columns + 1))
+    for i in range(rows):
+        for j in range(columns):
+            value, seen = 0.0, 0.0
+            if flat[i, j] < _WHITE:  # false for NaN
+                value, seen = np.log(flat[i, j] + 4.0), 1.0
+            out[i, j] = value if seen > 0.0 else np.nan
+            total[i + 1, j + 1] = value + total[i, j + 1] + total[i + 1, j] - total[i, j]
+            count[i + 1, j + 1] = seen + count[i, j + 1] + count[i + 1, j] - count[i, j]
+    for i in range(rows):
+        top, end = max(i - half, 0), min(i + half + 1, rows)
+        for j in range(columns):
+            left, right = max(j - half, 0), min(j + half + 1, columns)
+            n = count[end, right] - count[top, right] - count[end, left] + count[top, left]
+            if n > 0.0:
+                mean = total[end, right] - total[top, right] - total[end, left] + total[top, left]
+                out[i, j] -= mean / n
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -103,3 +125,42 @@ def peak(scores, out):
         a, c = scores[i0 - 1, j0], scores[i0 + 1, j0]
         if a > -1.0 and c > -1.0 and a + c < 2.0 * best:
             out[1] += 0.5 * (a - c) / (a - 2.0 * best + c)
+
+
+@njit(cache=True, nogil=True)
+def second(scores, best, near):
+    """Return the highest score farther than ``near`` cells from a peak (column, row, height)."""
+    most = -1.0
+    for i in range(scores.shape[0]):
+        for j in range(scores.shape[1]):
+            if max(abs(i - best[1]), abs(j - best[0])) > near and scores[i, j] > most:
+                most = scores[i, j]
+    return most
+
+
+@njit(cache=True, nogil=True)
+def vote(scores, ways, weights, out):
+    """Fill out (r, r) with the weighted mean of scores (N, r, r) that one motion of the head gives.
+
+    A shift of the first patch by (column, row) from the middle shifts patch k by ``ways[k]`` times
+    that. Patches that are not seen at a shift are left out; -1 where they have half of the weight.
+    """
+    middle, whole = 0.5 * (out.shape[0] - 1), weights.sum()
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            total, seen = 0.0, 0.0
+            for k in range(scores.shape[0]):
+                x = middle + ways[k, 0, 0] * (j - middle) + ways[k, 0, 1] * (i - middle)
+                y = middle + ways[k, 1, 0] * (j - middle) + ways[k, 1, 1] * (i - middle)
+                p, q = int(np.floor(x)), int(np.floor(y))
+                if p < 0 or q < 0 or p + 1 >= scores.shape[2] or q + 1 >= scores.shape[1]:
+                    continue
+                a, b = scores[k, q, p], scores[k, q, p + 1]
+                c, d = scores[k, q + 1, p], scores[k, q + 1, p + 1]
+                if min(min(a, b), min(c, d)) <= -1.0:
+                    continue
+                sx, sy = x - p, y - q
+                value = (1 - sy) * ((1 - sx) * a + sx * b) + sy * ((1 - sx) * c + sx * d)
+                total += weights[k] * max(value, 0.0)
+                seen += weights[k]
+            out[i, j] = total / seen if seen > 0.5 * whole else -1.0

@@ -1,8 +1,11 @@
 """Follow a patch of the wall from frame to frame.
 
-The patch is kept unrolled, so that neither turns nor a smaller distance change it. The angles of
-the head give its expected place in a frame; a search about that place corrects for errors of the
-angles. After a loss the search widens until the patch is found again::
+The patch is kept unrolled, together with the wall around it, so that neither turns nor a smaller
+distance change it. The angles of the head give its expected place in a frame; a search about that
+place corrects for errors of the angles, which shift patch and surroundings alike. A patch that
+does not go with its surroundings is lost, not tracked. When the head sees the wall from elsewhere,
+a further view of it is kept; the first one stays, so that the place does not drift. After a loss
+the search widens until the patch is found again::
 
     tracker = PatchTracker(camera)
     track, state = tracker.begin(frame.image, pixel, pan, tilt)
@@ -22,23 +25,38 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, SignalError
+from minorloop.head.geometry import wall_point
 from minorloop.head.vision import _track_kernels as kernels
-from minorloop.head.vision import frame_checks
-from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32, Window, unroll
+from minorloop.head.vision import frame_checks, wall_views
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32
 from minorloop.head.vision.reflectance_map import NO_ANGLE, finite_angles
+from minorloop.head.vision.sighting import sighted_angles
+from minorloop.head.vision.wall_views import SIDE, View
 
 TRACKED, LOST, OUT_OF_VIEW = "tracked", "lost", "out of view"
+AMBIGUOUS, APART, JUMPED = "several alike", "apart from its surroundings", "jumped"
 """Verdicts of a step; others are those of ``frame_checks``."""
 
 _COARSE = 4  # texels in one of the coarsest search
-_BORDER = 4.0  # pixels
+_BORDER, _EDGE = 4.0, 45.0
+"""Distances from the edge of a frame in pixels within which a patch is out of view: nothing is
+searched, and plain wall is not followed, of which half of the patch is beyond the edge."""
+_RIDGE = 0.1
+"""Least share by which the agreement falls at 0.2 mm. In 889 frames of plain wall (seeds 1000 to
+1002) the errors are five times as large below it."""
 _FADE = 0.5  # damping of the drift
-_LIKELY = 3
-"""Number of coarse matches that are searched closely."""
 _PLAIN = 1e-3
-"""Standard deviation of the logarithm of grey levels below which a patch has no detail."""
+"""Standard deviation of the details of a patch below which there are none."""
 _KEPT = 16
 """Number of frames in which a repeated one counts as frozen."""
+_CLOSE = 4
+"""Texels from where the surroundings put the patch in which it is searched closely."""
+_HIDDEN = 0.5
+"""Share of its usual correlation below which a patch is hidden, though its surroundings are not."""
+_WHOLE = 0.7
+"""Share of the tiles with which a patch is found far away: part of a regular pattern fits often."""
+_USUAL = 0.1
+"""Weight of a new frame in the usual correlation: light changes it over some frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +72,8 @@ class Track:
     score : float
         Correlation with the patch, up to 1; NaN without a search.
     verdict : str
-        ``tracked``, ``lost``, ``out of view``, ``angle unknown``, or what is wrong with the
-        frame.
+        ``tracked``, ``lost``, ``out of view``, ``several alike``, ``apart from its
+        surroundings``, ``jumped``, ``angle unknown``, or what is wrong with the frame.
     """
 
     pixel: FloatArray
@@ -70,32 +88,54 @@ class TrackState:
 
     Parameters
     ----------
-    picked, recent : (n, n) arrays of float32
-        The patch as it was picked and as it looked recently, as logarithms of grey levels.
+    views : tuple of View
+        The wall about the patch, first as it was picked.
+    home : (2,) array
+        Phi and z of the patch when it was picked.
     place : (2,) array
         Its last phi and z, for the given angles.
+    turn : (2,) array
+        Error of the given angles, in radians: with angles plus turn the patch is at its home.
     drift : (2,) array
-        Change of the place from frame to frame.
+        Change of the turn from frame to frame.
     missed : int
         Frames since it was seen.
     before : (height, width) array of uint8
         The last frame.
     earlier : tuple of int
         Check sums of the last frames, to detect repeated ones.
+    usual : float
+        Correlation with the patch itself while it was seen, averaged; 0 before the second frame.
+    jump : (2,) array, optional
+        Turn at which the patch was found too far away to be believed at once.
     """
 
-    picked: Image32
-    recent: Image32
+    views: tuple[View, ...]
+    home: FloatArray
     place: FloatArray
+    turn: FloatArray
     drift: FloatArray
     missed: int
     before: Image
     earlier: tuple[int, ...] = ()
+    usual: float = 0.0
+    jump: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A match: pixel, angles at which the head sees the patch there, and how good it is."""
+
+    pixel: FloatArray
+    angles: FloatArray
+    score: float
+    verdict: str
+    seen: float
 
 
 @dataclass(frozen=True, eq=False)
 class PatchTracker:
-    """Normalised correlation on the unrolled wall, coarse to fine.
+    """Normalised correlation on the unrolled wall, of the patch and of eight tiles around it.
 
     Parameters
     ----------
@@ -109,13 +149,29 @@ class PatchTracker:
         Largest distance of the patch from its expected place, in metres.
     widest : float
         Largest distance in the search for a lost patch, in metres.
+    smooth : float
+        Side of the box whose mean is taken off, in metres: less than a reflection on brushed
+        metal is wide, more than a scratch or the edge of a hole.
     least : float
-        Least correlation of a patch that is seen.
+        Least correlation of a patch and its surroundings, on average.
     again : float
-        Least correlation of a lost patch that is found again.
-    learn : float
-        Weight of a new frame in the recent patch; the patch as picked is kept too, so that the
-        place cannot drift.
+        The same of a lost patch that is found again.
+    surely : float
+        The same of one that is found far from where it is expected, and of the patch itself.
+    distinct : float
+        Correlation of the patch itself from which its place is its own; with less, the place is
+        that of the surroundings.
+    alone : float
+        Largest correlation elsewhere, as a share of the best, with which a match is unique.
+    apart : float
+        Largest distance in metres of the patch from where its surroundings put it.
+    jump : float
+        Largest distance in metres from the expected place that is believed at once; a farther
+        one is believed when the next frame confirms it.
+    fresh : float
+        Difference of two views, see `wall_views.farness`, from which a new one is kept.
+    most_views : int
+        Views that are kept.
 
     Raises
     ------
@@ -128,21 +184,30 @@ class PatchTracker:
     texel: float = 0.05e-3
     reach: float = 1.2e-3
     widest: float = 8e-3
-    least: float = 0.6
-    again: float = 0.75
-    learn: float = 0.1
+    smooth: float = 1.0e-3
+    least: float = 0.3
+    again: float = 0.4
+    surely: float = 0.6
+    distinct: float = 0.4
+    alone: float = 0.75
+    apart: float = 0.1e-3
+    jump: float = 0.7e-3
+    fresh: float = 0.07
+    most_views: int = 24
 
     def __post_init__(self) -> None:
-        for name in ("size", "texel", "reach", "widest"):
+        for name in ("size", "texel", "reach", "widest", "smooth", "apart", "jump", "fresh"):
             if not getattr(self, name) > 0:
                 raise ParameterError(
-                    f"{name} of the tracker is {getattr(self, name)}; give a length > 0 in m"
+                    f"{name} of the tracker is {getattr(self, name)}; give a number > 0"
                 )
-        for name in ("least", "again", "learn"):
+        for name in ("least", "again", "surely", "distinct", "alone"):
             if not 0 <= getattr(self, name) < 1:
                 raise ParameterError(
                     f"{name} of the tracker is {getattr(self, name)}; give a share in [0, 1)"
                 )
+        if self.most_views < 1:
+            raise ParameterError(f"{self.most_views} views of the tracker; give at least 1")
         if self.size < 8 * _COARSE * self.texel:
             raise ParameterError(
                 f"a patch of {self.size} m has too few texels of {self.texel} m; give at least "
@@ -163,21 +228,22 @@ class PatchTracker:
         self.camera.check(image)
         if frame_checks.check_frame(image, self.camera.lens) == frame_checks.BLACK:
             raise SignalError("the frame is black; switch the lights on before a patch is picked")
-        place = self.camera.place(pixel, pan, tilt)
-        flat = self._flat(image, place, pan, tilt, self._cells * self.texel, self.texel)
+        place, angles = self.camera.place(pixel, pan, tilt), np.array([pan, tilt])
+        view = self._view(image, place, angles)
+        patch = self._patch(view)
         u, v = np.asarray(pixel, dtype=np.float64)
-        if not np.isfinite(flat).all():
+        if wall_views.filled(patch) is None:
             raise SignalError(
                 f"the frame does not show {1e3 * self.size:.3g} mm of wall about pixel "
                 f"({u:.0f}, {v:.0f}); pick a point further from its edge"
             )
-        if not flat.std() > _PLAIN:
+        if not np.nanstd(patch) > _PLAIN:
             raise SignalError(
                 f"the wall about pixel ({u:.0f}, {v:.0f}) is of one grey; pick one with detail"
             )
-        state = TrackState(flat, flat, place, np.zeros(2), 0, image, (_checksum(image),))
-        seen = np.asarray(pixel, dtype=np.float64)
-        return Track(seen, place, 1.0, TRACKED), state
+        still, sums = np.zeros(2), (_checksum(image),)
+        state = TrackState((view,), place, place, still, still, 0, image, sums)
+        return Track(np.array([u, v]), place, 1.0, TRACKED), state
 
     def step(
         self, state: TrackState, image: Any, pan: float, tilt: float
@@ -195,175 +261,220 @@ class PatchTracker:
         """
         verdict = frame_checks.check_frame(image, self.camera.lens, state.before)
         known = finite_angles(pan, tilt)
-        pan, tilt = (pan, tilt) if known else (math.nan, math.nan)
+        given = np.array([pan, tilt] if known else [math.nan, math.nan])
         if verdict != frame_checks.WRONG_SIZE:
             key = _checksum(image)
             verdict = frame_checks.FROZEN if key in state.earlier else verdict
             state = replace(state, earlier=(*state.earlier, key)[-_KEPT:])
-        expected = state.place + state.drift
         if not known and verdict in (frame_checks.GOOD, frame_checks.SATURATED):
             verdict = NO_ANGLE
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
             kept = state if verdict == frame_checks.WRONG_SIZE else replace(state, before=image)
-            return self._not_seen(kept, expected, pan, tilt, verdict)
-        track, state = self._search(replace(state, before=image), image, expected, pan, tilt)
+            return self._not_seen(kept, given, verdict)
+        track, state = self._search(replace(state, before=image), image, given)
         if verdict == frame_checks.SATURATED and track.verdict != TRACKED:
             track = replace(track, verdict=verdict)
         return track, state
 
     def _search(
-        self, state: TrackState, image: Image, expected: FloatArray, pan: float, tilt: float
+        self, state: TrackState, image: Image, given: FloatArray
     ) -> tuple[Track, TrackState]:
         """Find the patch in a good frame."""
-        if not self.camera.inside(pan, tilt):
-            return self._not_seen(state, expected, math.nan, math.nan, LOST)
+        expected = given + state.turn + state.drift
+        if not self.camera.inside(*expected.tolist()):
+            expected = given
+        if not self.camera.inside(*expected.tolist()):
+            return self._not_seen(state, np.full(2, np.nan), LOST)
         if state.missed:
-            return self._search_again(state, image, expected, pan, tilt)
-        return self._search_near(state, image, expected, pan, tilt, self.reach, self.least)
+            found = self._search_again(state, image, expected)
+        else:
+            found = self._search_near(state, image, expected, self.reach, self.least)
+        if found.verdict != TRACKED:
+            return self._not_seen(state, given, found.verdict, found.score)
+        turn = found.angles - given
+        if not state.missed and not self._believed(state, turn, expected - given):
+            state = replace(state, jump=turn)
+            return self._not_seen(state, given, JUMPED, found.score)
+        return self._seen(state, image, given, found)
+
+    def _believed(self, state: TrackState, turn: FloatArray, expected: FloatArray) -> bool:
+        return self._metres(state, turn - expected) <= self.jump
+
+    def _metres(self, state: TrackState, turn: FloatArray) -> float:
+        """Return by how much a turn shifts the patch on the wall, about, in metres."""
+        return float(np.hypot(*turn)) * self._distance(state)
+
+    def _distance(self, state: TrackState) -> float:
+        """Return the distance of the patch from the pivot of the head, in metres."""
+        wall = wall_point(float(state.home[0]), float(state.home[1]), self.camera.radius)
+        return float(np.linalg.norm(self.camera.mount.way_to(wall)))
+
+    def _seen(
+        self, state: TrackState, image: Image, given: FloatArray, found: _Found
+    ) -> tuple[Track, TrackState]:
+        """Return the track of a match, and the state, with a new view where none is alike."""
+        turn = found.angles - given
+        # A patch that was lost has no known drift.
+        drift = np.zeros(2)
+        if not state.missed:
+            drift = state.drift + _FADE * (turn - state.turn - state.drift)
+        views = state.views
+        if len(views) < self.most_views and self._nearest(state, found.angles)[1] > self.fresh:
+            view = self._view(image, state.home, found.angles)
+            if wall_views.filled(self._patch(view)) is not None:
+                views = (*views, view)
+        place = self.camera.place(found.pixel, *given.tolist())
+        share = _USUAL if state.usual else 1.0
+        usual = state.usual + share * (max(found.score, 0.0) - state.usual)
+        after = replace(
+            state,
+            views=views,
+            place=place,
+            turn=turn,
+            drift=drift,
+            missed=0,
+            usual=usual,
+            jump=None,
+        )
+        return Track(found.pixel, place, found.score, TRACKED), after
 
     @property
     def _cells(self) -> int:
         """Texels along a side of the patch, a multiple of those of the coarsest search."""
         return int(round(self.size / self.texel / 2 / _COARSE) * 2 * _COARSE)
 
-    def _flat(
-        self, image: Image, place: FloatArray, pan: float, tilt: float, size: float, step: float
+    def _view(self, image: Image, place: FloatArray, angles: FloatArray) -> View:
+        fine = self._area(image, place, angles, SIDE * self._cells * self.texel, self.texel)
+        eye = self.camera.mount.pose(*angles.tolist()).position
+        return View(eye, fine, wall_views.shrunk(fine))
+
+    def _area(
+        self, image: Image, place: FloatArray, angles: FloatArray, size: float, texel: float
     ) -> Image32:
-        """Return the logarithm of the wall about a place, an even number of texels each way."""
-        count = 2 * max(round(size / step / 2), 1)
-        half = (count - 1) / 2 * step
-        window = Window(
-            float(place[0]) - half / self.camera.radius, float(place[1]) - half, step, count, count
-        )
-        flat = unroll(image, self.camera, window, pan, tilt)
-        kernels.levels(flat, flat)
-        return flat
+        return wall_views.unrolled(image, self.camera, place, angles, size, texel, self.smooth)
+
+    def _patch(self, view: View) -> Image32:
+        """Return the middle tile of a view."""
+        n = self._cells
+        return view.fine[n : 2 * n, n : 2 * n]
+
+    def _nearest(self, state: TrackState, angles: FloatArray) -> tuple[View, float]:
+        """Return the view that is most like the one from these angles, and its difference."""
+        eye = self.camera.mount.pose(*angles.tolist()).position
+        wall = wall_point(float(state.home[0]), float(state.home[1]), self.camera.radius)
+        far = [wall_views.farness(view.eye, eye, wall) for view in state.views]
+        best = int(np.argmin(far))
+        return state.views[best], far[best]
 
     def _search_near(
+        self, state: TrackState, image: Image, expected: FloatArray, reach: float, least: float
+    ) -> _Found:
+        """Search about the place that angles put the patch at."""
+        view, n = self._nearest(state, expected)[0], self._cells
+        side = SIDE * n * self.texel
+        margin = 2 * round(reach / self.texel / 2) + 2 * _CLOSE
+        area = self._area(image, state.home, expected, side + 2 * margin * self.texel, self.texel)
+        ways = wall_views.tile_motions(self.camera, state.home, expected, n * self.texel)
+        agreed = wall_views.agree(view, wall_views.shrunk(area), ways, 2 * self.texel)
+        return self._closely(state, view, area, expected, agreed, least)
+
+    def _closely(
         self,
         state: TrackState,
-        image: Image,
+        view: View,
+        area: Image32,
         expected: FloatArray,
-        pan: float,
-        tilt: float,
-        reach: float,
+        agreed: wall_views.Agreement,
         least: float,
-    ) -> tuple[Track, TrackState]:
-        """Search about the expected place."""
-        area = self._flat(
-            image, expected, pan, tilt, self._cells * self.texel + 2 * reach, self.texel
-        )
-        best = self._match(area, state.picked)
-        if best[2] < 0.5 * (1 + least):
-            other = self._match(area, state.recent)
-            best = other if other[2] > best[2] + 0.1 else best
-        if best[2] < least:
-            verdict = self._loss_verdict(expected, pan, tilt)
-            return self._not_seen(state, expected, pan, tilt, verdict, best[2])
-        middle = (np.array(area.shape[::-1]) - self._cells) / 2
-        off = (best[:2] - middle) * self.texel
-        place = expected + off / np.array([self.camera.radius, 1.0])
-        pixel = self.camera.pixel(place, pan, tilt)
-        # A patch that was lost has no known drift.
-        drift = np.zeros(2) if state.missed else state.drift + 0.5 * (place - expected) * _FADE
-        recent = self._blended(state, area, best)
-        after = replace(state, place=place, drift=drift, missed=0, recent=recent)
-        return Track(pixel, place, float(best[2]), TRACKED), after
+    ) -> _Found:
+        """Find the patch itself about the shift on which patch and surroundings agree."""
+        n = self._cells
+        first = (np.array(area.shape[::-1]) - n) / 2 + agreed.shift / self.texel
+        corner = np.clip(np.rint(first).astype(int) - _CLOSE, 0, np.array(area.shape[::-1]) - n)
+        j, i = corner.tolist()
+        template = wall_views.filled(self._patch(view))
+        assert template is not None
+        part = np.ascontiguousarray(area[i : i + n + 2 * _CLOSE, j : j + n + 2 * _CLOSE])
+        best = wall_views.best_of(wall_views.scores_of(part, template))
+        middle = (np.array(area.shape[::-1]) - n) / 2
+        off = (best[:2] + corner - middle) * self.texel
+        verdict, score = TRACKED, float(best[2])
+        if agreed.score < least or score < _HIDDEN * state.usual:
+            verdict = self._loss_verdict(state.home, expected)
+        elif agreed.other > self.alone * agreed.score or agreed.drop < _RIDGE:
+            verdict = AMBIGUOUS
+        elif score < self.distinct:
+            off = agreed.shift
+        elif np.hypot(*(off - agreed.shift)) > self.apart:
+            verdict = APART
+        place = state.home + off / np.array([self.camera.radius, 1.0])
+        pixel = self.camera.pixel(place, *expected.tolist())
+        if verdict == TRACKED and score < self.surely and not self._inside(pixel, _EDGE):
+            verdict = OUT_OF_VIEW
+        angles = None
+        if verdict == TRACKED:
+            angles = sighted_angles(self.camera, state.home, pixel, expected)
+            verdict = LOST if angles is None else verdict
+        if angles is None:
+            angles = expected
+        return _Found(pixel, angles, score, verdict, agreed.seen)
 
-    def _blended(self, state: TrackState, area: Image32, best: FloatArray) -> Image32:
-        n, j, i = self._cells, round(best[0]), round(best[1])
-        newest = area[i : i + n, j : j + n]
-        if newest.shape != state.recent.shape or not np.isfinite(newest).all():
-            return state.recent
-        blend: Image32 = ((1 - self.learn) * state.recent + self.learn * newest).astype(np.float32)
-        return blend
+    def _search_again(self, state: TrackState, image: Image, expected: FloatArray) -> _Found:
+        """Search for a lost patch about its expected place, then farther away.
 
-    def _match(self, area: Image32, template: Image32) -> FloatArray:
-        """Return column, row and height of the best match, found at half and then at full size."""
-        coarse, model = _shrunk(area), _shrunk(template)
-        rough = _best(coarse, model)
-        i0 = int(np.clip(2 * round(rough[1]) - 3, 0, max(area.shape[0] - self._cells - 6, 0)))
-        j0 = int(np.clip(2 * round(rough[0]) - 3, 0, max(area.shape[1] - self._cells - 6, 0)))
-        n = self._cells + 6
-        fine = _best(np.ascontiguousarray(area[i0 : i0 + n, j0 : j0 + n]), template)
-        return np.asarray(fine + np.array([j0, i0, 0.0]))
+        Farther away it has to be unlike everything else that is seen, and to match by itself.
+        """
+        near = self._search_near(state, image, expected, self.reach, self.again)
+        if near.verdict == TRACKED and near.score > self.distinct:
+            return near
+        for rough in self._likely_angles(state, image, expected):
+            found = self._search_near(state, image, rough, self.reach / 2, self.surely)
+            sure = found.score > self.surely and found.seen > _WHOLE
+            if found.verdict == TRACKED and sure:
+                return found
+        return replace(near, verdict=LOST) if near.verdict == TRACKED else near
 
-    def _search_again(
-        self, state: TrackState, image: Image, expected: FloatArray, pan: float, tilt: float
-    ) -> tuple[Track, TrackState]:
-        """Search for a lost patch, coarsely, then closely at the likeliest places."""
-        best = self._not_seen(state, expected, pan, tilt, self._loss_verdict(expected, pan, tilt))
-        for rough in self._likely_places(state, image, expected, pan, tilt):
-            found = self._search_near(state, image, rough, pan, tilt, 6 * self.texel, self.again)
-            if found[0].verdict == TRACKED and not found[0].score <= best[0].score:
-                best = found
-        return best
-
-    def _likely_places(
-        self, state: TrackState, image: Image, expected: FloatArray, pan: float, tilt: float
+    def _likely_angles(
+        self, state: TrackState, image: Image, expected: FloatArray
     ) -> list[FloatArray]:
-        """Return likely places of a lost patch; the search widens with every frame."""
+        """Return angles at which the patch is found alone; the search widens with every frame."""
         reach = min(self.reach * 1.5 ** min(state.missed, 20), self.widest)
-        step = 2 * self.texel
-        area = _shrunk(
-            self._flat(image, expected, pan, tilt, self._cells * self.texel + 2 * reach, step)
-        )
-        scores = _scores(area, _shrunk(_shrunk(state.picked)))
-        middle = (np.array(area.shape[::-1]) - self._cells / _COARSE) / 2
-        places = []
-        for _ in range(_LIKELY):
-            best = np.empty(3)
-            kernels.peak(scores, best)
-            if best[2] < 0.7 * self.again:
-                break
-            off = (best[:2] - middle) * 2 * step
-            places.append(np.asarray(expected + off / np.array([self.camera.radius, 1.0])))
-            i, j = round(best[1]), round(best[0])
-            scores[max(i - 2, 0) : i + 3, max(j - 2, 0) : j + 3] = -1.0
-        return places
+        view, step = self._nearest(state, expected)[0], 2 * self.texel
+        area = self._area(image, state.home, expected, self._cells * self.texel + 2 * reach, step)
+        half = self._cells // 2
+        tile = wall_views.filled(wall_views.shrunk(view.coarse[half : 2 * half, half : 2 * half]))
+        if tile is None:
+            return []
+        scores = wall_views.scores_of(wall_views.shrunk(area), tile)
+        best = wall_views.best_of(scores)
+        if kernels.second(scores, best, 2) > self.alone * best[2] or best[2] < self.again:
+            return []
+        off = (best[:2] - (np.array(scores.shape[::-1]) - 1) / 2) * 2 * step
+        place = state.home + off / np.array([self.camera.radius, 1.0])
+        pixel = self.camera.pixel(place, *expected.tolist())
+        found = sighted_angles(self.camera, state.home, pixel, expected)
+        return [] if found is None or not self.camera.inside(*found.tolist()) else [found]
 
-    def _loss_verdict(self, expected: FloatArray, pan: float, tilt: float) -> str:
-        pixel = self.camera.pixel(expected, pan, tilt)
-        edge = np.array([self.camera.lens.width, self.camera.lens.height]) - _BORDER
-        inside = (pixel > _BORDER).all() and (pixel < edge).all()
-        return LOST if inside else OUT_OF_VIEW
+    def _loss_verdict(self, place: FloatArray, angles: FloatArray) -> str:
+        pixel = self.camera.pixel(place, *angles.tolist())
+        return LOST if self._inside(pixel, _BORDER) else OUT_OF_VIEW
+
+    def _inside(self, pixel: FloatArray, border: float) -> bool:
+        edge = np.array([self.camera.lens.width, self.camera.lens.height]) - border
+        return bool((pixel > border).all() and (pixel < edge).all())
 
     def _not_seen(
-        self,
-        state: TrackState,
-        expected: FloatArray,
-        pan: float,
-        tilt: float,
-        verdict: str,
-        score: float = math.nan,
+        self, state: TrackState, given: FloatArray, verdict: str, score: float = math.nan
     ) -> tuple[Track, TrackState]:
-        known = self.camera.inside(pan, tilt)
-        pixel = self.camera.pixel(expected, pan, tilt) if known else np.full(2, np.nan)
-        after = replace(state, missed=state.missed + 1, drift=np.zeros(2), place=expected)
-        return Track(pixel, expected, float(score), verdict), after
+        """Return the track of a patch that stays where angles and their last error put it."""
+        turned, place, pixel = given + state.turn, state.place, np.full(2, np.nan)
+        if self.camera.inside(*turned.tolist()):
+            pixel = np.asarray(self.camera.pixel(state.home, *turned.tolist()))
+            if self.camera.inside(*given.tolist()) and np.isfinite(pixel).all():
+                place = self.camera.place(pixel, *given.tolist())
+        after = replace(state, missed=state.missed + 1, drift=np.zeros(2), place=place)
+        return Track(pixel, place, float(score), verdict), after
 
 
 def _checksum(image: Image) -> int:
     return zlib.crc32(np.ascontiguousarray(image).tobytes())
-
-
-def _shrunk(fine: Image32) -> Image32:
-    coarse = np.empty((fine.shape[0] // 2, fine.shape[1] // 2), dtype=np.float32)
-    kernels.shrink(fine, coarse)
-    return coarse
-
-
-def _scores(area: Image32, template: Image32) -> FloatArray:
-    """Return the correlation with each place of an area; -1 if it is too small."""
-    shape = np.maximum(np.array(area.shape) - template.shape + 1, 1)
-    scores = np.full(tuple(shape), -1.0)
-    if area.shape[0] >= template.shape[0] and area.shape[1] >= template.shape[1]:
-        kernels.correlate(area, template, scores)
-    return scores
-
-
-def _best(area: Image32, template: Image32) -> FloatArray:
-    """Return column, row and height of the highest correlation."""
-    found = np.empty(3)
-    kernels.peak(_scores(area, template), found)
-    return found

@@ -1,0 +1,143 @@
+"""The part of the head report on what the camera tracks and what the tool marks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.head.studies.sight import Sight
+from minorloop.head.studies.sight_trials import CLICK, Insertion
+from minorloop.head.studies.touch_trials import Touch
+from minorloop.head.studies.tracking_trials import WALLS, Followed, tracking_figures
+from minorloop.report import Picture, Report, Table
+from minorloop.studies.drawing import new_figure
+
+_SQUARE = 15.0
+"""Half the side of the square in pixels of 640, about that of a hole of 1 mm."""
+_CROP = 70
+"""Half the side of the pictures of a mark, in pixels of 640."""
+
+
+def add_sight(report: Report, sight: Sight, figures: Mapping[str, Any]) -> None:
+    """Add sections on Fig 14, tracking, picking and touching.
+
+    Parameters
+    ----------
+    report : Report
+    sight : Sight
+        Of the specimen that is drawn.
+    figures : mapping
+        Over all specimens.
+    """
+    fig14, pick, tool = figures["fig14"], figures["pick"], figures["tool"]
+    report.add(
+        "Fig 14: the hole beside a reflection, and tracked",
+        text="A metal pipe of 20 mm with a hole of 1 mm that shows white, and a bead of spatter "
+        "beside it that mirrors the lights. Pictures (a) to (c) are taken while the head is "
+        "inserted: the square marks the strongest finding of the search under switched lights, "
+        f"which is the hole in {100 * fig14['told_apart']:.0f} % of the pictures; the reflection "
+        f"was taken for a defect {fig14['reflections_taken']} times. Pictures (d) to (f) are taken "
+        "while the head turns as that of an operator does: the tracked point stays within "
+        f"{fig14['track_error_px_p95']:.2f} pixels of 320 of the true one (95th percentile). In "
+        "the mode TRACK of the console the operator's head moves nothing.",
+        pictures=[Picture(draw_insertion(sight.insertion), "Fig 14: insertion, and tracking.")],
+    )
+    tracking = figures["tracking"]
+    report.add(
+        "Tracking, graded by the truth",
+        text="A hole and pieces of plain wall are followed while the head turns at up to 20 "
+        "degrees a second on a base that sways, on walls that are hard to follow. The tracker "
+        "compares a patch and eight tiles around it with a view from nearby and lets them vote "
+        "for one motion of the head; a patch that does not go with its surroundings is lost, not "
+        f"tracked. {tracking['texture_drifted']} of {tracking['texture_points']} pieces of plain "
+        "wall were more than 2 pixels of 320 off in some frame that counted as tracked. The table "
+        f"is of the specimen that is drawn. A click that is off by {CLICK:g} pixels of 640 rms is "
+        f"put on the outline; in the end {pick['final_error_px']:.2f} pixels of 320 remain in the "
+        "worst case, and the focus errs by "
+        f"{pick['focus_error_pct']:.0f} % of the distance at most.",
+        table=_walls_table(sight.followed),
+        pictures=[Picture(draw_followed(sight.followed), "Errors of the tracked points.")],
+    )
+    report.add(
+        "The micro-tool",
+        text="The tool is beside the lens; the head turns the tool, not the optical axis, to a "
+        "place 1.2 mm beside the hole, extends it until it touches, and withdraws it. A tool is "
+        "known within 0.03 mm and 0.1 degrees. The mark is "
+        f"{tool['touch_mm_p90']:.2f} mm from where it was wanted (90th percentile); "
+        f"{100 * tool['within_bound']:.0f} % of the touches are within 0.3 mm, and one that did "
+        "not come to pass is not.",
+        pictures=[Picture(draw_touches(sight.touches), "Before a touch, and the mark after it.")],
+    )
+
+
+def _walls_table(followed: tuple[Followed, ...]) -> Table:
+    columns = ("wall", "hole: p95, px", "hole: lost", "plain: p99, px", "plain: lost", "drifted")
+    rows = []
+    for wall in WALLS:
+        own = tracking_figures([each for each in followed if each.wall == wall])
+        rows.append(
+            (
+                wall,
+                f"{own['true_error_px_p95']:.2f}",
+                f"{own['lost_fraction']:.2f}",
+                f"{own['texture_error_px_p99']:.2f}",
+                f"{own['texture_lost_fraction']:.2f}",
+                f"{own['texture_drifted']} of {own['texture_points']}",
+            )
+        )
+    return Table(columns, rows)
+
+
+def draw_insertion(insertion: Insertion) -> Any:
+    """Draw the six pictures with squares, in the form of the paper."""
+    figure, axes = new_figure(2, 3, height=5.4)
+    shots = (*insertion.inserted, *insertion.turned)
+    for one, shot, name in zip(axes.flat, shots, "abcdef", strict=False):
+        one.imshow(shot.image, cmap="gray", vmin=0, vmax=255)
+        _square(one, shot.marked)
+        one.set_title(f"({name})")
+    for one in axes.flat:
+        one.set_axis_off()
+    return figure
+
+
+def draw_followed(followed: tuple[Followed, ...]) -> Any:
+    """Draw the errors of points while they counted as tracked."""
+    figure, axes = new_figure(1, 2, height=3.4, sharey=True)
+    for one, hole, title in ((axes[0], True, "holes"), (axes[1], False, "plain wall")):
+        for each in followed:
+            if each.hole == hole:
+                error = np.where(each.tracked, np.maximum(each.error, 1e-2), np.nan)
+                one.plot(error, lw=0.8, color=f"C{WALLS.index(each.wall)}")
+        one.set(xlabel="frame", title=title, yscale="log")
+    for k, wall in enumerate(WALLS):
+        axes[0].plot([], [], color=f"C{k}", label=wall)
+    axes[0].set_ylabel("off the true point [px of 320]")
+    axes[0].legend(frameon=False, ncols=2)
+    return figure
+
+
+def draw_touches(touches: tuple[Touch, ...]) -> Any:
+    """Draw the wall before and after each touch."""
+    figure, axes = new_figure(2, max(len(touches), 2), height=4.6)
+    for column, touch in enumerate(touches):
+        for row, image in enumerate((touch.before, touch.after)):
+            one = axes[row, column]
+            one.imshow(image, cmap="gray", vmin=0, vmax=255)
+            if np.isfinite(touch.pixel).all():
+                u, v = touch.pixel
+                one.set(xlim=(u - _CROP, u + _CROP), ylim=(v + _CROP, v - _CROP))
+        axes[0, column].set_title(f"{1e3 * touch.off:.2f} mm off")
+    for one in axes.flat:
+        one.set_axis_off()
+    return figure
+
+
+def _square(axes: Any, pixel: FloatArray) -> None:
+    if np.isfinite(pixel).all():
+        u, v = pixel
+        x = u + _SQUARE * np.array([-1, 1, 1, -1, -1])
+        axes.plot(x, v + _SQUARE * np.array([-1, -1, 1, 1, -1]), color="C3", lw=1.2)
