@@ -118,8 +118,10 @@ class Patches:
         Their texels in the pipe, in metres.
     templates : (levels, P, N) array
         Logarithms of grey levels without mean and slope, of length 1, in each size of the picture.
+    origins : (P, 2) array
+        Angles at which each was first seen, in radians.
     sd : (P,) array
-        Uncertainty of the angles at which each was first seen, in radians.
+        Their uncertainty, in radians.
     poor : (P,) array of int
         Pictures in a row in which each was in view and did not agree.
     """
@@ -127,6 +129,7 @@ class Patches:
     places: FloatArray
     points: FloatArray
     templates: FloatArray
+    origins: FloatArray
     sd: FloatArray
     poor: npt.NDArray[np.int64]
 
@@ -136,6 +139,7 @@ class Patches:
             self.places[chosen],
             self.points[chosen],
             self.templates[:, chosen],
+            self.origins[chosen],
             self.sd[chosen],
             self.poor[chosen],
         )
@@ -146,6 +150,7 @@ class Patches:
             np.concatenate([self.places, other.places]),
             np.concatenate([self.points, other.points]),
             np.concatenate([self.templates, other.templates], axis=1),
+            np.concatenate([self.origins, other.origins]),
             np.concatenate([self.sd, other.sd]),
             np.concatenate([self.poor, other.poor]),
         )
@@ -462,9 +467,10 @@ class WallAngles:
     def _hunted(
         self, pyramid: list[Image32], state: WallState
     ) -> tuple[tuple[Sight, Patches] | None, WallState]:
-        """Try further angles for a lost view, those near the last ones first."""
+        """Try further angles for a lost view, first those of old patches, the nearest first."""
         grid = self._grid
-        order = np.argsort(np.hypot(*(grid - state.angles).T), kind="stable")
+        apart = np.abs(grid[:, None] - state.patches.origins).max(axis=2).min(axis=1)
+        order = np.lexsort((np.hypot(*(grid - state.angles).T), apart > 0.5 * _HUNT))
         first = state.hunted % len(order)
         tried = grid[order[first : first + self.tries]]
         state = replace(state, hunted=first + len(tried))
@@ -540,6 +546,7 @@ class WallAngles:
                 middles[whole],
                 points[whole],
                 templates[:, whole],
+                np.tile(angles, (int(whole.sum()), 1)),
                 np.full(int(whole.sum()), sd),
                 np.zeros(int(whole.sum()), dtype=np.int64),
             )
@@ -589,6 +596,7 @@ class WallAngles:
             np.empty((0, 2)),
             np.empty((0, texels, 3)),
             np.empty((_LEVELS, 0, texels)),
+            np.empty((0, 2)),
             np.empty(0),
             np.empty(0, dtype=np.int64),
         )
@@ -610,8 +618,8 @@ class WallAngles:
 
     @cached_property
     def _detail(self) -> float:
-        """Least length of a patch's logarithms: 2 % contrast."""
-        return 0.02 * _SIDE
+        """Least length of a patch's logarithms: 1.3 % contrast; noise of a grey picture has 1 %."""
+        return 0.013 * _SIDE
 
     @cached_property
     def _grid(self) -> FloatArray:
