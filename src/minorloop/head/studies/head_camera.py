@@ -65,7 +65,7 @@ def identify_seen(seed: int) -> SeenWires:
     for axis in range(2):
         up = np.linspace(0.0, CURRENT, FIRST_LOOP)
         loop = np.concatenate([up, up[-2::-1]])
-        seen = _settled(sensor, axis, loop)
+        seen = _settled(sensor, axis, loop, follow=True)
         good = np.isfinite(seen[:, axis])
         levels: Levels = moving_levels(loop[good], seen[good, axis], BANDS)
         holds = excitation.reversal_curves(levels)
@@ -77,11 +77,13 @@ def identify_seen(seed: int) -> SeenWires:
     return SeenWires((found[0], found[1]), identify_coupling(moves), lost)
 
 
-def _settled(sensor: PictureSensor, axis: int, currents: FloatArray) -> FloatArray:
+def _settled(
+    sensor: PictureSensor, axis: int, currents: FloatArray, *, follow: bool = False
+) -> FloatArray:
     """Return the angles (n, 2) in degrees at the ends of holds of one axis, the other one cold."""
     inputs = np.zeros((currents.size, 2))
     inputs[:, axis] = currents
-    return np.array([sensor.hold(u, HOLD, PICTURES) for u in inputs])
+    return np.array([sensor.hold(u, HOLD, PICTURES, follow=follow) for u in inputs])
 
 
 def _step(sensor: PictureSensor, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -41,6 +41,9 @@ _FOCUS = 10e-3
 """Of the lens in metres: between the wall ahead of a cold head, at 7, and that of a straight one."""
 _SETTLING = 12
 """Pictures at rest until the gain has settled, and the one after them is that of the angle 0."""
+_WAY, _PAUSE = 12.0, 0.4
+"""Duration in seconds of the way to another angle, three time constants, and time between pictures
+on it: the fastest wire turns 8 degrees in that time, less than half of what is seen."""
 _SEARCH = 40
 """Most pictures at the end of a hold: in 21, angles within the whole reach are tried."""
 Disturbance: TypeAlias = Callable[[int, Frame], Frame | None]
@@ -85,7 +88,7 @@ def known_view(tip: SimulatedTip, mount: Mount, seed: int) -> HeadCalibration:
     )
 
 
-def estimator(view: HeadCalibration, reach: float = 66.0) -> WallAngles:
+def estimator(view: HeadCalibration, reach: float = 75.0) -> WallAngles:
     """Return the estimator of the angles of a calibrated head.
 
     Parameters
@@ -188,24 +191,45 @@ class PictureSensor:
             self.missed.append(Missed(self._ticks, self.sight.reason))
         return self.view.joints(self.sight.angles)
 
-    def hold(self, u: FloatArray, seconds: float, pictures: int) -> FloatArray:
+    def hold(
+        self, u: FloatArray, seconds: float, pictures: int, *, follow: bool = False
+    ) -> FloatArray:
         """Hold two currents, and return the mean angles (2,) of pictures at the end, in degrees.
 
         The angles may be far from the last ones, and the view has to be found again; NaN if it is
         not.
+
+        Parameters
+        ----------
+        u : (2,) array
+            In A.
+        seconds : float
+        pictures : int
+            Number of pictures at the end.
+        follow : bool
+            Whether to take pictures on the way too: where the wall has not been seen before, the
+            view at the end can only be found from there.
         """
-        rest = seconds - _SEARCH * self.rig.tick
-        self.rig.head.apply(u, rest, rest)
-        self.tip.camera._advance(rest)
+        way = round(_WAY / _PAUSE) if follow else 0
+        for _ in range(way):
+            self._wait(u, _PAUSE - self.rig.tick)
+            self.look()
+        self._wait(u, seconds - _SEARCH * self.rig.tick - way * _PAUSE)
         good: list[FloatArray] = []
         for _ in range(_SEARCH):
-            self.rig.exchange(np.append(u, [0.0, 0.0]))
             angles = self.look()
             if np.isfinite(angles).all():
                 good.append(angles)
             if len(good) == pictures:
                 return np.asarray(np.mean(good, axis=0))
+            self.rig.exchange(np.append(u, [0.0, 0.0]))
         return np.full(2, np.nan)
+
+    def _wait(self, u: FloatArray, seconds: float) -> None:
+        """Hold two currents without a picture, but for the last tick."""
+        self.rig.head.apply(u, seconds, seconds)
+        self.tip.camera._advance(seconds)
+        self.rig.exchange(np.append(u, [0.0, 0.0]))
 
     def _frame(self) -> Frame:
         self.tip.expose(LIMITS.exposure, self._gain)

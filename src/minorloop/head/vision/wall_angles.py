@@ -475,7 +475,8 @@ class WallAngles:
         tried = grid[order[first : first + self.tries]]
         state = replace(state, hunted=first + len(tried))
         poses = [self.camera.mount.pose(*each.tolist()) for each in tried]
-        inside = [self.camera.inside(*each.tolist()) for each in tried]
+        across = [np.hypot(*pose.position[:2]) for pose in poses]
+        inside = np.array(across) < self.camera.radius
         patches, found = state.patches, np.empty(len(tried))
         few = slice(None, None, _COARSE)
         shape = (-1, _SIDE, _SIDE)
@@ -515,14 +516,16 @@ class WallAngles:
             return known
         places = self.camera.place(self._cells, pan, tilt)
         taken = known.places[known.poor < _POOR]
-        chosen: list[FloatArray] = []
-        for place in places:
-            if np.isfinite(place).all() and not self._near(place, taken, chosen):
-                chosen.append(place)
-        if not chosen:
+        places = places[np.isfinite(places).all(axis=1)]
+        places = places[~self._beside(places, taken).any(axis=1)]
+        places = places[self._large(places, pan, tilt)]
+        free = np.ones(len(places), dtype=bool)
+        crowded = self._beside(places, places)
+        for n in range(len(places)):
+            free[n + 1 :] &= ~(free[n] & crowded[n, n + 1 :])
+        middles = places[free]
+        if not len(middles):
             return known
-        middles = np.array(chosen)
-        middles = middles[self._large(middles, pan, tilt)]
         points = wall_point(
             middles[:, :1] + self._offsets[0] / self.camera.radius,
             middles[:, 1:] + self._offsets[1],
@@ -552,12 +555,11 @@ class WallAngles:
             )
         )
 
-    def _near(self, place: FloatArray, taken: FloatArray, chosen: list[FloatArray]) -> bool:
-        """Return whether a place is beside a patch."""
-        others = np.concatenate([taken, np.reshape(chosen, (-1, 2))])
-        x = self.camera.radius * wrapped(others[:, 0] - place[0])
-        apart = np.maximum(np.abs(x), np.abs(others[:, 1] - place[1]))
-        return bool((apart < 0.8 * self.size).any())
+    def _beside(self, places: FloatArray, others: FloatArray) -> BoolArray:
+        """Return (n, m) which places are beside which others."""
+        x = self.camera.radius * np.abs(wrapped(places[:, None, 0] - others[:, 0]))
+        apart = np.maximum(x, np.abs(places[:, None, 1] - others[:, 1]))
+        return np.asarray(apart < 0.8 * self.size)
 
     def _large(self, middles: FloatArray, pan: float, tilt: float) -> BoolArray:
         """Return which patches are large enough in the picture to show detail."""
