@@ -129,6 +129,8 @@ class PictureSensor:
 
     Attributes
     ----------
+    ticks : int
+        Number of pictures so far.
     missed : list of Missed
         Pictures that did not show the angles.
     latest : (2,) array
@@ -164,7 +166,7 @@ class PictureSensor:
         self.picture: Image | None = None
         self.latest: FloatArray = np.zeros(2)
         self._rng, self._dropped, self._disturb = rng, dropped, disturb
-        self._gain, self._ticks = 1.0, 0
+        self._gain, self.ticks = 1.0, 0
         self._state = self._zero()
         self._coming: list[FloatArray] = [np.zeros(2)] * (AGE - 1)
 
@@ -178,17 +180,17 @@ class PictureSensor:
     def look(self) -> FloatArray:
         """Take a picture now, and return the joints (2,) in degrees by it; NaN without."""
         frame: Frame | None = self._frame()
-        self._ticks += 1
+        self.ticks += 1
         if self._disturb is not None and frame is not None:
-            frame = self._disturb(self._ticks, frame)
+            frame = self._disturb(self.ticks, frame)
         if frame is None or self._rng.random() < self._dropped:
-            self.missed.append(Missed(self._ticks, "no picture came"))
+            self.missed.append(Missed(self.ticks, "no picture came"))
             return np.full(2, np.nan)
         self.picture = frame.image
         self._gain = LIMITS.gain(self._gain, frame.image)
         self.sight, self._state = self.eyes.step(self._state, frame.image, frame.t)
         if self.sight.verdict != SEEN:
-            self.missed.append(Missed(self._ticks, self.sight.reason))
+            self.missed.append(Missed(self.ticks, self.sight.reason))
         return self.view.joints(self.sight.angles)
 
     def hold(
