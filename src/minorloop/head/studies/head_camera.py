@@ -133,6 +133,11 @@ class CameraStudy:
     missed: float
     seconds: float
 
+    @property
+    def runs(self) -> tuple[HeadRun, ...]:
+        """All closed loops."""
+        return (*self.steps.values(), *(circle.run for circle in self.circles.values()))
+
     def figures(self) -> dict[str, Any]:
         """Return the numbers by the name under which they are printed."""
         circles = {
