@@ -209,9 +209,7 @@ class HeadStudy:
         found["aged"] = {f"{name}_rms_deg": _late_rms(self.runs["aged", name]) for name in OLD}
         found["unreachable"] = self._unreachable()
         found["limits"] = {
-            "violations": sum(
-                run.violations for run in (*self.runs.values(), *self.camera.runs)
-            ),
+            "violations": sum(run.violations for run in (*self.runs.values(), *self.camera.runs)),
             "hottest_C": max(float(run.truth.hottest.max()) for run in self.runs.values()),
             "stress_MPa": max(float(run.truth.stress.max()) for run in self.runs.values()) / 1e6,
         }

@@ -25,6 +25,7 @@ from minorloop.head.control.heating import (
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.sensing import SensorWatch
 from minorloop.head.geometry import wall_point
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.studies.head_loop import TICK, HeadRun, constant, run_loop
 from minorloop.head.studies.head_static import BANDS, COMMAND, CURRENT, FIRST_LOOP, HOLD, STEP
 from minorloop.head.studies.picture_sensor import AGE, PictureSensor
@@ -68,12 +69,15 @@ class SeenWires:
     found : tuple of HeatedIdentification
         Of pan and tilt.
     coupling : (2, 2) array
+    view : HeadCalibration
+        Calibration of the camera, corrected by pictures of a sweep.
     lost : int
         Holds at whose end no picture showed the angles.
     """
 
     found: tuple[HeatedIdentification, HeatedIdentification]
     coupling: FloatArray
+    view: HeadCalibration
     lost: int
 
     @property
@@ -141,8 +145,7 @@ class CameraStudy:
     def figures(self) -> dict[str, Any]:
         """Return the numbers by the name under which they are printed."""
         circles = {
-            f"circle_{period:g}s": {"rms_mm": circle.rms}
-            for period, circle in self.circles.items()
+            f"circle_{period:g}s": {"rms_mm": circle.rms} for period, circle in self.circles.items()
         }
         return {
             "static_rms_deg": float(np.sqrt(np.mean(self.static_error**2))),
@@ -187,13 +190,13 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray) -> CameraSt
             STEP_SECONDS,
             specimen=seed,
             seed=seed,
-            camera=_camera(seed, used),
+            camera=_camera(seed, seen.view, used),
         )
         for name, control in controls.items()
         for target in (STEPS if name in LAWS[:2] else STEPS[-1:])
     }
     circles = {
-        period: run_circle(seed, controls[LAWS[0]], period, _camera(seed, used, (HOLE,)))
+        period: run_circle(seed, controls[LAWS[0]], period, _camera(seed, seen.view, used, (HOLE,)))
         for period in PERIODS
     }
     runs = [*steps.values(), *(circle.run for circle in circles.values())]
@@ -216,12 +219,12 @@ def seen_control(name: str, seen: SeenWires) -> HeadControl:
 
 
 def _camera(
-    seed: int, used: list[PictureSensor], bores: tuple[Bore, ...] = ()
+    seed: int, view: HeadCalibration, used: list[PictureSensor], bores: tuple[Bore, ...] = ()
 ) -> Callable[[Head], PictureSensor]:
     """Return what gives a head its camera, which is kept in a list."""
 
     def give(head: Head) -> PictureSensor:
-        used.append(PictureSensor(head, seed, bores=bores))
+        used.append(PictureSensor(head, seed, view=view, bores=bores))
         return used[-1]
 
     return give
@@ -279,7 +282,8 @@ def _aimed(sensor: PictureSensor, place: FloatArray, off: FloatArray) -> tuple[f
 
 def identify_seen(seed: int) -> SeenWires:
     """Identify both wires of one specimen from pictures."""
-    sensor = PictureSensor(Head(seed), seed)
+    view = PictureSensor(Head(seed), seed).survey()
+    sensor = PictureSensor(Head(seed), seed, view=view)
     found, moves, lost = [], [], 0
     for axis in range(2):
         up = np.linspace(0.0, CURRENT, FIRST_LOOP)
@@ -293,7 +297,7 @@ def identify_seen(seed: int) -> SeenWires:
         found.append(identify_heating(holds, readings[:, axis], step=step, levels=levels))
         lost += int(np.isnan(readings[:, axis]).sum() + (~good).sum())
         moves.append(readings[np.isfinite(readings).all(axis=1)].T)
-    return SeenWires((found[0], found[1]), identify_coupling(moves), lost)
+    return SeenWires((found[0], found[1]), identify_coupling(moves), view, lost)
 
 
 def _settled(

@@ -17,13 +17,14 @@ from minorloop.arrays import FloatArray
 from minorloop.head.geometry import Mount
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
+from minorloop.head.procedures.seen_angles import refined_view, seen_by
 from minorloop.head.twins.camera import LENS
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Pipe
 from minorloop.head.twins.rig import Rig, SimulatedTip
 from minorloop.head.vision.calibrated_camera import Image
-from minorloop.head.vision.wall_angles import SEEN, Sight, WallAngles, WallState
+from minorloop.head.vision.wall_angles import SEEN, Sight, WallState
 from minorloop.lab.actuator import Frame
 
 AGE = 2
@@ -44,6 +45,9 @@ _SETTLING = 12
 _WAY, _PAUSE = 12.0, 0.4
 """Duration in seconds of the way to another angle, three time constants, and time between pictures
 on it: the fastest wire turns 8 degrees in that time, less than half of what is seen."""
+_SWEEP = np.concatenate([np.linspace(0.2, 0.38, 45), np.linspace(0.34, 0.12, 30), np.zeros(15)])
+_SLOWLY = 0.8
+"""Currents in A that turn an axis up and down, slowly, and seconds for each."""
 _SEARCH = 40
 """Most pictures at the end of a hold: in 21, angles within the whole reach are tried."""
 Disturbance: TypeAlias = Callable[[int, Frame], Frame | None]
@@ -88,21 +92,6 @@ def known_view(tip: SimulatedTip, mount: Mount, seed: int) -> HeadCalibration:
     )
 
 
-def estimator(view: HeadCalibration, reach: float = 75.0) -> WallAngles:
-    """Return the estimator of the angles of a calibrated head.
-
-    Parameters
-    ----------
-    view : HeadCalibration
-    reach : float
-        Largest pan and tilt of the joints, in degrees.
-    """
-    least, most = view.line_of_sight(np.radians([[-6.0, -6.0], [reach, reach]])).tolist()
-    return WallAngles(
-        view.camera_at((0.0, 0.0)), low=(least[0], least[1]), high=(most[0], most[1])
-    )
-
-
 @dataclass(frozen=True)
 class Missed:
     """A picture that did not show the angles: tick, and why."""
@@ -120,6 +109,8 @@ class PictureSensor:
         Cold, at its beginning; its own sensors are not read.
     seed : int
         Draws pipe, camera, errors of the calibration and lost pictures.
+    view : HeadCalibration, optional
+        What is known of the camera; with the errors of a calibration without it.
     bores : tuple of Bore
         Holes in the wall.
     dropped : float
@@ -144,6 +135,7 @@ class PictureSensor:
         head: Head,
         seed: int,
         *,
+        view: HeadCalibration | None = None,
         bores: tuple[Bore, ...] = (),
         dropped: float = DROPPED,
         disturb: Disturbance | None = None,
@@ -159,8 +151,8 @@ class PictureSensor:
             pipe, mount=self.mount, specimen=seed, seed=seed, optics=LENS.scaled(_SCALE)
         )
         self.tip.focus_at(_FOCUS)
-        self.view = known_view(self.tip, self.mount, seed)
-        self.eyes = estimator(self.view)
+        self.view = view or known_view(self.tip, self.mount, seed)
+        self.eyes = seen_by(self.view)
         self.missed: list[Missed] = []
         self.sight: Sight | None = None
         self.picture: Image | None = None
@@ -192,6 +184,21 @@ class PictureSensor:
         if self.sight.verdict != SEEN:
             self.missed.append(Missed(self.ticks, self.sight.reason))
         return self.view.joints(self.sight.angles)
+
+    def survey(self) -> HeadCalibration:
+        """Turn each axis up and down, and return the calibration corrected by the pictures.
+
+        The head is hot then.
+        """
+        frames = [self._frame()]
+        for axis in range(2):
+            for current in _SWEEP:
+                u = np.zeros(2)
+                u[axis] = current
+                self._wait(u, _SLOWLY)
+                frames.append(self._frame())
+                self._gain = LIMITS.gain(self._gain, frames[-1].image)
+        return refined_view(self.view, frames)
 
     def hold(
         self, u: FloatArray, seconds: float, pictures: int, *, follow: bool = False

@@ -114,8 +114,19 @@ def normalise(values, side):
 
 @njit(cache=True, nogil=True)
 def align(
-    image, points, templates, side, lens, rotation, position, turns, moves, shift,
-    scores, normal, slope,
+    image,
+    points,
+    templates,
+    side,
+    lens,
+    rotation,
+    position,
+    turns,
+    moves,
+    shift,
+    scores,
+    normal,
+    slope,
 ):
     """Compare patches (P, N) at points (P, N, 3) with an image at a pose.
 
@@ -164,7 +175,15 @@ def search(image, points, templates, side, lens, rotations, positions, least, fo
         total, count = 0.0, 0
         for p in range(points.shape[0]):
             if not sample(
-                image, points[p], lens, rotations[m], positions[m], turns, moves, still, values,
+                image,
+                points[p],
+                lens,
+                rotations[m],
+                positions[m],
+                turns,
+                moves,
+                still,
+                values,
                 slopes,
             ):
                 continue

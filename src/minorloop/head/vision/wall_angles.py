@@ -103,7 +103,9 @@ class Sight:
             return ""
         if self.verdict == FEW:
             return f"{self.agreeing} of {self.seen} patches of wall in view agree"
-        return self.verdict if self.seen or " " in self.verdict else f"the picture is {self.verdict}"
+        return (
+            self.verdict if self.seen or " " in self.verdict else f"the picture is {self.verdict}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,9 +264,7 @@ class WallAngles:
         if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
             raise ParameterError(f"angles from {self.low} to {self.high}; give low < high")
 
-    def begin(
-        self, image: Image, angles: npt.ArrayLike, t: float = 0.0
-    ) -> tuple[Sight, WallState]:
+    def begin(self, image: Image, angles: npt.ArrayLike, t: float = 0.0) -> tuple[Sight, WallState]:
         """Take a picture as that of known angles, such as the head at rest.
 
         Parameters
@@ -365,9 +365,7 @@ class WallAngles:
         weights = np.ones(chosen.size)
         for level in reversed(range(_LEVELS)):
             for _ in range(_STEPS[level]):
-                scores, normal, slope = self._compared(
-                    pyramid, level, some, angles, state.rates
-                )
+                scores, normal, slope = self._compared(pyramid, level, some, angles, state.rates)
                 known = np.clip(np.nan_to_num(scores, nan=0.0), 0.0, 0.99)
                 noise = 2.0 * _ALIKE / some.points.shape[1] * (1.0 - known)
                 weights = self._weights(scores, normal, noise, some.sd)
@@ -480,9 +478,7 @@ class WallAngles:
         patches, found = state.patches, np.empty(len(tried))
         few = slice(None, None, _COARSE)
         shape = (-1, _SIDE, _SIDE)
-        points = patches.points.reshape(*shape, 3)[:, few, few].reshape(
-            len(patches.sd), -1, 3
-        )
+        points = patches.points.reshape(*shape, 3)[:, few, few].reshape(len(patches.sd), -1, 3)
         templates = patches.templates[-1].reshape(shape)[:, few, few].reshape(len(patches.sd), -1)
         lengths = np.linalg.norm(templates, axis=1, keepdims=True)
         kernels.search(
@@ -540,9 +536,7 @@ class WallAngles:
             shift = rates * self.readout / pyramid[level].shape[0]
             for n in range(len(middles)):
                 values = templates[level, n]
-                seen = kernels.sample(
-                    pyramid[level], points[n], lens, *pose, shift, values, slopes
-                )
+                seen = kernels.sample(pyramid[level], points[n], lens, *pose, shift, values, slopes)
                 whole[n] &= seen and kernels.normalise(values, _SIDE) > self._detail
         return known.with_more(
             Patches(
