@@ -3,7 +3,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from minorloop.head.studies import head, head_report
+from minorloop.head.control.heating import identify_coupling
+from minorloop.head.studies import head, head_camera, head_report, head_static
 from minorloop.head.studies.head_loop import circle, constant, ramps, run_loop, stairs
 from minorloop.head.twins.surroundings import Course, Surroundings
 from minorloop.studies.claims import claim_table
@@ -21,7 +22,26 @@ def study():
     with pytest.MonkeyPatch.context() as patch:
         for name, value in shorter.items():
             patch.setattr(head, name, value)
+        by_camera = {
+            "LAWS": ("observer", "internal_model"), "STEPS": (20.0,), "STEP_SECONDS": 12.0,
+            "PERIODS": (60.0, 30.0), "WAIT": 4.0, "identify_seen": seen_wires, "run_circle": circled,
+        }  # fmt: skip
+        for name, value in by_camera.items():
+            patch.setattr(head_camera, name, value)
         yield head.run_study(1)
+
+
+def seen_wires(seed):
+    """Wires identified by sensors, which takes less time than pictures."""
+    found, moves = zip(*(head_static._wire(seed, axis) for axis in range(2)), strict=True)
+    return head_camera.SeenWires(found, identify_coupling(moves), None, 0)
+
+
+def circled(seed, control, period, camera):
+    """A circle that is not driven."""
+    run = run_loop("observer", control, constant(0.0), 0.2, specimen=seed, seed=seed)
+    around = np.stack([4 * np.cos(run.t), 4 * np.sin(run.t)], axis=1)
+    return head_camera.WallCircle(run.t, around, around + 0.1, run)
 
 
 @pytest.fixture(scope="module")

@@ -41,6 +41,9 @@ STEPS, STEP_SECONDS = (20.0, 30.0, 40.0), 20.0
 PATIENCE = 250
 """Pictures in a row without angles after which the wires cool: for 10 s the head goes by its model,
 whose error grows by a few degrees in that time."""
+JUMP = 60.0
+"""Largest plausible difference between two readings in degrees: a view that was lost is found again
+wherever the head is, and the pictures themselves say whether it is."""
 PICTURES = 3
 """Pictures at the end of a hold: their mean has half the noise of one, at little cost."""
 PERIODS = (60.0, 30.0, 20.0)
@@ -214,7 +217,7 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray) -> CameraSt
 
 def seen_control(name: str, seen: SeenWires) -> HeadControl:
     """Return the control of a head by its camera: a late sensor, which may miss some pictures."""
-    watch = SensorWatch(patience=PATIENCE)
+    watch = SensorWatch(patience=PATIENCE, jump=JUMP)
     return head_control(name, seen.wires, coupling=seen.coupling, delay=AGE, sensor=watch)
 
 

@@ -68,6 +68,8 @@ _HUNT = math.radians(2.0)
 """Distance between angles that are tried for a lost view: those between lead to the same peak."""
 _GOING = 5
 """Pictures for which the head is taken to go on turning while it is not seen."""
+_TURNED = math.radians(0.4)
+"""Turn after which new patches are looked for: what is seen then is new by a tenth of a patch."""
 _UNEVEN = 1e-3
 """Uncertainty in seconds of when a row of a moving picture was taken."""
 _KEPT = 16
@@ -211,9 +213,6 @@ class WallAngles:
         Least number of patches that agree.
     widest : float
         Largest standard deviation of an angle, in radians.
-    slow : float
-        Rate in radians per second up to which new patches are added: faster pictures are smeared,
-        and rows are taken one after the other. Without enough old ones they are added anyway.
     readout : float
         Time in seconds from the first row of a picture to the last.
     tries : int
@@ -246,12 +245,11 @@ class WallAngles:
     least: float = 0.55
     fewest: int = 4
     widest: float = math.radians(0.25)
-    slow: float = math.radians(60.0)
     readout: float = 8e-3
     tries: int = 64
 
     def __post_init__(self) -> None:
-        for name in ("size", "widest", "slow"):
+        for name in ("size", "widest"):
             if not as_finite(name, getattr(self, name)) > 0:
                 raise ParameterError(f"{name} is {getattr(self, name)}; give a number above 0")
         if not 0 < self.least < 1:
@@ -311,7 +309,8 @@ class WallAngles:
         if verdict == frame_checks.WRONG_SIZE:
             return self._missed(state, verdict)
         key = zlib.crc32(np.ascontiguousarray(image).tobytes())
-        verdict = frame_checks.FROZEN if key in state.earlier else verdict
+        if verdict == frame_checks.GOOD and key in state.earlier:
+            verdict = frame_checks.FROZEN
         verdict = verdict if t > state.newest else LATE
         state = replace(state, before=image, earlier=(*state.earlier, key)[-_KEPT:])
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
@@ -322,7 +321,8 @@ class WallAngles:
         if sight.verdict != SEEN:
             again, state = self._hunted(pyramid, state)
             if again is None:
-                return self._missed(state, sight.verdict, sight)
+                white = verdict == frame_checks.SATURATED
+                return self._missed(state, verdict, None if white else sight)
             sight, patches = again
         return sight, self._moved_on(pyramid, replace(state, patches=patches), sight, t)
 
@@ -346,9 +346,9 @@ class WallAngles:
         rates = (sight.angles - state.angles) / passed
         if state.missed > _GOING:
             rates = np.zeros(2)
-        patches, fast = state.patches, float(np.abs(rates).max())
-        if fast < self.slow or sight.agreeing < 3 * self.fewest:
-            smear = math.hypot(float(sight.sd.max()), _UNEVEN * fast)
+        patches = state.patches
+        if not (np.abs(patches.origins - sight.angles).max(axis=1) < _TURNED).any():
+            smear = math.hypot(float(sight.sd.max()), _UNEVEN * float(np.abs(rates).max()))
             patches = self._new(pyramid, sight.angles, patches, smear, rates)
         return replace(
             state, patches=patches, angles=sight.angles, rates=rates, t=t, missed=0, hunted=0
@@ -363,7 +363,8 @@ class WallAngles:
             return _nothing(NO_PATCH, 0, int(chosen.size)), patches
         some, angles = patches.of(chosen), start
         weights = np.ones(chosen.size)
-        for level in reversed(range(_LEVELS)):
+        levels = _LEVELS if state.missed or state.hunted else _LEVELS - 1
+        for level in reversed(range(levels)):
             for _ in range(_STEPS[level]):
                 scores, normal, slope = self._compared(pyramid, level, some, angles, state.rates)
                 known = np.clip(np.nan_to_num(scores, nan=0.0), 0.0, 0.99)
@@ -469,9 +470,10 @@ class WallAngles:
         grid = self._grid
         apart = np.abs(grid[:, None] - state.patches.origins).max(axis=2).min(axis=1)
         order = np.lexsort((np.hypot(*(grid - state.angles).T), apart > 0.5 * _HUNT))
-        first = state.hunted % len(order)
-        tried = grid[order[first : first + self.tries]]
-        state = replace(state, hunted=first + len(tried))
+        near, far = np.split(order, [self.tries // 2])
+        first = state.hunted % len(far)
+        tried = grid[np.concatenate([near, far[first : first + self.tries - len(near)]])]
+        state = replace(state, hunted=state.hunted + len(tried) - len(near))
         poses = [self.camera.mount.pose(*each.tolist()) for each in tried]
         across = [np.hypot(*pose.position[:2]) for pose in poses]
         inside = np.array(across) < self.camera.radius
