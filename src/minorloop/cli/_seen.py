@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from minorloop.cli import _common
 from minorloop.errors import ParameterError
@@ -13,6 +13,7 @@ from minorloop.head.console.settings import is_pipe
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.seen_angles import SeenHead
+    from minorloop.lab.actuator import Actuator
 
 _PATIENCE = 0.5
 """Seconds that a camera may take for a picture."""
@@ -52,13 +53,14 @@ def seen_head(
 
     if is_pipe(address):
         from minorloop.head.console.plant import open_plant, open_tip
-        from minorloop.head.twins.rig import Rig, RigWires
+        from minorloop.head.twins.rig import Rig, RigWires, SimulatedTip
 
         rig = open_plant(address, specimen=specimen, seed=seed)
         assert isinstance(rig, Rig)
         tip, known = open_tip(address, specimen=specimen, seed=seed, scale=_TIP_SCALE)
+        assert isinstance(tip, SimulatedTip)
         wires = RigWires(rig, tip)
-        yield SeenHead(wires, wires.frame, known, expose=tip.expose, every=_EVERY)
+        yield SeenHead(cast("Actuator", wires), wires.frame, known, expose=tip.expose, every=_EVERY)
         return
     if camera is None:
         raise ParameterError("give the address of the camera with --camera, such as camera:0")

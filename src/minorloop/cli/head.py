@@ -69,8 +69,9 @@ def identify(
     as_json: _common.Json = False,
 ) -> None:
     """Measure both wires of a head, identify and check them; the same command continues it."""
-    from minorloop.cli._seen import is_pipe, seen_head
+    from minorloop.cli._seen import seen_head
     from minorloop.connect import is_simulated
+    from minorloop.head.console.settings import is_pipe
     from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
     from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 

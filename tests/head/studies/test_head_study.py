@@ -24,7 +24,8 @@ def study():
             patch.setattr(head, name, value)
         by_camera = {
             "LAWS": ("observer", "internal_model"), "STEPS": (20.0,), "STEP_SECONDS": 12.0,
-            "PERIODS": (60.0, 30.0), "WAIT": 4.0, "identify_seen": seen_wires, "run_circle": circled,
+            "PERIODS": (60.0, 30.0), "WAIT": 4.0, "identify_seen": seen_wires,
+            "run_circle": circled,
         }  # fmt: skip
         for name, value in by_camera.items():
             patch.setattr(head_camera, name, value)

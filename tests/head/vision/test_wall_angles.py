@@ -11,7 +11,8 @@ from minorloop.head.geometry import Mount
 from minorloop.head.twins.camera import LENS, Camera
 from minorloop.head.twins.pipe import Pipe
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.wall_angles import SEEN, WallAngles
+from minorloop.head.vision.wall_angles import WallAngles
+from minorloop.head.vision.wall_patches import SEEN
 
 REST = np.radians([-30.0, -30.0])
 CLOSE = math.radians(0.15)

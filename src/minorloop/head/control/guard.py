@@ -45,8 +45,8 @@ _IDLE_LAGS = 4.0
 """Lags without current after which a wire above its target means surroundings that are too warm:
 98 % of the heat have left it by then."""
 _UNREAD = 5
-"""Missing readings from which the log says so where the patience is longer: more than those that are
-lost by chance."""
+"""Missing readings from which the log says so, where the patience is longer: more than are lost by
+chance."""
 _RESYNC = 3
 """Consistent times in a row after which a clock counts as set."""
 _LONGEST_GAP = 500

@@ -17,7 +17,8 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
-from minorloop.head.vision.wall_angles import SEEN, Sight, WallAngles, WallState
+from minorloop.head.vision.wall_angles import WallAngles
+from minorloop.head.vision.wall_patches import SEEN, Sight, WallState
 from minorloop.head.vision.wall_refinement import refined
 from minorloop.lab.actuator import Actuator, Channel, Frame, Value
 from minorloop.lab.records import Record, Timing

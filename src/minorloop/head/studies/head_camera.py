@@ -16,13 +16,13 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, Levels
 from minorloop.dynamics.heated_wire import HeatedWire
+from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.heating import (
     HeatedIdentification,
     identify_coupling,
     identify_heating,
     moving_levels,
 )
-from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.sensing import SensorWatch
 from minorloop.head.geometry import wall_point
 from minorloop.head.procedures.calibration import HeadCalibration

@@ -24,7 +24,7 @@ from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Pipe
 from minorloop.head.twins.rig import Rig, SimulatedTip
 from minorloop.head.vision.calibrated_camera import Image
-from minorloop.head.vision.wall_angles import SEEN, Sight, WallState
+from minorloop.head.vision.wall_patches import SEEN, Sight, WallState
 from minorloop.lab.actuator import Frame
 
 AGE = 2
@@ -39,7 +39,7 @@ tested (focal length as a share, principal point in pixels of 640, angles of the
 _SCALE = 0.5
 """Of the pictures: 320 by 240 pixels."""
 _FOCUS = 10e-3
-"""Of the lens in metres: between the wall ahead of a cold head, at 7, and that of a straight one."""
+"""Of the lens in metres: the wall ahead of a cold head is at 7 mm, and further for others."""
 _SETTLING = 12
 """Pictures at rest until the gain has settled, and the one after them is that of the angle 0."""
 _WAY, _PAUSE = 12.0, 0.4

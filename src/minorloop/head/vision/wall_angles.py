@@ -31,15 +31,18 @@ from minorloop.head.geometry import Pinhole, wall_point, wrapped
 from minorloop.head.vision import _alignment_kernels as kernels
 from minorloop.head.vision import frame_checks
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32
-
-SEEN = "seen"
-"""Verdict of a picture that shows the angles; others say why it does not."""
-LATE, FEW, NO_PATCH, UNSURE = (
-    "late",
-    "too few patches agree",
-    "no patch in view",
-    "the patches in view do not tell the angles",
+from minorloop.head.vision.wall_patches import (
+    FEW,
+    LATE,
+    NO_PATCH,
+    SEEN,
+    UNSURE,
+    Patches,
+    Sight,
+    WallState,
+    nothing,
 )
+
 _SIDE = 16  # texels along a side of a patch
 _COARSE = 2
 """Texels in one of the search for a lost view, along a side."""
@@ -74,124 +77,6 @@ _UNEVEN = 1e-3
 """Uncertainty in seconds of when a row of a moving picture was taken."""
 _KEPT = 16
 """Number of pictures among which a repeated one counts as frozen."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sight:
-    """What a picture says about the angles.
-
-    Parameters
-    ----------
-    angles : (2,) array
-        Pan and tilt of the line of sight in radians; NaN where it does not tell.
-    sd : (2,) array
-        Their standard deviations by the noise of the picture, in radians.
-    agreeing, seen : int
-        Number of patches that agree, and of those in view.
-    verdict : str
-        ``seen``, or why there are no angles.
-    """
-
-    angles: FloatArray
-    sd: FloatArray
-    agreeing: int
-    seen: int
-    verdict: str
-
-    @property
-    def reason(self) -> str:
-        """Why there are no angles, in words; empty if there are."""
-        if self.verdict == SEEN:
-            return ""
-        if self.verdict == FEW:
-            return f"{self.agreeing} of {self.seen} patches of wall in view agree"
-        return (
-            self.verdict if self.seen or " " in self.verdict else f"the picture is {self.verdict}"
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Patches:
-    """Remembered patches of the wall.
-
-    Parameters
-    ----------
-    places : (P, 2) array
-        Phi and z of their middles.
-    points : (P, N, 3) array
-        Their texels in the pipe, in metres.
-    templates : (levels, P, N) array
-        Logarithms of grey levels without mean and slope, of length 1, in each size of the picture.
-    origins : (P, 2) array
-        Angles at which each was first seen, in radians.
-    sd : (P,) array
-        Their uncertainty, in radians.
-    poor : (P,) array of int
-        Pictures in a row in which each was in view and did not agree.
-    """
-
-    places: FloatArray
-    points: FloatArray
-    templates: FloatArray
-    origins: FloatArray
-    sd: FloatArray
-    poor: npt.NDArray[np.int64]
-
-    def of(self, chosen: npt.NDArray[np.int64]) -> Patches:
-        """Return some of them."""
-        return Patches(
-            self.places[chosen],
-            self.points[chosen],
-            self.templates[:, chosen],
-            self.origins[chosen],
-            self.sd[chosen],
-            self.poor[chosen],
-        )
-
-    def with_more(self, other: Patches) -> Patches:
-        """Return these and others."""
-        return Patches(
-            np.concatenate([self.places, other.places]),
-            np.concatenate([self.points, other.points]),
-            np.concatenate([self.templates, other.templates], axis=1),
-            np.concatenate([self.origins, other.origins]),
-            np.concatenate([self.sd, other.sd]),
-            np.concatenate([self.poor, other.poor]),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class WallState:
-    """State of the estimator.
-
-    Parameters
-    ----------
-    patches : Patches
-    angles, rates : (2,) array
-        Of the last picture that showed them, in radians and radians per second.
-    t : float
-        When that was, in seconds.
-    missed : int
-        Pictures since.
-    hunted : int
-        Angles that were tried in the search for a lost view.
-    before : (height, width) array of uint8
-        The last picture.
-    earlier : tuple of int
-        Check sums of the last pictures, to detect repeated ones.
-    newest : float
-        Time of the newest picture.
-    """
-
-    patches: Patches
-    angles: FloatArray
-    rates: FloatArray
-    t: float
-    missed: int
-    hunted: int
-    before: Image
-    earlier: tuple[int, ...]
-    newest: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,8 +220,8 @@ class WallAngles:
     def _missed(
         self, state: WallState, verdict: str, sight: Sight | None = None
     ) -> tuple[Sight, WallState]:
-        nothing = _nothing(verdict) if sight is None else sight
-        return nothing, replace(state, missed=state.missed + 1)
+        found = nothing(verdict) if sight is None else sight
+        return found, replace(state, missed=state.missed + 1)
 
     def _moved_on(
         self, pyramid: list[Image32], state: WallState, sight: Sight, t: float
@@ -360,7 +245,7 @@ class WallAngles:
         """Return the angles near others at which the patches agree, and mark those that do not."""
         patches, chosen = state.patches, self._in_view(state.patches, start)
         if chosen.size < self.fewest:
-            return _nothing(NO_PATCH, 0, int(chosen.size)), patches
+            return nothing(NO_PATCH, 0, int(chosen.size)), patches
         some, angles = patches.of(chosen), start
         weights = np.ones(chosen.size)
         levels = _LEVELS if state.missed or state.hunted else _LEVELS - 1
@@ -394,13 +279,13 @@ class WallAngles:
         agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
         counts = int(agree.sum()), int(seen.sum())
         if counts[0] < self.fewest or 2 * counts[0] < counts[1]:
-            return _nothing(FEW, *counts), patches
+            return nothing(FEW, *counts), patches
         if not np.linalg.eigvalsh(information)[0] > 0:
-            return _nothing(UNSURE, *counts), patches
+            return nothing(UNSURE, *counts), patches
         sd = np.sqrt(np.diag(np.linalg.inv(information)))
         inside = (angles > np.array(self.low)) & (angles < np.array(self.high))
         if not (sd.max() <= self.widest and inside.all()):
-            return _nothing(UNSURE, *counts), patches
+            return nothing(UNSURE, *counts), patches
         poor = patches.poor.copy()
         poor[chosen[seen & ~agree]] += 1
         poor[chosen[agree]] = 0
@@ -567,7 +452,7 @@ class WallAngles:
         ]
         widths = [np.linalg.norm(ends[k + 1] - ends[k], axis=1) for k in (0, 2)]
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.minimum(*widths) >= _SMALLEST)
+            return np.asarray(np.min(widths, axis=0) >= _SMALLEST)
 
     def _pyramid(self, image: Image) -> list[Image32]:
         """Return the logarithm of a picture in several sizes."""
@@ -633,10 +518,6 @@ def _halved(fine: Image32) -> Image32:
     rows, columns = fine.shape[0] // 2, fine.shape[1] // 2
     cells = fine[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2)
     return np.ascontiguousarray(cells.mean(axis=(1, 3), dtype=np.float32))
-
-
-def _nothing(verdict: str, agreeing: int = 0, seen: int = 0) -> Sight:
-    return Sight(np.full(2, np.nan), np.full(2, np.nan), agreeing, seen, verdict)
 
 
 def _solved(matrix: FloatArray, slope: FloatArray) -> FloatArray | None:

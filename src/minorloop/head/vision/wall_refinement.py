@@ -17,7 +17,8 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.wall_angles import SEEN, WallAngles, WallState
+from minorloop.head.vision.wall_angles import WallAngles
+from minorloop.head.vision.wall_patches import SEEN, WallState
 from minorloop.lab.actuator import Frame
 
 _ROUNDS = 2
@@ -116,8 +117,10 @@ def _adjusted(
     before: FloatArray,
     turned_before: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the changes that make patches agree: of the calibration, in standard deviations, and of
-    the angles at rest, in radians.
+    """Return the changes that make patches agree.
+
+    The first is of the calibration, in standard deviations, the second of the angles at rest, in
+    radians.
     """
     patches, camera = state.patches, eyes.camera
     count = before.size
