@@ -6,6 +6,8 @@ import pytest
 from minorloop.head.control.heating import identify_coupling
 from minorloop.head.studies import head, head_camera, head_report, head_static
 from minorloop.head.studies.head_loop import circle, constant, ramps, run_loop, stairs
+from minorloop.head.studies.picture_sensor import PictureSensor
+from minorloop.head.twins.head import Head
 from minorloop.head.twins.surroundings import Course, Surroundings
 from minorloop.studies.claims import claim_table
 
@@ -35,7 +37,8 @@ def study():
 def seen_wires(seed):
     """Wires identified by sensors, which takes less time than pictures."""
     found, moves = zip(*(head_static._wire(seed, axis) for axis in range(2)), strict=True)
-    return head_camera.SeenWires(found, identify_coupling(moves), None, 0)
+    view = PictureSensor(Head(seed), seed).survey()
+    return head_camera.SeenWires(found, identify_coupling(moves), view, 0)
 
 
 def circled(seed, control, period, camera):
