@@ -344,7 +344,7 @@ class WallAngles:
         pixels = self.camera.pixel(patches.places, *angles.tolist())
         lens = self.camera.lens
         with np.errstate(invalid="ignore"):
-            inside = (pixels > 0).all(axis=1) & (pixels < (lens.width, lens.height)).all(axis=1)
+            inside = np.asarray(((pixels > 0) & (pixels < (lens.width, lens.height))).all(axis=1))
         order = np.lexsort((patches.sd, patches.poor >= _POOR))
         return np.asarray(order[inside[order]][:_MOST])
 
