@@ -144,7 +144,12 @@ CLAIMS = (
     ),
     Claim("camera alone, steps: settling [s]", "camera.steps.settle_s", "plotted (Fig 10)", most=9),
     Claim("the same: overshoot [%]", "camera.steps.overshoot_pct", "plotted (Fig 10)", most=5),
-    Claim("the same: steady rms [deg]", "camera.steps.steady_rms_deg", "not given", most=0.15),
+    Claim(
+        "camera alone, steps: steady rms [deg]",
+        "camera.steps.steady_rms_deg",
+        "not given",
+        most=0.15,
+    ),
     Claim(
         "camera alone, internal model: settling [s]",
         "camera.internal_model.settle_s",
