@@ -103,6 +103,9 @@ class Missed:
 class PictureSensor:
     """A head whose only sensor is its camera.
 
+    ``ticks`` counts its pictures, ``missed`` lists those that did not show the angles, ``latest``
+    has the joints (2,) in degrees by the newest one, and ``view`` is what is known of the camera.
+
     Parameters
     ----------
     head : Head
@@ -117,17 +120,6 @@ class PictureSensor:
         Share of the pictures that are lost.
     disturb : Disturbance, optional
         Changes pictures.
-
-    Attributes
-    ----------
-    ticks : int
-        Number of pictures so far.
-    missed : list of Missed
-        Pictures that did not show the angles.
-    latest : (2,) array
-        Joints in degrees by the newest picture.
-    view : HeadCalibration
-        What is known of the camera.
     """
 
     def __init__(
