@@ -66,7 +66,7 @@ def _calibrate(seed: int, errors: dict[str, list[float]], within: dict[str, list
         sd = lens.rms / 2**0.5
         mount = steps.calibrate_mount(
             steps.look_through(folder / "mount", target), target, lens.lens, None,
-            corner_sd=sd, on_axis=True,
+            corner_sd=sd, on_axis=True, centre_sd=steps.centre_sd_of(lens.measured),
         )  # fmt: skip
         lights = [steps.look_through(each, target) for each in steps.led_folders(folder / "leds")]
         _, leds = steps.calibrate_leds(lights, lens.lens, sd)

@@ -24,7 +24,7 @@ class DirectCamera:
     """A camera in the same process."""
 
     def __init__(self, perception: Any) -> None:
-        self.perception, self._reports = perception, []
+        self.perception, self._reports, self.problem = perception, [], ""
 
     def send(self, request: Any) -> None:
         self._reports.append(self.perception.tick(request))

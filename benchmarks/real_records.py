@@ -261,10 +261,8 @@ def _magnet(words: str, name: str, field: str, moment: str, most: float) -> Row:
         float(np.sqrt(np.mean((fit.model.simulate(u, "positive") - y)[seen] ** 2))) / span
         for fit in (prior, plain)
     ]
-    bands = prior.predict(u, bands=0.9)
-    noise = prior.posterior.hyperparameters.noise * prior.posterior.unit
-    reach = PER_DEVIATION * np.hypot(bands.sd, noise)
-    return _held_out(words, took, *errors, np.mean(np.abs(bands.y - y)[seen] <= reach[seen]), most)
+    inside = prior.predict(u, bands=0.9).covers(y)
+    return _held_out(words, took, *errors, inside, most)
 
 
 def _deeper(words: str, name: str, field: str, moment: str) -> Row:

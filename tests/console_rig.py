@@ -100,7 +100,7 @@ class DirectCamera:
 
     def __init__(self):
         real, _ = tip()
-        self.perception, self._reports = Perception(real, view()), []
+        self.perception, self._reports, self.problem = Perception(real, view()), [], ""
 
     def send(self, request):
         self._reports.append(self.perception.tick(request))
@@ -115,6 +115,7 @@ class ScriptedCamera:
 
     def __init__(self):
         self.target, self.events, self.spots, self.requests = None, [], [], []
+        self.problem = ""
 
     def send(self, request):
         self.requests.append(request)

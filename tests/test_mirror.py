@@ -31,7 +31,7 @@ ELSEWHERE = {
     "head/studies/mission.py": "head/studies/test_inspection_parts.py",
     "head/studies/mission_cracks.py": "head/studies/test_inspection_parts.py",
     "head/studies/mission_scene.py": "head/studies/test_inspection_parts.py",
-    "head/studies/mission_steps.py": "head/studies/test_inspection_parts.py",
+    "head/procedures/steps.py": "head/studies/test_inspection_parts.py",
     "head/studies/ultrasonic_scan.py": "head/studies/test_inspection_parts.py",
     "head/twins/mounted.py": "head/twins/test_camera.py",
     "head/vision/imaging.py": "head/console/test_server.py",

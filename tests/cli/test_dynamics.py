@@ -52,6 +52,19 @@ def test_invert_follows_targets_in_time(cascade, run):
     assert np.abs(y - targets).max() < 0.03 * np.ptp(targets)
 
 
+def test_the_inputs_of_a_model_with_a_lag_are_ahead_of_the_targets(cascade, model, run):
+    modelfile.save(model, "late.json", lag=20, lag_seconds=0.2, **UNITS)
+    line = "invert late.json moves.csv --target length --time time"
+    status, _, err = run(f"{line} --save in.csv")
+    assert status == 0
+    assert "the inputs are 0.195 s ahead of the targets, as the output is late" in err
+    assert "the targets still move there: add rows to follow them on" in err
+    t, u, targets, _, _ = columns("in.csv")
+    late = np.interp(t - 0.195, t, model.simulate(u))
+    assert np.abs(late - targets)[25:].max() < 1e-3 * np.ptp(targets)
+    assert "ahead" not in run("invert late.json moves.csv --target length")[2]
+
+
 def test_targets_out_of_reach_in_time_are_those_of_the_file(cascade, run, refused):
     rows = np.column_stack([T, np.full(T.size, 6.0)])
     np.savetxt("jump.csv", rows, delimiter=",", header="time [s],length [um]", comments="")

@@ -1,15 +1,17 @@
 import json
 import re
 import shutil
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from minorloop.cli import _calibration
-from minorloop.errors import ParameterError
+from minorloop.errors import InstrumentError, ParameterError, SafetyError
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -143,6 +145,8 @@ def test_a_head_is_calibrated_from_pictures(run, scene):
         each = printed[name]
         assert abs(each["value"] - value) < 3.5 * each["sd"], name
         assert each["unit"] != "deg" or abs(each["value"] - value) < 0.4, name
+    off = np.degrees(printed["principal point u"]["sd"] / truth.lens.focal)
+    assert printed["pan where straight"]["sd"] > 0.9 * off  # a direction is as vague as its pixel
     report = Path("report.html").read_text()
     assert "ninths of the image" in report
     known = read_head("head.json")
@@ -259,7 +263,7 @@ class Still:
     """A camera whose picture is grey; it counts how often it was asked."""
 
     def __init__(self, address, patience):
-        self.closed = False
+        self.closed, self.exposes = False, address == "camera:1"
 
     def frame(self):
         return Frame(0.0, np.full((4, 6), 90, np.uint8))
@@ -291,8 +295,120 @@ def test_pictures_are_taken_by_hand(run, monkeypatch):
         ("--out lens", "lens"),
         ("--out new --steps 1", "--steps is 1; give 2 to 20"),
         ("--out new --exposure 0", "--exposure is 0; give 0.01 to 1000 ms"),
+        ("--out new1 --exposure 2", "camera:0 does not let its exposure be set from here"),
         ("--out new2 --actuator twin:head --highest 9", "beyond the limits"),
         ("--out new3 --actuator twin:ipmc", "two currents in A"),
     ):
         status, _, error = run(f"{take} {options}")
         assert (status, sentence in error, error.count("\n")) == (2, True, 1), error
+
+
+def test_a_calibration_without_leds_says_what_will_refuse_it():
+    from minorloop.head.procedures.calibrate import calibrated_head
+
+    lens = SimpleNamespace(lens=Pinhole(), measured=())
+    head, advice = calibrated_head(HeadFile(serial="H-07"), lens=lens)
+    assert len(head.calibration.leds) == 1
+    assert "give the places of all 3 with --leds" in advice[0]
+
+
+INSPECT = "head inspect --actuator bench:head.toml --camera camera:0 --head head.json --out found"
+
+
+@pytest.fixture
+def inspected(monkeypatch):
+    """An inspection that finds a hole, then calls what a test gives, and the state of the head."""
+    pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    from minorloop.head.procedures import inspection, rig
+    from minorloop.head.procedures.pictures import InspectedPicture, PictureFinding
+    from minorloop.head.reconstruction.findings import outlined
+
+    save_head(HeadFile(serial="H-07"), "head.json")
+    state = SimpleNamespace(safe=False, travels=False, then=lambda: None)
+
+    def views(rig, advances):
+        state.told(rig_module.LogEntry(1.0, "hole 1", "1.02 mm wide"))
+        square = 100.0 + np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]])
+        shown = PictureFinding(
+            kind="hole or pit", phi=-1.4, z=20e-3, width=1e-3, length=1e-3, evidence=5.0,
+            outline=square,
+        )  # fmt: skip
+        yield inspection.InspectedView(
+            picture=InspectedPicture(name="hole 1", t=1.0, verdict="good", findings=(shown,)),
+            image=np.full((240, 320), 90, np.uint8),
+            angles=(0.1, 0.2),
+            place=(0.0, 0.0),
+            finding=outlined(-1.4, 20e-3, 1e-3, "no probe", radius=10e-3),
+            evidence=5.0,
+            course=np.array([[-1.4, 20e-3]]),
+        )
+        state.then()
+
+    @contextmanager
+    def opened(actuator, camera, head, told):
+        state.told = told
+        try:
+            yield state
+        finally:
+            state.safe = True
+
+    rig_module = rig
+    monkeypatch.setattr(rig, "rig_at", opened)
+    monkeypatch.setattr(inspection, "inspect_wall", views)
+    return state
+
+
+def journal():
+    return [json.loads(line) for line in Path("found/journal.jsonl").read_text().splitlines()]
+
+
+def test_an_inspection_without_an_operator_writes_findings_pictures_and_a_report(run, inspected):
+    def look():  # while the inspection goes on
+        kinds.extend(line["what"] for line in journal())
+        tables.append(Path("found/findings.csv").read_text())
+
+    kinds, tables, inspected.then = [], [], look
+    status, out, _ = run(f"{INSPECT} --json")
+    assert (status, inspected.safe) == (0, True)
+    assert kinds == ["begin", "step", "view"]
+    assert tables[0].splitlines()[1].startswith("1,hole or pit,no probe,-80.2141")
+    printed = json.loads(out)
+    assert printed == json.loads(Path("found/findings.json").read_text())
+    assert (printed["head"], printed["ended"], printed["safe"]) == ("H-07", "finished", True)
+    (row,) = printed["findings"]
+    assert (row["z [mm]"], row["depth [mm]"], row["picture"]) == (20.0, None, "hole 1.png")
+    names = sorted(path.name for path in Path("found/pictures").iterdir())
+    assert names == ["hole 1 marked.jpg", "hole 1.png"]
+    page = Path("found/report.html").read_text()
+    assert "1 finding in 1 view; finished; no depth without a probe; the head is safe" in page
+    assert (journal()[-1]["what"], journal()[-1]["why"]) == ("end", "finished")
+    assert "is not empty" in run(INSPECT)[2]
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (InstrumentError("the camera gives no picture"), 2, "the head is safe, as confirmed"),
+        (SafetyError("the source may still be on"), 3, "did NOT confirm that it is safe"),
+        (KeyboardInterrupt(), 130, "interrupted; no depth"),
+    ],
+)
+def test_an_inspection_that_ends_early_keeps_what_it_found(run, inspected, error, status, said):
+    def fail():
+        raise error
+
+    inspected.then = fail
+    found, _, shown = run(INSPECT)
+    assert (found, inspected.safe) == (status, True)
+    assert said in shown
+    assert len(Path("found/findings.csv").read_text().splitlines()) == 2
+    assert journal()[-1]["safe"] == (status != 3)
+    assert Path("found/report.html").exists()
+
+
+def test_an_inspection_refuses_advances_without_a_catheter(run, inspected):
+    status, _, error = run(f"{INSPECT} --advances 0,5")
+    assert status == 2
+    assert "bench:head.toml has no catheter" in error
+    assert list(Path("found").iterdir()) == []  # the folder can be given again
+    assert "--advances has -1; give 0 to" in run(f"{INSPECT} --advances -1")[2]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.identification import identify
+from minorloop.identification import identify, likelihood, prior_fit
 from minorloop.identification.bands import Prediction
 from minorloop.operators.preisach import Preisach
 
@@ -50,3 +50,40 @@ def test_no_outputs_are_printed_as_none(fit):
 def test_refuses_what_the_prior_cannot_use(options, says):
     with pytest.raises(ParameterError, match=says):
         identify(U, U, **options)
+
+
+def many_plays(u):
+    """Output of plays with widths from a continuous distribution."""
+    rng = np.random.default_rng(1000)
+    width, middle = rng.gamma(2.0, 0.15, 200), rng.normal(0, 0.3, 200)
+    place, y = -1 - width, np.empty(u.size)
+    for k, value in enumerate(u):
+        place = np.clip(place, value - width, value + width)
+        y[k] = np.tanh(4 * (place - middle)).mean()
+    return y / np.ptp(y)
+
+
+def readings_in_bands(samples, levels, noise):
+    rng = np.random.default_rng(1000)
+    u = rng.uniform(-1, 1, samples + 200)
+    y = many_plays(u) + noise * rng.normal(size=u.size)
+    found = identify(u[:samples], y[:samples], levels=np.linspace(-1, 1, levels + 1))
+    shown = found.predict(u, bands=0.9)
+    return np.mean((np.abs(shown.y - y) <= shown.half_width)[samples:])
+
+
+@pytest.mark.parametrize("noise", [0.03, 0.1])
+def test_bands_hold_readings_at_the_limit_of_few_samples(noise):
+    for samples in (prior_fit.MOST_CORRELATED, prior_fit.MOST_CORRELATED + 1):
+        assert 0.85 <= readings_in_bands(samples, 25, noise) <= 0.96
+
+
+@pytest.mark.parametrize("levels", [likelihood.MOST_SEARCH_BANDS, likelihood.MOST_SEARCH_BANDS + 1])
+def test_bands_hold_the_readings_of_a_sensor_with_half_the_range_of_noise(levels):
+    assert 0.85 <= readings_in_bands(300, levels, 0.5) <= 0.95
+
+
+def test_bands_of_true_outputs_are_those_without_the_noise(fit):
+    shown = fit.predict(U, bands=0.9)
+    assert shown.noise > 0
+    np.testing.assert_allclose(np.hypot(shown.without_noise().sd, shown.noise), shown.sd)

@@ -69,3 +69,17 @@ def test_outputs_too_small_to_square_are_refused():
     u, y = a_record(50)
     with pytest.raises(SignalError, match=r"the output changes by .* only; scale it"):
         identify(u, y * 1e-170)
+
+
+def test_inputs_one_rounding_apart_are_refused_in_the_words_of_the_record():
+    u = np.where(np.arange(30) % 2, 1.0, np.nextafter(1.0, 2.0))
+    with pytest.raises(
+        SignalError, match=r"input changes by 2\.22045e-16 only, about 1, .* 25 bands"
+    ):
+        identify(u, u)
+
+
+def test_outputs_of_a_huge_scale_are_told_to_be_scaled():
+    u = np.linspace(0, 1, 30)
+    with pytest.raises(SignalError, match=r"or scale what was measured to below 9e\+36"):
+        identify(u, 1e100 * (1 + u))

@@ -308,3 +308,27 @@ def test_a_table_of_two_loggers_is_named(table):
     rows = "".join(f"{k}\n" for k in range(20))
     with pytest.raises(RecordError, match=r"is empty in row 22; every cell must be a number$"):
         read_columns(table(f"t,u\n{rows.replace(chr(10), ',1' + chr(10))}3,\n", "one.csv"), ["u"])
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ["01.03.2026 23:59:58.5", "01.03.2026 23:59:59,5", "2.3.2026 00:00:00"],
+        ["2026-03-01 23:59:58.5", "2026-03-01T23:59:59.5", "2026-03-02"],
+        ["23:59:58.5", "23:59:59,500", "24:00:00"],
+    ],
+)
+def test_dates_and_times_of_day_are_read(cells, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("when;u\n" + "".join(f"{cell};1\n" for cell in cells))
+    seconds = read_columns(path, ["when"], dates=["when"])["when"]
+    np.testing.assert_allclose(np.diff(seconds), [1.0, 0.5])
+    assert seconds[-1] % 86400 == 0
+
+
+@pytest.mark.parametrize("cell", ["12:61:00", "32.01.2026 10:00:00", "03/01/2026 10:00:00", "noon"])
+def test_other_times_are_refused_with_those_that_are_read(cell, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(f"when;u\n{cell};1\n")
+    with pytest.raises(RecordError, match=f"text '{cell}' in row 2; .* or as 2026-03-01T12:00"):
+        read_columns(path, ["when"], dates=["when"])

@@ -156,3 +156,12 @@ class TestTurningPoints:
         assert turning_points(np.ones(9), 0.1).size == 0
         assert turning_points(np.arange(9.0), 0.1).size == 0
         assert turning_points(np.ones(1), 0.1).size == 0
+
+
+@pytest.mark.parametrize("seed", [3163, 3272])
+def test_tops_of_coarsely_sampled_sines_are_no_holds(seed):
+    chance = np.random.default_rng(seed)
+    t = np.linspace(0, 29.4, 1000)
+    u = np.sin(2 * np.pi * t) + 0.15 * np.sin(2 * np.pi * 1.33 * t + chance.uniform(0, 6))
+    y = np.sin(2 * np.pi * t - 0.3) + 0.003 * chance.normal(size=t.size)
+    assert looks_like_raw_log(t, u, y) == ""

@@ -3,7 +3,9 @@ import pytest
 
 from minorloop.errors import ParameterError, RecordError
 from minorloop.identification import identify
+from minorloop.lab.columns import read_headers
 from minorloop.lab.logs import read_log
+from minorloop.lab.timebase import time_column
 from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(-1, 1, 7), np.tril(np.ones((6, 6))))
@@ -114,3 +116,38 @@ def test_the_memory_continues_over_a_gap_on_a_smooth_slope(file):
     assert np.isnan(even.y[468:478]).all()
     assert np.isfinite(even.y).sum() >= kept.size - 2  # the ends of the gap, by rounding
     np.testing.assert_allclose(even.u, U, atol=1e-3)
+
+
+@pytest.mark.parametrize("header", ["Datum;Uhrzeit", "date;time [hh:mm:ss.f]"])
+def test_the_time_of_day_is_the_time_and_continues_after_midnight(header, tmp_path):
+    path = tmp_path / "log.csv"
+    clock = [f"23:59:{50 + k:02d}.0" for k in range(10)] + [f"00:00:{k:02d}.0" for k in range(10)]
+    rows = "".join(f"1.3.2026;{cell};{k};{k}\n" for k, cell in enumerate(clock))
+    path.write_text(f"{header};u;y\n{rows}")
+    name = time_column(read_headers(path))
+    found = read_log(path, input="u", output="y", time=name)
+    np.testing.assert_allclose(np.diff(found.record.t), 1.0)
+    assert not found.breaks.size
+    assert "time of day at midnight" in found.notes[0]
+
+
+def test_the_input_of_another_logger_is_interpolated_at_the_times_of_the_output(tmp_path):
+    path = tmp_path / "merged.csv"
+    inputs = [f"{0.2 * k:.6f},{np.sin(0.1 * k):.9f}," for k in range(200)]
+    outputs = [f"{0.2 * k + 0.07:.6f},,{0.2 * k + 0.07:.6f}" for k in range(198)]
+    del inputs[100:120]
+    rows = sorted(inputs + outputs, key=lambda row: float(row.split(",")[0]))
+    path.write_text("time [s],u [V],y\n" + "\n".join(rows) + "\n")
+    found = read_log(path, input="u", output="y", time="time")
+    np.testing.assert_allclose(found.record.u, np.sin(0.5 * found.record.t), atol=2e-3)
+    measured = np.isfinite(found.record.y)
+    np.testing.assert_allclose(found.record.y[measured], found.record.t[measured])
+    assert measured.sum() == 198 - 21
+    assert found.check.gaps.size == 1
+    assert "u [V] is empty in 198 of 378 rows, as where two loggers were merged" in found.notes[0]
+    assert "21 rows without readings near are left out" in found.notes[0]
+    with pytest.raises(RecordError, match=r"name the column of time \(--time\)"):
+        read_log(path, input="u", output="y")
+    path.write_text("time [s],u [V],y\n" + "\n".join(rows[::-1]) + "\n")
+    with pytest.raises(RecordError, match="order of time: sort them"):
+        read_log(path, input="u", output="y", time="time")

@@ -95,7 +95,7 @@ hands.dragged = () => {
 const connection = new Connection(
   {
     opened() {
-      veil(replay === null ? (hello ? "Connected again; waiting for a picture…" : "Starting the control loop and identifying the wires…") : "Opening the recording…", true);
+      veil(replay === null ? (hello ? "Connected again; waiting for a picture…" : "Starting; without the file of a head its wires are identified first…") : "Opening the recording…", true);
     },
     closed(reason, forGood) {
       controls = null;
@@ -180,6 +180,7 @@ function showState(s: LoopState): void {
   pill.textContent = replay === null ? (s.clutch && s.mode === "HEAD" ? "CLUTCH" : s.mode) : `REPLAY · ${s.mode}`;
   pill.className = `pill ${replay === null ? s.mode.toLowerCase() : "replay"}`;
   pill.title = s.reason;
+  if (replay === null && !byId("veil").hidden) veil(s.trouble || "Waiting for a picture of the camera…", true);
   for (const button of document.querySelectorAll<HTMLButtonElement>("[data-mode]")) {
     if (button.tagName === "BUTTON") press(button, button.dataset.mode === s.mode);
   }

@@ -113,7 +113,7 @@ Output = Annotated[
 Time = Annotated[
     str | None,
     typer.Option(
-        help="Column of time, in s, ms, us, min, h or d by its header, or date and time (ISO)."
+        help="Column of time: in s, ms, us, min, h or d by its header, or date or time of day."
     ),
 ]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]

@@ -53,9 +53,8 @@ def run(
     prior: Annotated[
         str,
         typer.Option(
-            help="gaussian, none, or auto: gaussian where a record has fewer than three samples "
-            "for each cell, or leaves a tenth of them open. gaussian takes up to five times "
-            "as long."
+            help="gaussian, none, or auto: gaussian where that is quick. none smooths, and is "
+            "up to five times as quick."
         ),
     ] = "auto",
     start: _common.Start = "negative",

@@ -1,4 +1,4 @@
-"""``minorloop head``: photograph a target, calibrate a head, identify its wires, and drive it."""
+"""``minorloop head``: calibrate a head, identify its wires, drive it, and inspect a pipe by it."""
 
 from __future__ import annotations
 
@@ -19,13 +19,18 @@ if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator
 
 NAME = "head"
-HELP = "Calibrate a catheter head, identify its two wires, and drive it by the file of it."
+HELP = "Calibrate a catheter head, identify its two wires, drive it, and inspect a pipe by it."
 app = typer.Typer(help=HELP)
 
 _AGAIN = "continue with the same command"
 _MM = 1e-3
 _PATIENCE = 3.0
 """Seconds that a camera may take for a picture."""
+_FARTHEST = 10_000.0
+"""Longest advance in mm: a catheter is some metres long."""
+_Camera = Annotated[
+    str, typer.Option(show_default=False, help="Address, such as camera:/dev/video2.")
+]
 _File = Annotated[
     Path, typer.Option(show_default=False, help="File of the head, as head identify writes it.")
 ]
@@ -195,13 +200,54 @@ def drive(
 
 
 @app.command(
+    epilog="Example: minorloop head inspect --actuator bench:head.toml --camera camera:/dev/video2 "
+    "--head head.json --out inspected"
+)
+def inspect(
+    actuator: _common.Address,
+    camera: _Camera,
+    head: _File,
+    out: Annotated[
+        Path,
+        typer.Option(
+            show_default=False,
+            help="New or empty folder for journal.jsonl, findings.csv, findings.json, report.html "
+            "and pictures.",
+        ),
+    ],
+    advances: Annotated[
+        str,
+        typer.Option(
+            metavar="MM,...",
+            help="Advances of the catheter in mm from which it looks round; 0 without a catheter.",
+        ),
+    ] = "0",
+    as_json: _common.Json = False,
+) -> None:
+    """Search the wall within reach for holes, pits and cracks, centre and measure each, alone.
+
+    The head is made safe at the end, and after an error or Ctrl-C. What was found until then is
+    kept. Without a probe no depth is measured.
+    """
+    from minorloop.cli import _inspection
+
+    places = _common.numbers("advances", advances, range(1, 1001), "advances in mm")
+    for place in places:
+        if not 0.0 <= place <= _FARTHEST:
+            raise ParameterError(f"--advances has {place:g}; give 0 to {_FARTHEST:g} mm")
+    content = _inspection.carried_out(actuator, camera, head, out, [_MM * each for each in places])
+    if as_json:
+        _common.print_json(content)
+        return
+    _inspection.show(content, out)
+
+
+@app.command(
     epilog="Example: minorloop head photograph --camera camera:/dev/video2 "
     "--actuator bench:head.toml --out mount"
 )
 def photograph(
-    camera: Annotated[
-        str, typer.Option(show_default=False, help="Address, such as camera:/dev/video2.")
-    ],
+    camera: _Camera,
     out: Annotated[
         Path, typer.Option(show_default=False, help="New or empty folder for the pictures.")
     ],
@@ -241,6 +287,11 @@ def photograph(
     eye = LiveCamera(camera, patience=_PATIENCE)
     try:
         if exposure is not None:
+            if not eye.exposes:
+                raise ParameterError(
+                    f"{camera} does not let its exposure be set from here; set it at the camera, "
+                    "and leave --exposure out"
+                )
             eye.expose(1e-3 * exposure)
         if actuator is None:
             for name in _photographs.by_hand(count, every):
@@ -387,6 +438,7 @@ def calibrate(
             fit = steps.calibrate_mount(
                 looked(mount, "the mount"), board, known, angles,
                 corner_sd=sd, angle_sd=angle_sd, on_axis=on_axis,
+                centre_sd=steps.centre_sd_of(before.measured if lens is None else lens.measured),
             )  # fmt: skip
         places = None if leds is None else _calibration.led_places(leds)
         measured: tuple[Measured, ...] = ()

@@ -253,7 +253,7 @@ def _report(
     report = Report(f"Inspection of {Path(source).name}", _summary(content))
     cells = [_cells(row, COLUMNS) for row in rows]
     report.add("Findings", table=Table(COLUMNS, cells))
-    pictures = [Picture(_figure(marked), name) for _, name, marked in best]
+    pictures = [Picture(figure_of(marked), name) for _, name, marked in best]
     report.add("Pictures with the most evidence", pictures=pictures)
     return report
 
@@ -262,7 +262,8 @@ def _cells(row: dict[str, Any], columns: Sequence[str]) -> list[str]:
     return ["" if row[name] is None else str(row[name]) for name in columns]
 
 
-def _figure(marked: Any) -> Any:
+def figure_of(marked: Any) -> Any:
+    """Return a colour picture of OpenCV as a figure."""
     from matplotlib.figure import Figure
 
     height, width = marked.shape[:2]

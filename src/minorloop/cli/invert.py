@@ -62,6 +62,7 @@ def run(
         notes = [] if check is None else [*_gaps(check), *check.of_steps, *check.others]
         now(f"inverting {targets.size} targets")
         result = _inverted(known, model, times, targets, start, clip)
+        notes += _ahead(result)
         if save is not None:
             columns: dict[str, Any] = {**times, **known.inverse_columns(targets, result)}
             if hold is not None:
@@ -98,6 +99,20 @@ def _gaps(check: TimeCheck) -> list[str]:
     ]
 
 
+def _ahead(result: Inversion | CascadeInversion) -> list[str]:
+    """Say by how much the inputs of a trajectory are ahead, and what they assume at its end."""
+    from minorloop.dynamics.cascade import CascadeInversion
+
+    if not isinstance(result, CascadeInversion) or result.lead <= 0:
+        return []
+    moves = result.targets[-1] != result.targets[-2]
+    return [
+        f"the inputs are {result.lead:.3g} s ahead of the targets, as the output is late; after "
+        "the last target it is held"
+        + (", although the targets still move there: add rows to follow them on" if moves else "")
+    ]
+
+
 def _as_plan(
     known: ModelFile, columns: dict[str, Any], start: str, hold: float
 ) -> dict[str, list[Any]]:
@@ -126,6 +141,7 @@ def _inverted(
     clip: bool,
 ) -> Inversion | CascadeInversion:
     from minorloop.dynamics.cascade import Cascade
+    from minorloop.dynamics.linear import Linear
     from minorloop.operators.relays import RelayModel
 
     if isinstance(known.operator, RelayModel):
@@ -135,8 +151,11 @@ def _inverted(
         )
     unreachable = "clip" if clip else "raise"
     try:
-        if times and isinstance(known.model, Cascade):
-            return known.model.invert(
+        in_time = known.model
+        if not isinstance(in_time, Cascade) and known.lag_seconds:  # a lag is a dead time
+            in_time = Cascade(known.operator, Linear.lags(delay=known.lag_seconds))
+        if times and isinstance(in_time, Cascade):
+            return in_time.invert(
                 next(iter(times.values())),
                 targets,
                 start,

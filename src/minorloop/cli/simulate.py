@@ -48,8 +48,7 @@ def run(
         u = _common.read_column(file, column, known.input.unit)
         now(f"simulating {u.size} samples")
         times, check = _common.times_of(known, file, time)
-        y = _simulated(known, times, u, start)
-        notes = [] if check is None else [*check.notes, *_forget(known, u, y, check)]
+        y, notes = _across_gaps(known, times, u, start, check)
         if known.lag_seconds and not times:
             notes.append(
                 f"the lag of {known.lag_seconds:.4g} s counts as {counted(known.lag, 'row')}, "
@@ -100,24 +99,38 @@ def _simulated(
     return delayed(y, known.lag)
 
 
-def _forget(known: ModelFile, u: FloatArray, y: FloatArray, check: TimeCheck) -> list[str]:
-    """Set outputs to NaN where a gap leaves the memory unknown, and say how many."""
-    from minorloop.lab.gaps import crossed
-    from minorloop.lab.timebase import known_memory
+def _across_gaps(
+    known: ModelFile,
+    times: dict[str, FloatArray],
+    u: FloatArray,
+    start: Any,
+    check: TimeCheck | None,
+) -> tuple[FloatArray, list[str]]:
+    """Return the outputs, NaN where a gap leaves the memory unknown, and what is to be said.
+
+    The input also passes the extremes that are known to lie in gaps.
+    """
+    from numpy import arange, delete, nan, where
+
+    from minorloop.lab.gaps import bridged, known_memory
     from minorloop.operators.polynomial import Polynomial
 
-    if isinstance(known.operator, Polynomial):
-        return []
-    gaps = check.gaps[~crossed(check.t, u, check.gaps)]
-    unknown = ~known_memory(u, gaps)
-    y[unknown] = float("nan")
+    if check is None or not check.gaps.size or isinstance(known.operator, Polynomial):
+        notes = [] if check is None else list(check.notes)
+        return _simulated(known, times, u, start), notes
+    gaps = bridged(check.t, u, check.gaps)
+    t, inputs, added = gaps.inserted(check.t, u)
+    y = _simulated(known, dict.fromkeys(times, t), inputs, start)
+    y = delete(y, added + arange(added.size))
+    unknown = ~known_memory(u, gaps.unknown, gaps)
+    if not unknown.any():
+        return y, list(check.notes)
     count = int(unknown.sum())
-    if not count:
-        return []
-    return [
+    said = (
         f"{counted(count, 'output')} {are(count)} left empty, because the input may have turned in "
         "a gap, and the memory is unknown after it"
-    ]
+    )
+    return where(unknown, nan, y), [*check.notes, said]
 
 
 def _warn_beyond(known: ModelFile, u: FloatArray) -> None:

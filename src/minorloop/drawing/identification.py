@@ -198,13 +198,12 @@ def _draw_residual_parts(
     known = np.flatnonzero((result.fitted | result.held_out) & np.isfinite(residual))
     startup = result.residual.startup
     known = known[known >= (startup.rows if startup else 0)]
-    known = known[:: max(known.size // _MOST_DRAWN, 1)]
     for one, feature, label, title in (
         (axes[0], amplitudes(u), "height of the branch", "amplitude"),
         (axes[1], _rates(u, time), each, "rate"),
     ):
         x, size = feature[known], np.abs(residual[known])
-        one.plot(x, size, ".", ms=_size(x), color="0.7", rasterized=True, label="samples")
+        _plot_dots(one, x, size, ms=_size(x), color="0.7", label="samples")
         if known.size >= _FEWEST:
             _draw_rms(one, x, size)
             _say_if_equal(one, x, title)

@@ -73,6 +73,9 @@ class CascadeInversion(NotebookView):
         Whether the operator can reach the output that it needs at each sample.
     filter_time : float
         Time constant of the filter in seconds; 0 if none is needed.
+    lead : float
+        By how many seconds the input is ahead of the targets. After the end of the trajectory, as
+        long as this, the last target was held.
     """
 
     t: FloatArray
@@ -81,6 +84,7 @@ class CascadeInversion(NotebookView):
     targets: FloatArray
     reachable: BoolArray
     filter_time: float
+    lead: float = 0.0
 
     @property
     def residual(self) -> FloatArray:
@@ -98,6 +102,7 @@ class CascadeInversion(NotebookView):
             ("samples", f"{self.t.size} over {np.ptp(self.t):g} s"),
             ("input", f"{self.u.min():.6g} to {self.u.max():.6g}"),
             ("filter time [s]", f"{self.filter_time:g}"),
+            ("input ahead by [s]", f"{self.lead:.4g}"),
             ("error, rms", f"{self.rms:.3g}"),
             ("error, largest", f"{np.abs(self.residual).max():.3g}"),
             ("out of reach", f"{missed} samples"),
@@ -357,7 +362,7 @@ class Cascade:
         settled = gain if self.first == "operator" else 1.0
         settled *= 1.0 if self.creep is None else self.creep.dc_gain
         found = _inverted(self.operator, needed, memory, unreachable, wanted, (w * gain, settled))
-        u = found.u
+        u, lead = found.u, late
         if self.first == "linear":
             filtered = np.interp(times + late, times, u)
             u = inverse.simulate(times, filtered, before=before * gain, between="straight")
@@ -366,10 +371,10 @@ class Cascade:
             inverse, late = filtered_inverse(ahead, before_seconds)
             filtered = np.interp(times + late - early, times, u)
             u = inverse.simulate(times, filtered, before=held, between="straight")
-            seconds = max(seconds, before_seconds)
+            seconds, lead = max(seconds, before_seconds), lead + late - early
         model = replace(self, linear=linear, ahead=ahead)
         y = model.simulate(times, u, start, before=before, between=between)
-        return CascadeInversion(times, u, y, wanted, found.reachable, seconds)
+        return CascadeInversion(times, u, y, wanted, found.reachable, seconds, lead)
 
 
 def _sampled(linear: Linear, interval: float) -> Linear:

@@ -181,11 +181,12 @@ def gram(index, coefficient, parent, weight, out):
 
     Expanding a sum over tree rows by ancestry, every sample counts with the weight of all that
     descends from it, against its own terms (half) and those of each of its ancestors (whole).
-    Samples of one parent share their ancestors, so that their terms are added first. The cost
-    grows with the number of reversals and remembered extrema, not with the size of the plane.
-    Consumes ``weight``.
+    Samples of one parent share their ancestors, so that their terms are added first. The tree is
+    walked depth first, so that the sum over the ancestors changes by one row at each step. The cost
+    grows with the number of reversals and the nodes of the plane that a memory touches. Consumes
+    ``weight``.
     """
-    child, sibling = np.full(parent.size, ROOT), np.full(parent.size, ROOT)
+    child, sibling = np.full(parent.size + 1, ROOT), np.full(parent.size, ROOT)
     for t in range(parent.size - 1, -1, -1):
         n = weight[t]
         if n == 0.0:
@@ -196,29 +197,40 @@ def gram(index, coefficient, parent, weight, out):
                 row[index[t, d]] += a * coefficient[t, d]
         if parent[t] != ROOT:
             weight[parent[t]] += n
-            sibling[t], child[parent[t]] = child[parent[t]], t
+        sibling[t], child[parent[t]] = child[parent[t]], t  # the last child is that of the root
     terms, others = np.zeros(out.shape[0]), np.zeros(out.shape[0])
     nodes, far = np.empty(out.shape[0], np.int64), np.empty(out.shape[0], np.int64)
     listed, far_listed = np.zeros(out.shape[0], np.bool_), np.zeros(out.shape[0], np.bool_)
-    for p in range(parent.size):
-        if child[p] == ROOT:
+    before, remote_before = np.empty(index.shape), np.empty(parent.size, np.int64)
+    remote, p = 0, child[ROOT]
+    while p != ROOT:
+        if child[p] != ROOT:
+            remote_before[p] = remote
+            for c in range(index.shape[1]):
+                before[p, c] = others[index[p, c]]
+            remote = add_terms(index[p], coefficient[p], 1.0, others, far, far_listed, remote)
+            count, t = 0, child[p]
+            while t != ROOT:
+                count = add_terms(index[t], coefficient[t], weight[t], terms, nodes, listed, count)
+                t = sibling[t]
+            for c in range(count):
+                row, a = out[nodes[c]], terms[nodes[c]]
+                for d in range(remote):
+                    row[far[d]] += a * others[far[d]]
+                terms[nodes[c]], listed[nodes[c]] = 0.0, False
+            p = child[p]
             continue
-        count, remote, t = 0, 0, child[p]
-        while t != ROOT:
-            count = add_terms(index[t], coefficient[t], weight[t], terms, nodes, listed, count)
-            t = sibling[t]
-        t = p
-        while t != ROOT:
-            remote = add_terms(index[t], coefficient[t], 1.0, others, far, far_listed, remote)
-            t = parent[t]
-        for c in range(count):
-            row, a = out[nodes[c]], terms[nodes[c]]
-            for d in range(remote):
-                row[far[d]] += a * others[far[d]]
-        for c in range(count):
-            terms[nodes[c]], listed[nodes[c]] = 0.0, False
-        for d in range(remote):
-            others[far[d]], far_listed[far[d]] = 0.0, False
+        while p != ROOT and sibling[p] == ROOT:
+            p = parent[p]
+            if p == ROOT:
+                break
+            for c in range(index.shape[1]):
+                others[index[p, c]] = before[p, c]
+            for d in range(remote_before[p], remote):
+                far_listed[far[d]] = False
+            remote = remote_before[p]
+        if p != ROOT:
+            p = sibling[p]
 
 
 @njit(cache=True, nogil=True)

@@ -53,14 +53,11 @@ class Validation:
         Outputs of these holds.
     scale : float
         Range of all outputs that are not outliers.
-    noise : float
-        Standard deviation of a measured output.
     """
 
     prediction: Prediction
     measured: FloatArray
     scale: float
-    noise: float = 0.0
 
     @property
     def nrmse(self) -> float:
@@ -69,20 +66,15 @@ class Validation:
 
     @property
     def covered(self) -> int:
-        """Number of outputs inside their bands, sensor noise included."""
-        seen = replace(self.prediction, sd=self._allowed)
-        return round(seen.covers(self.measured) * self.measured.size)
+        """Number of outputs inside their bands."""
+        return round(self.prediction.covers(self.measured) * self.measured.size)
 
     @property
     def trusted(self) -> bool:
         """Whether three quarters lie inside their bands and the rms error is below 3 deviations."""
-        away = (self.prediction.y - self.measured) / self._allowed
+        away = (self.prediction.y - self.measured) / self.prediction.sd
         inside = self.covered >= _LEAST_INSIDE * self.measured.size
         return inside and bool(np.sqrt(np.mean(away**2)) <= _MOST_RMS)
-
-    @property
-    def _allowed(self) -> FloatArray:
-        return np.hypot(self.prediction.sd, self.noise)
 
 
 @dataclass
@@ -282,12 +274,10 @@ class Adaptive:
         held = fit.held_out
         if not held.any():
             return None
-        assert fit.posterior is not None
         whole = fit.predict(fit.u, bands=PROBABILITY)
-        part = Prediction(whole.u[held], whole.y[held], whole.sd[held], PROBABILITY)
+        part = replace(whole, u=whole.u[held], y=whole.y[held], sd=whole.sd[held])
         scale = float(np.ptp(fit.y[fit.fitted | held])) or 1.0
-        noise = fit.posterior.hyperparameters.noise * fit.posterior.unit
-        return Validation(part, fit.y[held], scale, noise)
+        return Validation(part, fit.y[held], scale)
 
     def _progress(self, u: Sequence[float], y: Sequence[float]) -> _Progress:
         progress = _Progress()
@@ -353,10 +343,8 @@ class Adaptive:
         """Error of the prediction of the last point from those before, and its deviation."""
         before = len(u) - 1
         fit = self._fit(u[:before], y[:before], progress)
-        assert fit.posterior is not None
         shown = fit.predict(np.array(u), bands=PROBABILITY)
-        noise = fit.posterior.hyperparameters.noise * fit.posterior.unit
-        return float(y[-1] - shown.y[-1]), float(np.hypot(shown.sd[-1], noise))
+        return float(y[-1] - shown.y[-1]), float(shown.sd[-1])
 
     def _is_designed(self, progress: _Progress) -> bool:
         return progress.validating or progress.designed >= self.holds + progress.replaced

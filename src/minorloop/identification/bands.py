@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,17 +28,24 @@ class Prediction(NotebookView):
     u, y : (T,) arrays
         Inputs and predicted outputs.
     sd : (T,) array
-        Standard deviation of the true output: uncertainty of the weights, and the discrepancy of
-        any Preisach model. Sensor noise is not included. Where the record has groups: of a reading
-        of another group.
+        Standard deviation of a reading: uncertainty of the weights, discrepancy of any Preisach
+        model, and sensor noise. Where the record has groups: of a reading of another group.
     probability : float
-        Probability that an output lies within its band.
+        Probability that a reading lies within its band.
+    noise : float
+        The part of ``sd`` that is known to be sensor noise, or learnt to be: from more than about a
+        hundred samples it is not told from the discrepancy, and this is 0 unless it is given.
     """
 
     u: FloatArray
     y: FloatArray
     sd: FloatArray
     probability: float
+    noise: float = 0.0
+
+    def without_noise(self) -> Prediction:
+        """Return the prediction of the true outputs, whose bands are narrower by the noise."""
+        return replace(self, sd=np.sqrt(np.maximum(self.sd**2 - self.noise**2, 0.0)), noise=0.0)
 
     @property
     def half_width(self) -> FloatArray:

@@ -88,11 +88,12 @@ def identify(
         `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` chooses by prediction
         of contiguous segments held out of the fitted samples.
     prior : {"auto", "gaussian", "none"}
-        Whether to fit with the prior of `minorloop.identification.prior`. ``"auto"`` uses it for
-        fewer than three samples per unknown, and where more than a tenth of the cells is not
-        excited; except where a smoothness is given, where the output jumps, where the samples
-        determine a plane that reproduces them to rounding, for more than 300 bands, or where the
-        input reverses so often that a plane of more than 64 levels would need large dense matrices.
+        Whether to fit with the prior of `minorloop.identification.prior`. ``"auto"`` does, except
+        where a smoothness is given, where the output jumps, where the samples determine a plane
+        that reproduces them to rounding, for more than 300 bands, or where the input reverses so
+        often that a plane of more than 64 levels would need large dense matrices; for 51 to 64
+        levels and such an input, only for fewer than three samples per unknown or where more than a
+        tenth of the cells is not excited.
     noise : float or (T,) array_like, optional
         Standard deviation of the measured outputs, in their unit, where it is known. One number is
         used by the prior only. Of an array, one for each output, NaN where it is not known and

@@ -125,7 +125,8 @@ def validate(
     if names.size < FEWEST_GROUPS:
         return everywhere, None
     u = record.curves.delayed(record.u, lag)[rows]
-    return everywhere, _scatter(names.size, u, record.y[rows], predicted[rows], found)
+    known = _known(found.posterior, found.regression, rows)
+    return everywhere, _scatter(names.size, u, record.y[rows], predicted[rows], known)
 
 
 def left_out(
@@ -152,10 +153,9 @@ def left_out(
 
 
 def _scatter(
-    groups: int, u: FloatArray, y: FloatArray, predicted: FloatArray, found: FittedPlane
+    groups: int, u: FloatArray, y: FloatArray, predicted: FloatArray, known: FloatArray
 ) -> GroupScatter:
     error = predicted - y
-    known = _known(found.posterior, found.regression)
     low, high = float(u.min()), float(u.max())
     edges = np.linspace(low, high, _BINS + 1)
     inputs = (edges[1:] + edges[:-1]) / 2
@@ -173,8 +173,14 @@ def _scatter(
     return GroupScatter(groups, inputs, variance, scores, nrmse(error, y))
 
 
-def _known(posterior: Posterior | None, regression: Regression) -> FloatArray:
-    """(M,) standard deviation of the posterior; zero, (1,), without a prior."""
+def _known(posterior: Posterior | None, regression: Regression, rows: IntArray) -> FloatArray:
+    """(M,) standard deviation of the posterior at some rows; zero, (1,), without a prior.
+
+    In a condensed record it is that of the nearest sample that stands for several.
+    """
     if posterior is None:
         return np.zeros(1)
-    return posterior.deviation(regression.inputs, regression.matrix.start, regression.measured)
+    sd = posterior.deviation(regression.inputs, regression.matrix.start, regression.measured)
+    order = np.argsort(regression.rows)
+    middles = (regression.rows[order][1:] + regression.rows[order][:-1]) / 2
+    return np.asarray(sd[order][np.searchsorted(middles, rows)])

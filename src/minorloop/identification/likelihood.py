@@ -13,7 +13,7 @@ Kennedy and O'Hagan, Bayesian calibration of computer models, JRSS B 63, 2001: t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -162,7 +162,12 @@ def _correlated(features: FloatArray) -> FloatArray:
 def search(
     evidence: Evidence, noise: float | None, guess: Hyperparameters | None = None
 ) -> Hyperparameters:
-    """Find the hyperparameters of greatest posterior probability."""
+    """Find the hyperparameters of greatest posterior probability.
+
+    Correlated discrepancy and white noise may each explain the same errors, and either is a local
+    optimum. Where the first search ends with more discrepancy than noise, a second one begins with
+    all of it as noise, and the better of the two counts.
+    """
     from scipy.optimize import minimize
 
     centres, spreads = _CENTRES, _SPREADS
@@ -175,12 +180,21 @@ def search(
         value, slopes = likelihood(plane, evidence, _as_hyper(theta, noise))
         return penalty - value, steepness / spreads - slopes[: theta.size]
 
-    begin = centres if guess is None else _as_theta(guess, noise)
     furthest = np.where(_HEAVY[: centres.size], _FURTHEST_HEAVY, _FURTHEST) * spreads
     bounds = list(zip(centres - furthest, centres + furthest, strict=True))
-    begin = np.clip(begin, *np.transpose(bounds))
     options: Any = {"maxiter": _ITERATIONS, "ftol": 1e-7}
-    answer = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+
+    def best_from(begin: FloatArray) -> Any:
+        begin = np.clip(begin, *np.transpose(bounds))
+        return minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+
+    answer = best_from(centres if guess is None else _as_theta(guess, noise))
+    found = _as_hyper(answer.x, noise)
+    if noise is None and evidence.rows is not None and found.noise < found.discrepancy:
+        usual = float(np.exp(_CENTRES[_NAMES.index("discrepancy")]))
+        all_noise = float(np.hypot(found.noise, found.discrepancy))
+        white = replace(found, discrepancy=usual, noise=all_noise)
+        answer = min(answer, best_from(_as_theta(white, noise)), key=lambda one: float(one.fun))
     return _as_hyper(answer.x, noise)
 
 

@@ -9,6 +9,7 @@ Econometrica 1, 1933).
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import qr
 
 from minorloop.arrays import FloatArray
 
@@ -69,5 +70,6 @@ def find_offset_step(
 def _orthonormal(columns: FloatArray) -> FloatArray:
     """Return an orthonormal basis of the columns."""
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(np.float64).tiny)
-    left, singular, _ = np.linalg.svd(scaled, full_matrices=False)
-    return np.asarray(left[:, singular > _SINGULAR * singular[0]])
+    q, r, _ = qr(scaled, mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(r))
+    return np.asarray(q[:, sizes > _SINGULAR * sizes[0]])

@@ -254,6 +254,8 @@ def _fit_many(
     small = matrix.at_most(MOST_SEARCH_BANDS)
     learnt = search(Evidence.of_many(small, scaled, weight, within), known, guess)
     h = on_finer_plane(learnt, small.spec, spec)
+    if known is None:  # where both are independent, one is not told from the other
+        h = replace(h, discrepancy=float(np.hypot(h.discrepancy, h.noise)), noise=0.0)
     system_at = systems(matrix, scaled, weight, signed, mean)
 
     def mean_square(x: FloatArray) -> float:

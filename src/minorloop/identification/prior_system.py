@@ -27,6 +27,8 @@ from minorloop.identification.prior import Hyperparameters, PlanePrior
 
 MOST_DENSE_CELLS = 2100
 """Cells up to which dense matrices are quick."""
+_MOST_CHEAP_CELLS = 1300
+"""Cells, those of 50 bands, up to which a fit on dense matrices takes at most two seconds."""
 _MOST_CELLS = 5050
 """Cells up to which they are used where the sparse system has too much fill."""
 _MOST_QUICK = 300
@@ -307,6 +309,13 @@ def systems(
         )
     evidence = Evidence.of_many(matrix, y, weight)
     return lambda h: _DenseSystem(plane, evidence, h, signed, centre)
+
+
+def is_cheap(matrix: DesignMatrix) -> bool:
+    """Whether a fit with the prior takes little longer than smoothing."""
+    if matrix.spec.bands > _MOST_QUICK:
+        return False
+    return matrix.spec.cells <= _MOST_CHEAP_CELLS or _few_reversals(matrix)
 
 
 def is_quick(matrix: DesignMatrix) -> bool:

@@ -26,6 +26,8 @@ _LEAST_SD = 0.1
 """Standard deviations below this share of their median count as so much."""
 FEWEST = 3
 """Measured samples below which nothing is fitted."""
+_ROUNDINGS = 4
+"""Least width of a band, in distances of neighbouring numbers: areas are shares of bands."""
 
 
 def checked_record(
@@ -74,7 +76,8 @@ def _without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code
         raise SignalError(
             f"{f'{finite.size - sound} of' if sound else 'all'} {finite.size} outputs are overload "
             f"codes, as {finite[np.abs(finite) >= OVERLOAD][0]:g} is, and no measurement; check "
-            "the range of the instrument and repeat"
+            "the range of the instrument and repeat, or scale what was measured to below "
+            f"{OVERLOAD:g}"
         )
     coded = codes(y)
     if not coded:
@@ -132,6 +135,12 @@ def grid(u: FloatArray, y: FloatArray, levels: int | npt.ArrayLike, spacing: str
             f"levels is {levels!r}; give a whole number of bands of at least 1, or thresholds"
         )
     check_bands(int(count))
+    largest = float(np.abs(u).max())
+    if np.ptp(u) < _ROUNDINGS * int(count) * np.spacing(largest):
+        raise SignalError(
+            f"the input changes by {np.ptp(u):g} only, about {largest:g}, where rounding leaves no "
+            f"room for {count} bands; give fewer, or subtract a constant before it is rounded"
+        )
     return levels_for(u, y, int(count), spacing)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.offset_steps import MOST_ROWS, find_offset_step
 from minorloop.identification.rough_model import one_of_each
+from minorloop.threads import one_thread
 
 _FEWEST = 30
 """Residuals below which only the worst is reported."""
@@ -256,7 +257,8 @@ def _step(
     The fit may have absorbed part of the shift.
     """
     some = one_of_each(rows.size, MOST_ROWS)
-    found = find_offset_step(basis(rows[some]), (y + error)[some], y[some])
+    with one_thread():
+        found = find_offset_step(basis(rows[some]), (y + error)[some], y[some])
     if found is None:
         return None
     place, size = found

@@ -21,6 +21,7 @@ from minorloop.identification.rough_model import few
 from minorloop.identification.scores import score_rows
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
+from minorloop.operators.preisach import Diagonal
 
 _PIECES = 8
 """Pieces of a branch of the major loop of which the steepest counts: a jump is not a slope."""
@@ -73,7 +74,7 @@ class Identification(Fit, NotebookView):
             return y
         probability = as_probability(bands)
         sd = self._deviation(inputs, parts, np.arange(inputs.size), probability)
-        return Prediction(inputs, y, sd, probability)
+        return Prediction(inputs, y, sd, probability, self._noise)
 
     def invert(
         self,
@@ -81,7 +82,7 @@ class Identification(Fit, NotebookView):
         start: Start | None = None,
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Invert targets, and predict the standard deviation of the outputs.
+        """Invert targets, and predict the standard deviation of the readings.
 
         Parameters
         ----------
@@ -114,10 +115,14 @@ class Identification(Fit, NotebookView):
         -------
         (M,) array
         """
-        sd = self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))
+        return self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))
+
+    @property
+    def _noise(self) -> float:
+        """Standard deviation of the sensor, as far as it is told from other errors."""
         if self.scatter is not None:
-            return sd
-        return np.hypot(sd, self.uncertainty.hyperparameters.noise * self.uncertainty.unit)
+            return 0.0
+        return self.uncertainty.hyperparameters.noise * self.uncertainty.unit
 
     def _deviation(
         self,
@@ -127,7 +132,7 @@ class Identification(Fit, NotebookView):
         probability: float = BAND,
         lag: int | None = None,
     ) -> FloatArray:
-        """Standard deviation at some samples of an input, in increasing order."""
+        """Standard deviation of readings at some samples of an input, in increasing order."""
         inputs, places = curves.driven(u, self.model.levels, self.lag if lag is None else lag)
         known = np.zeros(samples.size)
         if self.posterior is not None or self.scatter is None:
@@ -135,9 +140,27 @@ class Identification(Fit, NotebookView):
             wanted[places[samples]] = True
             known = self.uncertainty.deviation(inputs, curves.start, wanted)
         if self.scatter is None:
-            return np.hypot(known, self._beyond(inputs)[places[samples]])
+            beyond = np.hypot(self._beyond(inputs)[places[samples]], self._noise)
+            return np.hypot(known, beyond)
         # A left-out group may reach beyond the others, so that its errors count this.
-        return self.scatter.deviation(inputs[places[samples]], known, probability)
+        sd = self.scatter.deviation(inputs[places[samples]], known, probability)
+        return np.sqrt(sd**2 + self._within_cells(inputs, curves.start)[places[samples]])
+
+    def _within_cells(self, u: FloatArray, start: Start) -> FloatArray:
+        """Variance from where the weight of the smallest loops is within their cells.
+
+        Inputs at the levels do not show it. Both kinds of diagonal are the same there, and the
+        output may be anywhere between theirs. What the fitted rows show of it is in their errors.
+        """
+        other: Diagonal = "reversible" if self.model.diagonal == "uniform" else "uniform"
+        model = replace(self.model, diagonal=other)
+
+        def apart(inputs: FloatArray, begin: Start) -> FloatArray:
+            return np.square(self.model.simulate(inputs, begin) - model.simulate(inputs, begin)) / 3
+
+        inputs, places = self.curves.driven(self.u, self.model.levels, self.lag)
+        shown = float(apart(inputs, self.curves.start)[places[self.fitted]].mean())
+        return np.maximum(apart(u, start) - shown, 0.0)
 
     def _beyond(self, u: FloatArray) -> FloatArray:
         """Standard deviation from relays beyond the levels, of which nothing is known.
@@ -157,7 +180,7 @@ class Identification(Fit, NotebookView):
 
     @cached_property
     def band_sd(self) -> float:
-        """Mean standard deviation of up to 800 predicted outputs; of readings with groups."""
+        """Mean standard deviation of up to 800 predicted readings."""
         grouped = self.scatter is not None
         samples = np.flatnonzero(self.fitted) if grouped else np.arange(self.u.size)
         return float(self._deviation(self.u, self.curves, few(samples)).mean())

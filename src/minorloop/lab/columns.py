@@ -19,10 +19,18 @@ from minorloop.files import PathLike, check_name
 from minorloop.lab.sheets import Sheet, is_sheet, read_sheet
 from minorloop.lab.text_tables import UNITS, Rows, TextTable, is_number, opened
 
+
+class SparseColumnError(RecordError):
+    """Many cells of a column are empty, as where the tables of two loggers were merged."""
+
+
 Labels: TypeAlias = FloatArray | npt.NDArray[np.str_]
 """A column of labels: numbers, or texts."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _EPOCH_WITHOUT_ZONE = _EPOCH.replace(tzinfo=None)
+_CLOCK = re.compile(r"(\d{1,3}):(\d{2}):(\d{2}(?:[.,]\d*)?)")
+_DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]*(.*)")
+"""Time of day, and a date as it is written in most of Europe, with or without one."""
 _MERGED = 0.1
 """Share of empty cells from which a column is one of several loggers in one table."""
 _THOUSANDS = re.compile(
@@ -57,7 +65,8 @@ def read_columns(
     gaps : collection of str
         Those of ``names`` in which an empty cell or ``nan`` is allowed and gives NaN.
     dates : collection of str
-        Those of ``names`` that may hold date and time as ISO 8601; they give seconds since 1970.
+        Those of ``names`` that may hold date and time, as ISO 8601 or ``01.03.2026 12:00:00.5``,
+        which give seconds since 1970, or times of day, as ``12:00:00.5``, since midnight.
     progress : callable, optional
         Called with the share that has been read, as text.
 
@@ -298,9 +307,22 @@ def _labels_of_sheet(sheet: Sheet, name: str) -> Labels:
 
 
 def _seconds(text: str) -> float:
-    """Return seconds since 1970 of a date and time in ISO 8601; without a zone it is UTC."""
-    moment = datetime.fromisoformat(text.strip())
-    return (moment - (_EPOCH if moment.tzinfo else _EPOCH_WITHOUT_ZONE)).total_seconds()
+    """Return seconds since 1970 of a date and time, or since midnight of a time of day.
+
+    They are as ISO 8601, ``01.03.2026 12:00:00.5`` or ``12:00:00.5``; without a zone they are UTC.
+    """
+    cell = text.strip()
+    if clock := _CLOCK.fullmatch(cell):
+        hours, minutes, seconds = (float(part.replace(",", ".")) for part in clock.groups())
+        if minutes >= 60 or seconds >= 61:  # a leap second
+            raise ValueError
+        return 3600 * hours + 60 * minutes + seconds
+    if moment := _DAY_FIRST.fullmatch(cell):
+        day, month, year, rest = moment.groups()
+        date = datetime(int(year), int(month), int(day), tzinfo=UTC)
+        return (date - _EPOCH).total_seconds() + (_seconds(rest) if rest else 0.0)
+    found = datetime.fromisoformat(cell)
+    return (found - (_EPOCH if found.tzinfo else _EPOCH_WITHOUT_ZONE)).total_seconds()
 
 
 class _Labels:
@@ -405,7 +427,8 @@ class _Cells:
             except ValueError:
                 raise RecordError(
                     f"{self.where} has the text {cell.strip()!r} in row {self.numbers[index]}; "
-                    "give time as numbers, or as date and time such as 2026-03-01T12:00:00.5"
+                    "give time as numbers, or as 2026-03-01T12:00:00.5, 01.03.2026 12:00:00.5 or "
+                    "12:00:00.5"
                 ) from None
         return values
 
@@ -414,10 +437,10 @@ class _Cells:
         count = sum(not cell.strip() for cell in cells)
         if count < _MERGED * len(cells):
             return RecordError(f"{text}; every cell must be a number")
-        return RecordError(
+        return SparseColumnError(
             f"{text} and in {counted(count - 1, 'other row')}; every cell must be a number: where "
-            "two loggers were merged into one table, fill the empty cells with the last reading "
-            "before, or on a line between readings"
+            "two loggers were merged into one table, name the column of time (--time), by which "
+            "the input is then interpolated, or fill the empty cells"
         )
 
     def _not_a_number(self, index: int, cell: str) -> RecordError:

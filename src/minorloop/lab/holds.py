@@ -33,6 +33,9 @@ _RISE = 0.3
 _WANDER = 0.1
 """Share of that change that is the most standard deviation of an input within a hold beside white
 noise. A rise by 0.3 of it has 0.09, hum seldom more than 0.05, the top of a sine 0.2 to 0.5."""
+_BOW = 0.08
+"""Share of that change that is the most bow of a hold: its middle half less its ends. The top of a
+sine that counts as a hold has 0.15, an input that rises evenly or hums hardly any."""
 _LAGS = (1, 4, 16, 64, 256)
 """Samples between those whose difference is noise; longer ones where shorter ones find no holds."""
 _LEAST_SD = 1e-9
@@ -248,6 +251,9 @@ def _steady(u: FloatArray, pieces: list[tuple[int, int]], fewest: int) -> list[F
     wander = np.array([_wander(u[a:b]) for a, b in pieces])
     if np.median(wander / np.maximum(least, 1e-300)) > _WANDER:
         return []
+    bows = np.array([_bow(u[a:b]) for a, b in pieces])
+    if np.median(np.abs(bows) / np.maximum(least, 1e-300)) > _BOW:
+        return []
     return [
         FoundHold(a, b, float(u[a] + (u[a:b] - u[a]).mean()), float(u[a:b].std()))
         for (a, b), rise, moved, step in zip(pieces, rises, wander, least, strict=True)
@@ -259,6 +265,13 @@ def _rise(values: FloatArray) -> float:
     """Return by how much a line through the values rises from the first to the last."""
     x = np.arange(values.size) - (values.size - 1) / 2
     return float(x @ values / (x @ x) * values.size)
+
+
+def _bow(values: FloatArray) -> float:
+    """Return by how much the middle half of the values is above the others on average."""
+    quarter = values.size // 4
+    middle = values[quarter : values.size - quarter].mean()
+    return float(middle - (values[:quarter].mean() + values[values.size - quarter :].mean()) / 2)
 
 
 def _wander(values: FloatArray) -> float:

@@ -8,18 +8,19 @@ from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, IntArray, Samples
+from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import (
     Labels,
+    SparseColumnError,
     find_column,
     read_columns,
     read_headers,
     read_table,
     with_unit,
 )
-from minorloop.lab.gaps import between, crossed
+from minorloop.lab.gaps import Bridges, between, bridged, known_memory
 from minorloop.lab.records import SAMPLE, Quantity, Record
 from minorloop.lab.sheets import is_sheet, read_sheet
 from minorloop.lab.text_tables import LATIN, encoding_of
@@ -29,7 +30,6 @@ from minorloop.lab.timebase import (
     TimeCheck,
     check_times,
     delayed,
-    known_memory,
     resample,
     split_time,
 )
@@ -83,33 +83,41 @@ class Log:
         return self.check.of_breaks + (self.check.of_steps if self.sd is None else ())
 
     @cached_property
-    def crossed(self) -> IntArray:
-        """Samples after which a gap follows that the input crosses without turning."""
-        if self.check is None:
-            return np.zeros(0, dtype=np.int64)
-        gaps = self.check.gaps
-        return gaps[crossed(self.record.t, self.record.u, gaps)]
+    def bridges(self) -> Bridges:
+        """What is known about the input in each gap."""
+        gaps = np.zeros(0, dtype=np.int64) if self.check is None else self.check.gaps
+        return bridged(self.record.t, self.record.u, gaps)
 
     @property
     def breaks(self) -> IntArray:
         """Samples after which the memory is unknown."""
         none = np.zeros(0, dtype=np.int64)
-        return none if self.check is None else np.setdiff1d(self.check.breaks, self.crossed)
+        return none if self.check is None else np.union1d(self.bridges.unknown, self.check.jumps)
 
     @property
     def of_memory(self) -> tuple[str, ...]:
         """After which gaps the memory is known or unknown, in one sentence; empty without gaps."""
-        if self.check is None or not self.check.gaps.size:
+        gaps = self.bridges
+        count, turned, unknown = gaps.after.size, int(gaps.turned.sum()), gaps.unknown.size
+        if not count:
             return ()
-        known, count = self.crossed.size, self.check.gaps.size
-        smooth = "the input cannot have turned and the memory continues"
-        if known == count:
-            return (f"in {'the gap' if count == 1 else 'all gaps'} {smooth}",)
-        unknown = (
-            f"after {'the gap' if count == 1 else f'{count - known} of {count} gaps'} the memory "
-            "is unknown until the input has been near both ends of its range or at one of them"
-        )
-        return (f"{unknown}; in the others {smooth}" if known else unknown,)
+        said = []
+        if unknown:
+            said.append(
+                f"after {_gaps(unknown, count)} the memory is unknown until the input has been "
+                "near both ends of its range or at one of them"
+            )
+        if turned:
+            furthest = float(np.nanmax(gaps.doubt))
+            said.append(
+                f"in {_gaps(turned, count)} the input turned: its extreme is estimated from both "
+                f"sides, to {furthest:.2g} {self.record.input.unit}".rstrip()
+            )
+        crossed = count - turned - unknown
+        if crossed:
+            where = f"{crossed} other{'s' if crossed > 1 else ''}" if said else _gaps(count, count)
+            said.append(f"in {where} the input cannot have turned and the memory continues")
+        return ("; ".join(said),)
 
     def left_out(self, *, dynamics: bool = False) -> tuple[str, ...]:
         """How many rows `with_known_memory` leaves out, why and what to do; empty if none.
@@ -140,12 +148,16 @@ class Log:
         lost, measured = self._lost
         return 2 * lost > measured
 
-    @cached_property
+    @property
     def _lost(self) -> tuple[int, int]:
         """How many measured rows `with_known_memory` leaves out, and of how many."""
         measured = np.isfinite(self.record.y)
-        known = np.isfinite(self.with_known_memory().y)
-        return int(np.count_nonzero(measured & ~known)), int(measured.sum())
+        return int(np.count_nonzero(measured & ~self._known)), int(measured.sum())
+
+    @cached_property
+    def _known(self) -> BoolArray:
+        """(T,) whether the memory is known."""
+        return known_memory(self.record.u, self.breaks, self.bridges)
 
     def with_memory_reset(self) -> Log:
         """Return the log without its breaks, because each curve begins with a known memory."""
@@ -155,27 +167,38 @@ class Log:
         return replace(self, check=replace(self.check, gaps=none, jumps=none, of_breaks=()))
 
     def with_known_memory(self) -> Record:
-        """Return the record without outputs where gaps leave the memory unknown."""
-        record = self.record
-        if not self.breaks.size:
+        """Return the record without outputs where gaps leave the memory unknown.
+
+        Where the input turned in a gap, the row beside it that is nearer to the extreme has the
+        extreme as its input and no output.
+        """
+        record, gaps = self.record, self.bridges
+        if self._known.all() and not gaps.turned.any():
             return record
-        known = known_memory(record.u, self.breaks)
-        return _replaced(record, record.t, record.u, np.where(known, record.y, np.nan))
+        u, y = record.u.copy(), np.where(self._known, record.y, np.nan)
+        for after, extreme, _ in gaps.turns():
+            row = after - int(abs(extreme - u[after - 1]) < abs(extreme - u[after]))
+            u[row], y[row] = extreme, np.nan
+        return _replaced(record, record.t, u, y)
 
     def evenly_sampled(self) -> Record:
         """Return the record at its usual interval, as a lag in rows needs it.
 
         A record that would become more than four times as long is returned as it is.
         """
-        record, check = self.with_known_memory(), self.check
+        record, check = self.record, self.check
         if check is None or (not check.breaks.size and check.uneven == 0):
             return record
         duration = float(record.t[-1] - record.t[0])
         if duration > _MOST_NEW * len(record) * check.interval:
-            return record
+            return self.with_known_memory()
         longest = GAP * check.interval
-        t, u, y = resample(record.t, record.u, record.y, check.interval, gap=longest)
-        smooth = between(record.t, record.u, t, self.crossed)
+        y = np.where(self._known, record.y, np.nan)
+        measured = np.count_nonzero(np.isfinite(y))
+        t, u, y = resample(record.t, record.u, y, check.interval, gap=longest)
+        if 2 * np.count_nonzero(np.isfinite(y)) < measured:  # read at single samples
+            return self.with_known_memory()
+        smooth = between(record.t, record.u, t, self.bridges)
         return _replaced(record, t, np.where(np.isnan(smooth), u, smooth), y)
 
     def without_lag(self, lag: float) -> Record:
@@ -249,22 +272,67 @@ def read_log(
             )
     dates = () if time is None else (time,)
     deviations = () if sd is None else (sd,)
-    columns, texts = read_table(
-        path,
-        [*wanted, *deviations],
-        labels,
-        gaps=(output, *deviations),
-        dates=dates,
-        progress=progress,
-    )
+
+    def read(*gaps: str) -> tuple[dict[str, FloatArray], dict[str, Labels]]:
+        names = [*wanted, *deviations]
+        return read_table(path, names, labels, gaps=gaps, dates=dates, progress=progress)
+
+    said = _of_file(path)
+    try:
+        columns, texts = read(output, *deviations)
+    except SparseColumnError:
+        if time is None:
+            raise
+        columns, texts = read(input, output, *deviations)
+        rows, columns[input], filled = _filled(columns[time], columns[input], names[0])
+        measured = np.isfinite(columns[output])
+        if 2 * np.count_nonzero(measured) > measured.size - np.count_nonzero(measured):
+            rows &= measured  # the output is read about as often as the input
+        columns = {name: values[rows] for name, values in columns.items()}
+        texts, said = {name: values[rows] for name, values in texts.items()}, (*said, filled)
     u, y = columns[input], columns[output]
     noise = None if sd is None else _known(columns[sd], y)
-    said = _of_file(path)
     if time is None:
         t = np.arange(u.size, dtype=np.float64)
         return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise, said)
     clock, check = _checked(columns[time], names[2])
     return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise, said)
+
+
+def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatArray, str]:
+    """Fill the cells of an input that another logger recorded, on straight lines in time.
+
+    Returns
+    -------
+    (T,) array of bool, (T,) array, str
+        Which rows to keep, those that are not in a gap of the input; the inputs; and what is to be
+        said.
+
+    Raises
+    ------
+    RecordError
+        If fewer than two rows have an input, or time runs backwards.
+    """
+    read = np.isfinite(u)
+    if np.count_nonzero(read) < 2 or (np.diff(t) < 0).any():
+        raise RecordError(
+            f"{name} is empty in {np.count_nonzero(~read)} of {u.size} rows, as where two loggers "
+            "were merged into one table; it is interpolated where at least two rows have it and "
+            "the rows are in the order of time: sort them"
+        )
+    clock = t[read]
+    steps = np.diff(clock)
+    long = np.flatnonzero(steps > GAP * np.median(steps))
+    place = np.searchsorted(clock, t, side="left")
+    keep = read | ~np.isin(place - 1, long)
+    keep &= (t >= clock[0]) & (t <= clock[-1])
+    said = (
+        f"{name} is empty in {np.count_nonzero(~read)} of {u.size} rows, as where two loggers were "
+        "merged into one table; it is taken there from straight lines in time between its readings"
+    )
+    if not keep.all():
+        said += f", and {counted(int((~keep).sum()), 'row')} without readings near are left out"
+    return keep, np.interp(t, clock, u[read]), said
 
 
 def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
@@ -303,6 +371,13 @@ def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:
     if clock.unit == "" and t.size and t[0] > _DATE:
         t = t - t[0]
     return Quantity(clock.name, "s"), check_times(t, name=f"column '{clock}'", unit=clock.unit)
+
+
+def _gaps(some: int, count: int) -> str:
+    """Return in words which gaps: one, all or some of them."""
+    if some < count:
+        return f"{some} of {count} gaps"
+    return "the gap" if count == 1 else "all gaps"
 
 
 def _replaced(record: Record, t: FloatArray, u: FloatArray, y: FloatArray) -> Record:

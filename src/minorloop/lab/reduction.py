@@ -19,11 +19,12 @@ from minorloop.figures import NotebookView, figure_of
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
+from minorloop.lab.gaps import known_memory
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
 from minorloop.lab.readings import converted, input_without_spikes, usable, without_spikes
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.settling import ENOUGH, FEWEST_STILL, SPAN_SHARE, judge, trend
-from minorloop.lab.timebase import GAP, known_memory
+from minorloop.lab.timebase import GAP
 
 __all__ = ["ReducedPoint", "Reduction", "reduce"]
 

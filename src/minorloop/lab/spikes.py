@@ -61,7 +61,7 @@ def spikes(y: npt.ArrayLike) -> BoolArray:
 
 def _largest(y: FloatArray, width: int) -> BoolArray:
     """Return the largest spikes: far from a running median, and from both neighbours alike."""
-    longest, alone = (_LONGEST, _ALONE) if width == _WIDTHS[0] else (_BURST, _IN_BURST)
+    longest = _LONGEST if width == _WIDTHS[0] else _BURST
     away = y - median_filter(y, width, mode="mirror")
     usual = median_filter(np.abs(away), _AROUND * width, mode="mirror")
     noise = max(_FAR * _spread(y), _STEPS * _step(y))
@@ -71,18 +71,27 @@ def _largest(y: FloatArray, width: int) -> BoolArray:
         begins, ends = _runs(way * away > limit)
         for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
             far = float(np.abs(away[begin:end]).max())
-            rise = _least_rise(way * y, begin, end)
-            # The first readings of a hold may be those of the hold before.
-            if begin and end - begin <= longest and alone * far <= rise <= _TWICE * far:
+            rise, apart = _least_rise(way * y, begin, end)
+            alone = _ALONE if end - begin <= _LONGEST else _IN_BURST
+            # The first readings of a hold may be those of the hold before. Where the next ones
+            # differ by more than a reading rises above them, it may be an overshoot.
+            sharp = max(alone * far, apart) <= rise <= _TWICE * far
+            calms = far > _TIMES * _next(np.abs(away[end : end + _AROUND * width]))
+            if begin and end - begin <= longest and sharp and calms:
                 size[begin:end] = far
     found: BoolArray = (size > 0) & (size >= _LARGE * size.max())
     return found
 
 
-def _least_rise(y: FloatArray, begin: int, end: int) -> float:
-    """Return by how much the readings from begin to end are above their neighbours."""
+def _least_rise(y: FloatArray, begin: int, end: int) -> tuple[float, float]:
+    """Return by how much the readings are above both neighbours, and how far apart these are."""
     next_to = [y[k] for k in (begin - 1, end) if k < y.size]
-    return float(y[begin:end].min() - max(next_to))
+    return float(y[begin:end].min() - max(next_to)), float(max(next_to) - min(next_to))
+
+
+def _next(away: FloatArray) -> float:
+    """Return the third greatest distance of those that follow; two may be those of a spike."""
+    return float(np.partition(away, -3)[-3]) if away.size > _LONGEST else 0.0
 
 
 def _spread(y: FloatArray) -> float:

@@ -18,7 +18,6 @@ __all__ = [
     "TimeCheck",
     "check_times",
     "delayed",
-    "known_memory",
     "other_clocks",
     "parse_lag",
     "resample",
@@ -39,16 +38,25 @@ SECONDS = {
     "d": 86400.0,
 }
 """Units of time that a record may have, in seconds."""
-NAMES = ("t", "time", "timestamp", "date", "datetime", "zeit", "temps", "tiempo")
+NAMES = (
+    *("t", "time", "timestamp", "date", "datetime", "date/time", "date time", "clock"),
+    *("zeit", "zeitstempel", "datum", "datum/uhrzeit", "uhrzeit"),
+    *("temps", "horodatage", "tiempo", "fecha", "tempo"),
+)
 """Names of a column of time, in small letters."""
+DATES = ("date", "datum", "fecha")
+"""Those of a column with the day, if another one has the time."""
 GAP = 5.0
 """A step of more sample intervals than this is a gap."""
 UNEVEN = 0.1
 """Samples are uneven if steps differ by more than this share of the interval from it."""
-_LONG = 2 * 86400.0
+_HOUR, _DAY = 3600.0, 86400.0
+"""Step of a clock that changes to or from summer time, and of a time of day at midnight."""
+_SINCE_START = 1e8
+"""Seconds, three years, from which a step is that of a clock that counted from its start and was
+set to the date, or back."""
+_LONG = 2 * _DAY
 """Seconds from which a record in seconds may be one in milliseconds: minutes count as days then."""
-UNKNOWN = 0.005
-"""Share of the Preisach plane whose state may be unknown after a gap."""
 _MOST_SAMPLES = 50_000_000
 """Most samples of a resampled record: its times, inputs and outputs take 1.2 GB."""
 
@@ -60,13 +68,14 @@ class TimeCheck:
     Parameters
     ----------
     t : (T,) array
-        Times in seconds; where the clock was set back, it continues with the usual interval.
+        Times in seconds; where the clock was set, they continue with the usual interval.
     interval : float
         Usual time between samples, the median.
     gaps : (G,) array of int
         Samples after which a gap follows.
     jumps : (J,) array of int
-        Samples after which the clock was set back.
+        Samples after which the clock was set back, so that parts of records may follow each other.
+        Not where it was changed by an hour or set to the date: there the record continues.
     uneven : float
         Share of the other steps that differ from the interval by more than a tenth of it.
     of_breaks, of_steps, others : tuple of str
@@ -117,7 +126,8 @@ def time_column(
     named = [header for header, (name, _) in split.items() if name.casefold() in NAMES]
     timed = [header for header, (_, unit) in split.items() if unit and unit in SECONDS]
     both = [header for header in named if header in timed]
-    found = both or named or timed
+    of_day = [header for header in named if split[header][0].casefold() not in DATES]
+    found = both or of_day or named or timed
     if len(found) > 1:
         shown = " and ".join(f"'{header}'" for header in found[:4])
         raise RecordError(
@@ -147,8 +157,10 @@ def other_clocks(headers: Sequence[str], time: str, *, but: Sequence[str] = ()) 
 
 
 def split_time(header: str) -> tuple[str, str]:
-    """Return name and unit of a column of time; ``t_ms`` is in ms too."""
+    """Return name and unit of a column of time; ``t_ms`` is in ms too, ``[hh:mm:ss]`` no unit."""
     name, unit = split_header(header)
+    if re.fullmatch(r"[dmyhsfjt:.,/ -]{4,}", unit.casefold()):
+        return name, ""
     stem, _, last = name.rpartition("_")
     if not unit and last in SECONDS and stem.casefold() in NAMES:
         return stem, last
@@ -179,14 +191,26 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
         raise RecordError(f"{name} is {times[row]} at sample {row}; every time must be finite")
     steps = np.diff(times)
     forward = steps[steps > 0]
-    back = np.flatnonzero(steps < 0)
+    interval = float(np.median(forward)) if forward.size else 0.0
+    was_set = _was_set(steps, interval)
+    back = np.flatnonzero((steps < 0) & ~was_set)
     if not forward.size or np.mean(steps <= 0) > 0.5 or back.size > 0.1 * steps.size:
         raise RecordError(
             f"{name} stands still or runs backwards at {np.count_nonzero(steps <= 0)} of "
             f"{steps.size} steps; {_why_no_clock(steps)}give another column, or leave it out"
         )
-    interval = float(np.median(forward))
     notes, of_steps = [], []
+    if was_set.any():
+        first = int(np.argmax(was_set))
+        times_set = counted(int(np.count_nonzero(was_set)), "time")
+        size = abs(steps[first])
+        how = "to or from summer time" if size < 2 * _HOUR else "to or from the date"
+        how = "a time of day at midnight" if 2 * _HOUR < size <= _DAY else how
+        notes.append(
+            f"the clock was set {times_set}, first by "
+            f"{steps[first] - interval:.10g} s after sample {first}, as {how}; time and memory "
+            f"continue there with the usual interval of {interval:.4g} s"
+        )
     if back.size:
         first = int(back[0])
         notes.append(
@@ -194,7 +218,8 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
             "after "
             f"sample {first}; time continues there with the usual interval of {interval:.4g} s"
         )
-        steps[back] = interval
+    if back.size or was_set.any():
+        steps[back] = steps[was_set] = interval
         times = np.concatenate([times[:1], times[0] + np.cumsum(steps)])
     gaps = np.flatnonzero(steps > GAP * interval)
     if gaps.size > max(0.02 * steps.size, 1):
@@ -223,6 +248,15 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     return TimeCheck(
         times, interval, gaps, back, uneven, tuple(notes), tuple(of_steps), tuple(others)
     )
+
+
+def _was_set(steps: FloatArray, interval: float) -> BoolArray:
+    """Return at which steps the clock was changed by an hour, to the date or at midnight."""
+    off = np.abs(steps - interval)
+    hour = (np.abs(off - _HOUR) <= interval) & (off > GAP * interval)
+    midnight = (steps < 0) & (np.abs(off - _DAY) <= interval)
+    found = hour | midnight | (off > max(_SINCE_START, GAP * interval))
+    return found if np.count_nonzero(found) <= max(0.01 * steps.size, 1) else np.zeros_like(found)
 
 
 def _why_no_clock(steps: FloatArray) -> str:
@@ -328,33 +362,6 @@ def resample(
         )
     even = times[0] + interval * np.arange(int(count + 1e-6) + 1)
     return even, np.interp(even, times, inputs), _at(times, np.asarray(y, np.float64), even, gap)
-
-
-def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
-    """Return where the memory of a Preisach plane is known although the input has breaks.
-
-    After a break only relays count as known that the input has switched since: those with alpha
-    up to its greatest value or beta down to its least. The memory is known once the others cover
-    less than 0.5 % of the plane over the range of the whole input.
-
-    Parameters
-    ----------
-    u : (T,) array_like
-        Inputs.
-    breaks : (B,) array_like of int
-        Samples after which the input is unknown for a while.
-    """
-    inputs, places = np.asarray(u, np.float64), np.asarray(breaks, np.int64)
-    known = np.ones(inputs.size, dtype=np.bool_)
-    low, high = float(inputs.min()), float(inputs.max())
-    if high == low or not places.size:
-        return known
-    for begin, end in zip(places + 1, [*places[1:] + 1, inputs.size], strict=True):
-        part = inputs[begin:end]
-        above, below = np.maximum.accumulate(part), np.minimum.accumulate(part)
-        unknown = 2 * (high - above) * (below - low) / (high - low) ** 2
-        known[begin:end] = unknown <= UNKNOWN
-    return known
 
 
 def _at(t: FloatArray, y: FloatArray, wanted: FloatArray, gap: float) -> FloatArray:

@@ -36,7 +36,7 @@ class Inversion(NotebookView):
     reachable : (T,) array of bool
         Whether the target lies within what the model can reach.
     sd : (T,) array, optional
-        Standard deviation of the actuator's output, where it is known.
+        Standard deviation of a reading of the actuator's output, where it is known.
     warnings : tuple of str
         Why the model that was inverted is not to be trusted.
     """

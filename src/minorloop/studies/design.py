@@ -9,7 +9,7 @@ synthetic plane.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
@@ -278,9 +278,9 @@ class _Trial:
         return Score(fit.u.size, holdout / self.scale, positioning / self.scale, coverage, width)
 
     def predicted(self, fit: Identification) -> Prediction:
-        """Return predictions for the unseen inputs, with bands."""
+        """Return predictions of the true outputs for the unseen inputs, with bands."""
         whole = fit.predict(np.append(self.plant.low, self.unseen), bands=PROBABILITY)
-        return Prediction(whole.u[1:], whole.y[1:], whole.sd[1:], whole.probability)
+        return replace(whole, u=whole.u[1:], y=whole.y[1:], sd=whole.sd[1:]).without_noise()
 
     def _fit(self, grid: Levels, u: FloatArray, y: FloatArray) -> Identification:
         noise = NOISE * self.scale

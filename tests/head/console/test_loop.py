@@ -171,6 +171,9 @@ def test_a_camera_that_does_not_open_is_reported(tmp_path):
 
 
 def test_a_restarted_plant_stays_cold_until_a_mode_is_requested(running):
+    running.until("state")
+    running.order(messages.Drive, **AHEAD)
+    running.order(messages.SetMode, mode="HEAD")
     running.until("state", lambda message: min(message["current"]) > 0.1)
     running.open("its process was restarted")
     rests = running.until("state", lambda message: message["safe_at"] > 0)
@@ -234,7 +237,9 @@ def test_garbage_that_was_in_use_during_a_collection_is_collected_later(monkeypa
     monkeypatch.setattr(loop, "raise_priority", lambda: None)
     gc.freeze()  # what other tests have left
     session = Litter(stop := threading.Event())
-    plant = SimpleNamespace(responds=True, made_safe=False, answer=SimpleNamespace(safe_at=0.0))
+    plant = SimpleNamespace(
+        responds=True, made_safe=False, answer=SimpleNamespace(safe_at=0.0, safe=True)
+    )
     settings = LoopSettings(folder=str(tmp_path), timeout=5.0)
     it = loop._Loop(session, plant, SimpleNamespace(), NewestPipe(), settings)
     it._receive_all = it._write = it._outbox.forward = lambda *_: None

@@ -91,3 +91,10 @@ def test_nothing_round_is_not_measured():
     reports = [camera.tick(request(away, ("pick", [330.0, 200.0])))]
     reports += [camera.tick(request(away, *each)) for each in ((("extract", []),), *((),) * 6)]
     assert [event["hole"] for event in events(reports, "extracted")] == [None]
+
+
+def test_a_search_that_takes_long_does_not_let_pictures_pile_up():
+    camera = Perception(tip()[0], view(), lambda work: lambda: None)  # it never ends
+    reports = [camera.tick(request(there(), ("find", []), number=n)) for n in range(60)]
+    assert (len(camera._pending), len(camera._queue)) == (1, 4)
+    assert "still searched" in events(reports, "notice")[-1]["text"]

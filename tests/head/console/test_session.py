@@ -134,6 +134,67 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
     assert math.dist(pilot.session.state.command, command) < 0.07
 
 
+def test_the_cause_that_a_camera_gives_stays_until_it_gives_pictures():
+    pilot = Pilot()
+    reports, pilot.camera.reports = pilot.camera.reports, list
+    pilot.camera.problem = "camera:0 gives pictures of 320 by 240 pixels"
+    pilot.drive(5)
+    for _ in range(2):
+        pilot.mode("HEAD")
+        pilot.drive(5)
+        state = msgspec.json.decode(pilot.session.report(pilot.now))
+        assert state["trouble"] == pilot.camera.problem
+        assert state["reason"] == f"{pilot.camera.problem}; press a mode when pictures come again"
+    pilot.camera.reports, pilot.camera.problem = reports, ""
+    pilot.mode("HEAD")
+    pilot.drive(3)
+    assert pilot.session.state.mode == "HEAD"
+    assert msgspec.json.decode(pilot.session.report(pilot.now))["trouble"] == ""
+
+
+def test_that_the_plant_may_still_be_on_is_said_until_it_is_off():
+    pilot = Pilot().steering(10)
+    pilot.session.danger = "the source may still be on, switch it off by hand"
+    pilot.session.rest("lost")
+    pilot.session.receive(messages.ControlsTaken(), pilot.now)
+    pilot.mode("HEAD")
+    pilot.drive(5)
+    pilot.session.hold("a sensor was lost")
+    state = msgspec.json.decode(pilot.session.report(pilot.now))
+    assert (state["mode"], state["trouble"]) == ("HOLD", pilot.session.danger)
+    assert state["reason"] == f"{pilot.session.danger}; press Head (1) when it is back"
+    pilot.session.danger = ""
+    pilot.mode("HEAD")
+    pilot.drive(2)
+    assert pilot.session.state.mode == "HEAD"
+
+
+def test_the_wires_are_cold_until_a_mode_is_pressed():
+    pilot = Pilot()
+    pilot.session.receive(messages.ControlsTaken(), pilot.now)
+    pilot.drive(25)
+    assert np.degrees(pilot.plant.stance()[:2]) == pytest.approx([-30.0, -30.0], abs=1.5)
+    assert [axis.applied for axis in pilot.session._control.axes] == [0.0, 0.0]
+    pilot.steering(250)
+    assert np.degrees(pilot.plant.stance()[:2]) == pytest.approx([0.0, 0.0], abs=3.0)
+
+
+@pytest.mark.parametrize("how", ["mode", "silence", "rest"])
+def test_a_hold_stops_the_head_where_it_is(how):
+    pilot = Pilot().steering(125)
+    pilot.drive(30 if how != "rest" else 100, pose=right(25.0))
+    there = np.degrees(pilot.plant.stance()[:2])
+    behind = np.degrees(pilot.session.state.command) - there
+    assert (np.hypot(*behind) > 3.0) == (how != "rest")
+    if how == "mode":
+        pilot.mode("HOLD")
+        pilot.drive()
+    pilot.silence(50)
+    moved = np.degrees(pilot.plant.stance()[:2]) - there
+    assert pilot.session.state.mode == "HOLD"
+    assert np.hypot(*moved) < 1.6
+
+
 def test_the_first_pictures_of_a_camera_do_not_come_again():
     pilot = Pilot()
     reports, pilot.camera.reports = pilot.camera.reports, list

@@ -14,7 +14,7 @@ from minorloop.head.console.bench_lines import LineCommand
 from minorloop.head.console.channel import NewestPipe
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle
-from minorloop.head.console.watchdog import Command, RemotePlant, WatchedPlant
+from minorloop.head.console.watchdog import Answer, Command, RemotePlant, WatchedPlant
 
 HELD = np.array([0.3, 0.2, 1.0, 0.0])
 
@@ -164,6 +164,33 @@ class Dim(Wires):
 
     def flood(self, on):
         raise InstrumentError("no pump")
+
+
+def test_a_late_answer_costs_a_reading_and_is_no_silence(monkeypatch):
+    now, (ours, theirs) = iter([0.0, 0.03, 0.06, 0.07, 0.08, 0.2]), Pipe()
+    plant = RemotePlant(NewestPipe(ours), 0.1, 0.0)
+    theirs.send_bytes(msgspec.msgpack.encode(Answer(0.0, "", 0.04, [1.0] * 4, [])))
+    assert plant.meet(10.0)
+    monkeypatch.setattr(watchdog, "time", SimpleNamespace(monotonic=lambda: next(now)))
+    for _ in range(2):  # sent at 0 s, not answered at 0.03 and 0.06 s
+        assert np.isnan(plant.exchange(np.zeros(4))).all()
+        assert plant.responds
+    theirs.recv_bytes()
+    assert not theirs.poll()  # one command
+    theirs.send_bytes(msgspec.msgpack.encode(Answer(0.0, "", 0.04, [2.0] * 4, [])))
+    assert plant.exchange(np.zeros(4)).tolist() == [2.0] * 4
+    plant.exchange(np.zeros(4))  # sent at 0.08 s, not answered at 0.2 s
+    assert not plant.responds
+
+
+def test_a_plant_that_has_ended_is_not_late():
+    ours, theirs = Pipe()
+    plant = RemotePlant(NewestPipe(ours), 60.0, 0.0)
+    theirs.send_bytes(msgspec.msgpack.encode(Answer(0.0, "", 0.04, [1.0] * 4, [])))
+    assert plant.meet(10.0)
+    theirs.close()
+    plant.exchange(np.zeros(4))
+    assert not plant.responds
 
 
 def test_a_plant_that_does_not_confirm_is_reported_and_made_safe_as_soon_as_it_does():

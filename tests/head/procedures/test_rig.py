@@ -1,12 +1,15 @@
+import threading
 import time
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from minorloop.errors import InstrumentError, ModelFileError
+from minorloop.errors import InstrumentError, ModelFileError, SafetyError
+from minorloop.head.control.head import HeadState
 from minorloop.head.geometry import wall_point
 from minorloop.head.procedures import rig as module
 from minorloop.head.procedures.actuator_plant import ActuatorPlant, BenchTip
@@ -47,6 +50,8 @@ class Plant:
 
 
 class Tip:
+    newest = None  # its pictures are there at once
+
     def __init__(self):
         self.told = []
 
@@ -145,8 +150,9 @@ class Devices:
 
     names = ("led 1", "led 2", "led 3")
 
-    def __init__(self):
+    def __init__(self, seen=None):
         self.angles, self.time, self.lights = np.full(2, 30.0), 0.0, []
+        self.seen = seen or camera()
 
     def now(self):
         return self.time
@@ -163,6 +169,9 @@ class Devices:
     def safe(self):
         self.angles = np.zeros(2)
 
+    def fail(self, *_):
+        raise InstrumentError("the board gave no answer")
+
     def switch(self, values):
         self.lights.append(tuple(values.values()))
 
@@ -170,12 +179,23 @@ class Devices:
         """Do nothing: other tests use the same camera."""
 
     def frame(self):
-        camera().switch(self.lights[-1] if self.lights else (True,) * 3)
-        camera().look(*(np.radians(self.angles) - STRAIGHT))
-        return Frame(time.monotonic(), camera().frame().image)
+        self.seen.switch(self.lights[-1] if self.lights else (True,) * 3)
+        self.seen.look(*(np.radians(self.angles) - STRAIGHT))
+        return Frame(time.monotonic(), self.seen.frame().image)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The state of a wire as far as a rig knows it."""
+
+    applied: float = 0.3
+    fault: str = ""
 
 
 class Weak(Control):
+    def begin(self):
+        return HeadState((Axis(), Axis()))
+
     def step(self, state, reference, measurement):
         return np.clip(reference / 200.0, 0.0, 0.4), state
 
@@ -203,6 +223,75 @@ def test_procedures_run_on_a_bench_with_a_camera():
     assert devices.time == pytest.approx(it.t, abs=0.05)  # each tick took its time, on their clock
 
 
+def on_bench(devices, **options):
+    """A rig on devices, whose camera tells when the lights were switched."""
+    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
+    how = {"tick": 0.04, "lines": devices, "clock": devices}
+    plant = ActuatorPlant(Bench(devices, devices, currents, angles, **how), devices)
+    tip = CameraTip(BenchTip(plant), devices, replace(CALIBRATION, latency=0.0))
+    return InspectionRig(plant, tip, Weak(), CALIBRATION, **options)
+
+
+def test_after_an_answer_that_did_not_come_the_loop_goes_on_from_a_head_that_is_safe(monkeypatch):
+    devices, told = Devices(), []
+    it = on_bench(devices, told=told.append)
+    it.reading(Request(lights=(True, False, False)))
+    with monkeypatch.context() as patch:
+        patch.setattr(devices, "set", devices.fail)
+        it._tick(Request(angles=np.zeros(2)))
+    assert [axis.applied for axis in it._state.axes] == [0.0, 0.0]
+    assert not devices.angles.any()
+    assert devices.lights == [(True, False, False)] * 2  # a head that was made safe may be dark
+    assert "the board gave no answer; the head was made safe" in told[0].outcome
+    it._tick(Request())
+    assert devices.angles.all()
+    monkeypatch.setattr(devices, "set", devices.fail)
+    for _ in range(5):
+        it._tick(Request())
+    assert len(told) == 6
+    with pytest.raises(InstrumentError, match="no answer"):
+        it._tick(Request())
+
+
+def test_a_head_that_is_not_safe_ends_the_loop_at_once(monkeypatch):
+    devices, told = Devices(), []
+    it = on_bench(devices, told=told.append)
+    for name in ("set", "safe"):
+        monkeypatch.setattr(devices, name, devices.fail)
+    with pytest.raises(SafetyError, match="may still be on"):
+        it._tick(Request())
+    assert not told
+
+
+def test_the_wires_are_controlled_while_pictures_are_late_and_while_it_computes(monkeypatch):
+    devices = Devices()
+    with ThreadPoolExecutor(1) as pool:
+        it, ticked = on_bench(devices, computing=pool), threading.Event()
+        tick = it._tick
+        monkeypatch.setattr(it, "_tick", lambda request: (tick(request), ticked.set()))
+        assert it.compute(lambda: ticked.wait(10.0))
+    late = iter([True] * 50)
+    frame = devices.frame
+    monkeypatch.setattr(devices, "frame", lambda: devices.fail() if next(late, 0) else frame())
+    before = it.t
+    _, image = it.look()
+    assert image is not None
+    assert it.t - before == pytest.approx(50 * 0.04)
+    monkeypatch.setattr(devices, "frame", devices.fail)
+    before = it.t
+    with pytest.raises(InstrumentError, match="no answer"):
+        it.look()
+    assert it.t - before == pytest.approx(5.0)
+
+
+def test_a_sensor_that_failed_is_named():
+    it = rig()
+    it._state = HeadState((Axis(), Axis(fault="lost")))
+    with pytest.raises(InstrumentError, match="the sensor of tilt is lost"):
+        it.check_sensors()
+
+
 def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(monkeypatch, tmp_path):
     devices, closed = Devices(), []
     currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
@@ -212,7 +301,7 @@ def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(monkeypatch, tmp_pat
     monkeypatch.setattr(module, "connect", lambda address: bench)
     monkeypatch.setattr(module, "WallClock", lambda: devices)
     monkeypatch.setattr(devices, "close", lambda: closed.append(True), raising=False)
-    monkeypatch.setattr(module, "LiveCamera", lambda address: devices)
+    monkeypatch.setattr(module, "LiveCamera", lambda address, patience: devices)
     monkeypatch.setattr(HeadFile, "control", lambda known, interval: Weak())
     file, on = tmp_path / "head.json", datetime(2026, 1, 31, tzinfo=UTC)
     save_head(HeadFile(serial="H-01", calibration=CALIBRATION, calibrated=on), file)

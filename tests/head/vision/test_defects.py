@@ -11,7 +11,7 @@ from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.extract import acquire
 from minorloop.head.twins.scene_view import draw_view
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.defects import SEQUENCE, find_holes
+from minorloop.head.vision.defects import SEQUENCE, Hole, find_holes, strongest
 from minorloop.head.vision.reflectance_map import LitFrame, check_frames, lay_flat
 
 
@@ -220,3 +220,11 @@ def test_looks_may_have_been_taken_without_the_dark_one():
     view, camera, looks = scene()
     alone = LitFrame(looks[4].image, view.pan, view.tilt)
     assert lay_flat([alone], camera).stack.shape[0] == 1
+
+
+def test_a_hole_on_the_seam_of_phi_counts_once():
+    one, other = (
+        Hole(np.array([phi, 20e-3]), 1e-3, evidence, "dark", np.empty((0, 2)))
+        for phi, evidence in ((3.14, 2.0), (-3.14, 1.0))
+    )
+    assert strongest([other, one], 10e-3, 0.0) == (one,)

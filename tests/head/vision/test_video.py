@@ -246,6 +246,7 @@ def test_a_function_of_a_module_makes_a_camera_whose_failures_are_sentences(tmp_
     check_camera("module:home_camera.Camera")
     with closing(LiveCamera("module:home_camera.Camera", patience=20.0)) as camera:
         assert camera.frame().image.shape == SIZE
+        assert camera.exposes
         camera.expose(2e-3, 1.5)
         while "no such exposure" not in camera._problem:
             camera.frame()

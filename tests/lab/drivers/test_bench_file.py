@@ -90,6 +90,16 @@ def opened(tmp_path, monkeypatch):
     return opened
 
 
+def test_no_device_is_opened_where_rest_is_beyond_the_limits(opened, monkeypatch):
+    def open_device(plan):
+        raise AssertionError("it was opened")
+
+    driver = SimpleNamespace(open_device=open_device)
+    monkeypatch.setattr(bench_file, "loaded", lambda point, name: driver)
+    with pytest.raises(ParameterError, match=r"rest 1\.5 is beyond the limits"):
+        opened(BENCH.replace("rest = 0.5", "rest = 1.5"))
+
+
 def test_channels_are_converted_limited_and_wired_as_the_file_says(opened):
     bench, device, (plan,) = opened()
     assert device.done == ["safe"]

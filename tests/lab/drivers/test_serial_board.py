@@ -74,6 +74,10 @@ def test_a_board_follows_targets_within_its_own_limits():
     narrow = SerialBoard(asked(*GREETING), replace(PLAN, sources=sources))
     with pytest.raises(ParameterError, match="tilt current has narrower limits in the bench"):
         narrow.follow(np.array([20.0, 30.0]))
+    sources = (replace(PLAN.sources[0], rate=0.5), PLAN.sources[1])
+    slow = SerialBoard(asked(*GREETING), replace(PLAN, sources=sources))
+    with pytest.raises(ParameterError, match="pan current has a rate limit"):
+        slow.follow(np.array([20.0, 30.0]))
 
 
 def test_a_board_of_protocol_2_has_one_input_and_one_output():
@@ -201,5 +205,6 @@ def test_a_board_that_is_pulled_is_missing_and_says_that_it_may_be_on(tmp_path):
         with pytest.raises(SafetyError, match=r"may still be on, switch it off by hand: in 0\.5 s"):
             plant.at_once([0.1, 0.1])
         plant.close()
-        with pytest.raises(InstrumentError, match="cannot be opened"):
+        with pytest.raises(InstrumentError, match="cannot be opened") as found:
             connect(address)
+        assert str(found.value).count("Errno") == 1  # libraries repeat the error inside theirs

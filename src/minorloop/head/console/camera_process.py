@@ -21,6 +21,7 @@ from minorloop.head.console.bench_lines import RemoteWires
 from minorloop.head.console.camera_protocol import (
     FEW_PICTURES,
     PICTURED,
+    PROBLEM,
     CameraCommand,
     CameraRequest,
     request_decoder,
@@ -131,7 +132,7 @@ def _serve(
             if pipe.poll(_POLL):
                 before, problem = problem, answer(perception, pipe, outbox)
                 if problem and problem != before:
-                    outbox.event(messages.encode(messages.Notice(text=problem)))
+                    pipe.send_bytes(PROBLEM + problem.encode())
 
 
 def answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> str:

@@ -20,6 +20,8 @@ from minorloop.head.console.units import Position
 
 PICTURED = b"p"
 """First byte of a picture that the camera process sends to the loop for a recording."""
+PROBLEM = b"!"
+"""First byte of a sentence that says why there is no picture."""
 FEW_PICTURES = 5
 """Ticks for one picture where an operator only looks on, in a recording and during a scan of a
 simulated pipe: five pictures a second."""
@@ -83,6 +85,10 @@ report_decoder = msgspec.msgpack.Decoder(CameraReport)
 class CameraLink(Protocol):
     """Interface of the control loop to the camera; neither call waits."""
 
+    @property
+    def problem(self) -> str:
+        """Why there is no picture; empty if that is not known, or there is one."""
+
     def send(self, request: CameraRequest) -> None:
         """Send where the head is, and commands."""
 
@@ -98,6 +104,11 @@ class RemoteCamera:
     channel : NewestPipe
         To that process. Its first message on each pipe is the calibration of camera and probe,
         or ``{"failed": sentence}``.
+
+    Attributes
+    ----------
+    problem : str
+        As of `CameraLink`.
     """
 
     def __init__(self, channel: NewestPipe) -> None:
@@ -106,7 +117,7 @@ class RemoteCamera:
         self._next: CameraRequest | None = None
         self._reports: deque[CameraReport] = deque(maxlen=64)
         self._introduction: dict[str, Any] | None = None
-        self._introduced = False
+        self._introduced, self.problem = False, ""
         self.on_picture: Callable[[bytes], None] | None = None
         self.keep = False
         for work in (self._send, self._receive):
@@ -147,8 +158,11 @@ class RemoteCamera:
                 self._introduce(pipe.recv_bytes())
                 while True:
                     content = pipe.recv_bytes()
-                    if content[:1] != PICTURED:
+                    if content[:1] == PROBLEM:
+                        self.problem = content[1:].decode()
+                    elif content[:1] != PICTURED:
                         self._reports.append(report_decoder.decode(content))
+                        self.problem = ""
                     elif self.on_picture is not None:
                         self.on_picture(content[1:])
             self._introduced = False

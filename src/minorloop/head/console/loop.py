@@ -39,6 +39,10 @@ from minorloop.head.procedures.calibration import HeadCalibration
 
 _STOOD_STILL = 0.2
 """Seconds that a tick may be late; a later one means that the process was stopped."""
+_WAIT = 0.025
+"""Seconds in which the plant has to answer; the rest of a tick of 40 ms is for everything else."""
+_MOST_LATE = 0.1
+"""Seconds of silence in which fewer readings are missed than make a sensor count as lost."""
 _POLL = 0.1
 _NEW_SERVER = object()
 _COLLECT_EVERY = _STATUS_EVERY = 25
@@ -70,7 +74,10 @@ def run(
     sys.setswitchinterval(1e-3)
     with contextlib.suppress(OSError, AttributeError):
         os.nice(-10)  # few systems allow it; it helps where other programs use the same cores
-    camera, plant = RemoteCamera(pictures), RemotePlant(wires, settings.patience / 2)
+    silence = settings.patience / 2
+    # A longer silence without readings would count as a lost sensor first.
+    wait = _WAIT if silence < _MOST_LATE else None
+    camera, plant = RemoteCamera(pictures), RemotePlant(wires, silence, wait)
     try:
         control = control or _identified(settings)
         view = _introduced(camera, stop)
@@ -127,7 +134,7 @@ def _fail(sentence: str, server: NewestPipe, handle: ProcessHandle, stop: thread
 class _Stub:
     """A plant and a camera that do nothing, to compile what the first ticks would wait for."""
 
-    tick = 0.04
+    tick, problem = 0.04, ""
 
     def exchange(self, u: FloatArray) -> FloatArray:
         return np.zeros(4)
@@ -148,9 +155,11 @@ class _Stub:
 def _warm_up(view: HeadCalibration, control: HeadControl, settings: LoopSettings) -> None:
     stub = _Stub()
     session = Session(stub, view, control, stub, settings.teleop_config())
+    state, wanted = control.begin(), view.joints((0.0, 0.0))
     for _ in range(25):
         session.tick(0.0)
         session.report(0.0)
+        _, state = control.step(state, wanted, np.zeros(2), t=session.ticks * session.interval)
 
 
 class _Loop:
@@ -231,7 +240,11 @@ class _Loop:
                 self._recordings.append(False)
 
     def _watch_plant(self) -> None:
-        """Hold if the plant does not answer, and rest if it was made safe."""
+        """Hold if the plant does not answer, and rest if it was made safe.
+
+        That it may not be safe is said until it is.
+        """
+        self._session.danger = "" if self._plant.answer.safe else self._plant.answer.why
         lost = not self._plant.responds
         if lost and (not self._plant_lost or self._session.state.mode != "HOLD"):
             answer = self._plant.answer
@@ -240,11 +253,12 @@ class _Loop:
         self._plant_lost = lost
         if self._plant.made_safe:
             self._plant.accept()
+            why = self._plant.answer.why or "the plant answers now"
             done = "and the head was made safe: its wires cool; press Head (1) to bring it back to"
             if self._plant.answer.safe:
-                self._session.rest(f"{self._plant.answer.why}, {done} the middle")
+                self._session.rest(f"{why}, {done} the middle")
             else:
-                self._session.rest(f"{self._plant.answer.why}; press Head (1) when it is back")
+                self._session.rest(f"{why}; press Head (1) when it is back")
 
     def _record(self, on: bool) -> None:
         """Start or end a recording."""

@@ -66,8 +66,8 @@ class TickInput:
         What to say if there is no pose, or an old one.
     clutch : bool
         Whether the clutch is pressed.
-    pictures : bool
-        Whether the camera gives pictures.
+    blind : str
+        What to say if the camera gives no pictures; empty if it does.
     servo : (float, float), optional
         Rates of pan and tilt that centre the target, in rad/s; None while the target is not
         visible.
@@ -83,7 +83,7 @@ class TickInput:
     stick: Pair = (0.0, 0.0)
     lost: str = "the pose of the operator's head was lost"
     clutch: bool = False
-    pictures: bool = True
+    blind: str = ""
     servo: Pair | None = None
     scan: tuple[Pair, Rates] | None = None
 
@@ -161,11 +161,8 @@ def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted
             f"no message came from the operator's page for {config.stick.timeout:g} s; press a "
             "mode to continue, or start the console with a longer --timeout"
         )
-    if not inputs.pictures:
-        return (
-            f"no picture came from the camera for {config.pictures:g} s; press a mode when "
-            "pictures come again, or start the console with a longer --timeout"
-        )
+    if inputs.blind:
+        return f"{inputs.blind}; press a mode when pictures come again"
     if wanted == "HEAD" and (inputs.pose is None or not inputs.pose_age <= config.gaze.timeout):
         return f"{inputs.lost}; press HEAD to continue"
     entering = inputs.request is not None and state.mode != "TRACK"

@@ -40,6 +40,8 @@ from minorloop.lab.actuator import Frame
 
 _FRAME = 0.04
 """Seconds from one frame of the camera to the next."""
+_MOST_QUEUED = 4
+"""Commands that wait for the camera."""
 _SNAP = 18.0
 """Pixels from a candidate within which a pick takes the candidate."""
 
@@ -119,10 +121,13 @@ class Perception:
         self._tip.move_to(request.stance)
         for name, numbers in request.commands:
             self._try(self.commands[name], numbers)
-        if self._queue and self._work is None:  # commands that came while the camera was in use
+        if self._queue and not self._busy:  # commands that came while the camera was in use
             self._queue.pop(0)()
-        idle = self._work is None and self._echoes is None
-        if idle and self._finder.at_rest_somewhere_new(request.position):
+        if (
+            not self._busy
+            and self._echoes is None
+            and self._finder.at_rest_somewhere_new(request.position)
+        ):
             self._find()
         self.shown = False
         frame = self._frame(request.number)
@@ -311,9 +316,16 @@ class Perception:
         self._report("extracted", hole=measured, verdict=hole.kind)
 
     def _acquire(self, then: Callable[[Findings], None]) -> None:
-        """Take five frames under switched lights, then search them for defects."""
-        if self._work is not None:
-            self._queue.append(lambda: self._acquire(then))
+        """Take five frames under switched lights, then search them for defects.
+
+        Only one acquisition is searched at a time, and few wait: a busy machine is slower than
+        the camera, and each acquisition has megabytes.
+        """
+        if self._busy:
+            if len(self._queue) < _MOST_QUEUED:
+                self._queue.append(lambda: self._acquire(then))
+            else:
+                self._report("notice", text="pictures are still searched; try it again later")
             return
         position = self._position
         self._finder.searched(position)
@@ -324,6 +336,11 @@ class Perception:
 
         acquisition = Acquisition()
         self._use(acquisition, acquisition.begin(self._meter.gain), after)
+
+    @property
+    def _busy(self) -> bool:
+        """Whether the camera is in use, or an acquisition is searched."""
+        return self._work is not None or bool(self._pending)
 
     def _take_results(self) -> None:
         waiting = []

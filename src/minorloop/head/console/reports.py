@@ -15,10 +15,8 @@ from minorloop.head.console.modes import TeleopConfig
 from minorloop.head.console.units import degrees, mm
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.reconstruction import findings as tables
-from minorloop.head.reconstruction.findings import UNDECIDED, kind_of
+from minorloop.head.reconstruction.findings import kind_of
 
-_PLACE_SD, _SIZE_SD = 0.085e-3, 0.08
-"""Standard deviations by an outline: of the place in m, and of the diameter as a share of it."""
 NO_ECHOES = "no echoes yet"
 """Verdict before a finding was scanned."""
 
@@ -27,17 +25,18 @@ def camera_finding(
     number: int, t: float, hole: Mapping[str, float], radius: float
 ) -> ReportedFinding:
     """Return a finding by its outline alone."""
+    found = tables.outlined(hole["phi"], hole["z"], hole["diameter"], NO_ECHOES, radius=radius)
     return ReportedFinding(
         number=number,
         t=t,
-        kind=UNDECIDED,
-        verdict=NO_ECHOES,
-        phi=round(math.degrees(hole["phi"]) % 360.0, 3),
-        phi_sd=degrees(_PLACE_SD / radius, 3),
-        z=mm(hole["z"]),
-        z_sd=mm(_PLACE_SD),
-        diameter=mm(hole["diameter"]),
-        diameter_sd=mm(_SIZE_SD * hole["diameter"]),
+        kind=found.kind,
+        verdict=found.verdict,
+        phi=round(math.degrees(found.phi) % 360.0, 3),
+        phi_sd=degrees(found.phi_sd, 3),
+        z=mm(found.z),
+        z_sd=mm(found.z_sd),
+        diameter=mm(found.width),
+        diameter_sd=mm(found.width_sd),
         depth=None,
         depth_sd=None,
         evidence=round(hole["evidence"], 2),

@@ -81,8 +81,11 @@ class Session:
         self.reading = np.zeros(4)
         self._known = np.zeros(4)  # the reading, and the last one of a sensor that is lost
         self.ticks = self._lost_ticks = 0
-        self._resting = self._no_pictures = self._pictured = False
+        self._resting = True  # cold, until the first mode
+        self._no_pictures = self._pictured = False
+        self.danger = ""  # why the plant may not be safe
         self._control = self.control.begin()
+        self._stop: Pair | None = None
         self._drive: messages.Drive | None = None
         self._drive_at = -math.inf
         self._request: messages.Mode | None = None
@@ -130,15 +133,20 @@ class Session:
             self._restore(message.findings)
 
     def hold(self, reason: str) -> None:
-        """Hold, and forget the last input of the operator."""
-        self.state = held(self.state, reason)
+        """Hold, and forget the last input of the operator.
+
+        That the plant may not be safe is a graver reason than any other.
+        """
+        reason = f"{self.danger}; press Head (1) when it is back" if self.danger else reason
+        before, self.state = self.state.mode, held(self.state, reason)
+        self._stop_after(before)
         self._drive, self._drive_at, self._request = None, -math.inf, None
 
     def rest(self, reason: str) -> None:
         """Hold with cold wires, after the plant was made safe; the next mode ends it."""
         self.hold(reason)
         self.state = TeleopState("HOLD", reason)
-        self._resting = True
+        self._resting, self._stop = True, None
 
     def tick(self, now: float) -> FloatArray:
         """Do one tick at a time in seconds; return the four inputs that were applied."""
@@ -148,6 +156,7 @@ class Session:
         before = self.state.mode
         inputs = self._tick_input(now)  # a scan that has ended holds
         self.state = advance(self.config, self.state, inputs, self.interval)
+        self._stop_after(before)
         self._react(before)
         self._request = None
         currents = self._currents()
@@ -174,15 +183,30 @@ class Session:
         if self._resting:
             self._control = self.control.begin(read, np.zeros(2))
             return np.zeros(2)
+        wanted = self.state.command if self._stop is None else self._stop
         currents, self._control = self.control.step(
-            self._control, self.view.joints(self.state.command), read, t=self._t
+            self._control, self.view.joints(wanted), read, t=self._t
         )
         return currents
+
+    def _stop_after(self, before: str) -> None:
+        """In HOLD, stop where the head is: it may be ten degrees behind its command.
+
+        The command stays for the next mode. The angles are those of the model, which no single
+        reading moves far.
+        """
+        if self.state.mode != "HOLD":
+            self._stop = None
+        elif before != "HOLD":
+            own = [axis.estimate.wire.angle for axis in self._control.axes]
+            read = np.radians(np.asarray(self.control.coupling) @ own)
+            pan, tilt = self.view.line_of_sight(read).tolist()
+            self._stop = pan, tilt
 
     def report(self, now: float, *, late: float = 0.0, safe_at: float = 0.0) -> bytes:
         """Return the `LoopState` of this tick; ``safe_at`` is when the plant was last made safe."""
         drive, axes = self._drive, self._control.axes
-        command = to_shown((*self.state.command, *self.state.rates))
+        command = to_shown((*(self._stop or self.state.command), *self.state.rates))
         read = to_shown((*self.view.line_of_sight(self.reading[:2]), *self._known[2:]))
         pan, tilt = (_memory(axis.estimate.wire.tracker) for axis in axes)
         return messages.encode(
@@ -224,18 +248,19 @@ class Session:
 
     def _tick_input(self, now: float) -> TickInput:
         servo, scan, tracked = self._servo(), self._scan_tick(), self._tracked(now)
-        drive, pictures = self._drive, not self._no_pictures
+        drive, blind = self._drive, self._blind()
+        request = None if self.danger else self._request
         if drive is None:
-            return TickInput(request=self._request, pictures=pictures, servo=servo, scan=scan)
+            return TickInput(request=request, blind=blind, servo=servo, scan=scan)
         age = max(now - self._drive_at, 0.0)
         head = {"pose": drive.pose, "pose_age": age + drive.age}
         return TickInput(
-            request=self._request,
+            request=request,
             **(head if tracked is None else tracked),
             link_age=age,
             stick=drive.stick,
             clutch=drive.clutch,
-            pictures=pictures,
+            blind=blind,
             servo=servo,
             scan=scan,
         )
@@ -273,6 +298,15 @@ class Session:
             self.notice("pictures come again; press a mode to continue")
         self._no_pictures = missing
         self._pictured = self._pictured or self.seen.number > 0
+
+    def _blind(self) -> str:
+        """Return why there are no pictures; empty if there are."""
+        if not self._no_pictures:
+            return ""
+        return self.camera.problem or (
+            f"no picture came from the camera for {self.config.pictures:g} s, which a longer "
+            "--timeout of the console allows"
+        )
 
     def _take(self, report: CameraReport) -> None:
         self.seen = report
@@ -447,6 +481,11 @@ class Session:
         return [guard.temperature(state) for guard, state in pairs]
 
     def _trouble(self) -> str:
+        """Return what is wrong now, the gravest first."""
+        if self.danger:
+            return self.danger
+        if self._no_pictures and self.camera.problem:
+            return self.camera.problem
         for name, axis in zip(("pan", "tilt"), self._control.axes, strict=True):
             if axis.fault:
                 return f"the sensor of {name} is {axis.fault}"

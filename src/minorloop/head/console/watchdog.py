@@ -256,13 +256,17 @@ class RemotePlant:
     channel : NewestPipe
         To that process.
     patience : float
-        Seconds to wait for an answer; without one, readings are NaN and nothing waits any more.
+        Seconds without an answer after which it counts as silent, and nothing waits any more.
+    wait : float, optional
+        Longest time in seconds that one exchange waits; the patience without it. A plant that is
+        late then costs a reading, which is NaN, and does not delay the loop.
     """
 
-    def __init__(self, channel: NewestPipe, patience: float) -> None:
+    def __init__(self, channel: NewestPipe, patience: float, wait: float | None = None) -> None:
         self._channel, self._patience = channel, patience
+        self._wait = patience if wait is None else wait
         self._pipe: Connection | None = None
-        self._waiting = True
+        self._waiting, self._sent = True, -math.inf
         self.responds = False
         self.answer = Answer(0.0, "", 0.0, list(_LOST), [])
         self._known = 0.0
@@ -281,18 +285,23 @@ class RemotePlant:
         return self.responds
 
     def exchange(self, u: FloatArray) -> FloatArray:
-        """Apply inputs for a tick; return the readings, NaN without an answer in time."""
+        """Apply inputs for a tick; return the readings, NaN without an answer in time.
+
+        While an answer is late nothing further is sent.
+        """
         pipe = self._channel.next(self._pipe, 0.0)
         if pipe is not None:
             self._pipe, self._waiting = pipe, True
-        patience = self._patience if self.responds else 0.0
         if not self._waiting and self._pipe is not None:
+            self._sent = -math.inf  # one that has ended takes nothing
             with contextlib.suppress(OSError):
                 command = Command(self._known, np.asarray(u).tolist())
                 self._pipe.send_bytes(msgspec.msgpack.encode(command))
-                self._waiting = True
-        self.responds = self._receive(patience)
-        return np.array(self.answer.y if self.responds else _LOST)
+                self._waiting, self._sent = True, time.monotonic()
+        answered = self._receive(self._wait if self.responds else 0.0)
+        late = time.monotonic() - self._sent < self._patience
+        self.responds = answered or (self.responds and late)
+        return np.array(self.answer.y if answered else _LOST)
 
     def accept(self) -> None:
         """Acknowledge that it was made safe; commands are carried out again."""
@@ -315,9 +324,11 @@ class RemotePlant:
     def _receive(self, patience: float) -> bool:
         if self._pipe is None or not self._waiting:
             return False
-        with contextlib.suppress(EOFError, OSError):
+        try:
             if self._pipe.poll(patience):
                 self.answer = _answers.decode(self._pipe.recv_bytes())
                 self._waiting = False
                 return True
+        except (EOFError, OSError):  # it has ended: nothing is late
+            self._sent = -math.inf
         return False

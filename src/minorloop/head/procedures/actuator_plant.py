@@ -97,6 +97,11 @@ class ActuatorPlant:
         return found
 
     @property
+    def travels(self) -> bool:
+        """Whether a catheter moves the head along the pipe."""
+        return self._count == len(_INPUTS)
+
+    @property
     def leds(self) -> int:
         """Number of lines that switch LEDs."""
         return len(self._leds)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +17,7 @@ from minorloop.files import PathLike
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
+from minorloop.head.procedures.values import ALL_LIGHTS
 from minorloop.head.vision.led_calibration import find_reflection, fit_led
 from minorloop.head.vision.lens_calibration import LensFit, TargetPose, fit_lens, target_pose
 from minorloop.head.vision.measured import Measured
@@ -167,8 +169,11 @@ def calibrate_mount(
     corner_sd: float = CORNER_SD,
     angle_sd: float = 0.1,
     on_axis: bool = False,
+    centre_sd: tuple[float, float] = (0.0, 0.0),
 ) -> MountFit:
     """Fit the mount of the camera to pictures of a target at several angles of the joints.
+
+    Its standard deviations contain the share of the principal point of the lens.
 
     Parameters
     ----------
@@ -182,6 +187,8 @@ def calibrate_mount(
         Standard deviations of a corner in pixels and of an angle in degrees.
     on_axis : bool
         Whether the target is square to the pipe with its middle on the axis.
+    centre_sd : (float, float)
+        Standard deviations of the principal point, in pixels.
 
     Raises
     ------
@@ -201,12 +208,36 @@ def calibrate_mount(
             f"{angles} has no row for {missing[0]}; name every picture of {pictures.folder} in "
             "its column 'picture'"
         )
-    poses = [target_pose(lens, each, corner_sd) for each in pictures.seen]
     joints = np.array([known[each.name] for each in pictures.seen]).reshape(-1, 2)
+    middle = target.size / 2 if on_axis else None
+
+    def fitted(lens: Pinhole) -> MountFit:
+        poses = [target_pose(lens, each, corner_sd) for each in pictures.seen]
+        return fit_mount(poses, joints, sd=angle_sd, middle=middle)
+
     try:
-        return fit_mount(poses, joints, sd=angle_sd, middle=target.size / 2 if on_axis else None)
+        found = fitted(lens)
+        moved = [fitted(each) for each in _shifted(lens, centre_sd)]
     except RecordError as error:
         raise RecordError(f"{pictures.folder}: {error}{pictures.explained()}") from None
+    measured = [
+        replace(each, sd=math.hypot(each.sd, *(other.value - each.value for other in others)))
+        for each, *others in zip(found.measured, *(fit.measured for fit in moved), strict=True)
+    ]
+    return replace(found, measured=tuple(measured))
+
+
+def _shifted(lens: Pinhole, sd: tuple[float, float]) -> list[Pinhole]:
+    """Return lenses whose principal point is off by a standard deviation in a direction."""
+    (u, v), (du, dv) = lens.centre, sd
+    shifts = [(u + du, v)] * (du > 0) + [(u, v + dv)] * (dv > 0)
+    return [replace(lens, centre=centre) for centre in shifts]
+
+
+def centre_sd_of(measured: Iterable[Measured]) -> tuple[float, float]:
+    """Return the standard deviations of the principal point in pixels; 0 where it is not known."""
+    sds = {each.name: each.sd for each in measured}
+    return sds.get("principal point u", 0.0), sds.get("principal point v", 0.0)
 
 
 def calibrate_leds(
@@ -367,7 +398,11 @@ def _advice(
             "minorloop head identify"
         )
     if first and leds is None:
-        said.append("one light at the lens is assumed; give the places of the LEDs with --leds")
+        wanted = len(ALL_LIGHTS)
+        said.append(
+            f"one LED at the lens is assumed, which the console and head inspect refuse: they "
+            f"switch {wanted}; give the places of all {wanted} with --leds"
+        )
     if first and mount is None:
         said.append("the lever of the camera is not measured; give pictures with --mount")
     if lens is not None and mount is None and not first:

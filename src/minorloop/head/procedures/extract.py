@@ -45,7 +45,9 @@ class Acquisition(Procedure[AcquisitionState]):
         return AcquisitionState(gain=gain)
 
     def _next(self, state: AcquisitionState, reading: Reading) -> tuple[AcquisitionState, Request]:
-        if state.requested and reading.image is not None:
+        if state.requested and reading.image is None:
+            return state, Request(frame=True)  # lights that are set again have to settle again
+        if reading.image is not None and state.requested:
             pan, tilt = reading.angles.tolist()
             frame = LitFrame(reading.image, pan, tilt, SEQUENCE[len(state.frames)])
             state = replace(state, frames=(*state.frames, frame))

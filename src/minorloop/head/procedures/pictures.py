@@ -158,8 +158,8 @@ def inspect_picture(
     if found.verdict != GOOD:
         return InspectedPicture(name=name, t=t, verdict=found.verdict)
     angles = pose.pan, pose.tilt
-    holes = [_hole(hole, camera, angles) for hole in found.holes]
-    cracks = [_crack(crack, camera, angles) for crack in traces_of(found, view.radius)]
+    holes = [hole_in(hole, camera, angles) for hole in found.holes]
+    cracks = [crack_in(crack, camera, angles) for crack in traces_of(found, view.radius)]
     return InspectedPicture(name=name, t=t, verdict=GOOD, findings=(*holes, *cracks))
 
 
@@ -184,7 +184,8 @@ def annotated(image: Image, findings: Sequence[PictureFinding]) -> Any:
     return drawn
 
 
-def _hole(hole: Hole, camera: CalibratedCamera, angles: tuple[float, float]) -> PictureFinding:
+def hole_in(hole: Hole, camera: CalibratedCamera, angles: tuple[float, float]) -> PictureFinding:
+    """Return a hole as a finding of a picture, which was taken at these angles."""
     return PictureFinding(
         kind=UNDECIDED,
         phi=float(hole.place[0]),
@@ -196,9 +197,10 @@ def _hole(hole: Hole, camera: CalibratedCamera, angles: tuple[float, float]) -> 
     )
 
 
-def _crack(
+def crack_in(
     crack: TracedCrack, camera: CalibratedCamera, angles: tuple[float, float]
 ) -> PictureFinding:
+    """Return a crack as a finding of a picture, which was taken at these angles."""
     phi, z = crack.places[len(crack.places) // 2]
     return PictureFinding(
         kind=CRACK,

@@ -4,19 +4,25 @@ On devices::
 
     with rig_at("bench:head.toml", "camera:0", "head.json") as rig:
         rig.run(Go(), Go().begin(angles=(0.1, 0.0)))
+
+There a tick takes its time, and neither a picture that is late nor a long computation stops the
+control of the wires. After a device failed the head is safe; the loop goes on from there if it
+answers again, and ends if it does not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.connect import connect
-from minorloop.errors import ModelFileError
+from minorloop.errors import InstrumentError, ModelFileError, SafetyError
 from minorloop.files import PathLike
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.actuator_plant import ActuatorPlant, BenchTip
@@ -24,6 +30,7 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.camera_tip import CameraTip
 from minorloop.head.procedures.head_file import read_head
 from minorloop.head.procedures.values import (
+    ALL_LIGHTS,
     NOTHING,
     Plant,
     Procedure,
@@ -32,10 +39,24 @@ from minorloop.head.procedures.values import (
     State,
     Tip,
     apply_to_tip,
+    passed,
 )
-from minorloop.head.vision.video import LiveCamera
+from minorloop.head.vision.calibrated_camera import Image
+from minorloop.head.vision.video import LiveCamera, check_camera
+from minorloop.lab.actuator import Frame
 from minorloop.lab.drivers.parts import WallClock
 from minorloop.lab.run import left_safe
+
+Computed = TypeVar("Computed")
+_PATIENCE = 0.02
+"""Seconds that a tick waits for a picture: half of it; the next tick asks again."""
+_BLIND = 5.0
+"""Seconds without a good picture after which a procedure ends: a camera in the network that was
+lost is opened again within 4 s."""
+
+_MOST_FAILURES = 5
+"""Failures of a device in a row after which the loop ends: one answer in a thousand is late on a
+busy machine, and no second one follows."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +83,10 @@ class InspectionRig:
     sensors : bool
         Whether the joints have sensors. Without them the angles are those of the model of the
         wires, and control uses the angles that a procedure estimates from the image.
+    computing : Executor, optional
+        Runs long computations while the loop goes on; without it, they take no time of the loop.
+    told : callable, optional
+        Is given each entry of the log.
     """
 
     def __init__(
@@ -73,13 +98,19 @@ class InspectionRig:
         *,
         gyroscope: Callable[[], FloatArray] | None = None,
         sensors: bool = True,
+        computing: Executor | None = None,
+        told: Callable[[LogEntry], None] = lambda entry: None,
     ) -> None:
         self.plant, self.tip, self.control = plant, tip, control
         self.calibration = calibration
         self.log: list[LogEntry] = []
         self.gain = 1.0
         self._gyroscope, self._sensors = gyroscope, sensors
+        self._computing, self._told = computing, told
         self._ticks = 0
+        self._blind_since: float | None = None
+        self._lights: tuple[bool, ...] = ALL_LIGHTS
+        self._failures = 0
         self._state = control.begin()
         self._commanded = -np.asarray(calibration.straight)
         self._read = self._known = np.zeros(4)
@@ -89,6 +120,11 @@ class InspectionRig:
     def t(self) -> float:
         """Seconds since the rig was created."""
         return self._ticks * self.plant.tick
+
+    @property
+    def travels(self) -> bool:
+        """Whether a catheter moves the head along the pipe."""
+        return bool(getattr(self.plant, "travels", True))
 
     @property
     def place(self) -> FloatArray:
@@ -104,14 +140,22 @@ class InspectionRig:
         return self.calibration.line_of_sight(np.radians(np.asarray(self.control.coupling) @ own))
 
     def reading(self, request: Request = NOTHING) -> Reading:
-        """Carry out a request on the tip and return the reading, with its frame and its burst."""
-        apply_to_tip(self.tip, request)
+        """Carry out a request on the tip and return the reading, with its frame and its burst.
+
+        Raises
+        ------
+        InstrumentError
+            If the camera has given no good picture for 5 s, or a device fails again and again.
+        """
+        self._applied(request)
+        if not request.frame:
+            self._blind_since = None
         return Reading(
             t=self.t,
             angles=self.angles,
             place=self.place,
             base=np.zeros(2) if self._gyroscope is None else self._gyroscope(),
-            image=self.tip.frame().image if request.frame else None,
+            image=self._image() if request.frame else None,
             shots=tuple(self.tip.shots(request.shots)) if request.shots else (),
             fired=request.shots > 0,
         )
@@ -133,15 +177,68 @@ class InspectionRig:
         while True:
             state, request = procedure.step(state, self.reading(request))
             if state.done:
-                apply_to_tip(self.tip, request)
+                self._applied(request)
                 return state
             self._tick(request)
             if each is not None:
                 each(state)
 
+    def look(self) -> tuple[Reading, Image]:
+        """Return a reading and its picture; the loop goes on until there is one.
+
+        Raises
+        ------
+        InstrumentError
+            As `reading`.
+        """
+        while (now := self.reading(Request(frame=True))).image is None:
+            self._tick(NOTHING)
+        return now, now.image
+
+    def compute(self, work: Callable[[], Computed]) -> Computed:
+        """Return the result of a computation, during which the head stays where it is."""
+        if self._computing is None:
+            return work()
+        found = self._computing.submit(work)
+        while not found.done():
+            self._tick(NOTHING)
+        return found.result()
+
+    def check_sensors(self) -> None:
+        """Refuse to go on with a sensor that failed.
+
+        Raises
+        ------
+        InstrumentError
+            If one did; its wire cools.
+        """
+        for name, axis in zip(("pan", "tilt"), self._state.axes, strict=True):
+            if axis.fault:
+                raise InstrumentError(f"the sensor of {name} is {axis.fault}; check it")
+
     def say(self, what: str, outcome: str) -> None:
         """Add an entry to the log."""
         self.log.append(LogEntry(self.t, what, outcome))
+        self._told(self.log[-1])
+
+    def _image(self) -> Image | None:
+        """Return a picture; None if there is no good one now, for some time."""
+        newest = getattr(self.tip, "newest", None)
+        if newest is None:
+            return self.tip.frame().image
+        found: Frame | None = None
+        problem: InstrumentError | None = None
+        try:
+            found = newest()
+        except InstrumentError as error:
+            problem = error
+        if found is not None:
+            self._blind_since = None
+            return found.image
+        self._blind_since = self.t if self._blind_since is None else self._blind_since
+        if problem is not None and passed(self._blind_since, self.t, _BLIND):
+            raise problem
+        return None
 
     def _tick(self, request: Request) -> None:
         """Move head and catheter as requested for one tick."""
@@ -153,17 +250,57 @@ class InspectionRig:
             read = np.full(2, np.nan) if sighted is None else self.calibration.joints(sighted)
         wanted = self.calibration.joints(self._commanded)
         currents, self._state = self.control.step(self._state, wanted, read)
-        self._read = self.plant.exchange(np.concatenate([currents, request.rates]))
+        self._read = self._exchanged(np.concatenate([currents, request.rates]))
         self._known = np.where(np.isnan(self._read), self._known, self._read)
         self._ticks += 1
         self.tip.move_to(self.plant.stance())
 
+    def _applied(self, request: Request) -> None:
+        """Set lights, exposure, focus and water as requested."""
+        if request.lights is not None:
+            self._lights = request.lights
+        self._insist(lambda: apply_to_tip(self.tip, request))
+
+    def _exchanged(self, u: FloatArray) -> FloatArray:
+        """Return the readings under inputs; NaN after a failure, which has made the head safe."""
+        try:
+            read = self.plant.exchange(u)
+        except InstrumentError as error:
+            self._failed(error)
+            off = (replace(axis, applied=0.0) for axis in self._state.axes)
+            self._state = replace(self._state, axes=tuple(off))
+            self._insist(lambda: self.tip.switch(self._lights))
+            return np.full(4, np.nan)
+        self._failures = 0
+        return read
+
+    def _insist(self, work: Callable[[], None]) -> None:
+        """Do something until it succeeds."""
+        while True:
+            try:
+                return work()
+            except InstrumentError as error:
+                self._failed(error)
+
+    def _failed(self, error: InstrumentError) -> None:
+        """Note a failure of a device, which has made the head safe; raise it after many."""
+        self._failures += 1
+        if isinstance(error, SafetyError) or self._failures > _MOST_FAILURES:
+            raise error
+        self.say("device", f"{error}; the head was made safe, and it is tried again")
+
 
 @contextmanager
-def rig_at(address: str, camera: str, file: PathLike) -> Iterator[InspectionRig]:
+def rig_at(
+    address: str,
+    camera: str,
+    file: PathLike,
+    told: Callable[[LogEntry], None] = lambda entry: None,
+) -> Iterator[InspectionRig]:
     """Yield the loop on a head of devices; make it safe and close them at the end.
 
-    It has no probe: a procedure that fires raises an `InstrumentError`.
+    It has no probe: a procedure that fires raises an `InstrumentError`. The first picture is taken
+    before the wires are heated.
 
     Parameters
     ----------
@@ -173,6 +310,8 @@ def rig_at(address: str, camera: str, file: PathLike) -> Iterator[InspectionRig]
         As in `minorloop.head.vision.video`.
     file : str or path
         Of the head, with wires and calibration.
+    told : callable, optional
+        As in `InspectionRig`.
 
     Raises
     ------
@@ -182,19 +321,27 @@ def rig_at(address: str, camera: str, file: PathLike) -> Iterator[InspectionRig]
         If the file is not valid, is of another head, lacks wires or calibration, has wires that
         are older than the calibration, or another number of LEDs than the plant.
     InstrumentError
-        If a device is missing, busy, or does not answer.
+        If a device is missing, busy, or does not answer, or the camera gives no good picture.
+    SafetyError
+        If the head did not confirm at the end that it is safe.
     """
     known = read_head(file)
     view = known.calibration
     if view is None:
         raise ModelFileError(f"{file} has no calibration of the camera; calibrate it first")
+    check_camera(camera)
     actuator = connect(address)
     with ExitStack() as ends:
         ends.callback(getattr(actuator, "close", lambda: None))
+        pictures = ends.enter_context(closing(LiveCamera(camera, _PATIENCE)))
+        computing = ends.enter_context(ThreadPoolExecutor(1))
         ends.enter_context(left_safe(actuator))
         plant = ActuatorPlant(actuator, WallClock())
         known.check_fits(plant.serial, file)
         known.check_lights(plant.leds, file)
         control = known.control(interval=plant.tick)
-        pictures = ends.enter_context(closing(LiveCamera(camera)))
-        yield InspectionRig(plant, CameraTip(BenchTip(plant), pictures, view), control, view)
+        tip = CameraTip(BenchTip(plant), pictures, view)
+        rig = InspectionRig(plant, tip, control, view, computing=computing, told=told)
+        tip.switch(ALL_LIGHTS)
+        rig.look()
+        yield rig

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
@@ -46,6 +47,8 @@ class Finding:
     depth_sd: float
 
 
+_PLACE_SD, _SIZE_SD = 0.085e-3, 0.08
+"""Standard deviations by an outline: of the place in m, and of the diameter as a share of it."""
 _UNITS = {"phi": "deg", "z": "mm", "width": "mm", "length": "mm", "depth": "mm"}
 UNDECIDED = "hole or pit"
 _KINDS = {
@@ -96,6 +99,25 @@ def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
         pit.depth,
         pit.depth_sd,
     )
+
+
+def outlined(phi: float, z: float, diameter: float, verdict: str, *, radius: float) -> Finding:
+    """Return a round defect by its outline alone, without a depth.
+
+    Parameters
+    ----------
+    phi, z, diameter : float
+        In radians and metres.
+    verdict : str
+        Why there is no depth.
+    radius : float
+        Of the pipe, in metres.
+    """
+    size, size_sd = diameter, _SIZE_SD * diameter
+    return Finding(
+        UNDECIDED, verdict, phi, _PLACE_SD / radius, z, _PLACE_SD, size, size_sd, size, size_sd,
+        math.nan, math.nan,
+    )  # fmt: skip
 
 
 def finding_table(findings: Sequence[Finding]) -> str:

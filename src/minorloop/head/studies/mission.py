@@ -17,13 +17,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
-from minorloop.head.procedures.trace import likely, traces_of
-from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
-from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of
-from minorloop.head.studies import mission_cracks, scoring
-from minorloop.head.studies.mission_cracks import SeenCrack
-from minorloop.head.studies.mission_scene import RADIUS, MissionTruth, distance, draw_mission
-from minorloop.head.studies.mission_steps import (
+from minorloop.head.procedures.steps import (
     centre,
     extract,
     focus,
@@ -33,6 +27,12 @@ from minorloop.head.studies.mission_steps import (
     search,
     touch,
 )
+from minorloop.head.procedures.trace import likely, traces_of
+from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
+from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of
+from minorloop.head.studies import mission_cracks, scoring
+from minorloop.head.studies.mission_cracks import SeenCrack
+from minorloop.head.studies.mission_scene import RADIUS, MissionTruth, distance, draw_mission
 from minorloop.head.studies.ultrasonic_scan import drain, fused_wall, ring_of, scan, sweep
 from minorloop.head.twins.pipe import Bore, Crack
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit

@@ -11,6 +11,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wall_lengths
 from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.steps import Photo, centre, focus, near_view, pick
 from minorloop.head.procedures.trace import (
     between,
     one_course,
@@ -22,7 +23,6 @@ from minorloop.head.procedures.trace import (
 from minorloop.head.reconstruction.depth_map import DepthMap
 from minorloop.head.reconstruction.findings import Finding
 from minorloop.head.studies.mission_scene import RADIUS
-from minorloop.head.studies.mission_steps import Photo, centre, focus, near_view, pick
 from minorloop.head.studies.ultrasonic_scan import drain, scan
 from minorloop.head.twins.pipe import Crack
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_depth, crack_finding, crack_map

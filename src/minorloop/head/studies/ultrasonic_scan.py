@@ -12,6 +12,7 @@ from minorloop.head.geometry import Probe, wrapped
 from minorloop.head.procedures.measure import NO_COUPLING, wall_about
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.steps import go
 from minorloop.head.procedures.values import Request
 from minorloop.head.reconstruction.depth_map import (
     STEP,
@@ -25,7 +26,6 @@ from minorloop.head.reconstruction.depth_map import (
     paste,
 )
 from minorloop.head.studies.mission_scene import RADIUS
-from minorloop.head.studies.mission_steps import go
 from minorloop.head.ultrasound.echoes import Burst, average
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.pits import PitDepth, raster

@@ -14,10 +14,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from minorloop.arrays import FloatArray, check_option
 from minorloop.errors import ParameterError
+from minorloop.head.geometry import wall_distance
 from minorloop.head.vision import frame_checks
 from minorloop.head.vision._evidence import THRESHOLDS, WEIGHTS
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
@@ -161,8 +160,8 @@ def strongest(holes: Sequence[Hole], radius: float, least: float) -> tuple[Hole,
     """Return holes with enough evidence and not beside a stronger one, strongest first."""
     kept: list[Hole] = []
     for hole in sorted(holes, key=lambda hole: -hole.evidence):
-        off = [hole.place - other.place for other in kept]
-        if hole.evidence >= least and all(np.hypot(radius * a, b) > _APART for a, b in off):
+        off = [float(wall_distance(hole.place, other.place, radius)) for other in kept]
+        if hole.evidence >= least and all(apart > _APART for apart in off):
             kept.append(hole)
     return tuple(kept)
 

@@ -160,6 +160,11 @@ class LiveCamera:
         """
         self._wanted = (exposure, gain)
 
+    @property
+    def exposes(self) -> bool:
+        """Whether `expose` may set anything: files and cameras in the network do not offer it."""
+        return not isinstance(self._target, str | Path)
+
     def close(self) -> None:
         """Close the camera, and wait until it is; a read that is under way may take a second.
 

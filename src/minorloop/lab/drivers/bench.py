@@ -118,7 +118,7 @@ class Bench:
     ) -> None:
         self._inputs, self._outputs = _channels(input), _channels(output)
         resting = np.broadcast_to(np.asarray(rest, dtype=np.float64), len(self._inputs)).copy()
-        _check_rest(self._inputs, resting)
+        check_rest(self._inputs, resting)
         if not 0 < tick < math.inf:
             raise ParameterError(f"tick is {tick!r} s; give a positive time")
         if not 0 < safe_within <= 3600:
@@ -459,8 +459,14 @@ def _value(values: FloatArray) -> Value:
     return float(values[0]) if values.size == 1 else values
 
 
-def _check_rest(inputs: Sequence[Channel], rest: FloatArray) -> None:
-    """Refuse inputs without limits, and rest beyond them."""
+def check_rest(inputs: Sequence[Channel], rest: FloatArray) -> None:
+    """Refuse inputs without limits, and rest (inputs,) beyond them.
+
+    Raises
+    ------
+    ParameterError
+        If there is one.
+    """
     for input, value in zip(inputs, rest.tolist(), strict=True):
         if not (math.isfinite(input.low) and math.isfinite(input.high)):
             raise ParameterError(f"{input} has no limits; give the least and greatest input")

@@ -63,7 +63,7 @@ from minorloop.lab.conversion import (
     LaserCurvature,
     linear,
 )
-from minorloop.lab.drivers.bench import Bench, Clock
+from minorloop.lab.drivers.bench import Bench, Clock, check_rest
 from minorloop.lab.drivers.description import Section, parsed, read_description, relevant
 from minorloop.lab.drivers.device import Device, DeviceChannel, DevicePlan, Wired, Wiring, converted
 from minorloop.lab.registry import loaded, registered
@@ -194,6 +194,8 @@ def _opened(
     _check_numbers(sources.known, sensors.known)
     inputs = [Channel(e.name, e.unit, e.low, e.high, e.rate) for e in sources.known]
     outputs = [Channel(e.name, e.unit, e.low, e.high) for e in sensors.known]
+    rest = np.array([each.rest for each in sources.known])
+    check_rest(inputs, rest)
     measures = _measures(sources.known, sensors.known)
     commands = [_conversion(each, folder) for each in sources.known]
     readings = [_conversion(each, folder) for each in sensors.known]
@@ -217,7 +219,7 @@ def _opened(
             wiring,
             inputs,
             outputs,
-            rest=np.array([each.rest for each in sources.known]),
+            rest=rest,
             tick=described.tick,
             clock=clock,
             description=description,
@@ -312,7 +314,7 @@ def _source_wire(rows: _Rows, commands: Sequence[Conversion | None], k: int) -> 
     if conversion is not None:
         _check_one_way(each, conversion)
     low, high = sorted(ends[:2])
-    return DeviceChannel(each.name, rows.keys[k], _unit(each), low, high, ends[2])
+    return DeviceChannel(each.name, rows.keys[k], _unit(each), low, high, ends[2], each.rate)
 
 
 def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:

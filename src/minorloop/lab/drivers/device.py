@@ -57,6 +57,8 @@ class DeviceChannel:
         Unit that the instrument must have; None if it is not known.
     low, high, rest : float
         Limits and rest of a source; rest of a line is 0 or 1.
+    rate : float
+        Fastest change of a source in units of the bench in a second.
     """
 
     name: str
@@ -65,6 +67,7 @@ class DeviceChannel:
     low: float = -np.inf
     high: float = np.inf
     rest: float = 0.0
+    rate: float = np.inf
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import socket
 import time
@@ -348,5 +349,7 @@ class VisaLink:
 
 
 def _short(error: Exception) -> str:
+    """Return the message of a library without that of the error inside it, which it repeats."""
     message = " ".join(f"{error or type(error).__name__}".split())
+    message = re.split(r": (?=\[Errno \d+\])", message)[-1]
     return message if len(message) <= _LONGEST_MESSAGE else f"{message[:_LONGEST_MESSAGE]} ..."

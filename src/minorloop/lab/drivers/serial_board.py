@@ -82,6 +82,7 @@ class SerialBoard(BoardLine):
         self._lines = _places(plan.lines, lines, "line")
         self._outputs, self._resting_lines = outputs, plan.resting_lines
         self._rest, self._narrower = np.zeros(inputs), list[str]()
+        self._slow = [wire.name for wire in plan.sources if np.isfinite(wire.rate)]
         self._check(plan)
 
     def set(self, values: FloatArray) -> None:
@@ -99,7 +100,7 @@ class SerialBoard(BoardLine):
         Raises
         ------
         ParameterError
-            If the bench has narrower limits than the board.
+            If the bench has narrower limits than the board, or rate limits, which it does not know.
         InstrumentError
             If a target is out of reach, or the firmware has no inverse.
         """
@@ -107,6 +108,11 @@ class SerialBoard(BoardLine):
             raise ParameterError(
                 f"{self._narrower[0]} has narrower limits in the bench than on {self._link.name}, "
                 "which follows targets within its own; export the firmware with those of the bench"
+            )
+        if self._slow:
+            raise ParameterError(
+                f"{self._slow[0]} has a rate limit, which {self._link.name} does not know: it sets "
+                "its inputs by itself; leave the rate out, or command currents instead of targets"
             )
         self._apply(list(targets), *(_DIGITS.format(each) for each in targets), command="FOLLOW")
 
@@ -223,6 +229,8 @@ def open_device(plan: DevicePlan) -> SerialBoard:
         If there is no board, or it does not answer.
     """
     how = parsed(_SerialSettings, plan.keys, f"device {plan.name!r}")
+    for wire in (*plan.sources, *plan.sensors, *plan.lines):  # before anything is opened
+        parsed(_BoardChannel, wire.keys, wire.name)
     link = VisaLink(how.resource, library=how.library, timeout=how.timeout, baud=how.baud)
     try:
         board = SerialBoard(link, plan)

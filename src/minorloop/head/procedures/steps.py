@@ -1,13 +1,15 @@
-"""Steps of a mission with one candidate: go to it, centre, focus, extract and touch it."""
+"""Steps with one candidate of a rig: go to it, centre, focus, extract and touch it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
+from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.centre import NOT_IN_VIEW, CentreState, Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
@@ -15,9 +17,9 @@ from minorloop.head.procedures.go import GO
 from minorloop.head.procedures.mark import APPROACH, Marking, aim_at
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
-from minorloop.head.procedures.values import Request
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.defects import Findings, Hole, find_holes
+from minorloop.head.vision.reflectance_map import LitFrame
 
 CENTRED = np.radians(23.0)
 """Deflection at which a candidate is centred, in radians."""
@@ -40,8 +42,14 @@ class Photo:
 
 
 def go(rig: InspectionRig, **where: npt.ArrayLike) -> None:
-    """Bring the catheter to a ``place`` (2,), advance and roll, or the head to ``angles`` (2,)."""
-    rig.run(GO, GO.begin(**where))
+    """Bring the catheter to a ``place`` (2,), advance and roll, or the head to ``angles`` (2,).
+
+    A head without a catheter stays at its place.
+    """
+    if not rig.travels:
+        where.pop("place", None)
+    if where:
+        rig.run(GO, GO.begin(**where))
 
 
 def meter(rig: InspectionRig) -> None:
@@ -50,19 +58,23 @@ def meter(rig: InspectionRig) -> None:
     rig.gain = rig.run(metering, metering.begin(rig.gain)).gain
 
 
-def search(rig: InspectionRig) -> Findings:
-    """Take five frames and return the findings in them."""
+def acquire(rig: InspectionRig) -> tuple[LitFrame, ...]:
+    """Take five frames under switched lights; the last one is under all."""
     acquisition = Acquisition()
-    frames = rig.run(acquisition, acquisition.begin(rig.gain)).frames
-    return find_holes(frames, rig.calibration.camera_at(rig.place))
+    return rig.run(acquisition, acquisition.begin(rig.gain)).frames
+
+
+def search(rig: InspectionRig, frames: Sequence[LitFrame] | None = None) -> Findings:
+    """Return the findings in five frames, which are taken if they are not given."""
+    taken, camera = frames or acquire(rig), rig.calibration.camera_at(rig.place)
+    return rig.compute(lambda: find_holes(taken, camera))
 
 
 def photo(rig: InspectionRig) -> Photo:
     """Take a photo."""
-    now = rig.reading(Request(frame=True))
-    assert now.image is not None
+    now, image = rig.look()
     pan, tilt = now.angles.tolist()
-    return Photo(now.image, rig.calibration.camera_at(now.place), (pan, tilt))
+    return Photo(image, rig.calibration.camera_at(now.place), (pan, tilt))
 
 
 def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:
@@ -71,7 +83,7 @@ def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, Floa
     go(rig, place=(max(float(place[1]) - ahead, FIRST), 0.0))
     go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
     meter(rig)
-    where = f"phi {np.degrees(place[0]):.0f} deg, z {1e3 * place[1]:.1f} mm"
+    where = f"phi {np.degrees(wrapped(place[0])):.0f} deg, z {1e3 * place[1]:.1f} mm"
     rig.say("pick", f"{where}, {words}")
     seen = photo(rig)
     return seen.image, seen.pixels(place)
@@ -89,7 +101,8 @@ def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
         go(rig, angles=aim_at(rig.calibration, state.place, rig.place))
         rig.say(step, "not whole in view; turned there by the joints alone")
     else:
-        rig.say(step, f"{state.error / 2:.2f} px from the middle of a 320 by 240 image")
+        lens = rig.calibration.lens
+        rig.say(step, f"{state.error:.1f} px from the middle of {lens.width} by {lens.height}")
 
 
 def focus(rig: InspectionRig) -> None:

@@ -1,0 +1,80 @@
+"""An inspection without an operator, of a simulated pipe with a hole, by a head on a bench."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import InstrumentError
+from minorloop.head.geometry import Pinhole, wall_distance
+from minorloop.head.procedures import inspection
+from minorloop.head.procedures.inspection import inspect_wall, views_of
+from minorloop.head.twins.camera import Camera
+from minorloop.head.twins.pipe import Bore, Pipe
+
+from .fakes import CALIBRATION, MOUNT
+from .test_rig import Devices, on_bench
+
+PLACE = (-2.2, 20e-3)
+
+
+@pytest.fixture
+def devices():
+    """Devices whose camera is in a pipe with a hole."""
+    bore = Bore(*PLACE, 1e-3, brightness=0.0, lining=0.08)
+    seen = Camera(replace(Pipe.draw(1), bores=(bore,)), replace(MOUNT, advance=0.0))
+    return Devices(seen)
+
+
+@pytest.fixture
+def rig(devices, monkeypatch):
+    def at(lens):
+        aim = np.array(CALIBRATION.mount_at((0.0, 0.0)).aim((-5.9e-3, -8.1e-3, 20e-3)))
+        return np.array([0.8 * aim, -0.5 * aim])
+
+    monkeypatch.setattr(inspection, "views_of", at)
+    return on_bench(devices)
+
+
+def test_a_hole_is_found_centred_and_measured_and_each_view_is_handed_out_at_once(rig):
+    views = inspect_wall(rig)
+    first = next(views)
+    assert (first.picture.name, first.picture.verdict) == ("view 1", "good")
+    assert [each.kind for each in first.picture.findings] == ["hole or pit"]
+    assert first.finding is None
+    assert first.image.shape == (480, 640)
+    (_, near) = views
+    assert (near.finding.kind, near.finding.verdict) == ("hole or pit", "no probe")
+    assert wall_distance((near.finding.phi, near.finding.z), PLACE, 10e-3) < 0.1e-3
+    assert near.finding.width == pytest.approx(1e-3, rel=0.12)
+    assert np.isnan(near.finding.depth)
+    assert np.hypot(*(near.picture.findings[0].pixel - (319.5, 239.5))) < 20.0
+    assert [entry.what for entry in rig.log] == ["view 1", "view 2", "pick", "centre", "hole 1"]
+
+
+def test_what_is_not_seen_again_does_not_count(rig, monkeypatch):
+    monkeypatch.setattr(inspection, "nearest", lambda *_: None)
+    views = list(inspect_wall(rig))
+    assert len(views) == 3
+    assert not any(view.finding for view in views)
+    assert "does not count" in rig.log[-1].outcome
+
+
+def test_it_ends_with_the_sensor_that_failed(rig, monkeypatch):
+    def lost():
+        raise InstrumentError("the sensor of pan is lost; check it")
+
+    views = inspect_wall(rig)
+    next(views)
+    monkeypatch.setattr(rig, "check_sensors", lost)
+    with pytest.raises(InstrumentError, match="sensor of pan"):
+        next(views)
+
+
+def test_a_narrow_picture_needs_more_views():
+    wide, narrow = views_of(Pinhole()), views_of(Pinhole(640, 480, 2000.0))
+    assert len(wide) == 8
+    ring = np.hypot(*narrow.T).round(6)
+    half = np.arctan(240 / 2000.0)
+    assert np.diff(np.unique(ring)).max() <= 1.5 * half + 1e-6
+    assert (ring == ring.max()).sum() * half >= 2 * np.pi * np.sin(ring.max())
