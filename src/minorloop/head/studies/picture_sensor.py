@@ -229,7 +229,7 @@ class PictureSensor:
     def _wait(self, u: FloatArray, seconds: float) -> None:
         """Hold two currents without a picture, but for the last tick."""
         self.rig.head.apply(u, seconds, seconds)
-        self.tip.camera._advance(seconds)
+        self.tip.wait(seconds)
         self.rig.exchange(np.append(u, [0.0, 0.0]))
 
     def _frame(self) -> Frame:

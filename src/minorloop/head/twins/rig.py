@@ -236,6 +236,10 @@ class SimulatedTip:
         self._framed = True
         return self.camera.frame()
 
+    def wait(self, seconds: float) -> None:
+        """Let time pass without a frame."""
+        self.camera._advance(seconds)
+
     def switch(self, lights: Sequence[bool]) -> None:
         """Switch lights on or off from the next frame on."""
         self.camera.switch(lights)
