@@ -60,6 +60,10 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
     [
         (f"{IDENTIFY} --head head.json --bands 1", "bands"),
         ("head identify --actuator twin:ipmc --store runs --head head.json", "two currents in A"),
+        (
+            "head identify --actuator twin:head --camera camera:0 --store runs --head head.json",
+            "no calibration of the camera; calibrate it with minorloop head calibrate first",
+        ),
         (f"{IDENTIFY} --head head.json --serial H-07", "--serial is 'H-07'"),
         (f"{IDENTIFY} --head model.json", "not a valid file of a head"),
         ("head drive targets.csv --head none.json --actuator twin:head", "there is no file"),

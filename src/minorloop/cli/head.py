@@ -59,6 +59,14 @@ def identify(
     highest: Annotated[float, _common.number_option("Largest current, in A.")] = 0.4,
     bands: Annotated[int, _common.whole_option("Bands of the model of each wire.")] = 12,
     hold: Annotated[float, _common.number_option("Longest hold of a current, in s.")] = 40.0,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            help="Camera that gives the angles, for a head without sensors at its joints, such as "
+            "camera:0 or camera:http://...; its calibration is that in the file of the head. The "
+            "simulated pipe, twin:pipe, has its own.",
+        ),
+    ] = None,
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
     seed: _common.Seed = 0,
@@ -66,14 +74,20 @@ def identify(
     as_json: _common.Json = False,
 ) -> None:
     """Measure both wires of a head, identify and check them; the same command continues it."""
+    from minorloop.cli._seen import seen_head
     from minorloop.connect import is_simulated
+    from minorloop.head.console.settings import is_pipe
     from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
     from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 
     before = read_head(head) if head.exists() else None
     replaces = before is not None and before.identified is not None
     _common.check_outputs([head], force=force or not replaces)
-    opened = partial(_common.connected, actuator, specimen=specimen, noise=noise)
+    opened: Any = partial(_common.connected, actuator, specimen=specimen, noise=noise)
+    seen = camera is not None or is_pipe(actuator)
+    if seen:
+        view = None if before is None else before.calibration
+        opened = partial(seen_head, actuator, camera, view, specimen=specimen)
     with opened(seed=seed) as plant:
         check_head(plant)
         serial = _serial(plant, serial)
@@ -87,7 +101,7 @@ def identify(
         HeadExcitation(highest=highest, bands=bands, hold=hold),
         lambda seed: opened(seed=seed),
         lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
-        is_simulated(actuator),
+        is_pipe(actuator) or is_simulated(actuator),
     )
     found = replace(before or HeadFile(serial=serial), identified=measurement.identified())
     found.check_fits(serial, head)  # old runs may be older than the calibration

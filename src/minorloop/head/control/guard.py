@@ -22,6 +22,8 @@ from minorloop.head.control.sensing import Sensed, SensorWatch, as_number
 Cause: TypeAlias = Literal[
     "sensor",
     "sensor back",
+    "unread",
+    "read again",
     "reference",
     "clock",
     "hot",
@@ -42,6 +44,9 @@ _BEHIND_BY, _BEHIND_FOR = 2.0, 1.0
 _IDLE_LAGS = 4.0
 """Lags without current after which a wire above its target means surroundings that are too warm:
 98 % of the heat have left it by then."""
+_UNREAD = 5
+"""Missing readings from which the log says so, where the patience is longer: more than are lost by
+chance."""
 _RESYNC = 3
 """Consistent times in a row after which a clock counts as set."""
 _LONGEST_GAP = 500
@@ -379,6 +384,8 @@ class Guard:
     ) -> GuardState:
         """Return the new state with its log; a persistent cause is logged when it begins."""
         present = dict(notes)
+        if not new.fault and new.sensed.good == 0 and new.sensed.missing >= _UNREAD:
+            present["unread"] = "there is no reading; the wire goes by its model"
         if new.fault:
             present["sensor"] = f"the sensor is {new.fault}; the wire cools"
         if new.unreachable is not None:
@@ -401,6 +408,8 @@ class Guard:
         fresh = [(cause, text) for cause, text in present.items() if cause not in old.active]
         if "sensor" in old.active and "sensor" not in present:
             fresh.append(("sensor back", "the sensor is trusted again"))
+        if "unread" in old.active and "unread" not in present and not new.fault:
+            fresh.append(("read again", "there are readings again"))
         if "unreachable" in old.active and "unreachable" not in present:
             fresh.append(("reachable", "targets are tried again"))
         events = tuple(Event(new.steps, cause, text) for cause, text in fresh)

@@ -42,6 +42,12 @@ class LightLimits:
         """Return a distance, clipped to the limits of the focus."""
         return float(np.clip(distance, self.nearest, self.farthest))
 
+    def gain(self, before: float, image: Image, share: float = 0.7) -> float:
+        """Return the next gain after an image, by a share of the way on a logarithmic scale."""
+        mean = max(float(image[::4, ::4].mean()), 1.0)
+        wanted = before * (self.grey / mean) ** share
+        return float(np.clip(wanted, self.least_gain, self.most_gain))
+
 
 LIMITS = LightLimits()
 
@@ -96,7 +102,8 @@ class Metering(Procedure[MeterState]):
         state = replace(state, began=began, done=passed(began, t, self.seconds))
         exposure = focus = None
         if reading.image is not None and passed(state.metered, t, self.every):
-            state = replace(state, gain=self._gain(state.gain, reading.image), metered=t)
+            gain = self.limits.gain(state.gain, reading.image, self.share)
+            state = replace(state, gain=gain, metered=t)
             exposure = self.limits.exposure, state.gain
         if self.focusing and passed(state.focused, t, self.refocus):
             focus, state = self.ahead(reading), replace(state, focused=t)
@@ -113,8 +120,3 @@ class Metering(Procedure[MeterState]):
         except ParameterError:
             distance = self.limits.farthest
         return self.limits.focus(distance)
-
-    def _gain(self, gain: float, image: Image) -> float:
-        mean = max(float(image[::4, ::4].mean()), 1.0)
-        wanted = gain * (self.limits.grey / mean) ** self.share
-        return float(np.clip(wanted, self.limits.least_gain, self.limits.most_gain))

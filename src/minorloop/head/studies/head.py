@@ -23,6 +23,7 @@ from minorloop.head.control.head import CONTROLLERS, HeadControl, head_control
 from minorloop.head.control.internal_model import InternalModel
 from minorloop.head.control.planning import PlannedPowers, Planner
 from minorloop.head.control.robustness import robust_margins
+from minorloop.head.studies.head_camera import CameraStudy, run_camera
 from minorloop.head.studies.head_loop import (
     DELAY,
     TICK,
@@ -170,6 +171,30 @@ CLAIMS = (
     Claim(
         "the same: measured over predicted", "robust.measured_ratio", "adjusted", least=1, most=2
     ),
+    Claim(
+        "camera alone, random holds: rms [deg]", "camera.static_rms_deg", "agrees (Fig 5)", most=1.5
+    ),
+    Claim("camera alone, steps: settling [s]", "camera.steps.settle_s", "plotted (Fig 10)", most=9),
+    Claim("the same: overshoot [%]", "camera.steps.overshoot_pct", "plotted (Fig 10)", most=5),
+    Claim(
+        "camera alone, steps: steady rms [deg]",
+        "camera.steps.steady_rms_deg",
+        "not given",
+        most=0.15,
+    ),
+    Claim(
+        "camera alone, internal model: settling [s]",
+        "camera.internal_model.settle_s",
+        "plotted (Fig 10)",
+    ),
+    Claim(
+        "camera alone, circle in 60 s: rms [mm]",
+        "camera.circle_60s.rms_mm",
+        "plotted (Fig 11)",
+        most=0.25,
+    ),
+    Claim("the same in 30 s [mm]", "camera.circle_30s.rms_mm", "plotted (Fig 11)", most=0.6),
+    Claim("angles of pictures: rms [deg]", "camera.reading_rms_deg", "not given"),
     Claim("aged wires: rms [deg]", "aged.observer_rms_deg", "left open"),
     Claim("the same, adaptive: rms [deg]", "aged.adaptive_rms_deg", "left open"),
     Claim("out of reach: always found", "unreachable.detected", "left open", least=1),
@@ -193,7 +218,8 @@ class HeadStudy:
     impossible targets; ``ramps`` those of Fig 8 by case; ``plan`` the planned and the inverse
     sequence for the same targets, with ``planned`` (2, N) the true angles of a wire that is driven
     by them; ``delay_edges`` the longest delay of the sensor in s with which the internal model is
-    predicted and found to be stable.
+    predicted and found to be stable; ``sight`` what its camera tracks and its tool touches;
+    ``camera`` the head without sensors at its joints.
     """
 
     seed: int
@@ -206,6 +232,7 @@ class HeadStudy:
     planned: FloatArray
     delay_edges: tuple[float, float]
     sight: Sight
+    camera: CameraStudy
     seconds: float
 
     def figures(self) -> dict[str, Any]:
@@ -224,7 +251,7 @@ class HeadStudy:
         found["aged"] = {f"{name}_rms_deg": _late_rms(self.runs["aged", name]) for name in OLD}
         found["unreachable"] = self._unreachable()
         found["limits"] = {
-            "violations": sum(run.violations for run in self.runs.values()),
+            "violations": sum(run.violations for run in (*self.runs.values(), *self.camera.runs)),
             "hottest_C": max(float(run.truth.hottest.max()) for run in self.runs.values()),
             "stress_MPa": max(float(run.truth.stress.max()) for run in self.runs.values()) / 1e6,
         }
@@ -234,6 +261,7 @@ class HeadStudy:
             "measured_edge": self.delay_edges[1],
             "measured_ratio": self.delay_edges[1] / self.delay_edges[0],
         }
+        found["camera"] = self.camera.figures()
         took = np.concatenate([run.step_seconds[1:] for run in self._of(DEFAULT)]) * 1e3
         found["realtime"] = {
             "step_ms_median": float(np.median(took)),
@@ -320,6 +348,7 @@ def run_study(seed: int) -> HeadStudy:
         planned=np.array(driven),
         delay_edges=edges,
         sight=run_sight(seed, controls[DEFAULT]),
+        camera=run_camera(seed, static.inputs, static.settled),
         seconds=time.perf_counter() - began,
     )
 

@@ -15,6 +15,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.control.guard import Event
 from minorloop.head.control.head import HeadControl
 from minorloop.head.control.reach import Unreachable
+from minorloop.head.studies.picture_sensor import PictureSensor
 from minorloop.head.studies.scoring import Truth, truth
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.sensor import Fault
@@ -114,6 +115,7 @@ def run_loop(
     faults: Sequence[Fault] = (),
     ageing: float = 0.0,
     delay: float = DELAY,
+    camera: Callable[[Head], PictureSensor] | None = None,
 ) -> HeadRun:
     """Run a control loop on a cold head and return it with its truth.
 
@@ -129,6 +131,8 @@ def run_loop(
         Duration.
     specimen, seed, surroundings, faults, ageing, delay
         As in `Head`.
+    camera : callable, optional
+        Gives a head the camera that is its only sensor then.
     """
     head = Head(
         specimen,
@@ -141,6 +145,7 @@ def run_loop(
         ageing=ageing,
         log_truth=True,
     )
+    plant: Head | PictureSensor = head if camera is None else camera(head)
     steps = round(seconds / TICK)
     wanted, read, current = (np.empty((steps, 2)) for _ in range(3))
     took = np.empty(steps)
@@ -152,7 +157,7 @@ def run_loop(
         began = time.perf_counter()
         u, state = control.step(state, wanted[k], y, t=k * TICK)
         took[k] = time.perf_counter() - began
-        y = np.asarray(head.exchange(u))
+        y = np.asarray(plant.exchange(u))
         current[k], read[k] = u, y
         verdicts = [axis.unreachable for axis in state.axes]
         for axis, (old, now) in enumerate(zip(before, verdicts, strict=True)):

@@ -20,6 +20,7 @@ from minorloop.head.studies.head import (
     TARGETS,
     TITLE,
 )
+from minorloop.head.studies.head_camera_report import add_camera
 from minorloop.head.studies.head_loop import HIGHEST, HOTTEST
 from minorloop.head.studies.head_ramps import CASES, NAMED
 from minorloop.head.studies.head_static import COMMAND, CURRENT, MESH
@@ -80,6 +81,7 @@ def study_report(
     _add_steps(report, study, figures)
     _add_disturbed(report, study)
     _add_circles(report, study)
+    add_camera(report, study.camera, study.runs)
     _add_limits(report, study)
     _add_planning(report, study)
     add_sight(report, study.sight, figures)

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.geometry import Mount, Pinhole, Tool, wall_point
+from minorloop.head.geometry import Mount, Pinhole, Tool, meet_wall, wall_point, wrapped
 from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.pipe import Bore
-from minorloop.head.twins.rig import Rig
+from minorloop.head.twins.rig import STRAIGHT, Rig
 from minorloop.head.twins.ultrasound import Ultrasound
 from minorloop.head.twins.wire import HeatedWires
 
@@ -73,6 +73,32 @@ def true_tool(tip: Any) -> Tool:
     """Return the tool of a simulated tip."""
     tool: Tool = tip.tool._tool
     return tool
+
+
+def places_seen(mount: Mount, joints: FloatArray, bore: Bore, radius: float) -> FloatArray:
+    """Return where the true optical axis meets the wall, round and along it from a bore.
+
+    Parameters
+    ----------
+    mount : Mount
+        The true one.
+    joints : (T, 2) array
+        True pan and tilt of the joints, in degrees.
+    bore : Bore
+    radius : float
+        Of the pipe, in metres.
+
+    Returns
+    -------
+    (T, 2) array
+        In metres.
+    """
+    places = np.empty((len(joints), 2))
+    for n, (pan, tilt) in enumerate(np.radians(joints) - STRAIGHT):
+        pose = mount.pose(float(pan), float(tilt))
+        phi, z, _ = meet_wall(pose.position, pose.rotation[:, 2], radius)
+        places[n] = radius * float(wrapped(phi - bore.phi)), z - bore.z
+    return places
 
 
 def middle_of(mount: Mount, plant: Rig, place: npt.ArrayLike, radius: float) -> FloatArray:

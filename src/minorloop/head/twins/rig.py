@@ -144,6 +144,36 @@ class Rig:
         return np.asarray(np.radians(self.head._output_now()) - STRAIGHT + swayed)
 
 
+class RigWires:
+    """The two currents of a rig as an actuator without outputs, and the pictures of its tip.
+
+    Parameters
+    ----------
+    rig : Rig
+    tip : SimulatedTip
+    """
+
+    inputs, outputs = Head.inputs, ()
+
+    def __init__(self, rig: Rig, tip: SimulatedTip) -> None:
+        self._rig, self._tip = rig, tip
+        self.tick, self.serial = rig.tick, rig.head.serial
+
+    def exchange(self, u: FloatArray) -> FloatArray:
+        """Hold two currents for a tick; nothing is read."""
+        self._rig.exchange(np.append(u, [0.0, 0.0]))
+        return np.empty(0)
+
+    def safe(self) -> None:
+        """Let the wires cool."""
+        self._rig.safe()
+
+    def frame(self) -> Frame:
+        """Return a picture from where the head is now."""
+        self._tip.move_to(self._rig.stance())
+        return self._tip.frame()
+
+
 class SimulatedTip:
     """The tip of a rig: a camera with its lights, a micro-tool, and a probe for use in water.
 
@@ -221,6 +251,10 @@ class SimulatedTip:
         """Return the image that begins now."""
         self._framed = True
         return self.camera.frame()
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass without a frame."""
+        self.camera._advance(seconds)
 
     def switch(self, lights: Sequence[bool]) -> None:
         """Switch lights on or off from the next frame on."""

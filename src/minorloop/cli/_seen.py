@@ -1,0 +1,79 @@
+"""The head of ``head identify`` whose angles are read from the pictures of a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, cast
+
+from minorloop.cli import _common
+from minorloop.errors import ParameterError
+from minorloop.head.console.settings import is_pipe
+
+if TYPE_CHECKING:
+    from minorloop.head.procedures.calibration import HeadCalibration
+    from minorloop.head.procedures.seen_angles import SeenHead
+    from minorloop.lab.actuator import Actuator
+
+_PATIENCE = 0.5
+"""Seconds that a camera may take for a picture."""
+_TIP_SCALE = 0.5
+_EVERY = 4
+"""Pictures of the simulated camera: half as wide, and one in four ticks, since each takes time."""
+
+
+@contextmanager
+def seen_head(
+    address: str,
+    camera: str | None,
+    view: HeadCalibration | None,
+    *,
+    specimen: int | None,
+    seed: int,
+) -> Iterator[SeenHead]:
+    """Yield the head at an address with the angles of its camera; close both at the end.
+
+    Parameters
+    ----------
+    address : str
+        Of the actuator.
+    camera : str, optional
+        Address of its camera; none for the simulated pipe, which has one.
+    view : HeadCalibration, optional
+        Of the camera; the simulated pipe knows its own.
+    specimen, seed : int
+        Of a simulated head.
+
+    Raises
+    ------
+    ParameterError
+        If there is no calibration, or no camera.
+    """
+    from minorloop.head.procedures.seen_angles import SeenHead
+
+    if is_pipe(address):
+        from minorloop.head.console.plant import open_plant, open_tip
+        from minorloop.head.twins.rig import Rig, RigWires, SimulatedTip
+
+        rig = open_plant(address, specimen=specimen, seed=seed)
+        assert isinstance(rig, Rig)
+        tip, known = open_tip(address, specimen=specimen, seed=seed, scale=_TIP_SCALE)
+        assert isinstance(tip, SimulatedTip)
+        wires = RigWires(rig, tip)
+        yield SeenHead(cast("Actuator", wires), wires.frame, known, expose=tip.expose, every=_EVERY)
+        return
+    if camera is None:
+        raise ParameterError("give the address of the camera with --camera, such as camera:0")
+    if view is None:
+        raise ParameterError(
+            "the file of the head has no calibration of the camera; calibrate it with minorloop "
+            "head calibrate first"
+        )
+    from minorloop.head.vision.video import LiveCamera
+
+    live = LiveCamera(camera, _PATIENCE)
+    try:
+        with _common.connected(address) as plant:
+            yield SeenHead(plant, live.frame, view)
+    finally:
+        live.close()

@@ -1,0 +1,196 @@
+"""Compiled loops that align patches of the wall with an image: arrays in, arrays filled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_FLAT = 1e-4
+"""Sum of squares of a patch's logarithms, per texel, below which it shows nothing: 1 % contrast."""
+
+
+@njit(cache=True, nogil=True)
+def logarithm(image, out):
+    """Fill out with the logarithm of grey levels, so that light becomes a sum."""
+    for i in range(image.shape[0]):
+        for j in range(image.shape[1]):
+            out[i, j] = np.log(np.float32(image[i, j]) + np.float32(4.0))
+
+
+@njit(cache=True, nogil=True)
+def _without_plane(values, side):
+    """Subtract mean and slopes from (side * side,) values on a grid: light that changes evenly."""
+    middle = 0.5 * (side - 1)
+    mean, across, down, square = 0.0, 0.0, 0.0, 0.0
+    for i in range(side):
+        for j in range(side):
+            value = values[i * side + j]
+            mean += value
+            across += value * (j - middle)
+            down += value * (i - middle)
+    for j in range(side):
+        square += side * (j - middle) ** 2
+    mean, across, down = mean / (side * side), across / square, down / square
+    for i in range(side):
+        for j in range(side):
+            values[i * side + j] -= mean + across * (j - middle) + down * (i - middle)
+
+
+@njit(cache=True, nogil=True)
+def sample(image, point, lens, rotation, position, turns, moves, shift, values, slopes):
+    """Sample an image at points (N, 3) of the wall; return whether all of them are seen.
+
+    ``turns`` (2, 3, 3) and ``moves`` (2, 3) are the derivatives of ``rotation`` and ``position``
+    by pan and tilt, ``shift`` (2,) how far both turn from a row to the next. Fills ``values`` (N,)
+    and their derivatives ``slopes`` (2, N).
+    """
+    focal, u0, v0, k1, k2 = lens
+    height, width = image.shape
+    du, dv = np.empty(2), np.empty(2)
+    for n in range(point.shape[0]):
+        x = point[n, 0] - position[0]
+        y = point[n, 1] - position[1]
+        z = point[n, 2] - position[2]
+        depth = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z
+        if not depth > 1e-4:
+            return False
+        a = (rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z) / depth
+        b = (rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z) / depth
+        square = a * a + b * b
+        scale = 1.0 + square * (k1 + k2 * square)
+        growth = k1 + 2.0 * k2 * square
+        u, v = u0 + focal * scale * a, v0 + focal * scale * b
+        # The distortion may fold points far outside back into the image.
+        if not (scale + 2.0 * square * growth > 0.1):
+            return False
+        for c in range(2):
+            d, m = turns[c], moves[c]
+            dx = (
+                d[0, 0] * x + d[1, 0] * y + d[2, 0] * z
+                - rotation[0, 0] * m[0] - rotation[1, 0] * m[1] - rotation[2, 0] * m[2]
+            )  # fmt: skip
+            dy = (
+                d[0, 1] * x + d[1, 1] * y + d[2, 1] * z
+                - rotation[0, 1] * m[0] - rotation[1, 1] * m[1] - rotation[2, 1] * m[2]
+            )  # fmt: skip
+            dz = (
+                d[0, 2] * x + d[1, 2] * y + d[2, 2] * z
+                - rotation[0, 2] * m[0] - rotation[1, 2] * m[1] - rotation[2, 2] * m[2]
+            )  # fmt: skip
+            da, db = (dx - a * dz) / depth, (dy - b * dz) / depth
+            more = growth * 2.0 * (a * da + b * db)
+            du[c], dv[c] = focal * (scale * da + more * a), focal * (scale * db + more * b)
+        row = v - 0.5 * height
+        u += row * (shift[0] * du[0] + shift[1] * du[1])
+        v += row * (shift[0] * dv[0] + shift[1] * dv[1])
+        if not (0.0 <= u < width - 1.0 and 0.0 <= v < height - 1.0):
+            return False
+        p, q = int(u), int(v)
+        su, sv = u - p, v - q
+        upper = image[q, p + 1] - image[q, p]
+        lower = image[q + 1, p + 1] - image[q + 1, p]
+        left = image[q + 1, p] - image[q, p]
+        values[n] = image[q, p] + su * upper + sv * left + su * sv * (lower - upper)
+        across = upper + sv * (lower - upper)
+        down = left + su * (lower - upper)
+        for c in range(2):
+            slopes[c, n] = across * du[c] + down * dv[c]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def normalise(values, side):
+    """Make (N,) values those of a patch: without plane, of length 1; return the length before."""
+    _without_plane(values, side)
+    total = 0.0
+    for n in range(values.size):
+        total += values[n] * values[n]
+    length = np.sqrt(total)
+    if length > 0.0:
+        for n in range(values.size):
+            values[n] /= length
+    return length
+
+
+@njit(cache=True, nogil=True)
+def align(
+    image,
+    points,
+    templates,
+    side,
+    lens,
+    rotation,
+    position,
+    turns,
+    moves,
+    shift,
+    scores,
+    normal,
+    slope,
+):
+    """Compare patches (P, N) at points (P, N, 3) with an image at a pose.
+
+    Fills for each patch ``scores`` (P,), the correlation, NaN where it is not wholly seen, and of
+    the squared difference of its normalised greys, by pan and tilt, ``normal`` (P, 2, 2) and
+    ``slope`` (P, 2): a Gauss-Newton step is the solution of sum(normal) step = sum(slope).
+    """
+    texels = points.shape[1]
+    values, slopes = np.empty(texels), np.empty((2, texels))
+    for p in range(points.shape[0]):
+        scores[p] = np.nan
+        normal[p], slope[p] = 0.0, 0.0
+        if not sample(
+            image, points[p], lens, rotation, position, turns, moves, shift, values, slopes
+        ):
+            continue
+        length = normalise(values, side)
+        if not length * length > _FLAT * texels:
+            continue
+        score, along = 0.0, np.zeros(2)
+        for c in range(2):
+            _without_plane(slopes[c], side)
+        for n in range(texels):
+            score += values[n] * templates[p, n]
+            for c in range(2):
+                along[c] += slopes[c, n] * values[n]
+        for n in range(texels):
+            first = (slopes[0, n] - along[0] * values[n]) / length
+            second = (slopes[1, n] - along[1] * values[n]) / length
+            normal[p, 0, 0] += first * first
+            normal[p, 0, 1] += first * second
+            normal[p, 1, 1] += second * second
+            slope[p, 0] += first * templates[p, n]
+            slope[p, 1] += second * templates[p, n]
+        normal[p, 1, 0] = normal[p, 0, 1]
+        scores[p] = score
+
+
+@njit(cache=True, nogil=True)
+def search(image, points, templates, side, lens, rotations, positions, least, found):
+    """Fill found (M,) with the mean correlation at poses; with few patches seen it is less."""
+    texels = points.shape[1]
+    values, slopes = np.empty(texels), np.empty((2, texels))
+    turns, moves, still = np.zeros((2, 3, 3)), np.zeros((2, 3)), np.zeros(2)
+    for m in range(rotations.shape[0]):
+        total, count = 0.0, 0
+        for p in range(points.shape[0]):
+            if not sample(
+                image,
+                points[p],
+                lens,
+                rotations[m],
+                positions[m],
+                turns,
+                moves,
+                still,
+                values,
+                slopes,
+            ):
+                continue
+            length = normalise(values, side)
+            if not length * length > _FLAT * texels:
+                continue
+            for n in range(texels):
+                total += values[n] * templates[p, n]
+            count += 1
+        found[m] = total / max(count, least)

@@ -1,0 +1,532 @@
+"""Pan and tilt of a head from its pictures alone: what the wall of the pipe shows.
+
+A head without joint sensors turns its camera past a wall that stands still. Patches of the wall are
+remembered at the places that the angles of their first picture give, and every further picture is
+turned until the patches agree with it::
+
+    eyes = WallAngles(camera)
+    sight, state = eyes.begin(frame.image, at_rest, frame.t)
+    while ...:
+        sight, state = eyes.step(state, frame.image, frame.t)
+        sight.angles  # (2,) radians; NaN where the picture does not tell
+
+New patches are added as the view moves, and none is forgotten as long as it agrees, so that a
+return to an old view removes the drift.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, as_finite
+from minorloop.errors import ParameterError, SignalError
+from minorloop.head.geometry import Pinhole, wall_point, wrapped
+from minorloop.head.vision import _alignment_kernels as kernels
+from minorloop.head.vision import frame_checks
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32
+from minorloop.head.vision.wall_patches import (
+    FEW,
+    LATE,
+    NO_PATCH,
+    SEEN,
+    UNSURE,
+    Patches,
+    Sight,
+    WallState,
+    nothing,
+)
+
+_SIDE = 16  # texels along a side of a patch
+_COARSE = 2
+"""Texels in one of the search for a lost view, along a side."""
+_LEVELS = 3
+"""Sizes of the picture: whole, half and quarter."""
+_SMALLEST = 6.0
+"""Least width of a patch in the picture, in pixels: fewer show no detail of it."""
+_CELL = 20
+"""Pixels between points of the picture about which new patches are looked for."""
+_MOST, _MOST_KEPT = 28, 1000
+"""Patches that are compared with a picture, the best known first: more do not make the angles
+better, but take time. Patches that are kept: ten for each that the wall within reach has."""
+_POOR = 25
+"""Pictures in a row in which a patch disagrees, after which another may take its place: 1 s."""
+_STEPS = (3, 3, 3)
+"""Steps of Gauss-Newton in the whole, half and quarter picture, by trial."""
+_WIDTH = 160.0
+"""Columns of the largest picture that is compared: in more, noise hides the wall."""
+_CLOSE, _FARTHEST = 2e-5, math.radians(3.0)
+"""Length of a step after which no other is made, and of the longest step, in radians."""
+_DERIVATIVE = 1e-4
+"""Difference in radians for derivatives of the pose: errors of 1e-8."""
+_ALIKE = 4.0
+"""Texels whose noise is alike, since they share pixels."""
+_HUNT = math.radians(2.0)
+"""Distance between angles that are tried for a lost view: those between lead to the same peak."""
+_GOING = 5
+"""Pictures for which the head is taken to go on turning while it is not seen."""
+_TURNED = math.radians(0.4)
+"""Turn after which new patches are looked for: what is seen then is new by a tenth of a patch."""
+_UNEVEN = 1e-3
+"""Uncertainty in seconds of when a row of a moving picture was taken."""
+_KEPT = 16
+"""Number of pictures among which a repeated one counts as frozen."""
+
+
+@dataclass(frozen=True, eq=False)
+class WallAngles:
+    """Angles at which all remembered patches of the wall agree best with a picture.
+
+    Parameters
+    ----------
+    camera : CalibratedCamera
+        As calibrated.
+    low, high : (float, float)
+        Least and largest pan and tilt of the line of sight, in radians; a lost view is looked for
+        between them.
+    size : float
+        Side of a patch, in metres.
+    least : float
+        Least correlation of a patch that agrees, between 0 and 1.
+    fewest : int
+        Least number of patches that agree.
+    widest : float
+        Largest standard deviation of an angle, in radians.
+    readout : float
+        Time in seconds from the first row of a picture to the last.
+    tries : int
+        Angles that are tried in each picture while the view is lost.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    Notes
+    -----
+    Grey levels are logarithms, so that light is a sum, and each patch is compared without its mean
+    and slope. The sum of the correlations of all patches is maximised by Gauss-Newton steps on pan
+    and tilt, from a quarter of the picture to the whole. The derivatives are those of the
+    interaction matrix of a head with a lever (`minorloop.head.vision.jacobian`), of each texel.
+    Patches whose correlation stays low, such as those on reflections, do not take part.
+
+    References
+    ----------
+    Baker and Matthews, Lucas-Kanade 20 years on, 2004: the steps. Evangelidis and Psarakis,
+    Parametric image alignment using enhanced correlation coefficient maximization, 2008: the
+    criterion.
+    """
+
+    camera: CalibratedCamera
+    low: tuple[float, float] = (math.radians(-36.0), math.radians(-36.0))
+    high: tuple[float, float] = (math.radians(36.0), math.radians(36.0))
+    size: float = 1.6e-3
+    least: float = 0.55
+    fewest: int = 4
+    widest: float = math.radians(0.25)
+    readout: float = 8e-3
+    tries: int = 64
+
+    def __post_init__(self) -> None:
+        for name in ("size", "widest"):
+            if not as_finite(name, getattr(self, name)) > 0:
+                raise ParameterError(f"{name} is {getattr(self, name)}; give a number above 0")
+        if not 0 < self.least < 1:
+            raise ParameterError(f"least is {self.least}; give a correlation between 0 and 1")
+        if not self.readout >= 0:
+            raise ParameterError(f"readout is {self.readout} s; give 0 or more")
+        for name in ("fewest", "tries"):
+            if getattr(self, name) < 1:
+                raise ParameterError(f"{name} is {getattr(self, name)}; give 1 or more")
+        if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
+            raise ParameterError(f"angles from {self.low} to {self.high}; give low < high")
+
+    def begin(self, image: Image, angles: npt.ArrayLike, t: float = 0.0) -> tuple[Sight, WallState]:
+        """Take a picture as that of known angles, such as the head at rest.
+
+        Parameters
+        ----------
+        image : (height, width) array of uint8
+        angles : (2,) array_like
+            Pan and tilt of the line of sight, in radians.
+        t : float
+            Time of the picture, in seconds.
+
+        Raises
+        ------
+        SignalError
+            If the picture is not from this camera, or shows too little of the wall.
+        """
+        self.camera.check(image)
+        verdict = frame_checks.check_frame(image, self.camera.lens)
+        if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
+            raise SignalError(f"the first picture is {verdict}; check lights, lens and cable")
+        at = np.asarray(angles, dtype=np.float64)
+        patches = self._new(self._pyramid(image), at, self._none, 0.0, np.zeros(2))
+        if len(patches.sd) < self.fewest:
+            raise SignalError(
+                f"the first picture shows {len(patches.sd)} patches of wall with detail, and "
+                f"{self.fewest} are needed; set focus, lights and gain"
+            )
+        state = WallState(
+            patches, at, np.zeros(2), t, 0, 0, image, (zlib.crc32(image.tobytes()),), t
+        )
+        count = len(patches.sd)
+        return Sight(at, np.zeros(2), count, count, SEEN), state
+
+    def step(self, state: WallState, image: Any, t: float) -> tuple[Sight, WallState]:
+        """Return what the next picture says; a bad one gives a verdict, not an error.
+
+        Parameters
+        ----------
+        state : WallState
+        image : (height, width) array of uint8
+        t : float
+            When it was taken, in seconds.
+        """
+        verdict = frame_checks.check_frame(image, self.camera.lens, state.before)
+        if verdict == frame_checks.WRONG_SIZE:
+            return self._missed(state, verdict)
+        key = zlib.crc32(np.ascontiguousarray(image).tobytes())
+        if verdict == frame_checks.GOOD and key in state.earlier:
+            verdict = frame_checks.FROZEN
+        verdict = verdict if t > state.newest else LATE
+        state = replace(state, before=image, earlier=(*state.earlier, key)[-_KEPT:])
+        if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
+            return self._missed(state, verdict)
+        state = replace(state, newest=t)
+        pyramid = self._pyramid(image)
+        sight, patches = self._found(pyramid, state, self._expected(state, t))
+        if sight.verdict != SEEN:
+            again, state = self._hunted(pyramid, state)
+            if again is None:
+                white = verdict == frame_checks.SATURATED
+                return self._missed(state, verdict, None if white else sight)
+            sight, patches = again
+        return sight, self._moved_on(pyramid, replace(state, patches=patches), sight, t)
+
+    def _expected(self, state: WallState, t: float) -> FloatArray:
+        """Return the angles at a time if the head goes on turning for a while."""
+        if state.missed > _GOING:
+            return state.angles
+        return np.clip(state.angles + (t - state.t) * state.rates, self.low, self.high)
+
+    def _missed(
+        self, state: WallState, verdict: str, sight: Sight | None = None
+    ) -> tuple[Sight, WallState]:
+        found = nothing(verdict) if sight is None else sight
+        return found, replace(state, missed=state.missed + 1)
+
+    def _moved_on(
+        self, pyramid: list[Image32], state: WallState, sight: Sight, t: float
+    ) -> WallState:
+        """Return the state after a picture that showed the angles."""
+        passed = t - state.t
+        rates = (sight.angles - state.angles) / passed
+        if state.missed > _GOING:
+            rates = np.zeros(2)
+        patches = state.patches
+        if not (np.abs(patches.origins - sight.angles).max(axis=1) < _TURNED).any():
+            smear = math.hypot(float(sight.sd.max()), _UNEVEN * float(np.abs(rates).max()))
+            patches = self._new(pyramid, sight.angles, patches, smear, rates)
+        return replace(
+            state, patches=patches, angles=sight.angles, rates=rates, t=t, missed=0, hunted=0
+        )
+
+    def _found(
+        self, pyramid: list[Image32], state: WallState, start: FloatArray
+    ) -> tuple[Sight, Patches]:
+        """Return the angles near others at which the patches agree, and mark those that do not."""
+        patches, chosen = state.patches, self._in_view(state.patches, start)
+        if chosen.size < self.fewest:
+            return nothing(NO_PATCH, 0, int(chosen.size)), patches
+        some, angles = patches.of(chosen), start
+        weights = np.ones(chosen.size)
+        levels = _LEVELS if state.missed or state.hunted else _LEVELS - 1
+        for level in reversed(range(levels)):
+            for _ in range(_STEPS[level]):
+                scores, normal, slope = self._compared(pyramid, level, some, angles, state.rates)
+                known = np.clip(np.nan_to_num(scores, nan=0.0), 0.0, 0.99)
+                noise = 2.0 * _ALIKE / some.points.shape[1] * (1.0 - known)
+                weights = self._weights(scores, normal, noise, some.sd)
+                total = np.tensordot(weights, normal, 1)
+                move = _solved(total, weights @ slope)
+                if move is None:
+                    break
+                length = float(np.hypot(*move))
+                angles = angles + move * min(1.0, _FARTHEST / max(length, 1e-12))
+                if length < _CLOSE:
+                    break
+        information = np.tensordot(weights / noise, normal, 1)
+        return self._judged(patches, chosen, scores, information, angles)
+
+    def _judged(
+        self,
+        patches: Patches,
+        chosen: npt.NDArray[np.int64],
+        scores: FloatArray,
+        information: FloatArray,
+        angles: FloatArray,
+    ) -> tuple[Sight, Patches]:
+        """Return the angles if enough patches agree on them."""
+        seen = np.isfinite(scores)
+        agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
+        counts = int(agree.sum()), int(seen.sum())
+        if counts[0] < self.fewest or 2 * counts[0] < counts[1]:
+            return nothing(FEW, *counts), patches
+        if not np.linalg.eigvalsh(information)[0] > 0:
+            return nothing(UNSURE, *counts), patches
+        sd = np.sqrt(np.diag(np.linalg.inv(information)))
+        inside = (angles > np.array(self.low)) & (angles < np.array(self.high))
+        if not (sd.max() <= self.widest and inside.all()):
+            return nothing(UNSURE, *counts), patches
+        poor = patches.poor.copy()
+        poor[chosen[seen & ~agree]] += 1
+        poor[chosen[agree]] = 0
+        return Sight(angles, sd, *counts, SEEN), replace(patches, poor=poor)
+
+    def _weights(
+        self, scores: FloatArray, normal: FloatArray, noise: FloatArray, sd: FloatArray
+    ) -> FloatArray:
+        """Return the weights (P,) of patches: by agreement, and by how well each is known."""
+        good = np.clip((np.nan_to_num(scores, nan=0.0) - 0.5 * self.least) / 0.5, 0.0, 1.0)
+        own = 2.0 * noise / np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12)
+        return np.asarray(good / (1.0 + sd**2 / own))
+
+    def _compared(
+        self,
+        pyramid: list[Image32],
+        level: int,
+        patches: Patches,
+        angles: FloatArray,
+        rates: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return scores (P,), normal matrices (P, 2, 2) and slopes (P, 2) at angles."""
+        count = len(patches.sd)
+        scores, normal, slope = np.empty(count), np.empty((count, 2, 2)), np.empty((count, 2))
+        kernels.align(
+            pyramid[level],
+            patches.points,
+            patches.templates[level],
+            _SIDE,
+            _numbers(self._lenses[level]),
+            *self._pose(angles),
+            rates * self.readout / pyramid[level].shape[0],
+            scores,
+            normal,
+            slope,
+        )
+        return scores, normal, slope
+
+    def _pose(self, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return rotation, position, and their derivatives by pan and tilt."""
+        pan, tilt = angles.tolist()
+        h, mount = _DERIVATIVE, self.camera.mount
+        now = mount.pose(pan, tilt)
+        pairs = [
+            (mount.pose(pan + h, tilt), mount.pose(pan - h, tilt)),
+            (mount.pose(pan, tilt + h), mount.pose(pan, tilt - h)),
+        ]
+        turns = np.array([(a.rotation - b.rotation) / (2 * h) for a, b in pairs])
+        moves = np.array([(a.position - b.position) / (2 * h) for a, b in pairs])
+        return np.ascontiguousarray(now.rotation), now.position, turns, moves
+
+    def _in_view(self, patches: Patches, angles: FloatArray) -> npt.NDArray[np.int64]:
+        """Return which patches to compare: in view, not poor, and the best known."""
+        if not self.camera.inside(*angles.tolist()):
+            return np.empty(0, dtype=np.int64)
+        pixels = self.camera.pixel(patches.places, *angles.tolist())
+        lens = self.camera.lens
+        with np.errstate(invalid="ignore"):
+            inside = np.asarray(((pixels > 0) & (pixels < (lens.width, lens.height))).all(axis=1))
+        order = np.lexsort((patches.sd, patches.poor >= _POOR))
+        return np.asarray(order[inside[order]][:_MOST])
+
+    def _hunted(
+        self, pyramid: list[Image32], state: WallState
+    ) -> tuple[tuple[Sight, Patches] | None, WallState]:
+        """Try further angles for a lost view, first those of old patches, the nearest first."""
+        grid = self._grid
+        apart = np.abs(grid[:, None] - state.patches.origins).max(axis=2).min(axis=1)
+        order = np.lexsort((np.hypot(*(grid - state.angles).T), apart > 0.5 * _HUNT))
+        near, far = np.split(order, [self.tries // 2])
+        first = state.hunted % len(far)
+        tried = grid[np.concatenate([near, far[first : first + self.tries - len(near)]])]
+        state = replace(state, hunted=state.hunted + len(tried) - len(near))
+        poses = [self.camera.mount.pose(*each.tolist()) for each in tried]
+        across = [np.hypot(*pose.position[:2]) for pose in poses]
+        inside = np.array(across) < self.camera.radius
+        patches, found = state.patches, np.empty(len(tried))
+        few = slice(None, None, _COARSE)
+        shape = (-1, _SIDE, _SIDE)
+        points = patches.points.reshape(*shape, 3)[:, few, few].reshape(len(patches.sd), -1, 3)
+        templates = patches.templates[-1].reshape(shape)[:, few, few].reshape(len(patches.sd), -1)
+        lengths = np.linalg.norm(templates, axis=1, keepdims=True)
+        kernels.search(
+            pyramid[-1],
+            np.ascontiguousarray(points),
+            np.ascontiguousarray(templates / np.maximum(lengths, 1e-9)),
+            _SIDE // _COARSE,
+            _numbers(self._lenses[-1]),
+            np.array([pose.rotation for pose in poses]),
+            np.array([pose.position for pose in poses]),
+            2 * self.fewest,
+            found,
+        )
+        for index in np.argsort(np.where(inside, -found, np.inf))[:2]:
+            found_again = self._found(pyramid, state, tried[index])
+            if found_again[0].verdict == SEEN:
+                return found_again, state
+        return None, state
+
+    def _new(
+        self,
+        pyramid: list[Image32],
+        angles: FloatArray,
+        known: Patches,
+        sd: float,
+        rates: FloatArray,
+    ) -> Patches:
+        """Return the known patches, and new ones where the picture shows wall without any."""
+        pan, tilt = angles.tolist()
+        if not self.camera.inside(pan, tilt) or len(known.sd) >= _MOST_KEPT:
+            return known
+        places = self.camera.place(self._cells, pan, tilt)
+        taken = known.places[known.poor < _POOR]
+        places = places[np.isfinite(places).all(axis=1)]
+        places = places[~self._beside(places, taken).any(axis=1)]
+        places = places[self._large(places, pan, tilt)]
+        free = np.ones(len(places), dtype=bool)
+        crowded = self._beside(places, places)
+        for n in range(len(places)):
+            free[n + 1 :] &= ~(free[n] & crowded[n, n + 1 :])
+        middles = places[free]
+        if not len(middles):
+            return known
+        points = wall_point(
+            middles[:, :1] + self._offsets[0] / self.camera.radius,
+            middles[:, 1:] + self._offsets[1],
+            self.camera.radius,
+        )
+        pose = self._pose(angles)
+        templates = np.zeros((_LEVELS, *points.shape[:2]))
+        whole = np.ones(len(middles), dtype=bool)
+        slopes = np.empty((2, points.shape[1]))
+        for level in range(_LEVELS):
+            lens = _numbers(self._lenses[level])
+            shift = rates * self.readout / pyramid[level].shape[0]
+            for n in range(len(middles)):
+                values = templates[level, n]
+                seen = kernels.sample(pyramid[level], points[n], lens, *pose, shift, values, slopes)
+                whole[n] &= seen and kernels.normalise(values, _SIDE) > self._detail
+        return known.with_more(
+            Patches(
+                middles[whole],
+                points[whole],
+                templates[:, whole],
+                np.tile(angles, (int(whole.sum()), 1)),
+                np.full(int(whole.sum()), sd),
+                np.zeros(int(whole.sum()), dtype=np.int64),
+            )
+        )
+
+    def _beside(self, places: FloatArray, others: FloatArray) -> BoolArray:
+        """Return (n, m) which places are beside which others."""
+        x = self.camera.radius * np.abs(wrapped(places[:, None, 0] - others[:, 0]))
+        apart = np.maximum(x, np.abs(places[:, None, 1] - others[:, 1]))
+        return np.asarray(apart < 0.8 * self.size)
+
+    def _large(self, middles: FloatArray, pan: float, tilt: float) -> BoolArray:
+        """Return which patches are large enough in the picture to show detail."""
+        around, along = np.array([self.size / self.camera.radius, 0.0]), np.array([0.0, self.size])
+        ends = [
+            self.camera.pixel(middles + 0.5 * sign * way, pan, tilt)
+            for way in (around, along)
+            for sign in (-1, 1)
+        ]
+        widths = [np.linalg.norm(ends[k + 1] - ends[k], axis=1) for k in (0, 2)]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.min(widths, axis=0) >= _SMALLEST)
+
+    def _pyramid(self, image: Image) -> list[Image32]:
+        """Return the logarithm of a picture in several sizes."""
+        whole = np.empty(image.shape, dtype=np.float32)
+        kernels.logarithm(np.ascontiguousarray(image), whole)
+        found = [whole]
+        while len(found) < self._skipped + _LEVELS:
+            found.append(_halved(found[-1]))
+        return found[self._skipped :]
+
+    @cached_property
+    def _lenses(self) -> list[Pinhole]:
+        return [self.camera.lens.scaled(0.5 ** (self._skipped + n)) for n in range(_LEVELS)]
+
+    @cached_property
+    def _skipped(self) -> int:
+        """How often the largest picture that is compared is halved."""
+        return max(round(math.log2(self.camera.lens.width / _WIDTH)), 0)
+
+    @cached_property
+    def _none(self) -> Patches:
+        texels = _SIDE * _SIDE
+        return Patches(
+            np.empty((0, 2)),
+            np.empty((0, texels, 3)),
+            np.empty((_LEVELS, 0, texels)),
+            np.empty((0, 2)),
+            np.empty(0),
+            np.empty(0, dtype=np.int64),
+        )
+
+    @cached_property
+    def _cells(self) -> FloatArray:
+        """Pixels (n, 2) about which new patches are looked for."""
+        lens = self.camera.lens
+        step = _CELL * lens.width / 320
+        u, v = np.arange(step / 2, lens.width, step), np.arange(step / 2, lens.height, step)
+        return np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+
+    @cached_property
+    def _offsets(self) -> tuple[FloatArray, FloatArray]:
+        """Texels of a patch from its middle, around and along the pipe, in metres."""
+        steps = (np.arange(_SIDE) - 0.5 * (_SIDE - 1)) * self.size / _SIDE
+        around, along = np.meshgrid(steps, steps)
+        return around.ravel(), along.ravel()
+
+    @cached_property
+    def _detail(self) -> float:
+        """Least length of a patch's logarithms: 1.3 % contrast; noise of a grey picture has 1 %."""
+        return 0.013 * _SIDE
+
+    @cached_property
+    def _grid(self) -> FloatArray:
+        """Angles (n, 2) at which a lost view is looked for."""
+        axes = [
+            np.arange(low, high + _HUNT, _HUNT)
+            for low, high in zip(self.low, self.high, strict=True)
+        ]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _halved(fine: Image32) -> Image32:
+    rows, columns = fine.shape[0] // 2, fine.shape[1] // 2
+    cells = fine[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2)
+    return np.ascontiguousarray(cells.mean(axis=(1, 3), dtype=np.float32))
+
+
+def _solved(matrix: FloatArray, slope: FloatArray) -> FloatArray | None:
+    """Return the solution (2,) of the normal equations, None if they do not determine it."""
+    values = np.linalg.eigvalsh(matrix)
+    if not values[0] > 1e-6 * values[1] > 0:
+        return None
+    return np.asarray(np.linalg.solve(matrix, slope))
+
+
+def _numbers(lens: Pinhole) -> FloatArray:
+    return np.array([lens.focal, *lens.centre, lens.k1, lens.k2])

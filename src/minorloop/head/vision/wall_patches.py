@@ -1,0 +1,143 @@
+"""What is remembered of the wall of the pipe, and what a picture of it says about the angles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.head.vision.calibrated_camera import Image
+
+SEEN = "seen"
+"""Verdict of a picture that shows the angles; others say why it does not."""
+LATE, FEW, NO_PATCH, UNSURE = (
+    "late",
+    "too few patches agree",
+    "no patch in view",
+    "the patches in view do not tell the angles",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What a picture says about the angles.
+
+    Parameters
+    ----------
+    angles : (2,) array
+        Pan and tilt of the line of sight in radians; NaN where it does not tell.
+    sd : (2,) array
+        Their standard deviations by the noise of the picture, in radians.
+    agreeing, seen : int
+        Number of patches that agree, and of those in view.
+    verdict : str
+        ``seen``, or why there are no angles.
+    """
+
+    angles: FloatArray
+    sd: FloatArray
+    agreeing: int
+    seen: int
+    verdict: str
+
+    @property
+    def reason(self) -> str:
+        """Why there are no angles, in words; empty if there are."""
+        if self.verdict == SEEN:
+            return ""
+        if self.verdict == FEW:
+            return f"{self.agreeing} of {self.seen} patches of wall in view agree"
+        return (
+            self.verdict if self.seen or " " in self.verdict else f"the picture is {self.verdict}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Remembered patches of the wall.
+
+    Parameters
+    ----------
+    places : (P, 2) array
+        Phi and z of their middles.
+    points : (P, N, 3) array
+        Their texels in the pipe, in metres.
+    templates : (levels, P, N) array
+        Logarithms of grey levels without mean and slope, of length 1, in each size of the picture.
+    origins : (P, 2) array
+        Angles at which each was first seen, in radians.
+    sd : (P,) array
+        Their uncertainty, in radians.
+    poor : (P,) array of int
+        Pictures in a row in which each was in view and did not agree.
+    """
+
+    places: FloatArray
+    points: FloatArray
+    templates: FloatArray
+    origins: FloatArray
+    sd: FloatArray
+    poor: npt.NDArray[np.int64]
+
+    def of(self, chosen: npt.NDArray[np.int64]) -> Patches:
+        """Return some of them."""
+        return Patches(
+            self.places[chosen],
+            self.points[chosen],
+            self.templates[:, chosen],
+            self.origins[chosen],
+            self.sd[chosen],
+            self.poor[chosen],
+        )
+
+    def with_more(self, other: Patches) -> Patches:
+        """Return these and others."""
+        return Patches(
+            np.concatenate([self.places, other.places]),
+            np.concatenate([self.points, other.points]),
+            np.concatenate([self.templates, other.templates], axis=1),
+            np.concatenate([self.origins, other.origins]),
+            np.concatenate([self.sd, other.sd]),
+            np.concatenate([self.poor, other.poor]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class WallState:
+    """State of the estimator.
+
+    Parameters
+    ----------
+    patches : Patches
+    angles, rates : (2,) array
+        Of the last picture that showed them, in radians and radians per second.
+    t : float
+        When that was, in seconds.
+    missed : int
+        Pictures since.
+    hunted : int
+        Angles that were tried in the search for a lost view.
+    before : (height, width) array of uint8
+        The last picture.
+    earlier : tuple of int
+        Check sums of the last pictures, to detect repeated ones.
+    newest : float
+        Time of the newest picture.
+    """
+
+    patches: Patches
+    angles: FloatArray
+    rates: FloatArray
+    t: float
+    missed: int
+    hunted: int
+    before: Image
+    earlier: tuple[int, ...]
+    newest: float
+
+
+def nothing(verdict: str, agreeing: int = 0, seen: int = 0) -> Sight:
+    """Return the sight of a picture that does not show the angles."""
+    return Sight(np.full(2, np.nan), np.full(2, np.nan), agreeing, seen, verdict)

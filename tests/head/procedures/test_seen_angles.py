@@ -1,0 +1,91 @@
+"""A head whose angles are read from pictures, as an actuator with runs that can be continued."""
+
+import numpy as np
+import pytest
+
+from minorloop.errors import InstrumentError, ParameterError
+from minorloop.head.console.plant import open_plant, open_tip
+from minorloop.head.procedures import seen_angles
+from minorloop.head.procedures.identify import check_head
+from minorloop.head.procedures.seen_angles import SeenHead
+from minorloop.head.twins.rig import RigWires
+from minorloop.lab.plan import Plan
+from minorloop.lab.run import run
+from minorloop.lab.single_channel import single_channel
+from minorloop.lab.store import Setup, Store
+from minorloop.twins.fibre import Fibre
+
+
+@pytest.fixture(autouse=True)
+def soon_cold(monkeypatch):
+    monkeypatch.setattr(seen_angles, "_STILL", 0.4)
+
+
+def head(spoil=lambda frame: frame):
+    """A cold head, and its rig for scoring."""
+    rig = open_plant("twin:pipe", specimen=1002, seed=3)
+    tip, view = open_tip("twin:pipe", specimen=1002, seed=3, scale=0.5)
+    wires = RigWires(rig, tip)
+    seen = SeenHead(wires, lambda: spoil(wires.frame()), view, expose=tip.expose, every=4)
+    return seen, rig
+
+
+def test_it_is_a_head_with_angles_from_its_zero():
+    seen, rig = head()
+    check_head(seen)
+    assert seen.serial == "twin-head-1002"
+    record = seen.apply(np.array([0.4, 0.0]), 4.0, 0.4)
+    assert record.y.shape == (2, 10)
+    assert record.timing.ended - record.timing.began == pytest.approx(4.0)
+    true = np.degrees(rig.stance()[:2]) + 30.0
+    assert record.y[:, -1] == pytest.approx(true, abs=0.8)
+    assert record.y[0, -1] > 5.0
+    assert seen.why == ""
+
+
+def test_a_stopped_run_finds_its_zero_again_and_goes_on(tmp_path):
+    plan = Plan([0.0, 0.28, 0.32], 3.0, sample_interval=0.4, input="pan current [A]")
+    setup = Setup(address="twin:pipe", input="pan current [A]", output="pan [deg]")
+
+    class Stopped(Exception):
+        pass
+
+    def measured(name, stop_after=None):
+        count = []
+
+        def watch(progress):
+            count.extend([progress.point] * (progress.point is not None))
+            if len(count) == stop_after:
+                raise Stopped
+
+        path = tmp_path / name
+        opened = Store.open(path, write=True) if path.exists() else Store.create(path, plan, setup)
+        with opened as store:
+            mode = run(single_channel(head()[0], "pan current"), plan, store, watch=watch)
+            return mode, [point.value for point in store.points()]
+
+    with pytest.raises(Stopped):
+        measured("stopped", stop_after=2)
+    mode, resumed = measured("stopped")
+    assert mode == "replayed"
+    assert resumed == pytest.approx(measured("whole")[1], abs=0.5)
+
+
+def test_a_camera_that_shows_nothing_stops_the_run_and_says_why(monkeypatch):
+    monkeypatch.setattr(seen_angles, "_PATIENCE", 3)
+    seen, _ = head()
+
+    def broken():
+        raise InstrumentError("camera:0 gave no picture")
+
+    seen._picture = broken
+    assert np.isnan(seen.exchange(np.zeros(2))).all()
+    assert seen.why == "camera:0 gave no picture"
+    with pytest.raises(InstrumentError, match="does not show the angles: camera:0 gave no"):
+        seen.apply(np.zeros(2), 0.4, 0.4)
+
+
+def test_an_actuator_without_two_currents_is_refused():
+    _, view = open_tip("twin:pipe", scale=0.5)
+    with pytest.raises(ParameterError, match="a head has two currents in A first"):
+        SeenHead(Fibre(), lambda: None, view)

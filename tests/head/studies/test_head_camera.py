@@ -1,0 +1,87 @@
+"""The head by its camera alone: loops on pictures, with good pictures and bad ones."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from minorloop.head.studies import head_camera
+from minorloop.head.studies.head_camera import HOLE, RADIUS, WAIT, run_circle, seen_control
+from minorloop.head.studies.head_loop import constant, run_loop
+from minorloop.head.studies.head_static import identify_head
+from minorloop.head.studies.picture_sensor import PictureSensor
+from minorloop.lab.actuator import Frame
+
+SEED = 1001
+
+
+@pytest.fixture(scope="module")
+def control():
+    wires, coupling = identify_head(SEED)
+    return seen_control("observer", SimpleNamespace(wires=wires, coupling=coupling))
+
+
+def run(control, target, seconds, disturb=None):
+    """A step by pictures, and the sensor that took them."""
+    used = []
+
+    def camera(head):
+        used.append(PictureSensor(head, SEED, disturb=disturb))
+        return used[0]
+
+    step = run_loop(
+        "observer", control, constant(target), seconds, specimen=SEED, seed=SEED, camera=camera
+    )
+    return step, used[0]
+
+
+class Trouble:
+    """Lights off for 2 s, then pictures late by 0.5 s, then every other picture lost."""
+
+    def __init__(self):
+        self.before = []
+
+    def __call__(self, tick, frame):
+        self.before = [*self.before, frame][-13:]
+        if 200 <= tick < 250:
+            return Frame(frame.t, np.zeros_like(frame.image))
+        if 270 <= tick < 290:
+            return self.before[0]
+        if 300 <= tick < 330 and tick % 2:
+            return None
+        return frame
+
+
+def test_a_head_holds_by_its_model_while_it_sees_nothing_and_goes_on(control):
+    step, sensor = run(control, 30.0, 14.5, Trouble())
+    late = step.t > 7.0
+    assert np.abs(step.error[late, 0]).max() < 2.0
+    assert abs(step.error[-1, 0]) < 0.8
+    assert {"the picture is black", "the picture is late", "no picture came"} <= {
+        each.reason for each in sensor.missed
+    }
+    said = [event.text for axis, event in step.log if axis == 0]
+    assert "there is no reading; the wire goes by its model" in said
+    assert "there are readings again" in said
+    assert not any("the wire cools" in text for text in said)
+    assert step.violations == 0
+
+
+def test_a_head_that_never_sees_again_cools(control, monkeypatch):
+    monkeypatch.setattr(head_camera, "PATIENCE", 50)
+    wires = tuple(axis.observer.wire for axis in control.axes)
+    short = seen_control("observer", SimpleNamespace(wires=wires, coupling=control.coupling))
+    dark = lambda tick, frame: frame if tick < 125 else None  # noqa: E731
+    step, _ = run(short, 30.0, 9.0, dark)
+    assert (step.current[-25:] == 0.0).all()
+    assert any("the wire cools" in event.text for _, event in step.log)
+
+
+def test_a_circle_about_a_hole_is_scored_where_the_true_axis_meets_the_wall(control, monkeypatch):
+    monkeypatch.setattr(head_camera, "WAIT", 6.0)
+    found = run_circle(SEED, control, 8.0, lambda head: PictureSensor(head, SEED, bores=(HOLE,)))
+    assert found.t[0] > 6.0
+    assert np.allclose(np.linalg.norm(found.wanted, axis=1), 1e3 * RADIUS)
+    first = np.linalg.norm(found.reached[0] - found.wanted[0])
+    assert first < 1.0
+    assert WAIT == 15.0

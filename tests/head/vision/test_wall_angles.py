@@ -1,0 +1,182 @@
+"""Pan and tilt from pictures of the wall alone, with good pictures and bad ones."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError, SignalError
+from minorloop.head.geometry import Mount
+from minorloop.head.twins.camera import LENS, Camera
+from minorloop.head.twins.pipe import Pipe
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.head.vision.wall_angles import WallAngles
+from minorloop.head.vision.wall_patches import SEEN
+
+REST = np.radians([-30.0, -30.0])
+CLOSE = math.radians(0.15)
+
+
+class Seen:
+    """A camera in a pipe, and the estimator of its angles."""
+
+    def __init__(self):
+        self.camera = Camera(Pipe.draw(1006), Mount(), LENS.scaled(0.5), seed=1)
+        self.camera.focus_at(10e-3)
+        known = CalibratedCamera(self.camera.calibration, Mount(), self.camera.leds)
+        self.eyes = WallAngles(known)
+        for _ in range(10):
+            frame = self.picture(*REST)
+        self.first, self.state = self.eyes.begin(frame.image, REST, frame.t)
+
+    def picture(self, pan, tilt):
+        self.camera.look(pan, tilt)
+        self.camera.expose(0.01, 0.7 if abs(pan) > 0.4 else 1.2)
+        return self.camera.frame()
+
+    def step(self, pan, tilt, spoil=lambda image: image):
+        frame = self.picture(pan, tilt)
+        sight, self.state = self.eyes.step(self.state, spoil(frame.image), frame.t)
+        return sight
+
+    def goes(self, degrees, tilt=REST[1]):
+        """Turn to a pan in steps of half a degree."""
+        start = float(self.state.angles[0])
+        for pan in np.linspace(start, math.radians(degrees), 40)[1:]:
+            sight = self.step(pan, tilt)
+        return sight
+
+
+@pytest.fixture
+def seen():
+    return Seen()
+
+
+def error(sight, pan, tilt=REST[1]):
+    return float(np.abs(sight.angles - [pan, tilt]).max())
+
+
+def test_the_angles_of_a_turn_are_followed_and_its_return_has_no_drift(seen):
+    there = seen.goes(-8.0)
+    assert there.verdict == SEEN
+    assert error(there, math.radians(-8.0)) < CLOSE
+    back = seen.goes(-30.0)
+    assert error(back, *REST) < math.radians(0.03)
+    assert (back.sd < math.radians(0.02)).all()
+
+
+def test_a_still_head_reads_with_little_noise(seen):
+    read = np.array([seen.step(*REST).angles for _ in range(10)])
+    assert np.degrees(read.std(axis=0)).max() < 0.02
+
+
+def test_a_jump_that_no_picture_shows_is_found_again(seen):
+    seen.goes(-14.0)
+    for _ in range(6):
+        sight = seen.step(*REST)
+        if sight.verdict == SEEN:
+            break
+    assert error(sight, *REST) < CLOSE
+
+
+def dark(image):
+    return np.zeros_like(image)
+
+
+def fouled(image):
+    """Hide the left half behind an even grey."""
+    hidden = image.copy()
+    hidden[:, : image.shape[1] // 2] = 70 + image[:, : image.shape[1] // 2] // 40
+    return hidden
+
+
+def reflected(image):
+    """Add a bright mirror image of an LED that stands still in the picture."""
+    v, u = np.mgrid[: image.shape[0], : image.shape[1]]
+    spot = 160 * np.exp(-((u - 90) ** 2 + (v - 130) ** 2) / (2 * 14.0**2))
+    return np.clip(image + spot, 0, 255).astype(np.uint8)
+
+
+def doubled(image):
+    """Show a piece of the wall twice."""
+    twice = image.copy()
+    twice[150:210, 200:280] = image[60:120, 60:140]
+    return twice
+
+
+def plain(image):
+    """Show wall without detail."""
+    noise = np.random.default_rng(int(image.sum())).normal(0.0, 1.0, image.shape)
+    v, u = np.mgrid[: image.shape[0], : image.shape[1]]
+    return np.clip(120 - 0.2 * u - 0.1 * v + noise, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("spoil", [fouled, reflected, doubled])
+def test_patches_that_disagree_are_outvoted(seen, spoil):
+    for pan in np.linspace(-30.0, -24.0, 13):
+        sight = seen.step(math.radians(pan), REST[1], spoil)
+    assert sight.verdict == SEEN
+    assert error(sight, math.radians(-24.0)) < CLOSE
+    assert error(seen.goes(-30.0), *REST) < CLOSE
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (dark, "the picture is black"),
+        (plain, "of wall in view agree"),
+        (lambda image: image[:100], "wrong size"),
+        (lambda image: None, "wrong size"),
+        (lambda image: np.full_like(image, 255), "saturated"),
+        (lambda image: image[:, ::-1].copy(), "of wall in view agree"),
+    ],
+)
+def test_without_a_view_it_says_why_and_goes_on_when_it_sees_again(seen, spoil, reason):
+    seen.step(*REST)
+    for _ in range(3):
+        sight = seen.step(*REST, spoil)
+        assert np.isnan(sight.angles).all()
+        assert reason in sight.reason
+    pan = math.radians(-27.0)
+    assert error(seen.step(pan, REST[1]), pan) < CLOSE
+
+
+def test_a_repeated_picture_is_frozen_and_an_old_one_late(seen):
+    frame = seen.picture(*REST)
+    _, state = seen.eyes.step(seen.state, frame.image, frame.t)
+    sight, state = seen.eyes.step(state, frame.image, frame.t + 0.04)
+    assert sight.reason == "the picture is frozen"
+    later = seen.picture(*REST)
+    sight, _ = seen.eyes.step(state, later.image, frame.t - 0.5)
+    assert sight.reason == "the picture is late"
+
+
+def test_the_state_before_is_not_changed(seen):
+    before, poor = seen.state, seen.state.patches.poor.copy()
+    sights = [seen.eyes.step(before, seen.picture(*REST).image, 9.0)[0] for _ in range(2)]
+    assert np.array_equal(before.patches.poor, poor)
+    assert np.abs(sights[0].angles - sights[1].angles).max() < math.radians(0.03)
+
+
+def test_a_first_picture_without_wall_is_refused(seen):
+    image = seen.picture(*REST).image
+    with pytest.raises(SignalError, match="the first picture is black; check lights"):
+        seen.eyes.begin(dark(image), REST)
+    with pytest.raises(SignalError, match="shows 0 patches of wall with detail, and 4 are needed"):
+        seen.eyes.begin(plain(image), REST)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"size": 0.0}, "size is 0.0; give a number above 0"),
+        ({"least": 1.0}, "least is 1.0; give a correlation between 0 and 1"),
+        ({"readout": -1.0}, "readout is -1.0 s; give 0 or more"),
+        ({"fewest": 0}, "fewest is 0; give 1 or more"),
+        ({"low": (1.0, 1.0)}, "give low < high"),
+    ],
+)
+def test_options_out_of_range_are_refused(seen, options, said):
+    with pytest.raises(ParameterError, match=said):
+        replace(seen.eyes, **options)
