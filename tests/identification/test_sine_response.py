@@ -122,7 +122,7 @@ def test_frequencies_without_every_amplitude_are_left_out(sines):
     response, notes = sine_response([measured_periods(one) for one in sines[:3]])
     assert response.frequencies.tolist() == [0.1]
     assert notes == ["0.5 Hz left out: not measured at every amplitude"]
-    with pytest.raises(SignalError, match="no frequency was measured at all of the 2 amplitudes"):
+    with pytest.raises(SignalError, match="no frequency is measured at all of the 2 amplitudes"):
         sine_response([measured_periods(sines[0]), measured_periods(sines[3])])
     with pytest.raises(SignalError, match="no sine is finished yet"):
         sine_response([])

@@ -27,7 +27,13 @@ from minorloop.operators.operator import Operator
 if TYPE_CHECKING:
     from minorloop.lab.sine_run import MeasuredSine
 
-__all__ = ["SinePeriods", "logged_periods", "measured_periods", "sine_response"]
+__all__ = [
+    "SinePeriods",
+    "at_every_amplitude",
+    "logged_periods",
+    "measured_periods",
+    "sine_response",
+]
 
 FEWEST_SAMPLES = 20
 """Least samples of a period in a log."""
@@ -191,6 +197,44 @@ def logged_periods(
     return found
 
 
+def at_every_amplitude(
+    frequencies: Sequence[float], amplitudes: Sequence[float]
+) -> tuple[list[float], str]:
+    """Return the frequencies that sines have at every amplitude, and a note about the others.
+
+    Parameters
+    ----------
+    frequencies, amplitudes : (N,) sequence of float
+        Frequency in Hz and amplitude of each sine.
+
+    Returns
+    -------
+    frequencies : list of float
+        In increasing order.
+    note : str
+        Which are left out; empty if none.
+
+    Raises
+    ------
+    SignalError
+        If there is no such frequency.
+    """
+    levels, place = _grouped(amplitudes)
+    known = set(zip(place, frequencies, strict=True))
+    every = sorted(set(frequencies))
+    complete = [f for f in every if all((i, f) in known for i in range(len(levels)))]
+    if not complete:
+        shown = ", ".join(f"{level:g}" for level in levels[:4])
+        more = ", ..." if len(levels) > 4 else ""
+        raise SignalError(
+            f"no frequency is measured at all of the {len(levels)} amplitudes ({shown}{more}), so "
+            "that no gains can be compared; give each frequency the same amplitudes, or make a run "
+            "of its own for each amplitude"
+        )
+    left = ", ".join(f"{f:g}" for f in every if f not in complete)
+    return complete, f"{left} Hz left out: not measured at every amplitude" if left else ""
+
+
 def sine_response(sines: Sequence[SinePeriods]) -> tuple[FrequencyResponse, list[str]]:
     """Return gains at the frequencies that were measured at every amplitude, and notes.
 
@@ -207,18 +251,11 @@ def sine_response(sines: Sequence[SinePeriods]) -> tuple[FrequencyResponse, list
     if not sines:
         raise SignalError("no sine is finished yet; resume the run first")
     amplitudes, place = _grouped([sine.amplitude for sine in sines])
-    frequencies = sorted({sine.frequency for sine in sines})
     table = {(place[k], sine.frequency): sine for k, sine in enumerate(sines)}
-    complete = [f for f in frequencies if all((i, f) in table for i in range(len(amplitudes)))]
-    if not complete:
-        raise SignalError(
-            f"no frequency was measured at all of the {len(amplitudes)} amplitudes; "
-            "measure each frequency at the same amplitudes"
-        )
-    notes = []
-    if len(complete) < len(frequencies):
-        left = ", ".join(f"{f:g}" for f in frequencies if f not in complete)
-        notes.append(f"{left} Hz left out: not measured at every amplitude")
+    complete, left = at_every_amplitude(
+        [sine.frequency for sine in sines], [sine.amplitude for sine in sines]
+    )
+    notes = [left] if left else []
     offsets = [sine.offset for sine in sines]
     if np.ptp(offsets) > 0.05 * max(amplitudes):
         notes.append(

@@ -271,9 +271,9 @@ def _keep(
     lost = int(np.count_nonzero(~np.isfinite(measured)))
     if lost:
         raise InstrumentError(
-            f"sine {index + 1} ({sine.frequency:g} Hz, amplitude {sine.amplitude:g}) has no reading "
-            f"in {lost} of the {measured.size} samples of its measured periods, and every one is "
-            "needed; check the sensor"
+            f"sine {index + 1} ({sine.frequency:g} Hz, amplitude {sine.amplitude:g}) has no "
+            f"reading in {lost} of the {measured.size} samples of its measured periods, and every "
+            "one is needed; check the sensor"
         )
     point = Point(
         index=index,
