@@ -182,6 +182,7 @@ U = np.sin(2 * np.pi * T)
         ({"y": np.r_[U[:-1], np.nan]}, SignalError, "has gaps in its last 2 periods"),
         ({"frequency": np.ones(9)}, SignalError, "differ in length"),
         ({"periods": 1}, ParameterError, "periods is 1"),
+        ({"held": np.full(400, 2.0)}, SignalError, "held must have one row for each time, 1 where"),
     ],
 )
 def test_logs_that_cannot_be_used_are_refused(change, error, says):

@@ -41,6 +41,8 @@ _NOTHING = 1e-9
 """Share of the output below which its fundamental is rounding."""
 _MOST_SAMPLES = 4096
 """Most samples of a period to which a log is interpolated."""
+_ROUNDING = 1e-3
+"""Share of an interval by which times of a log may be rounded."""
 _SAME_AMPLITUDE = 1.05
 """Amplitudes of a log whose ratio is below this count as one."""
 
@@ -144,6 +146,7 @@ def logged_periods(
     operator: Operator | None = None,
     *,
     periods: int = 2,
+    held: Any = None,
 ) -> list[SinePeriods]:
     """Return the last whole periods of each sine in a log.
 
@@ -162,6 +165,9 @@ def logged_periods(
         Model of the hysteresis.
     periods : int
         Periods to use at the end of each sine, 2 at least.
+    held : (T,) array_like of bool, optional
+        Whether the input of a row was held since the row before, until its output was read, as a
+        bench does; linear in between if not given.
 
     Raises
     ------
@@ -174,6 +180,9 @@ def logged_periods(
     hertz = as_samples(frequency, name="frequency")
     if inputs.shape != times.shape or hertz.shape != times.shape:
         raise SignalError("time, input, output and frequency differ in length; give one row each")
+    holds = np.zeros(times.size) if held is None else as_samples(held, name="held")
+    if holds.shape != times.shape or not np.isin(holds, (0, 1)).all():
+        raise SignalError("held must have one row for each time, 1 where the input is held or 0")
     if periods < 2:
         raise ParameterError(f"periods is {periods}; give at least 2")
     edges = np.flatnonzero(np.diff(hertz)) + 1
@@ -189,7 +198,8 @@ def logged_periods(
             rows = slice(first, end)
             tail = None if w is None else w[first - since :]
             log = times[rows], inputs[rows], outputs[rows], tail
-            found.append(_last_periods(log, float(hertz[first]), periods, len(found) + 1))
+            stepped = bool(holds[rows].all())
+            found.append(_last_periods(log, float(hertz[first]), periods, len(found) + 1, stepped))
             # Without rows before the next sine, this one drives its memory.
             since = end if end < hertz.size and hertz[end] <= 0 else since
     if not found:
@@ -281,8 +291,9 @@ def _last_periods(
     frequency: float,
     periods: int,
     number: int,
+    held: bool,
 ) -> SinePeriods:
-    """Return the last periods of a sine, interpolated at evenly spaced times."""
+    """Return the last periods of a sine at evenly spaced times; held inputs stay held."""
     t, u, y, w = log
     step = float(np.median(np.diff(t))) if t.size > 1 else np.inf
     known = (float(t[-1] - t[0]) + min(step, 1 / frequency)) * frequency
@@ -297,14 +308,19 @@ def _last_periods(
             f"{named} has {1 / (step * frequency):.3g} samples in a period; give at least "
             f"{FEWEST_SAMPLES}"
         )
-    samples = min(round(1 / (step * frequency)), _MOST_SAMPLES)
+    samples = round(1 / (step * frequency))
+    if not held:  # fewer samples would be held for longer
+        samples = min(samples, _MOST_SAMPLES)
     places = t[-1] - np.arange(periods * samples)[::-1] / (samples * frequency)
     if np.isnan(y[t >= places[0]]).any():
         raise SignalError(f"{named} has gaps in its last {periods} periods; record it again")
-    even_u, even_y = np.interp(places, t, u), np.interp(places, t, y)
-    even_w = None if w is None else np.interp(places, t, w)
+    ends = np.searchsorted(t, places - _ROUNDING * step)  # rows at the ends of the holds
+    even_u, even_w = (
+        None if x is None else x[ends] if held else np.interp(places, t, x) for x in (u, w)
+    )
     swing = abs(fundamental_of_sine(even_u, periods))
-    return SinePeriods(frequency, swing, float(even_u.mean()), periods, even_u, even_y, even_w)
+    about = frequency, swing, float(even_u.mean()), periods
+    return SinePeriods(*about, even_u, np.interp(places, t, y), even_w, held)
 
 
 def _grouped(values: Sequence[float]) -> tuple[list[float], list[int]]:
