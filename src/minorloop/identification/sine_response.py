@@ -315,9 +315,11 @@ def _last_periods(
     if np.isnan(y[t >= places[0]]).any():
         raise SignalError(f"{named} has gaps in its last {periods} periods; record it again")
     ends = np.searchsorted(t, places - _ROUNDING * step)  # rows at the ends of the holds
-    even_u, even_w = (
-        None if x is None else x[ends] if held else np.interp(places, t, x) for x in (u, w)
-    )
+
+    def even(x: FloatArray) -> FloatArray:
+        return np.asarray(x[ends] if held else np.interp(places, t, x))
+
+    even_u, even_w = even(u), None if w is None else even(w)
     swing = abs(fundamental_of_sine(even_u, periods))
     about = frequency, swing, float(even_u.mean()), periods
     return SinePeriods(*about, even_u, np.interp(places, t, y), even_w, held)
