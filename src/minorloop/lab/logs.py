@@ -20,7 +20,7 @@ from minorloop.lab.columns import (
     read_table,
     with_unit,
 )
-from minorloop.lab.gaps import Bridges, between, bridged, known_memory
+from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
 from minorloop.lab.records import SAMPLE, Quantity, Record
 from minorloop.lab.sheets import is_sheet, read_sheet
 from minorloop.lab.text_tables import LATIN, encoding_of
@@ -296,6 +296,7 @@ def read_log(
         t = np.arange(u.size, dtype=np.float64)
         return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise, said)
     clock, check = _checked(columns[time], names[2])
+    check = with_lost_rows(check, u)
     return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise, said)
 
 
