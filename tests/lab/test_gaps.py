@@ -170,6 +170,7 @@ class TestLostRows:
         assert "one row can hide a turn" in log.notes[-1]
         assert "uneven" not in " ".join(log.notes)
         record = log.with_known_memory()
+        assert np.isfinite(log.evenly_sampled().y).sum() <= kept.size
         errors = []
         for inputs, outputs in ((u[kept], y[kept]), (record.u, record.y)):
             model = identify(inputs, outputs, levels=self.LEVELS).model
