@@ -1,9 +1,13 @@
 """A model with bands from the coercivity, remanence and saturation of a data sheet.
 
-Three numbers of the major loop do not determine a Preisach plane: many ridges have this loop. They
-differ in what a data sheet does not say: the kind of the ridge, its relative width, how far the
-means of its thresholds scatter, and how far the reversible weight reaches. The model is the mean of
-such ridges, and its bands are their spread.
+Three numbers of the major loop do not determine a Preisach plane: many planes have this loop. They
+differ in what a data sheet does not say: whether there is one population of relays or two, the kind
+of the ridge of each, its relative width, how far the means of its thresholds scatter, and how far
+the reversible weight reaches. The model is the mean of such planes, and its bands are their spread.
+
+A ridge alone ties its widths to the squareness: the squarer the loop, the less of them is left, and
+the narrower the bands. Two populations do not: the coercivity is between theirs, and each can
+be square.
 """
 
 from __future__ import annotations
@@ -29,20 +33,25 @@ FIELDS: Final = 5.0
 """Largest input over the coercivity where it is not given."""
 DISCREPANCY: Final = 0.02
 """Standard deviation, over the saturation, of what no Preisach operator can reproduce."""
-RELATIVE_WIDTHS: Final = (0.1, 3.0)
-"""Range of the spread of half-widths over the coercive field of the ridge."""
-LEAST_SCATTER: Final = 0.1
-"""Least spread of the mean thresholds over that field; the greatest is the field of the loop."""
+RELATIVE_WIDTHS: Final = (0.05, 3.0)
+"""Range of the spread of half-widths over the coercive field of the ridge: from relays that are
+alike within a band of the plane to coercive fields that begin at zero."""
+LEAST_SCATTER: Final = 0.03
+"""Least spread of the mean thresholds over that field, a fraction of a band; the greatest is the
+field of the loop."""
+FIELD_RATIO: Final = 10.0
+"""Greatest ratio of the coercive fields of the two populations, a decade; the least is 1."""
 REVERSIBLE_WIDTHS: Final = (0.5, 2.0)
 """Least half-width of the reversible weight over the coercivity, and greatest over the field."""
 _RIDGES = 48
-_DRAWS = 384
+_DRAWS = 2000
 _FEWEST = 8
-"""Ridges of a model; shapes that are tried until so many have the loop; fewest ridges."""
-_HALF = 20
-"""Levels above zero."""
-_RATIO = 1.1673039782614187
-"""Root of x^5 = x + 1: its powers give evenly distributed points in four dimensions."""
+"""Planes of a model; shapes that are tried until so many have the loop, enough for a remanence of
+0.9999 of the saturation; fewest planes."""
+_HALF = 24
+"""Levels above zero: a band near the coercivity is about 0.15 of it at five coercivities."""
+_RATIO = 1.0757660660868371
+"""Root of x^10 = x + 1: its powers give evenly distributed points in nine dimensions."""
 _LEAST_FIELD = 0.02
 """Least coercive field of a ridge over the coercivity."""
 _ROUNDING = 1e-6
@@ -57,9 +66,9 @@ class DataSheetModel(NotebookView):
     Parameters
     ----------
     model : Preisach
-        Mean of the ridges; it has the given loop.
+        Mean of the planes; it has the given loop.
     ridges : (R, L, L) array
-        Weights of ridges that all have this loop.
+        Weights of planes of ridges that all have this loop.
     coercivity, remanence, saturation, field : float
         The given loop: coercive input, output at zero input, and output at the largest input.
     """
@@ -92,19 +101,32 @@ class DataSheetModel(NotebookView):
             "band_half_width": self.half_width,
         }
 
-    @cached_property
+    @property
     def half_width(self) -> float:
-        """Half the width of 90 % bands on loops of half the largest input, on average."""
-        return float(self.predict(self.loop(self.field / 2), bands=BAND).half_width.mean())
+        """Half the width of 90 % bands on minor loops, on average."""
+        return float(self._half_widths.mean())
+
+    @property
+    def worst_half_width(self) -> float:
+        """Half the width of the widest of these bands."""
+        return float(self._half_widths.max())
+
+    @cached_property
+    def _half_widths(self) -> FloatArray:
+        """Half widths on loops to the coercivity and to half the largest input."""
+        amplitudes = sorted([self.coercivity, self.field / 2])
+        loops = np.concatenate([self.loop(amplitude) for amplitude in amplitudes])
+        return self.predict(loops, bands=BAND).half_width
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a file of this model says: it has no bands."""
+        mean, worst = self.half_width / self.saturation, self.worst_half_width / self.saturation
         return (
             f"this model was made from a data sheet, coercivity {self.coercivity:g}, remanence "
             f"{self.remanence:g} and saturation {self.saturation:g} at an input of {self.field:g}: "
-            f"minor loops may be off by {self.half_width / self.saturation:.0%} of the saturation; "
-            "measure some of them",
+            f"minor loops may be off by {mean:.0%} of the saturation on average, {worst:.0%} at "
+            "worst; measure some of them",
         )
 
     def loop(self, amplitude: float, samples: int = 100) -> FloatArray:
@@ -195,7 +217,10 @@ class DataSheetModel(NotebookView):
             ("remanence", f"{self.remanence:.6g}"),
             ("saturation", f"{self.saturation:.6g} at {self.field:.6g}"),
             ("ridges with this loop", f"{len(self.ridges)}"),
-            ("90 % band, half width", f"{self.half_width:.3g} on average"),
+            (
+                "90 % band, half width",
+                f"{self.half_width:.3g} on average, {self.worst_half_width:.3g} at worst",
+            ),
         ]
 
     def __str__(self) -> str:
@@ -221,9 +246,9 @@ def from_loop(
 ) -> DataSheetModel:
     """Make a model with bands from three numbers of the major loop of a data sheet.
 
-    The loop is symmetric about zero. All ridges of the model have it exactly; they are drawn from
-    the ranges `RELATIVE_WIDTHS`, `LEAST_SCATTER` and `REVERSIBLE_WIDTHS` of what it does not
-    determine, evenly in the logarithm.
+    The loop is symmetric about zero. All planes of the model have it exactly. Each has two ridges
+    of any shares, drawn from the ranges `RELATIVE_WIDTHS`, `LEAST_SCATTER`, `FIELD_RATIO` and
+    `REVERSIBLE_WIDTHS` of what the loop does not determine, evenly in the logarithm.
 
     Parameters
     ----------
@@ -252,7 +277,7 @@ def from_loop(
     """
     hc, br, bm, hm = _checked(coercivity, remanence, saturation, field)
     levels = _levels(hm / hc)
-    shares = _RATIO ** -np.arange(1.0, 5.0)
+    shares = _RATIO ** -np.arange(1.0, 10.0)
     ridges: list[FloatArray] = []
     for number in range(1, _DRAWS + 1):
         weights = _ridge_with_loop(levels, br / bm, number * shares % 1.0)
@@ -305,22 +330,22 @@ def _levels(highest: float) -> Levels:
 
 
 def _ridge_with_loop(levels: Levels, squareness: float, draw: FloatArray) -> FloatArray | None:
-    """(L, L) weights of a ridge of saturation 1 with the given loop; None if there is none.
+    """(L, L) weights of a plane of saturation 1 with the given loop; None if there is none.
 
-    The coercive field is searched for which the descending branch is zero at -1; the reversible
-    share follows from the remanence.
+    The coercive field of the first population is searched for which the descending branch is zero
+    at -1; the reversible share follows from the remanence.
     """
     from scipy.optimize import brentq
 
     highest = float(levels[-1])
-    shape = _shape(draw, highest)
-    reversible = shape(1.0).reversible(levels)
+    irreversible, reach = _shape(draw, levels)
+    reversible = Ridge("gaussian", 1.0, 1.0, 1.0, 0.0, reach).reversible(levels)
     zero, down = levels.size // 2, int(np.searchsorted(levels, -1.0))
     reversible_output = 1.0 - 2.0 * float(reversible[down:].sum())
 
     def parts(logarithm: float) -> tuple[FloatArray, float, float]:
         """Irreversible weights, reversible share, and the output at -1."""
-        weights = shape(float(np.exp(logarithm))).irreversible(levels)
+        weights = irreversible(float(np.exp(logarithm)))
         remanent = 1.0 - 2.0 * float(weights[:, zero:].sum())
         if remanent < squareness:
             return weights, 0.0, -1.0
@@ -332,7 +357,7 @@ def _ridge_with_loop(levels: Levels, squareness: float, draw: FloatArray) -> Flo
         return parts(logarithm)[2]
 
     low, high = float(np.log(_LEAST_FIELD)), float(np.log(highest))
-    if not output(low) < 0 <= output(high):
+    if not output(high) >= 0 > output(low):
         return None
     best = float(brentq(output, low, high, xtol=1e-9))
     weights, share, off = parts(best)
@@ -341,14 +366,28 @@ def _ridge_with_loop(levels: Levels, squareness: float, draw: FloatArray) -> Flo
     return (1 - share) * weights + np.diag(share * reversible)
 
 
-def _shape(draw: FloatArray, highest: float) -> Callable[[float], Ridge]:
-    """Return the ridges of one draw, by their coercive field; all in coercivities."""
+def _shape(draw: FloatArray, levels: Levels) -> tuple[Callable[[float], FloatArray], float]:
+    """Return the irreversible weights of one draw by coercive field, and its reversible width.
 
-    def between(share: float, low: float, high: float) -> float:
-        return float(low * (high / low) ** share)
+    The field is that of the first of two populations; both numbers are in coercivities.
+    ``draw`` has nine numbers from 0 to 1: kind, width and scatter of each population, the share of
+    the first, the ratio of their fields, and the reversible width.
+    """
+    highest = float(levels[-1])
+    reach = _between(draw[8], REVERSIBLE_WIDTHS[0], REVERSIBLE_WIDTHS[1] * highest)
+    ratio, share = _between(draw[7], 1.0, FIELD_RATIO), float(draw[6])
 
-    kind: Kind = KINDS[int(len(KINDS) * draw[0])]
-    width = between(draw[1], *RELATIVE_WIDTHS)
-    scatter = between(draw[2], LEAST_SCATTER, highest)
-    reach = between(draw[3], REVERSIBLE_WIDTHS[0], REVERSIBLE_WIDTHS[1] * highest)
-    return lambda field: Ridge(kind, field, width * field, scatter * field, 0.0, reach)
+    def population(kind: float, width: float, scatter: float) -> Callable[[float], FloatArray]:
+        which: Kind = KINDS[int(len(KINDS) * kind)]
+        wide, far = _between(width, *RELATIVE_WIDTHS), _between(scatter, LEAST_SCATTER, highest)
+        return lambda field: Ridge(
+            which, field, wide * field, far * field, 0.0, reach
+        ).irreversible(levels)
+
+    first, second = population(*draw[:3]), population(*draw[3:6])
+    return lambda field: share * first(field) + (1 - share) * second(ratio * field), reach
+
+
+def _between(share: float, low: float, high: float) -> float:
+    """Number between two, even in the logarithm."""
+    return float(low * (high / low) ** share)
