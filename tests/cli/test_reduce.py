@@ -147,3 +147,14 @@ def test_an_input_that_never_changes_is_refused(refused):
     rows = [",".join([row.split(",")[0], "1", row.split(",")[2]]) for row in rows]
     Path("log.csv").write_text("\n".join([header, *rows]) + "\n")
     assert "voltage [V] is 1 throughout" in refused(LINE)
+
+
+def test_a_drift_of_the_sensor_is_refused_and_subtracted(refused, answer):
+    t = 0.1 * np.arange(2000)
+    u = np.repeat([*LEVELS, *LEVELS[::-1], *LEVELS[:4]], 100)
+    d = u + 0.003 * t + 1e-3 * np.random.default_rng(1000).normal(size=t.size)
+    write("log.csv", "time [s],voltage [V],distance [mm]", np.column_stack([t, u, d]))
+    assert "none of the 18 holds settled: the sensor drifts" in refused(LINE)
+    found = answer(f"{LINE} --subtract-drift")
+    assert found["settled"] == 18
+    assert "the sensor drifts by 10.8 +- " in found["notes"][0]

@@ -36,7 +36,7 @@ def test_a_sound_record_has_neither_startup_nor_drift(shape):
 def test_a_drift_is_named_with_its_size():
     u, y = record()
     said = advice(u, y + np.linspace(0, 0.1 * np.ptp(y), y.size), holdout=0.0)
-    assert "the residual drifts by" in said
+    assert "the output drifts by" in said
     assert "warm up" in said
 
 

@@ -43,6 +43,9 @@ _InputTolerance = Annotated[
     _common.number_option("Changes of the input up to this size are noise; estimated."),
 ]
 _Shortest = Annotated[float, _common.number_option("Shortest hold, in seconds.")]
+_Subtract = Annotated[
+    bool, typer.Option("--subtract-drift", help="Subtract a drift of the sensor that holds show.")
+]
 _Keep = Annotated[
     bool,
     typer.Option("--keep-unsettled", help="Write the outputs of holds that have not settled too."),
@@ -68,6 +71,7 @@ def run(
     tolerance: _Tolerance = None,
     input_tolerance: _InputTolerance = None,
     shortest: _Shortest = 0.0,
+    subtract_drift: _Subtract = False,
     keep_unsettled: _Keep = False,
     save: _common.Save = None,
     report: _Report = None,
@@ -95,6 +99,7 @@ def run(
             tolerance=tolerance,
             input_tolerance=input_tolerance,
             shortest=shortest,
+            subtract_drift=subtract_drift,
             breaks=log.check.breaks if log.check else (),
         )
     if not keep_unsettled and not reduction.count("settled") + reduction.count("extrapolated"):

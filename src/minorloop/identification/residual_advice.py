@@ -44,7 +44,7 @@ def residual_advice(result: Fit) -> Iterator[str]:
         yield _step_text(found.step)
     if abs(found.drift) > _LEAST_DRIFT:
         yield (
-            f"the residual drifts by {abs(found.drift):.2%} of range along the record: let "
+            f"the output drifts by {abs(found.drift):.2%} of range along the record: let "
             "actuator and sensor warm up and measure again, or subtract the drift from the output"
         )
     if result.nrmse < _LEAST_ERROR:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
-from minorloop.identification.offset_steps import MOST_ROWS, find_offset_step
+from minorloop.identification.offset_steps import MOST_ROWS, find_drift, find_offset_step
 from minorloop.identification.rough_model import one_of_each
 from minorloop.threads import one_thread
 
@@ -175,7 +175,7 @@ def summary(
     outliers = tuple(places[far].tolist())
     rest, places = rest[~far], places[~far]
     differ = None if groups is None else _differences(rest, y[places], groups[places])
-    step = None if differ else _step(basis, rest, y[places], places)
+    step, drift = (None, 0.0) if differ else _step_or_drift(basis, rest, y[places], places)
     few = one_of_each(places.size, _MOST)
     some, error_of_some = places[few], rest[few]
     return ResidualSummary(
@@ -183,7 +183,7 @@ def summary(
         float(left[worst]),
         _autocorrelation(rest, places),
         startup,
-        0.0 if differ or step else _drift(rest),
+        drift,
         step,
         outliers,
         differ,
@@ -249,18 +249,26 @@ def _above_neighbours(values: FloatArray) -> FloatArray:
     return np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
 
 
-def _step(
+def _step_or_drift(
     basis: Callable[[IntArray], FloatArray], error: FloatArray, y: FloatArray, rows: IntArray
-) -> OffsetStep | None:
-    """Find a row from which on the outputs are shifted for the rest of the record.
+) -> tuple[OffsetStep | None, float]:
+    """Find a row from which on the outputs are shifted, or else their change along the record.
 
-    The fit may have absorbed part of the shift.
+    The fit may have absorbed part of it.
     """
     some = one_of_each(rows.size, MOST_ROWS)
+    columns, fitted, measured = basis(rows[some]), (y + error)[some], y[some]
     with one_thread():
-        found = find_offset_step(basis(rows[some]), (y + error)[some], y[some])
-    if found is None:
-        return None
+        found = find_offset_step(columns, fitted, measured)
+        if found is None:
+            return None, find_drift(columns, fitted, measured) or _drift(error)
+    return _located(found, some, error, rows), 0.0
+
+
+def _located(
+    found: tuple[int, float], some: IntArray, error: FloatArray, rows: IntArray
+) -> OffsetStep:
+    """Return a step found among some of the rows with its place among all."""
     place, size = found
     first, last = some[max(place - _BESIDE, 0)], some[min(place + _BESIDE, some.size - 1)]
     if rows.size > some.size:

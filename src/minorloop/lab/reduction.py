@@ -23,6 +23,7 @@ from minorloop.lab.gaps import known_memory
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
 from minorloop.lab.readings import converted, input_without_spikes, usable, without_spikes
 from minorloop.lab.records import Quantity, Record
+from minorloop.lab.sensor_drift import SensorDrift, find_drift
 from minorloop.lab.settling import ENOUGH, FEWEST_STILL, SPAN_SHARE, judge, trend
 from minorloop.lab.timebase import GAP
 
@@ -67,7 +68,8 @@ class ReducedPoint:
     end : float
         Output at the end of the hold, not extrapolated.
     common_sd : float
-        Standard deviation of the conversion, which is common to all points.
+        Standard deviation of the conversion, and of a drift that was subtracted: an error that
+        the points have in common.
     begin, stop : int
         First sample of the hold, and the one after the last.
     known : bool
@@ -99,11 +101,14 @@ class Reduction(NotebookView):
         What was found and what to do about it, one sentence each.
     log : Record
         The log with the output converted; NaN where a reading cannot be used.
+    drift : SensorDrift, optional
+        Drift of the sensor, if there is one and it was not subtracted.
     """
 
     points: tuple[ReducedPoint, ...]
     notes: tuple[str, ...]
     log: Record
+    drift: SensorDrift | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -136,7 +141,7 @@ class Reduction(NotebookView):
     @property
     def remedy(self) -> str:
         """What to do about holds that have not settled."""
-        return _remedy(self.log, [p for p in self.points if p.verdict == "unsettled"])
+        return _remedy(self.log, [p for p in self.points if p.verdict == "unsettled"], self.drift)
 
     def count(self, verdict: str) -> int:
         """Return the number of points with a verdict."""
@@ -217,6 +222,7 @@ def reduce(
     tolerance: float | None = None,
     input_tolerance: float | None = None,
     shortest: float = 0.0,
+    subtract_drift: bool = False,
     breaks: npt.ArrayLike = (),
 ) -> Reduction:
     """Reduce a raw log to settled points with their uncertainty.
@@ -238,6 +244,9 @@ def reduce(
         Changes of the input up to this size are noise; estimated if not given.
     shortest : float
         Shortest hold, in seconds (samples if the record has no time). Shorter ones are passed.
+    subtract_drift : bool
+        Whether to subtract a drift of the sensor, if the holds show one, from its first sample on.
+        Otherwise no hold counts as settled that the drift moves by more than the tolerance.
     breaks : (B,) array_like of int, optional
         Samples after which it is not known what the input did, as
         `minorloop.lab.timebase.check_times` finds them.
@@ -318,6 +327,13 @@ def reduce(
         )
     log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
+    drift = find_drift(log.t, log.y, holds, 1 / WINDOW)
+    if drift is not None:
+        notes.append(_drift_text(drift, log, subtract_drift))
+        if subtract_drift:
+            since = log.t - log.t[0]
+            log = replace(log, y=log.y - drift.rate * since)
+            common, drift = np.hypot(common, drift.sd * since), None
     hiding = _hiding(record.t, holds, breaks)
     within = int(np.size(breaks)) - hiding.size
     if within:
@@ -328,14 +344,29 @@ def reduce(
     known = known_memory(u, hiding)
     points = [
         replace(point, known=bool(known[point.stop - 1]))
-        for point in _points(log, holds, common, tolerance, values)
+        for point in _points(log, holds, common, tolerance, values, drift)
     ]
     if not any(np.isfinite(point.value) for point in points):
         raise RecordError(
             f"none of the {len(holds)} holds has a usable output: "
             + ("; ".join(notes) or "the output was not measured there")
         )
-    return Reduction(tuple(points), (*notes, *_advice(log, points)), log)
+    return Reduction(tuple(points), (*notes, *_advice(log, points, drift)), log, drift)
+
+
+def _drift_text(drift: SensorDrift, log: Record, subtracted: bool) -> str:
+    count, clock = (3600.0, "hour") if log.timed else (1.0, "sample")
+    unit = f" {log.output.unit}" if log.output.unit else ""
+    todo = (
+        "it was subtracted; let the sensor warm up before the next log"
+        if subtracted
+        else "let the sensor warm up and measure again, or subtract it (--subtract-drift)"
+    )
+    return (
+        f"the sensor drifts by {count * drift.rate:.3g} +- {count * drift.sd:.1g}{unit} per "
+        f"{clock}, {abs(drift.share):.1%} of range along the record: the holds end with this slope "
+        f"whichever way the output went before; {todo}"
+    )
 
 
 def _too_few(u: FloatArray) -> str:
@@ -376,6 +407,7 @@ def _points(
     common: FloatArray,
     tolerance: float | None,
     values: FloatArray,
+    drift: SensorDrift | None,
 ) -> list[ReducedPoint]:
     steps = np.diff(log.t)
     interval = float(np.median(steps[steps > 0]))
@@ -387,6 +419,8 @@ def _points(
         if hold is not None:
             slope = change / _duration(log.t, hold, interval) if tolerance is None else tolerance
             point = _judged(log, hold, common, slope, interval)
+            if drift is not None and abs(drift.rate) > slope and point.verdict != "unread":
+                point = replace(point, value=point.end, sd=np.nan, verdict="unsettled")
             rounding = _rounding(values, point.value)
             points.append(replace(point, sd=float(np.hypot(point.sd, rounding))))
     return points
@@ -495,8 +529,10 @@ def _listed(numbers: list[int]) -> str:
     return f"hold {', '.join(map(str, numbers[:8]))}" + (", ..." if len(numbers) > 8 else "")
 
 
-def _remedy(log: Record, points: list[ReducedPoint]) -> str:
+def _remedy(log: Record, points: list[ReducedPoint], drift: SensorDrift | None) -> str:
     """Return what to do about holds that have not settled."""
+    if drift is not None:
+        return "the sensor drifts, so that they never do: subtract the drift (--subtract-drift)"
     counts = [np.count_nonzero(np.isfinite(log.y[p.begin : p.stop])) for p in points]
     usual = float(np.median(counts)) if counts else ENOUGH
     if usual >= ENOUGH:
@@ -507,7 +543,7 @@ def _remedy(log: Record, points: list[ReducedPoint]) -> str:
     )
 
 
-def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
+def _advice(log: Record, points: list[ReducedPoint], drift: SensorDrift | None) -> list[str]:
     holds = [point for point in points if point.verdict != "passed"]
     unsettled, unread = (
         [k for k, point in enumerate(holds, 1) if point.verdict == verdict]
@@ -518,7 +554,7 @@ def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
         notes.append(
             f"{len(unsettled)} of {len(holds)} holds did not settle ({_listed(unsettled)}): an "
             "output that has not settled is left out, and its input drives the memory only; "
-            f"{_remedy(log, [holds[k - 1] for k in unsettled])}, or keep them all the same "
+            f"{_remedy(log, [holds[k - 1] for k in unsettled], drift)}, or keep them all the same "
             "(--keep-unsettled)"
         )
     if unread:
