@@ -324,9 +324,10 @@ def inspected(monkeypatch):
     from minorloop.head.reconstruction.findings import outlined
 
     save_head(HeadFile(serial="H-07"), "head.json")
-    state = SimpleNamespace(safe=False, travels=False, then=lambda: None)
+    state = SimpleNamespace(safe=False, travels=False, then=lambda: None, first=[])
 
     def views(rig, advances):
+        yield from state.first
         state.told(rig_module.LogEntry(1.0, "hole 1", "1.02 mm wide"))
         square = 100.0 + np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]])
         shown = PictureFinding(
@@ -383,6 +384,52 @@ def test_an_inspection_without_an_operator_writes_findings_pictures_and_a_report
     assert "1 finding in 1 view; finished; no depth without a probe; the head is safe" in page
     assert (journal()[-1]["what"], journal()[-1]["why"]) == ("end", "finished")
     assert "is not empty" in run(INSPECT)[2]
+
+
+def looked_round(verdict="good", **more):
+    from minorloop.head.procedures.inspection import InspectedView
+    from minorloop.head.procedures.pictures import InspectedPicture
+
+    picture = InspectedPicture(name="view 1", t=0.0, verdict=verdict)
+    image = np.zeros((240, 320), np.uint8)
+    return InspectedView(picture=picture, image=image, angles=(0.1, 0.2), place=(0.0, 0.0), **more)
+
+
+def test_what_was_not_confirmed_is_in_the_summary_the_files_and_the_report(run, inspected):
+    from minorloop.head.procedures.inspection import Unconfirmed
+
+    def look():
+        tables.append(Path("found/unconfirmed.csv").read_text().splitlines())
+
+    lost = Unconfirmed(
+        kind="hole or pit",
+        phi=2.6,
+        z=21e-3,
+        evidence=2.64,
+        seen_in=("view 5", "view 6"),
+        why="not seen again",
+    )
+    tables, inspected.first, inspected.then = [], [looked_round(unconfirmed=lost)], look
+    status, out, _ = run(INSPECT)
+    assert status == 0
+    assert "1 finding in 2 views; seen in 2 views (1), not confirmed; finished" in out
+    row = {
+        "kind": "hole or pit",
+        "phi [deg]": 148.969,
+        "z [mm]": 21.0,
+        "evidence": 2.6,
+        "seen in": ["view 5", "view 6"],
+        "why": "not seen again",
+    }
+    assert json.loads(Path("found/findings.json").read_text())["unconfirmed"] == [row]
+    assert [line.get("unconfirmed") for line in journal() if line["what"] == "view"] == [row, None]
+    assert tables[0] == [
+        "kind,phi [deg],z [mm],evidence,seen in,why",
+        'hole or pit,148.969,21.0,2.6,"view 5, view 6",not seen again',
+    ]
+    page = Path("found/report.html").read_text()
+    assert "Not confirmed" in page
+    assert "view 5, view 6" in page
 
 
 @pytest.mark.parametrize(
