@@ -324,10 +324,12 @@ def inspected(monkeypatch):
     from minorloop.head.reconstruction.findings import outlined
 
     save_head(HeadFile(serial="H-07"), "head.json")
-    state = SimpleNamespace(safe=False, travels=False, then=lambda: None, first=[])
+    state = SimpleNamespace(safe=False, travels=False, then=lambda: None, first=[], nothing=False)
 
     def views(rig, advances):
         yield from state.first
+        if state.nothing:
+            return
         state.told(rig_module.LogEntry(1.0, "hole 1", "1.02 mm wide"))
         square = 100.0 + np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]])
         shown = PictureFinding(
@@ -430,6 +432,21 @@ def test_what_was_not_confirmed_is_in_the_summary_the_files_and_the_report(run, 
     page = Path("found/report.html").read_text()
     assert "Not confirmed" in page
     assert "view 5, view 6" in page
+
+
+def test_an_inspection_without_a_picture_that_can_be_searched_has_status_1(run, inspected):
+    inspected.first, inspected.nothing = [looked_round("black"), looked_round("torn")], True
+    status, out, error = run(INSPECT)
+    assert status == 1
+    assert "0 findings in 2 views; 2 of 2 views not usable: black (1), torn (1); finished" in out
+    assert "no view could be searched" in error
+
+
+def test_an_inspection_with_some_pictures_says_how_many_could_not_be_searched(run, inspected):
+    inspected.first = [looked_round("black")]
+    status, out, _ = run(INSPECT)
+    assert status == 0
+    assert "1 finding in 2 views; 1 of 2 views not usable: black (1); finished" in out
 
 
 @pytest.mark.parametrize(

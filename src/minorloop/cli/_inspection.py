@@ -262,13 +262,25 @@ def summary(content: dict[str, Any]) -> str:
     """Return what was found in how many views, and how it ended."""
     found, views = counted(len(content["findings"]), "finding"), counted(content["views"], "view")
     bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
+    share = f"{sum(content['unusable'].values())} of {views} not usable: {bad}"
     lost = [counted(len(row["seen in"]), "view") for row in content["unconfirmed"]]
     more = "".join(
         f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))
     )
-    said = f"{found} in {views}{more}{f'; not usable: {bad}' if bad else ''}; {content['ended']}"
+    said = f"{found} in {views}{more}{f'; {share}' if bad else ''}; {content['ended']}"
     safe = "is safe, as confirmed" if content["safe"] else "did NOT confirm that it is safe"
     return f"{said}; no depth without a probe; the head {safe}"
+
+
+def check_usable(content: dict[str, Any]) -> None:
+    """End with status 1 if no view could be searched: nothing found says nothing then."""
+    if sum(content["unusable"].values()) == content["views"]:
+        typer.echo(
+            "warning: no view could be searched, so that the wall was not inspected; check the "
+            "camera, its exposure and the LEDs",
+            err=True,
+        )
+        raise typer.Exit(1)
 
 
 def show(content: dict[str, Any], out: Path) -> None:
