@@ -330,6 +330,8 @@ def inspected(monkeypatch):
         yield from state.first
         if state.nothing:
             return
+        state.told(rig_module.LogEntry(1.0, "pick", "phi -80 deg"))
+        state.told(rig_module.LogEntry(1.0, "centre", "1.0 px from the middle"))
         state.told(rig_module.LogEntry(1.0, "hole 1", "1.02 mm wide"))
         square = 100.0 + np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]])
         shown = PictureFinding(
@@ -371,9 +373,10 @@ def test_an_inspection_without_an_operator_writes_findings_pictures_and_a_report
         tables.append(Path("found/findings.csv").read_text())
 
     kinds, tables, inspected.then = [], [], look
-    status, out, _ = run(f"{INSPECT} --json")
+    status, out, shown = run(f"{INSPECT} --json")
     assert (status, inspected.safe) == (0, True)
-    assert kinds == ["begin", "step", "view"]
+    assert shown.splitlines() == ["pick: phi -80 deg", "hole 1: 1.02 mm wide"]
+    assert kinds == ["begin", *["step"] * 3, "view"]
     assert tables[0].splitlines()[1].startswith("1,hole or pit,no probe,-80.2141")
     printed = json.loads(out)
     assert printed == json.loads(Path("found/findings.json").read_text())

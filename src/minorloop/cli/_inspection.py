@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from minorloop.report import Report
 
 FINISHED = "finished"
+_VISITS = ("hole", "crack", "device")
+"""Steps whose outcome stays on the terminal: visits of candidates, and failures of a device."""
 _LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
 """Of candidates that were not confirmed."""
 _COLUMNS = ("kind", "phi [deg]", "z [mm]", "width [mm]", "length [mm]", "evidence", "picture")
@@ -57,7 +59,7 @@ def carried_out(
     with _common.working("opening the devices", logged=True) as now:
 
         def told(entry: LogEntry) -> None:
-            now(f"{entry.what}: {entry.outcome}")
+            now(f"{entry.what}: {entry.outcome}", kept=entry.what.startswith(_VISITS))
             if kept is not None:
                 kept.log(entry)
 
