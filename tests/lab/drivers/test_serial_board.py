@@ -180,7 +180,7 @@ def test_a_head_on_a_board_is_an_actuator_that_is_refused_what_is_beyond_its_lim
     ("options", "sentence"),
     [
         (["--late", "0.3"], "gave no answer within 0.1 s"),
-        (["--half", "12"], "gave no answer within 0.1 s|no valid answer"),
+        (["--half", "12"], "gave no (whole )?answer within 0.1 s|no valid answer"),
         (["--unit", "mA"], "pan current is in A, and ASRL.* has mA"),
     ],
 )
