@@ -117,3 +117,10 @@ def test_a_command_that_failed_can_be_given_again(run):
     assert "there are more pictures" in run(command)[2]
     Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n24,0\n")
     assert run(command)[0] == 0
+
+
+def test_the_help_shows_the_units_of_the_columns(run):
+    status, out, _ = run("inspect --help")
+    assert status == 0
+    said = " ".join(out.replace("│", " ").split())
+    assert "pan [deg], tilt [deg], and perhaps advance [mm] and roll [deg]" in said

@@ -65,6 +65,11 @@ def number_option(help: str, *, panel: str | None = None) -> Any:
     return typer.Option(parser=number, metavar="X", help=help, rich_help_panel=panel)
 
 
+def plain(help: str) -> str:
+    """Return a help text whose square brackets, as of units, are shown and not taken as markup."""
+    return help.replace("[", r"\[")
+
+
 class LateHelp(TyperCommand):
     """A verb whose options have a help text that is looked up when it is shown.
 

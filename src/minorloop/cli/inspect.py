@@ -66,8 +66,10 @@ def run(
     poses: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
-            "advance [mm] and roll [deg]; instead of --pan and --tilt."
+            help=_common.plain(
+                "CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
+                "advance [mm] and roll [deg]; instead of --pan and --tilt."
+            )
         ),
     ] = None,
     out: Annotated[
