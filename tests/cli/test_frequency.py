@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from minorloop import modelfile
+from minorloop.connect import connect
 from minorloop.lab import sines
 from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.sine_run import run_sines, sine_design
+from minorloop.lab.store import Setup, Store
 from minorloop.operators.preisach import Preisach
 
 PLAN = "plan sines --frequencies 0.2,1 --amplitudes 0.7,1 --preamble -1.2 --hold 5 --samples 40"
@@ -150,3 +153,47 @@ def test_a_store_of_sines_is_used_for_sines_only(store, refused, run):
     assert "leave --input, --output and --time out" in refused(f"frequency {store} --input u")
     modelfile.save(Preisach([0, 1], [[1.0]]), "amps.json", input="current [A]", output="y")
     assert "identify a model in V" in refused(f"frequency {store} --model amps.json")
+
+
+def test_a_plan_that_cannot_be_evaluated_is_refused_before_the_first_sine(run, refused):
+    header, *rows = Path("sines.csv").read_text().splitlines()
+    Path("sines.csv").write_text("\n".join([header, rows[0], rows[3]]) + "\n")
+    said = refused(RUN)
+    assert "no frequency is measured at all of the 2 amplitudes (0.7, 1)" in said
+    assert "give each frequency the same amplitudes" in said
+    assert not Path("s.sqlite").exists()
+    Path("sines.csv").write_text("\n".join([header, *rows[:3]]) + "\n")
+    status, _, err = run(RUN)
+    assert status == 0
+    assert "note: when this run is evaluated, 1 Hz left out: not measured at every amp" in err
+
+
+class Streamed:
+    """A twin to which inputs can only be given tick by tick, as to a bench."""
+
+    def __init__(self, twin):
+        self.apply, self.exchange, self.safe = twin.apply, twin.exchange, twin.safe
+        self.inputs, self.outputs, self.tick = twin.inputs, twin.outputs, twin.tick
+
+
+def test_held_inputs_stay_held_in_the_log_of_a_store(answer):
+    grid = {"preamble": -1.2, "hold": 5.0, "input": "voltage [V]"}
+    plan = sines.SinePlan.grid([1.0], [0.7, 1.0], tick=0.05, **grid)
+    strip = Streamed(connect("twin:ipmc", specimen=1001, tick=0.05, substeps=8))
+    setup = Setup("", "voltage [V]", "curvature [1/m]", design=sine_design(plan, strip))
+    with Store.create("held.sqlite", plan.holds(), setup) as store:
+        run_sines(strip, store)
+    found = answer("frequency held.sqlite --samples log.csv --model strip.json")
+    with open("log.csv", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header[-1] == "input held"
+    assert {float(row[-1]) for row in rows} == {1.0}
+    log = "--input voltage --output curvature --model strip.json"
+    again = answer(f"frequency log.csv {log}")
+    for key in ("gain_db", "phase_deg", "after_gain_db", "after_phase_deg"):
+        np.testing.assert_allclose(again[key], found[key], rtol=1e-9)
+    lines = [",".join(row[:-1]) for row in [header, *rows]]
+    Path("linear.csv").write_text("\n".join(lines) + "\n")
+    linear = answer(f"frequency linear.csv {log}")
+    half = np.subtract(linear["phase_deg"], found["phase_deg"])
+    np.testing.assert_allclose(half, 180 / 20, atol=1e-6)

@@ -122,7 +122,7 @@ def test_frequencies_without_every_amplitude_are_left_out(sines):
     response, notes = sine_response([measured_periods(one) for one in sines[:3]])
     assert response.frequencies.tolist() == [0.1]
     assert notes == ["0.5 Hz left out: not measured at every amplitude"]
-    with pytest.raises(SignalError, match="no frequency was measured at all of the 2 amplitudes"):
+    with pytest.raises(SignalError, match="no frequency is measured at all of the 2 amplitudes"):
         sine_response([measured_periods(sines[0]), measured_periods(sines[3])])
     with pytest.raises(SignalError, match="no sine is finished yet"):
         sine_response([])
@@ -182,6 +182,7 @@ U = np.sin(2 * np.pi * T)
         ({"y": np.r_[U[:-1], np.nan]}, SignalError, "has gaps in its last 2 periods"),
         ({"frequency": np.ones(9)}, SignalError, "differ in length"),
         ({"periods": 1}, ParameterError, "periods is 1"),
+        ({"held": np.full(400, 2.0)}, SignalError, "held must have one row for each time, 1 where"),
     ],
 )
 def test_logs_that_cannot_be_used_are_refused(change, error, says):

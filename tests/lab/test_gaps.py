@@ -3,7 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.lab.gaps import between, bridged, known_memory
+from minorloop.identification import identify
+from minorloop.identification.excitation import decaying_staircase
+from minorloop.lab.gaps import between, bridged, known_memory, with_lost_rows
 from minorloop.lab.logs import Log
 from minorloop.lab.records import Record
 from minorloop.lab.timebase import check_times
@@ -145,3 +147,64 @@ class TestMemory:
         assert known.tolist() == [True] * 4 + [False] * 2 + [True] * 2
         assert known_memory(u, []).all()
         assert known_memory(np.ones(4), [1]).all()
+
+
+class TestLostRows:
+    """A table with one row for each hold, 20 s apart, of which 15 of 172 are lost."""
+
+    LEVELS = np.linspace(-1, 1, 19)
+
+    def table(self, seed):
+        chance = np.random.default_rng(seed)
+        u = decaying_staircase(self.LEVELS)
+        model = Preisach(self.LEVELS, np.tril(chance.uniform(0.5, 1.5, (18, 18))))
+        lost = chance.choice(np.arange(1, u.size - 1), 15, replace=False)
+        return u, model.simulate(u), np.delete(np.arange(u.size), lost)
+
+    @pytest.mark.parametrize("seed", [1000, 1001, 1002, 1003])
+    def test_a_row_that_hid_a_turn_no_longer_spoils_the_fit(self, seed):
+        u, y, kept = self.table(seed)
+        times = check_times(20.0 * kept)
+        log = Log(Record(times.t, u[kept], y[kept]), with_lost_rows(times, u[kept]))
+        assert "15 rows are missing at" in log.notes[-1]
+        assert "one row can hide a turn" in log.notes[-1]
+        assert "uneven" not in " ".join(log.notes)
+        record = log.with_known_memory()
+        assert np.isfinite(log.evenly_sampled().y).sum() <= kept.size
+        errors = []
+        for inputs, outputs in ((u[kept], y[kept]), (record.u, record.y)):
+            model = identify(inputs, outputs, levels=self.LEVELS).model
+            errors.append(np.sqrt(np.mean((model.simulate(u) - y) ** 2)) / np.ptp(y))
+        assert errors[1] < errors[0] / 2
+
+    def test_an_extreme_in_a_lost_row_follows_from_equal_steps(self):
+        u = np.array([0, 1, 2, 3, 4, 5, 4, 3, 2, 1, 0, 1, 2, 3, 4, 3, 2, 1, 0.0])
+        t = np.arange(19.0)
+        for lost, extreme in ((5, 5.0), (10, 0.0), (7, np.nan)):
+            kept = np.delete(np.arange(19), lost)
+            check = with_lost_rows(check_times(t[kept]), u[kept])
+            assert check.gaps.tolist() == [lost - 1]
+            found = bridged(check.t, u[kept], check.gaps)
+            assert found.known.all()
+            np.testing.assert_array_equal(found.u, [extreme])
+
+    def test_a_lost_row_among_levels_without_order_leaves_the_memory_unknown(self):
+        u = np.random.default_rng(1000).uniform(-1, 1, 60)
+        kept = np.delete(np.arange(60), 30)
+        check = with_lost_rows(check_times(20.0 * kept), u[kept])
+        assert check.gaps.tolist() == [29]
+        assert not bridged(check.t, u[kept], check.gaps).known.any()
+
+    @pytest.mark.parametrize(
+        "u",
+        [
+            np.sin(0.05 * np.arange(400)),
+            np.sin(0.3 * np.arange(400)),
+            np.repeat(np.linspace(0, 1, 20), 20) + 0.02 * np.random.default_rng(1).normal(size=400),
+            np.arange(400) / 400 + 0.003 * np.random.default_rng(1).normal(size=400),
+        ],
+    )
+    def test_single_samples_of_a_raw_log_may_be_lost(self, u):
+        kept = np.delete(np.arange(400), [50, 120, 300])
+        check = check_times(0.01 * kept)
+        assert with_lost_rows(check, u[kept]) is check

@@ -8,7 +8,7 @@ from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
-from minorloop.lab.records import Record
+from minorloop.lab.records import Record, Timing
 from minorloop.lab.run import check_plan, run
 from minorloop.lab.store import Setup, Store
 
@@ -198,3 +198,53 @@ def test_a_record_without_times_of_its_own_is_taken_at_its_word():
         hold.add(Record([17.0 + hold.held, 17.0 + hold.held + length], [0, 0], [1, 2]), length)
     assert (hold.timed, hold.uncertainty, hold.sample_interval) == (False, 0.0, 0.005)
     assert hold.trace[0][-1] == hold.held == 0.25 + 0.05
+
+
+class Lag:
+    """A lag of 0.3 s; the clock of its records runs on, or begins anew with each call."""
+
+    inputs = (Channel("voltage", "V", 0.0, 100.0),)
+    outputs = (Channel("tip", "mm"),)
+    tick = 0.01
+
+    def __init__(self, clock, timed=False):
+        self.clock, self.timed, self.time, self.output = clock, timed, 0.0, 0.0
+
+    def apply(self, u, duration, sample_interval):
+        count = max(1, round(duration / sample_interval))
+        t = np.arange(1, count + 1) * (duration / count)
+        y = 0.1 * u + (self.output - 0.1 * u) * np.exp(-t / 0.3)
+        self.output = y[-1]
+        began = {"anew": 0.0, "from zero": -duration / count, "runs on": self.time}[self.clock]
+        self.time += duration
+        timing = Timing(began, began + duration, 0.0) if self.timed else None
+        return Record(t + began, np.full(t.size, u), y, timing=timing)
+
+    def exchange(self, u):
+        return float(self.apply(u, self.tick, self.tick).y[-1])
+
+    def safe(self):
+        self.apply(0.0, self.tick, self.tick)
+
+
+@pytest.mark.parametrize(
+    ("clock", "timed"),
+    [("anew", False), ("from zero", False), ("runs on", False), ("anew", True), ("runs on", True)],
+)
+def test_times_that_begin_anew_with_each_call_are_joined(tmp_path, clock, timed):
+    plan = _plan(10.0, [0.0, 50.0, 100.0, 20.0])
+    points, traces = _measured(tmp_path / "a", Lag(clock, timed), plan)
+    np.testing.assert_allclose([p.value for p in points], [0.0, 5.0, 10.0, 2.0], atol=0.002)
+    assert {p.verdict for p in points} == {"settled"}
+    for point, (t, _) in zip(points, traces, strict=True):
+        assert (np.diff(t) > 0).all()
+        assert t[0] == pytest.approx(plan.sample_interval)
+        assert t[-1] == point.held
+    assert np.diff([p.t for p in points]) == pytest.approx([p.held for p in points[1:]])
+
+
+def test_single_times_that_begin_anew_are_joined_although_the_last_stretch_is_longer():
+    hold = Hold(_plan(1.0), 0)
+    for length in (0.2, 0.2, 0.3):
+        hold.add(Record([length], [0.0], [0.0]), length)
+    np.testing.assert_allclose(hold.trace[0], [0.2, 0.4, 0.7])

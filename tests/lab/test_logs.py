@@ -151,3 +151,11 @@ def test_the_input_of_another_logger_is_interpolated_at_the_times_of_the_output(
     path.write_text("time [s],u [V],y\n" + "\n".join(rows[::-1]) + "\n")
     with pytest.raises(RecordError, match="order of time: sort them"):
         read_log(path, input="u", output="y", time="time")
+
+
+def test_lost_rows_of_a_table_of_holds_are_found_in_a_file(file):
+    u = np.concatenate([np.arange(k % 2, 9 - k % 2) * (-1.0) ** k for k in range(6)])
+    kept = np.delete(np.arange(u.size), [8, 21])
+    log = read_log(write(file, 20.0 * kept, u[kept], u[kept]), input="u", output="y", time="time")
+    assert "2 rows are missing at 2 intervals of 2 or more times the usual 20 s" in log.notes[0]
+    assert log.bridges.after.tolist() == [7, 19]

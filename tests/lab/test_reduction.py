@@ -349,3 +349,11 @@ def test_readings_next_to_zero_are_no_steps_of_a_sensor():
     u = np.repeat([0.0, 1.0, 0.0], 40)
     y = np.tile([0.0, 1.0, 2.2e-311], 40)
     assert not any("whole steps" in note for note in reduce(Record(np.arange(120.0), u, y)).notes)
+
+
+def test_an_input_that_never_rests_is_refused_in_one_sentence_without_warnings():
+    """Warnings are errors here; holds of three samples are looked for, to name them."""
+    t = 0.01 * np.arange(2000)
+    u = np.sin(20 * t) * np.exp(-t / 20)
+    with pytest.raises(RecordError, match="where the input never rests, identify the record as it"):
+        reduce(Record(t, u, u))

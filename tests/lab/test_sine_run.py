@@ -6,6 +6,7 @@ from minorloop.errors import InstrumentError, LimitError, ParameterError, StoreE
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.plan import Plan
+from minorloop.lab.records import Record
 from minorloop.lab.sine_run import SLOW, check_sines, measured_sines, run_sines, sine_design
 from minorloop.lab.sines import SinePlan
 from minorloop.lab.store import Setup, Store
@@ -161,3 +162,30 @@ def test_a_store_of_holds_or_of_another_kind_of_actuator_is_refused(tmp_path):
     sines = created(tmp_path / "s.sqlite", strip())
     with sines, pytest.raises(StoreError, match="another kind of actuator"):
         run_sines(bench()[1], sines)
+
+
+@pytest.mark.parametrize("streamed", [False, True])
+def test_a_sine_without_readings_stays_open_and_is_measured_by_the_next_call(tmp_path, streamed):
+    if streamed:
+        plant, actuator = bench(tick=0.01)
+        read = actuator.exchange
+        actuator.exchange = lambda u: np.nan if len(plant.applied) > 300 else read(u)
+    else:
+        actuator = strip()
+        drive = actuator.drive
+
+        def lost(t, u):
+            record = drive(t, u)
+            y = np.where(record.t > 40.0, np.nan, record.y)
+            return Record(record.t, record.u, y, record.inputs, record.outputs)
+
+        actuator.drive = lost
+    with created(tmp_path / "a", actuator) as store:
+        with pytest.raises(InstrumentError, match=r"sine \d \(.* no reading in \d+ of the 40 samp"):
+            run_sines(actuator, store)
+        assert 0 < len(store) < len(PLAN)
+        assert np.isfinite([point.value for point in store.points()]).all()
+        del actuator.__dict__["exchange" if streamed else "drive"]
+        assert run_sines(actuator, store) in ("fresh", "restored")
+        assert store.finished
+        assert all(np.isfinite(y).all() for y in outputs(store))

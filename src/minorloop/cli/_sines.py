@@ -26,15 +26,21 @@ def begin(plant: Actuator, file: str, store: Path, setup: Setup, as_json: bool) 
     ------
     ParameterError
         If the actuator cannot carry out the plan.
+    SignalError
+        If no frequency has a sine at every amplitude, so that the run could not be evaluated.
     LimitError
         If an input is beyond the limits.
     """
+    from minorloop.identification.sine_response import at_every_amplitude
     from minorloop.lab.sine_run import check_sines, sine_design
     from minorloop.lab.sines import SinePlan
     from minorloop.lab.store import Store
 
     plan = SinePlan.from_csv(file)
+    left = at_every_amplitude([s.frequency for s in plan], [s.amplitude for s in plan])[1]
     check_sines(plant, plan)
+    if left:
+        typer.echo(f"note: when this run is evaluated, {left}", err=True)
     known = replace(setup, design=sine_design(plan, plant))
     with Store.create(store, plan.holds(), known) as opened:
         carry_out(plant, opened, as_json)

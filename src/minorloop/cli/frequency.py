@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from minorloop.modelfile import ModelFile
 
 NAME = "frequency"
+_HELD = "input held"
+"""Column that is 1 where the input of a row was held since the row before; 0 where it is linear."""
 EXAMPLE = "minorloop frequency sines.sqlite --model model.json --report bode.html"
 
 _Data = Annotated[
@@ -131,6 +133,7 @@ def _of_csv(
     periods: int,
 ) -> tuple[list[SinePeriods], tuple[str, str]]:
     from minorloop.identification.sine_response import logged_periods
+    from minorloop.lab.columns import read_headers
 
     input, output, time, frequency = columns
     if not os.path.exists(file):
@@ -141,9 +144,11 @@ def _of_csv(
     with _common.working(f"reading {file.name}") as now:
         record = _common.read_log(file, input, output, time, now, needed=True).record
         hertz = _common.read_column(file, frequency, "Hz")
+        held = _common.read_column(file, _HELD) if _HELD in read_headers(file) else None
     if not record.timed:
         raise ParameterError(f"{file} has no column of time; name it with --time")
-    sines = logged_periods(record.t, record.u, record.y, hertz, _operator(known), periods=periods)
+    log = record.t, record.u, record.y, hertz
+    sines = logged_periods(*log, _operator(known), periods=periods, held=held)
     return sines, (str(record.input), str(record.output))
 
 
@@ -210,10 +215,11 @@ def _write_samples(
         begin = end + 2 * sine.hold
         t = begin + sine.interval * np.arange(1, sine.count + 1)
         before = np.array([end + sine.hold / 2, begin])
-        rows.append((before, np.zeros(2), one.before, np.full(2, np.nan)))
-        rows.append((t, np.full(t.size, sine.frequency), one.u, one.y))
+        held = float(one.held)
+        rows.append((before, np.zeros(2), one.before, np.full(2, np.nan), np.full(2, held)))
+        rows.append((t, np.full(t.size, sine.frequency), one.u, one.y, np.full(t.size, held)))
         end = float(t[-1])
-    headers = ("time [s]", "frequency [Hz]", *names)
+    headers = ("time [s]", "frequency [Hz]", *names, _HELD)
     columns = map(np.concatenate, zip(*rows, strict=True))
     table = dict(zip(headers, columns, strict=True))
     _common.write_csv(path, table, force=force)

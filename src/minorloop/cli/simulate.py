@@ -113,9 +113,10 @@ def _across_gaps(
     """
     from numpy import arange, delete, nan, where
 
-    from minorloop.lab.gaps import bridged, known_memory
+    from minorloop.lab.gaps import bridged, known_memory, with_lost_rows
     from minorloop.operators.polynomial import Polynomial
 
+    check = None if check is None else with_lost_rows(check, u)
     if check is None or not check.gaps.size or isinstance(known.operator, Polynomial):
         notes = [] if check is None else list(check.notes)
         return _simulated(known, times, u, start), notes

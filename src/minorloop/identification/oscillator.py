@@ -18,7 +18,7 @@ from minorloop.dynamics.oscillator import Oscillator
 from minorloop.dynamics.sampling import Interpolation, Stage, checked_stages, even_interval
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.levenberg_marquardt import Minimum
-from minorloop.identification.oscillator_result import OscillatorIdentification, TriedLaw
+from minorloop.identification.oscillator_result import OscillatorIdentification, TriedLevels
 from minorloop.identification.simulation_error import (
     OscillatorRecord,
     fit,
@@ -215,7 +215,7 @@ def _unknown(record: OscillatorRecord) -> OscillatorIdentification:
     assert model is not None
     model = fit_tied(record, model, _all_free(model))
     best: tuple[Oscillator, Minimum] | None = None
-    tried: list[TriedLaw] = []
+    tried: list[TriedLevels] = []
     for count in _LEVELS:
         if model is None or _too_many(record, model, count):
             break
@@ -225,7 +225,7 @@ def _unknown(record: OscillatorRecord) -> OscillatorIdentification:
         if found is None:
             break
         model = found[0]
-        tried.append(TriedLaw.of(count, found[1]))
+        tried.append(TriedLevels.of(count, found[1]))
         if best is None or tried[-1].criterion <= min(one.criterion for one in tried):
             best = found
         least = min(range(len(tried)), key=lambda k: tried[k].criterion)
@@ -304,6 +304,6 @@ def _result(
     model: Oscillator,
     found: Minimum,
     free: BoolArray,
-    tried: tuple[TriedLaw, ...] = (),
+    tried: tuple[TriedLevels, ...] = (),
 ) -> OscillatorIdentification:
     return OscillatorIdentification(model, record, found, free, tried)

@@ -27,7 +27,7 @@ _UNCERTAIN = 0.5
 
 
 @dataclass(frozen=True)
-class TriedLaw:
+class TriedLevels:
     """A number of levels of an unknown law that was compared.
 
     Parameters
@@ -45,7 +45,7 @@ class TriedLaw:
     criterion: float
 
     @classmethod
-    def of(cls, levels: int, found: Minimum) -> TriedLaw:
+    def of(cls, levels: int, found: Minimum) -> TriedLevels:
         """Return the comparison of a fit."""
         count, parameters = found.jacobian.shape
         square = float(np.mean(found.residuals**2))
@@ -67,7 +67,7 @@ class OscillatorIdentification(NotebookView):
         How the search ended.
     free : (P,) array of bool
         Parameters that were fitted.
-    tried : tuple of TriedLaw
+    tried : tuple of TriedLevels
         Numbers of levels that were compared for an unknown law.
     """
 
@@ -75,7 +75,7 @@ class OscillatorIdentification(NotebookView):
     record: OscillatorRecord
     minimum: Minimum
     free: BoolArray
-    tried: tuple[TriedLaw, ...] = ()
+    tried: tuple[TriedLevels, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

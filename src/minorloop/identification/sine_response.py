@@ -27,7 +27,13 @@ from minorloop.operators.operator import Operator
 if TYPE_CHECKING:
     from minorloop.lab.sine_run import MeasuredSine
 
-__all__ = ["SinePeriods", "logged_periods", "measured_periods", "sine_response"]
+__all__ = [
+    "SinePeriods",
+    "at_every_amplitude",
+    "logged_periods",
+    "measured_periods",
+    "sine_response",
+]
 
 FEWEST_SAMPLES = 20
 """Least samples of a period in a log."""
@@ -35,6 +41,8 @@ _NOTHING = 1e-9
 """Share of the output below which its fundamental is rounding."""
 _MOST_SAMPLES = 4096
 """Most samples of a period to which a log is interpolated."""
+_ROUNDING = 1e-3
+"""Share of an interval by which times of a log may be rounded."""
 _SAME_AMPLITUDE = 1.05
 """Amplitudes of a log whose ratio is below this count as one."""
 
@@ -138,6 +146,7 @@ def logged_periods(
     operator: Operator | None = None,
     *,
     periods: int = 2,
+    held: Any = None,
 ) -> list[SinePeriods]:
     """Return the last whole periods of each sine in a log.
 
@@ -156,6 +165,9 @@ def logged_periods(
         Model of the hysteresis.
     periods : int
         Periods to use at the end of each sine, 2 at least.
+    held : (T,) array_like of bool, optional
+        Whether the input of a row was held since the row before, until its output was read, as a
+        bench does; linear in between if not given.
 
     Raises
     ------
@@ -168,6 +180,9 @@ def logged_periods(
     hertz = as_samples(frequency, name="frequency")
     if inputs.shape != times.shape or hertz.shape != times.shape:
         raise SignalError("time, input, output and frequency differ in length; give one row each")
+    holds = np.zeros(times.size) if held is None else as_samples(held, name="held")
+    if holds.shape != times.shape or not np.isin(holds, (0, 1)).all():
+        raise SignalError("held must have one row for each time, 1 where the input is held or 0")
     if periods < 2:
         raise ParameterError(f"periods is {periods}; give at least 2")
     edges = np.flatnonzero(np.diff(hertz)) + 1
@@ -183,12 +198,51 @@ def logged_periods(
             rows = slice(first, end)
             tail = None if w is None else w[first - since :]
             log = times[rows], inputs[rows], outputs[rows], tail
-            found.append(_last_periods(log, float(hertz[first]), periods, len(found) + 1))
+            stepped = bool(holds[rows].all())
+            found.append(_last_periods(log, float(hertz[first]), periods, len(found) + 1, stepped))
             # Without rows before the next sine, this one drives its memory.
             since = end if end < hertz.size and hertz[end] <= 0 else since
     if not found:
         raise SignalError("the log has no row with a positive frequency; there is no sine in it")
     return found
+
+
+def at_every_amplitude(
+    frequencies: Sequence[float], amplitudes: Sequence[float]
+) -> tuple[list[float], str]:
+    """Return the frequencies that sines have at every amplitude, and a note about the others.
+
+    Parameters
+    ----------
+    frequencies, amplitudes : (N,) sequence of float
+        Frequency in Hz and amplitude of each sine.
+
+    Returns
+    -------
+    frequencies : list of float
+        In increasing order.
+    note : str
+        Which are left out; empty if none.
+
+    Raises
+    ------
+    SignalError
+        If there is no such frequency.
+    """
+    levels, place = _grouped(amplitudes)
+    known = set(zip(place, frequencies, strict=True))
+    every = sorted(set(frequencies))
+    complete = [f for f in every if all((i, f) in known for i in range(len(levels)))]
+    if not complete:
+        shown = ", ".join(f"{level:g}" for level in levels[:4])
+        more = ", ..." if len(levels) > 4 else ""
+        raise SignalError(
+            f"no frequency is measured at all of the {len(levels)} amplitudes ({shown}{more}), so "
+            "that no gains can be compared; give each frequency the same amplitudes, or make a run "
+            "of its own for each amplitude"
+        )
+    left = ", ".join(f"{f:g}" for f in every if f not in complete)
+    return complete, f"{left} Hz left out: not measured at every amplitude" if left else ""
 
 
 def sine_response(sines: Sequence[SinePeriods]) -> tuple[FrequencyResponse, list[str]]:
@@ -207,18 +261,11 @@ def sine_response(sines: Sequence[SinePeriods]) -> tuple[FrequencyResponse, list
     if not sines:
         raise SignalError("no sine is finished yet; resume the run first")
     amplitudes, place = _grouped([sine.amplitude for sine in sines])
-    frequencies = sorted({sine.frequency for sine in sines})
     table = {(place[k], sine.frequency): sine for k, sine in enumerate(sines)}
-    complete = [f for f in frequencies if all((i, f) in table for i in range(len(amplitudes)))]
-    if not complete:
-        raise SignalError(
-            f"no frequency was measured at all of the {len(amplitudes)} amplitudes; "
-            "measure each frequency at the same amplitudes"
-        )
-    notes = []
-    if len(complete) < len(frequencies):
-        left = ", ".join(f"{f:g}" for f in frequencies if f not in complete)
-        notes.append(f"{left} Hz left out: not measured at every amplitude")
+    complete, left = at_every_amplitude(
+        [sine.frequency for sine in sines], [sine.amplitude for sine in sines]
+    )
+    notes = [left] if left else []
     offsets = [sine.offset for sine in sines]
     if np.ptp(offsets) > 0.05 * max(amplitudes):
         notes.append(
@@ -244,8 +291,9 @@ def _last_periods(
     frequency: float,
     periods: int,
     number: int,
+    held: bool,
 ) -> SinePeriods:
-    """Return the last periods of a sine, interpolated at evenly spaced times."""
+    """Return the last periods of a sine at evenly spaced times; held inputs stay held."""
     t, u, y, w = log
     step = float(np.median(np.diff(t))) if t.size > 1 else np.inf
     known = (float(t[-1] - t[0]) + min(step, 1 / frequency)) * frequency
@@ -260,14 +308,21 @@ def _last_periods(
             f"{named} has {1 / (step * frequency):.3g} samples in a period; give at least "
             f"{FEWEST_SAMPLES}"
         )
-    samples = min(round(1 / (step * frequency)), _MOST_SAMPLES)
+    samples = round(1 / (step * frequency))
+    if not held:  # fewer samples would be held for longer
+        samples = min(samples, _MOST_SAMPLES)
     places = t[-1] - np.arange(periods * samples)[::-1] / (samples * frequency)
     if np.isnan(y[t >= places[0]]).any():
         raise SignalError(f"{named} has gaps in its last {periods} periods; record it again")
-    even_u, even_y = np.interp(places, t, u), np.interp(places, t, y)
-    even_w = None if w is None else np.interp(places, t, w)
+    ends = np.searchsorted(t, places - _ROUNDING * step)  # rows at the ends of the holds
+
+    def even(x: FloatArray) -> FloatArray:
+        return np.asarray(x[ends] if held else np.interp(places, t, x))
+
+    even_u, even_w = even(u), None if w is None else even(w)
     swing = abs(fundamental_of_sine(even_u, periods))
-    return SinePeriods(frequency, swing, float(even_u.mean()), periods, even_u, even_y, even_w)
+    about = frequency, swing, float(even_u.mean()), periods
+    return SinePeriods(*about, even_u, np.interp(places, t, y), even_w, held)
 
 
 def _grouped(values: Sequence[float]) -> tuple[list[float], list[int]]:

@@ -136,9 +136,12 @@ class Actuator(Protocol):
         Returns
         -------
         Record
-            Its times are those at which the output was read. A plant whose exchanges take time
-            says in ``timing`` when the hold really began and ended; without it, the hold counts as
-            exactly ``duration`` long.
+            Its times are those at which the output was read, never going back. They may run on
+            from call to call, or begin anew with each call: a call whose times begin before the
+            last time of the call before it is taken to follow its end. `run` holds a level in
+            several calls. A plant whose exchanges take time says in ``timing`` when the hold
+            really began and ended; without it, the hold counts as exactly ``duration`` long, with
+            the last sample at its end.
 
         Raises
         ------

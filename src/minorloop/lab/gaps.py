@@ -7,17 +7,19 @@ gap of the same length is made, and the estimates are compared with what was rec
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.errors import are, counted
 from minorloop.lab.holds import turning_points
 from minorloop.lab.noise import noise_of
+from minorloop.lab.timebase import GAP, UNEVEN, TimeCheck
 
-__all__ = ["Bridges", "between", "bridged", "known_memory"]
+__all__ = ["Bridges", "between", "bridged", "known_memory", "with_lost_rows"]
 
 UNKNOWN = 0.005
 """Share of the Preisach plane whose state may be unknown after a gap."""
@@ -40,7 +42,16 @@ _MARGIN = 2.0
 _MISFIT = 0.01
 """Share of the change of the input beside a gap by which parabolas may miss it without trials: on
 a sine, that of a gap of a tenth of the period. A longer one may hide several turns."""
-
+_CORNERS = 0.5
+"""Share of the usual change from row to row by which an input that steps also changes beside most
+of its turns, and least change where all are alike; a sine with more than nine samples in a period
+changes less at its turns."""
+_LARGE = 0.1
+"""Share of the range from which changes are steps although they differ; noise is less."""
+_BESIDE = 5
+"""Changes on each side of a lost row that show by how much the input steps there."""
+_MOST_LOST = 0.2
+"""Largest share of intervals with lost rows; with more, the hold times of a plan may differ."""
 
 _CUBIC, _CORNER = 0, 1
 """Two estimates of an extreme: of a cubic with the slopes beside the gap, and where these meet."""
@@ -124,6 +135,47 @@ def known_memory(
     return np.asarray(2 * unknown <= UNKNOWN * span**2)
 
 
+def with_lost_rows(check: TimeCheck, u: npt.ArrayLike) -> TimeCheck:
+    """Return the times with gaps where rows are lost of a table that has one row for each hold.
+
+    In a record of a moving input a short gap hides nothing. In a table whose input steps from row
+    to row, one lost row can hide a turn. A row is lost where an interval is a whole number of times
+    the usual one, and the input steps if it changes beside its turns as elsewhere, by enough to
+    matter to the memory. Other times are returned as they are.
+
+    Parameters
+    ----------
+    check : TimeCheck
+        The times.
+    u : (T,) array_like
+        Inputs.
+    """
+    inputs, steps = np.asarray(u, np.float64), np.diff(check.t) / check.interval
+    whole = np.round(steps)
+    off = np.abs(steps - whole) > UNEVEN
+    lost = np.flatnonzero((whole > 1) & (whole <= GAP) & ~off)
+    uneven = np.setdiff1d(np.flatnonzero(off | (whole == 0)), check.breaks)
+    if not 0 < lost.size <= _MOST_LOST * steps.size or uneven.size > lost.size:
+        return check
+    if not _in_steps(inputs):
+        return check
+    longest = int(lost[np.argmax(steps[lost])])
+    rows = int(whole[lost].sum()) - lost.size
+    said = (
+        f"{counted(rows, 'row')} {are(rows)} missing at {counted(lost.size, 'interval')} of 2 or "
+        f"more times the usual {check.interval:.4g} s, the longest {whole[longest]:.0f} times "
+        f"after sample {longest}; the input steps from row to row, so that one row can hide a turn"
+    )
+    share = uneven.size / max(steps.size - lost.size, 1)
+    return replace(
+        check,
+        gaps=np.union1d(check.gaps, lost),
+        uneven=share,
+        of_breaks=(*check.of_breaks, said),
+        of_steps=check.of_steps if share > 0.01 else (),
+    )
+
+
 def bridged(t: npt.ArrayLike, u: npt.ArrayLike, gaps: npt.ArrayLike) -> Bridges:
     """Find out for each gap whether the input crosses it one way, or turns in it, and where.
 
@@ -133,6 +185,10 @@ def bridged(t: npt.ArrayLike, u: npt.ArrayLike, gaps: npt.ArrayLike) -> Bridges:
     better at recorded turns. Without those, the input counts as concave or convex: the extreme
     lies between the samples beside the gap and the crossing of the tangents. No gap is bridged
     where noise hides reversals that change more than 0.5 % of the Preisach plane.
+
+    An input that steps from row to row crosses a gap one way if it moved by more than the changes
+    beside the gap allow with a step back. If one row is missing between a rise and a fall, its
+    input is where both of its changes are as those beside the gap.
 
     Parameters
     ----------
@@ -146,16 +202,23 @@ def bridged(t: npt.ArrayLike, u: npt.ArrayLike, gaps: npt.ArrayLike) -> Bridges:
     known = np.zeros(places.size, dtype=np.bool_)
     when, extreme, doubt = np.full((3, places.size), np.nan)
     least, span = _SURE * _noise(inputs), float(np.ptp(inputs))
-    if places.size and least**2 <= UNKNOWN * span**2:
-        for k, place in enumerate(places.tolist()):
-            known[k] = _one_way(times, inputs, place, least)
-        if not known.all():
-            record = _Recorded(times, inputs, places, least)
-            for k in np.flatnonzero(~known).tolist():
-                found = record.turn(int(places[k]))
-                if found is not None:
-                    known[k] = True
-                    when[k], extreme[k], doubt[k] = found
+    rows = places[:0]
+    if places.size and _in_steps(np.delete(inputs, places)):
+        rows = places[np.diff(times)[places] <= (GAP + UNEVEN) * np.median(np.diff(times))]
+    record = None
+    for k, place in enumerate(places.tolist()):
+        if place in rows:
+            found = _stepped(times, inputs, places, place)
+        elif least**2 > UNKNOWN * span**2:
+            continue
+        elif _one_way(times, inputs, place, least):
+            found = np.nan, np.nan, np.nan
+        else:
+            record = record or _Recorded(times, inputs, places, least)
+            found = record.turn(place)
+        if found is not None:
+            known[k] = True
+            when[k], extreme[k], doubt[k] = found
     return Bridges(places, known, when, extreme, doubt)
 
 
@@ -185,6 +248,52 @@ def between(t: FloatArray, u: FloatArray, wanted: FloatArray, bridges: Bridges) 
         apart = np.concatenate([[True], np.diff(times) > 0])
         values[inside] = PchipInterpolator(times[apart], inputs[apart])(wanted[inside])
     return values
+
+
+def _in_steps(u: FloatArray) -> bool:
+    """Whether an input steps from row to row, by more than a gap may leave unknown."""
+    if u.size < _FEWEST:
+        return False
+    span, changes = float(np.ptp(u)), np.abs(np.diff(u))
+    usual = float(np.median(changes))
+    alike = np.quantile(changes, 0.1) >= _CORNERS * usual or usual >= _LARGE * span
+    if 2 * usual <= UNKNOWN * span or not alike:
+        return False
+    turns = turning_points(u, 1e-9 * span)
+    turns = turns[(turns > 0) & (turns < u.size - 1)]
+    beside = np.minimum(changes[turns - 1], changes[turns])
+    return bool(turns.size and np.median(beside) >= _CORNERS * usual)
+
+
+def _stepped(
+    t: FloatArray, u: FloatArray, gaps: IntArray, last: int
+) -> tuple[float, float, float] | None:
+    """Return time, value and doubt of the extreme after a sample of an input that steps.
+
+    All are NaN where it goes one way; None if it may have done anything.
+    """
+    near = np.setdiff1d(np.arange(last - _BESIDE, last + _BESIDE + 1), gaps)
+    near = near[(near >= 0) & (near < u.size - 1)]
+    before, after = near[near < last], near[near > last]
+    if before.size < 2 or after.size < 2:
+        return None
+    changes = np.abs(np.diff(u)[near])
+    least, most = float(changes.min()), float(changes.max())
+    count = round(float((t[last + 1] - t[last]) / np.median(np.diff(t))))
+    moved = float(u[last + 1] - u[last])
+    slack = 1e-9 * most
+    if abs(moved) > (count - 1) * most - least + slack:
+        return np.nan, np.nan, np.nan
+    way = np.sign(u[last] - u[last - 1])
+    if count != 2 or least < _CORNERS * most or way != np.sign(u[last + 1] - u[last + 2]):
+        return None
+    ends = way * u[last], way * u[last + 1]
+    low, high = max(ends) + least, min(ends) + most
+    if low > high + slack:
+        return None
+    middle = float(t[last] + t[last + 1]) / 2
+    doubt = float(high - low) / 2
+    return middle, float(way * (low + high) / 2), doubt if doubt > slack else 0.0
 
 
 def _noise(u: FloatArray) -> float:

@@ -20,7 +20,8 @@ class Hold:
     """A level that is held in stretches; the output is judged after each.
 
     Times are those of the records of the stretches; a record without ``timing`` counts as exactly
-    as long as was asked for.
+    as long as was asked for. The clock of the records may run on from one stretch to the next, or
+    begin anew with each; then a stretch follows the end of the one before.
 
     Parameters
     ----------
@@ -40,6 +41,7 @@ class Hold:
     def __init__(self, plan: Plan, index: int, answer: float = 0.0) -> None:
         self._plan, self._index, self._answer = plan, index, answer
         self._records: list[Record] = []
+        self._offsets: list[float] = []  # added to the times of a record: one clock for all
         self._left = float(plan.longest[index])
         self.held = 0.0
 
@@ -69,6 +71,7 @@ class Hold:
             How long it was asked to hold, in seconds.
         """
         before = self.held
+        self._offsets.append(self._offset(record, length))
         self._records.append(record)
         if self.timed:
             self.held = self.ended - self.began
@@ -88,7 +91,8 @@ class Hold:
     def ended(self) -> float:
         """When the latest stretch ended, by the clock of the actuator, in seconds."""
         timing = self._records[-1].timing
-        return float(self._records[-1].t[-1]) if timing is None else timing.ended
+        ended = float(self._records[-1].t[-1]) if timing is None else timing.ended
+        return ended + self._offsets[-1]
 
     @property
     def latest(self) -> float:
@@ -98,7 +102,8 @@ class Hold:
     @property
     def trace(self) -> tuple[FloatArray, FloatArray]:
         """Times since the level was applied, and outputs; (T,) each."""
-        t = np.concatenate([record.t for record in self._records])
+        parts = zip(self._records, self._offsets, strict=True)
+        t = np.concatenate([record.t + offset for record, offset in parts])
         y = np.concatenate([record.y for record in self._records])
         if self.timed:
             return t - self.began, y
@@ -122,3 +127,18 @@ class Hold:
     def timed(self) -> bool:
         """Whether the actuator measures when a hold begins and ends."""
         return bool(self._records) and all(record.timing for record in self._records)
+
+    def _offset(self, record: Record, length: float) -> float:
+        """Return what joins the times of a stretch to those before, in seconds."""
+        if not self._records:
+            return 0.0
+        last, offset = self._records[-1], self._offsets[-1]
+        first, end, before = float(record.t[0]), float(record.t[-1]), float(last.t[-1])
+        if record.timing and last.timing:
+            if first >= before:
+                return offset
+            return last.timing.ended + offset - record.timing.began
+        # A single time after those before may still be one of a clock that begins anew.
+        if first >= before and abs(end - before - length) <= abs(end - length):
+            return offset
+        return before + offset + max(length - end, -first)

@@ -268,8 +268,10 @@ def _rise(values: FloatArray) -> float:
 
 
 def _bow(values: FloatArray) -> float:
-    """Return by how much the middle half of the values is above the others on average."""
-    quarter = values.size // 4
+    """Return by how much the middle half of the values is above the others; 0 for two values."""
+    if values.size < 3:
+        return 0.0
+    quarter = max(values.size // 4, 1)
     middle = values[quarter : values.size - quarter].mean()
     return float(middle - (values[:quarter].mean() + values[values.size - quarter :].mean()) / 2)
 

@@ -20,13 +20,14 @@ from minorloop.lab.columns import (
     read_table,
     with_unit,
 )
-from minorloop.lab.gaps import Bridges, between, bridged, known_memory
+from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
 from minorloop.lab.records import SAMPLE, Quantity, Record
 from minorloop.lab.sheets import is_sheet, read_sheet
 from minorloop.lab.text_tables import LATIN, encoding_of
 from minorloop.lab.timebase import (
     GAP,
     SECONDS,
+    UNEVEN,
     TimeCheck,
     check_times,
     delayed,
@@ -192,10 +193,9 @@ class Log:
         duration = float(record.t[-1] - record.t[0])
         if duration > _MOST_NEW * len(record) * check.interval:
             return self.with_known_memory()
-        longest = GAP * check.interval
         y = np.where(self._known, record.y, np.nan)
         measured = np.count_nonzero(np.isfinite(y))
-        t, u, y = resample(record.t, record.u, y, check.interval, gap=longest)
+        t, u, y = resample(record.t, record.u, y, check.interval, gap=_between_samples(check))
         if 2 * np.count_nonzero(np.isfinite(y)) < measured:  # read at single samples
             return self.with_known_memory()
         smooth = between(record.t, record.u, t, self.bridges)
@@ -215,7 +215,7 @@ class Log:
                 f"the lag is {lag:g} s and the record has no time; name its column, or give the "
                 "lag in rows"
             )
-        y = delayed(record.t, record.y, lag, gap=GAP * check.interval)
+        y = delayed(record.t, record.y, lag, gap=_between_samples(check))
         return _replaced(record, record.t, record.u, y)
 
 
@@ -296,6 +296,7 @@ def read_log(
         t = np.arange(u.size, dtype=np.float64)
         return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise, said)
     clock, check = _checked(columns[time], names[2])
+    check = with_lost_rows(check, u)
     return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise, said)
 
 
@@ -371,6 +372,12 @@ def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:
     if clock.unit == "" and t.size and t[0] > _DATE:
         t = t - t[0]
     return Quantity(clock.name, "s"), check_times(t, name=f"column '{clock}'", unit=clock.unit)
+
+
+def _between_samples(check: TimeCheck) -> float:
+    """Return the longest step across which an output may be interpolated, in seconds."""
+    shortest = float(np.diff(check.t)[check.gaps].min(initial=np.inf))
+    return min(GAP * check.interval, (1 - UNEVEN) * shortest)
 
 
 def _gaps(some: int, count: int) -> str:

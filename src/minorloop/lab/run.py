@@ -282,7 +282,8 @@ def _measure_rest(
             store.set_enough()
             continue
         hold, tolerance = _hold(actuator, store.plan, level, points, watch)
-        gap = hold.began - ended if hold.timed and ended is not None else 0.0
+        # A clock that begins anew with each call does not say how long that took.
+        gap = max(hold.began - ended, 0.0) if hold.timed and ended is not None else 0.0
         ended = hold.ended if hold.timed else None
         points.append(_stored_point(actuator, store, level, hold, tolerance, points, gap))
         point = points[-1]

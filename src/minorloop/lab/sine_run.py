@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import LimitError, ParameterError, StoreError
+from minorloop.errors import InstrumentError, LimitError, ParameterError, StoreError
 from minorloop.lab.actuator import Actuator, Rounding, check_input
 from minorloop.lab.records import Record
 from minorloop.lab.run import (
@@ -176,6 +176,9 @@ def run_sines(
         If an input is beyond the limits; nothing is applied then.
     StoreError
         If the store has no sines, was measured on another bench, or cannot be written.
+    InstrumentError
+        If a sine has no reading somewhere in its measured periods; it stays open, and the sines
+        before it are kept.
     SafetyError
         If the actuator does not confirm at the end that it is safe; the sines are kept.
     """
@@ -264,10 +267,18 @@ def _keep(
         if before.timing and after.timing:
             took = after.timing.began - before.timing.ended
     held = 2 * sine.hold + took
+    measured = y[-sine.measured * sine.samples :]
+    lost = int(np.count_nonzero(~np.isfinite(measured)))
+    if lost:
+        raise InstrumentError(
+            f"sine {index + 1} ({sine.frequency:g} Hz, amplitude {sine.amplitude:g}) has no "
+            f"reading in {lost} of the {measured.size} samples of its measured periods, and every "
+            "one is needed; check the sensor"
+        )
     point = Point(
         index=index,
         input=sine.offset,
-        value=float(np.mean(y[-sine.measured * sine.samples :])),
+        value=float(np.mean(measured)),
         sd=math.nan,
         verdict="settled",
         t=began + held,

@@ -69,6 +69,7 @@ def test_the_truth_is_private():
         "leds",
         "look",
         "move",
+        "repaint",
         "sensor",
         "switch",
     }

@@ -44,7 +44,7 @@ from minorloop.head.studies.head_ramps import (
 )
 from minorloop.head.studies.head_static import CURRENT, HOLD, Static, run_static
 from minorloop.head.studies.scoring import truth
-from minorloop.head.studies.sight import SIGHT_CLAIMS, Sight, gather_sight, run_sight
+from minorloop.head.studies.sight import SIGHT_CLAIMS, SightStudy, gather_sight, run_sight
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.sensor import Fault
 from minorloop.head.twins.surroundings import Cooling, Course, Surroundings
@@ -231,7 +231,7 @@ class HeadStudy:
     plan: tuple[PlannedPowers, PlannedPowers]
     planned: FloatArray
     delay_edges: tuple[float, float]
-    sight: Sight
+    sight: SightStudy
     camera: CameraStudy
     seconds: float
 

@@ -70,7 +70,7 @@ SIGHT_CLAIMS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class SightStudy:
     """Results of one specimen."""
 
     followed: tuple[Followed, ...]
@@ -79,7 +79,7 @@ class Sight:
     touches: tuple[Touch, ...]
 
 
-def run_sight(seed: int, control: HeadControl) -> Sight:
+def run_sight(seed: int, control: HeadControl) -> SightStudy:
     """Track, pick, insert and touch with one specimen.
 
     Parameters
@@ -88,7 +88,7 @@ def run_sight(seed: int, control: HeadControl) -> Sight:
     control : HeadControl
         Of the head of this seed.
     """
-    return Sight(
+    return SightStudy(
         followed=tuple(run_tracking(seed)),
         pick=run_pick(Scene(seed)),
         insertion=run_insertion(seed, control),
@@ -96,7 +96,7 @@ def run_sight(seed: int, control: HeadControl) -> Sight:
     )
 
 
-def gather_sight(found: Sequence[Sight]) -> dict[str, Any]:
+def gather_sight(found: Sequence[SightStudy]) -> dict[str, Any]:
     """Return the figures over all points, pictures and touches of several specimens."""
     return {
         "tracking": tracking_figures([one for each in found for one in each.followed]),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.head.studies.sight import Sight
+from minorloop.head.studies.sight import SightStudy
 from minorloop.head.studies.sight_trials import CLICK, Insertion
 from minorloop.head.studies.touch_trials import Touch
 from minorloop.head.studies.tracking_trials import WALLS, Followed, tracking_figures
@@ -21,13 +21,13 @@ _CROP = 70
 """Half the side of the pictures of a mark, in pixels of 640."""
 
 
-def add_sight(report: Report, sight: Sight, figures: Mapping[str, Any]) -> None:
+def add_sight(report: Report, sight: SightStudy, figures: Mapping[str, Any]) -> None:
     """Add sections on Fig 14, tracking, picking and touching.
 
     Parameters
     ----------
     report : Report
-    sight : Sight
+    sight : SightStudy
         Of the specimen that is drawn.
     figures : mapping
         Over all specimens.

@@ -68,7 +68,7 @@ class Picked:
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class MarkedFrame:
     """A picture, the pixel (2,) where the hole is marked or NaN, and the true one (2,)."""
 
     image: npt.NDArray[np.uint8]
@@ -82,7 +82,7 @@ class Insertion:
 
     Parameters
     ----------
-    inserted, turned : tuple of Shot
+    inserted, turned : tuple of MarkedFrame
     told_apart : int
         Pictures of the insertion in which the strongest finding is the hole.
     reflections : int
@@ -92,8 +92,8 @@ class Insertion:
     tracked : (T,) array of bool
     """
 
-    inserted: tuple[Shot, ...]
-    turned: tuple[Shot, ...]
+    inserted: tuple[MarkedFrame, ...]
+    turned: tuple[MarkedFrame, ...]
     told_apart: int
     reflections: int
     error: FloatArray
@@ -193,19 +193,19 @@ def run_insertion(seed: int, control: HeadControl) -> Insertion:
             marked = np.asarray(camera.pixel(found, *reading.angles.tolist()))
             told += bool(wall_distance(found, (hole.phi, hole.z), radius) < SAME)
         reflections += sum(bool(wall_distance(h.place, glint, radius) < SAME) for h in holes)
-        inserted.append(Shot(reading.image, marked, true))
+        inserted.append(MarkedFrame(reading.image, marked, true))
     turned, error, tracked = _turned(rig, tip, hole, found, reading.angles)
     return Insertion(tuple(inserted), turned, told, reflections, error, tracked)
 
 
 def _turned(
     rig: InspectionRig, tip: SimulatedTip, hole: Bore, found: FloatArray, aim: FloatArray
-) -> tuple[tuple[Shot, ...], FloatArray, BoolArray]:
+) -> tuple[tuple[MarkedFrame, ...], FloatArray, BoolArray]:
     """Track what was found while the head turns with that of the operator."""
     centring = Centring(calibration=rig.calibration, still=math.inf, patience=ATTITUDE_SECONDS)
     errors: list[float] = []
     seen: list[bool] = []
-    shots: list[Shot] = []
+    shots: list[MarkedFrame] = []
     before = scoring.true_pixel(tip.camera, hole.phi, hole.z)
 
     def watch(state: CentreState) -> None:
@@ -218,7 +218,7 @@ def _turned(
         errors.append(0.5 * math.dist(then, state.shown))
         share = len(seen) * _TICK / ATTITUDE_SECONDS
         if len(shots) < len(SNAPSHOTS) and share > SNAPSHOTS[len(shots)]:
-            shots.append(Shot(state.track.before, state.shown, then))
+            shots.append(MarkedFrame(state.track.before, state.shown, then))
 
     reading = rig.reading(Request(frame=True))
     assert reading.image is not None
