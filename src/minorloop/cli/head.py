@@ -211,8 +211,8 @@ def inspect(
         Path,
         typer.Option(
             show_default=False,
-            help="New or empty folder for journal.jsonl, findings.csv, findings.json, report.html "
-            "and pictures.",
+            help="New or empty folder for journal.jsonl, findings.csv, unconfirmed.csv, "
+            "findings.json, report.html and pictures.",
         ),
     ],
     advances: Annotated[
