@@ -324,9 +324,14 @@ def inspected(monkeypatch):
     from minorloop.head.reconstruction.findings import outlined
 
     save_head(HeadFile(serial="H-07"), "head.json")
-    state = SimpleNamespace(safe=False, travels=False, then=lambda: None)
+    state = SimpleNamespace(safe=False, travels=False, then=lambda: None, first=[], nothing=False)
 
     def views(rig, advances):
+        yield from state.first
+        if state.nothing:
+            return
+        state.told(rig_module.LogEntry(1.0, "pick", "phi -80 deg"))
+        state.told(rig_module.LogEntry(1.0, "centre", "1.0 px from the middle"))
         state.told(rig_module.LogEntry(1.0, "hole 1", "1.02 mm wide"))
         square = 100.0 + np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]])
         shown = PictureFinding(
@@ -368,9 +373,10 @@ def test_an_inspection_without_an_operator_writes_findings_pictures_and_a_report
         tables.append(Path("found/findings.csv").read_text())
 
     kinds, tables, inspected.then = [], [], look
-    status, out, _ = run(f"{INSPECT} --json")
+    status, out, shown = run(f"{INSPECT} --json")
     assert (status, inspected.safe) == (0, True)
-    assert kinds == ["begin", "step", "view"]
+    assert shown.splitlines() == ["pick: phi -80 deg", "hole 1: 1.02 mm wide"]
+    assert kinds == ["begin", *["step"] * 3, "view"]
     assert tables[0].splitlines()[1].startswith("1,hole or pit,no probe,-80.2141")
     printed = json.loads(out)
     assert printed == json.loads(Path("found/findings.json").read_text())
@@ -383,6 +389,67 @@ def test_an_inspection_without_an_operator_writes_findings_pictures_and_a_report
     assert "1 finding in 1 view; finished; no depth without a probe; the head is safe" in page
     assert (journal()[-1]["what"], journal()[-1]["why"]) == ("end", "finished")
     assert "is not empty" in run(INSPECT)[2]
+
+
+def looked_round(verdict="good", **more):
+    from minorloop.head.procedures.inspection import InspectedView
+    from minorloop.head.procedures.pictures import InspectedPicture
+
+    picture = InspectedPicture(name="view 1", t=0.0, verdict=verdict)
+    image = np.zeros((240, 320), np.uint8)
+    return InspectedView(picture=picture, image=image, angles=(0.1, 0.2), place=(0.0, 0.0), **more)
+
+
+def test_what_was_not_confirmed_is_in_the_summary_the_files_and_the_report(run, inspected):
+    from minorloop.head.procedures.inspection import Unconfirmed
+
+    def look():
+        tables.append(Path("found/unconfirmed.csv").read_text().splitlines())
+
+    lost = Unconfirmed(
+        kind="hole or pit",
+        phi=2.6,
+        z=21e-3,
+        evidence=2.64,
+        seen_in=("view 5", "view 6"),
+        why="not seen again",
+    )
+    tables, inspected.first, inspected.then = [], [looked_round(unconfirmed=lost)], look
+    status, out, _ = run(INSPECT)
+    assert status == 0
+    assert "1 finding in 2 views; seen in 2 views (1), not confirmed; finished" in out
+    row = {
+        "kind": "hole or pit",
+        "phi [deg]": 148.969,
+        "z [mm]": 21.0,
+        "evidence": 2.6,
+        "seen in": ["view 5", "view 6"],
+        "why": "not seen again",
+    }
+    assert json.loads(Path("found/findings.json").read_text())["unconfirmed"] == [row]
+    assert [line.get("unconfirmed") for line in journal() if line["what"] == "view"] == [row, None]
+    assert tables[0] == [
+        "kind,phi [deg],z [mm],evidence,seen in,why",
+        'hole or pit,148.969,21.0,2.6,"view 5, view 6",not seen again',
+    ]
+    page = Path("found/report.html").read_text()
+    assert "Not confirmed" in page
+    assert "view 5, view 6" in page
+
+
+def test_an_inspection_without_a_picture_that_can_be_searched_has_status_1(run, inspected):
+    inspected.first, inspected.nothing = [looked_round("black"), looked_round("torn")], True
+    status, out, error = run(INSPECT)
+    assert status == 1
+    assert "0 findings in 2 views; 2 of 2 views not usable: black (1), torn (1); finished" in out
+    assert "no view could be searched" in error
+
+
+def test_an_inspection_with_some_pictures_says_how_many_could_not_be_searched(run, inspected):
+    inspected.first = [looked_round("black")]
+    status, out, _ = run(INSPECT)
+    assert status == 0
+    assert "1 finding in 2 views; 1 of 2 views not usable: black (1); finished" in out
 
 
 @pytest.mark.parametrize(

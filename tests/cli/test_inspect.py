@@ -49,6 +49,10 @@ def test_a_folder_gives_a_table_json_marked_pictures_and_a_report(run):
     assert (found["picture"], found["kind"]) == ("a.png", "hole or pit")
     assert found["z [mm]"] == pytest.approx(20.0, abs=0.2)
     assert json.loads(Path("found/findings.json").read_text()) == printed
+    unusable = {"picture": "b.png", "time [s]": 0.04, "verdict": "black"}
+    assert printed["unusable pictures"] == [unusable]
+    table = Path("found/unusable.csv").read_text().splitlines()
+    assert table == ["picture,time [s],verdict", "b.png,0.04,black"]
     header, row = Path("found/findings.csv").read_text().splitlines()
     assert header.startswith("picture,time [s],kind,phi [deg]")
     assert row.startswith("a.png,0.0,hole or pit")
@@ -117,3 +121,10 @@ def test_a_command_that_failed_can_be_given_again(run):
     assert "there are more pictures" in run(command)[2]
     Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n24,0\n")
     assert run(command)[0] == 0
+
+
+def test_the_help_shows_the_units_of_the_columns(run):
+    status, out, _ = run("inspect --help")
+    assert status == 0
+    said = " ".join(out.replace("│", " ").split())
+    assert "pan [deg], tilt [deg], and perhaps advance [mm] and roll [deg]" in said

@@ -142,7 +142,7 @@ const connection = new Connection(
           guide.fitting = message.stage;
           break;
         case "found":
-          if (controls?.grant && message.verdict !== "good" && message.verdict !== "no wall in view") notice(`The picture cannot be searched: it is ${message.verdict}.`);
+          if (controls?.grant && !holdReason() && message.verdict !== "good" && message.verdict !== "no wall in view") notice(`The picture cannot be searched: it is ${message.verdict}.`);
           break;
         case "focused":
           if (message.verdict === "sharp") setFocus(1000 * message.distance);
@@ -195,7 +195,7 @@ function showState(s: LoopState): void {
   byId<HTMLButtonElement>("depth").disabled = !controls?.grant || !!hello?.no_probe || findings.length === 0 || s.mode === "SCAN";
   if (s.received && controls?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.received.t)).toFixed(0)} ms`);
   if (s.trouble) notice(s.trouble);
-  else if (s.mode === "HOLD" && s.reason && controls?.grant) {
+  else if (holdReason() && controls?.grant) {
     if (shownReason !== s.reason || performance.now() - noticedAt > NOTICE || byId("notice").hidden) notice((shownReason = s.reason));
   }
   else if (byId("notice").textContent === shownReason) byId("notice").hidden = true;
@@ -292,6 +292,11 @@ function showRecording(name: string | null, seconds: number, size: number): void
   if (recording !== null && name === null) notice(`Recorded as ${recording}; find it under “?”.`);
   recording = name;
   press(byId("record"), name !== null);
+}
+
+/** Return why the head holds; no hint of the search takes its place. */
+function holdReason(): string {
+  return state?.mode === "HOLD" ? state.reason : "";
 }
 
 function notice(sentence: string): void {

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 import typer
 from typer.core import TyperCommand
@@ -63,6 +63,11 @@ def whole_option(help: str, *, panel: str | None = None) -> Any:
 def number_option(help: str, *, panel: str | None = None) -> Any:
     """Return an option for a number, whose help is in the panel of that title."""
     return typer.Option(parser=number, metavar="X", help=help, rich_help_panel=panel)
+
+
+def plain(help: str) -> str:
+    """Return a help text whose square brackets, as of units, are shown and not taken as markup."""
+    return help.replace("[", r"\[")
 
 
 class LateHelp(TyperCommand):
@@ -200,15 +205,23 @@ def print_warnings(sentences: Sequence[str]) -> None:
         typer.echo(f"warning: this model is not to be trusted: {sentence}", err=True)
 
 
+class Progress(Protocol):
+    """Shows how far a command is."""
+
+    def __call__(self, stage: str, *, kept: bool = False) -> None:
+        """Show a text until the next one; one that is kept stays, on a line of its own."""
+
+
 @contextmanager
-def working(what: str, *, logged: bool = False) -> Iterator[Callable[[str], None]]:
+def working(what: str, *, logged: bool = False) -> Iterator[Progress]:
     """Show progress on stderr if that is a terminal.
 
     Yields a function that changes the text. Nothing else may be printed meanwhile. If stderr is no
-    terminal and ``logged`` is true, the text is printed there, at most every ten seconds.
+    terminal and ``logged`` is true, the text is printed there, at most every ten seconds unless it
+    is to be kept.
     """
     if not sys.stderr.isatty():
-        yield _logger() if logged else lambda stage: None
+        yield _logger() if logged else lambda stage, kept=False: None
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -216,15 +229,22 @@ def working(what: str, *, logged: bool = False) -> Iterator[Callable[[str], None
     columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(what, total=None)
-        yield lambda stage: progress.update(task, description=stage)
+
+        def show(stage: str, *, kept: bool = False) -> None:
+            if kept:
+                progress.console.print(stage, markup=False, highlight=False)
+            else:
+                progress.update(task, description=stage)
+
+        yield show
 
 
-def _logger() -> Callable[[str], None]:
+def _logger() -> Progress:
     due = time.monotonic()
 
-    def log(stage: str) -> None:
+    def log(stage: str, *, kept: bool = False) -> None:
         nonlocal due
-        if time.monotonic() >= due:
+        if kept or time.monotonic() >= due:
             typer.echo(stage, err=True)
             due = time.monotonic() + _EVERY
 

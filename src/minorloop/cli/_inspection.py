@@ -18,12 +18,16 @@ from minorloop.cli import _common
 from minorloop.errors import OutputError, ParameterError, SafetyError, counted
 
 if TYPE_CHECKING:
-    from minorloop.head.procedures.inspection import InspectedView
+    from minorloop.head.procedures.inspection import InspectedView, Unconfirmed
     from minorloop.head.procedures.rig import LogEntry
     from minorloop.head.reconstruction.findings import Finding
     from minorloop.report import Report
 
 FINISHED = "finished"
+_VISITS = ("hole", "crack", "device")
+"""Steps whose outcome stays on the terminal: visits of candidates, and failures of a device."""
+_LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
+"""Of candidates that were not confirmed."""
 _COLUMNS = ("kind", "phi [deg]", "z [mm]", "width [mm]", "length [mm]", "evidence", "picture")
 
 
@@ -55,7 +59,7 @@ def carried_out(
     with _common.working("opening the devices", logged=True) as now:
 
         def told(entry: LogEntry) -> None:
-            now(f"{entry.what}: {entry.outcome}")
+            now(f"{entry.what}: {entry.outcome}", kept=entry.what.startswith(_VISITS))
             if kept is not None:
                 kept.log(entry)
 
@@ -121,11 +125,13 @@ class InspectionFolder:
             },
             shown=picture.rows(),
             finding=None if view.finding is None else _row(view),
+            unconfirmed=None if view.unconfirmed is None else _lost_row(view.unconfirmed),
         )
         if view.finding is not None:
             marked = annotated(view.image, picture.findings)
             self._write_picture(f"{picture.name} marked.jpg", marked)
             self._marked.append((picture.name, marked))
+        if view.finding is not None or view.unconfirmed is not None:
             self._write_findings()
 
     def end(self, why: str, safe: bool) -> dict[str, Any]:
@@ -149,14 +155,26 @@ class InspectionFolder:
         verdicts = [view.picture.verdict for view in self._views]
         bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != "good"}
         found = [_row(view) for view in self._views if view.finding is not None]
-        return {**self._content, "views": len(self._views), "unusable": bad, "findings": found}
+        return {
+            **self._content,
+            "views": len(self._views),
+            "unusable": bad,
+            "findings": found,
+            "unconfirmed": self._lost(),
+        }
+
+    def _lost(self) -> list[dict[str, Any]]:
+        """Return what was not confirmed, as rows."""
+        return [_lost_row(view.unconfirmed) for view in self._views if view.unconfirmed is not None]
 
     def _write_findings(self) -> None:
-        from minorloop.files import write_atomically
+        from minorloop.files import table_text, write_atomically
         from minorloop.head.reconstruction.findings import finding_table
 
         found = [view.finding for view in self._views if view.finding is not None]
         write_atomically(self._folder / "findings.csv", finding_table(found))
+        lost = table_text(_LOST_COLUMNS, table(self._lost(), _LOST_COLUMNS))
+        write_atomically(self._folder / "unconfirmed.csv", lost)
         text = json.dumps(self._all(), indent=1)
         write_atomically(self._folder / "findings.json", f"{text}\n")
 
@@ -183,8 +201,11 @@ class InspectionFolder:
 
         content = self._all()
         report = Report(f"Inspection by head {content['head']}", summary(content))
-        rows = table(content)
+        rows = table(content["findings"], _COLUMNS)
         report.add("Findings", table=Table(_COLUMNS, rows))
+        if content["unconfirmed"]:
+            lost = table(content["unconfirmed"], _LOST_COLUMNS)
+            report.add("Not confirmed", table=Table(_LOST_COLUMNS, lost))
         pictures = [Picture(figure_of(marked), name) for name, marked in self._marked]
         report.add("Pictures of the findings", pictures=pictures)
         return report
@@ -216,26 +237,60 @@ def _row(view: InspectedView) -> dict[str, Any]:
     return row
 
 
-def table(content: dict[str, Any]) -> list[list[str]]:
-    """Return the findings as rows of text."""
-    return [
-        ["" if row[name] is None else str(row[name]) for name in _COLUMNS]
-        for row in content["findings"]
-    ]
+def _lost_row(lost: Unconfirmed) -> dict[str, Any]:
+    """Return a candidate that was not confirmed in degrees and millimetres."""
+    return {
+        "kind": lost.kind,
+        "phi [deg]": round(math.degrees(lost.phi), 4),
+        "z [mm]": round(1e3 * lost.z, 4),
+        "evidence": None if math.isnan(lost.evidence) else round(lost.evidence, 1),
+        "seen in": list(lost.seen_in),
+        "why": lost.why,
+    }
+
+
+def table(rows: Sequence[dict[str, Any]], columns: Sequence[str]) -> list[list[str]]:
+    """Return findings, or candidates that were not confirmed, as rows of text."""
+    return [[_cell(row[name]) for name in columns] for row in rows]
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(value)
+    return "" if value is None else str(value)
 
 
 def summary(content: dict[str, Any]) -> str:
     """Return what was found in how many views, and how it ended."""
     found, views = counted(len(content["findings"]), "finding"), counted(content["views"], "view")
     bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
-    said = f"{found} in {views}{f'; not usable: {bad}' if bad else ''}; {content['ended']}"
+    share = f"{sum(content['unusable'].values())} of {views} not usable: {bad}"
+    lost = [counted(len(row["seen in"]), "view") for row in content["unconfirmed"]]
+    more = "".join(
+        f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))
+    )
+    said = f"{found} in {views}{more}{f'; {share}' if bad else ''}; {content['ended']}"
     safe = "is safe, as confirmed" if content["safe"] else "did NOT confirm that it is safe"
     return f"{said}; no depth without a probe; the head {safe}"
+
+
+def check_usable(content: dict[str, Any]) -> None:
+    """End with status 1 if no view could be searched: nothing found says nothing then."""
+    if sum(content["unusable"].values()) == content["views"]:
+        typer.echo(
+            "warning: no view could be searched, so that the wall was not inspected; check the "
+            "camera, its exposure and the LEDs",
+            err=True,
+        )
+        raise typer.Exit(1)
 
 
 def show(content: dict[str, Any], out: Path) -> None:
     """Print the findings."""
     if content["findings"]:
-        _common.print_table(_COLUMNS, table(content))
+        _common.print_table(_COLUMNS, table(content["findings"], _COLUMNS))
+    if content["unconfirmed"]:
+        lost = table(content["unconfirmed"], _LOST_COLUMNS)
+        _common.print_table(_LOST_COLUMNS, lost, "not confirmed")
     typer.echo(summary(content))
     typer.echo(f"kept in {out}")

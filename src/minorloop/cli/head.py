@@ -211,8 +211,8 @@ def inspect(
         Path,
         typer.Option(
             show_default=False,
-            help="New or empty folder for journal.jsonl, findings.csv, findings.json, report.html "
-            "and pictures.",
+            help="New or empty folder for journal.jsonl, findings.csv, unconfirmed.csv, "
+            "findings.json, report.html and pictures.",
         ),
     ],
     advances: Annotated[
@@ -227,7 +227,7 @@ def inspect(
     """Search the wall within reach for holes, pits and cracks, centre and measure each, alone.
 
     The head is made safe at the end, and after an error or Ctrl-C. What was found until then is
-    kept. Without a probe no depth is measured.
+    kept. Without a probe no depth is measured. The exit status is 1 if no view could be searched.
     """
     from minorloop.cli import _inspection
 
@@ -238,8 +238,9 @@ def inspect(
     content = _inspection.carried_out(actuator, camera, head, out, [_MM * each for each in places])
     if as_json:
         _common.print_json(content)
-        return
-    _inspection.show(content, out)
+    else:
+        _inspection.show(content, out)
+    _inspection.check_usable(content)
 
 
 @app.command(

@@ -27,6 +27,8 @@ EXAMPLE = "minorloop inspect pictures --lens 520 --radius 10 --tilt 20 --out fou
 _SHOWN = 20
 """Findings that are printed, and pictures in the report: those with the most evidence."""
 _POSE = {"pan": "deg", "tilt": "deg", "advance": "mm", "roll": "deg"}
+_UNUSABLE_COLUMNS = ("picture", "time [s]", "verdict")
+"""Of the pictures that could not be searched."""
 _LEFT_OUT = ("time [s]", "u [px]", "v [px]")
 """Columns that a terminal has no room for."""
 _OBLIQUE = (
@@ -66,15 +68,17 @@ def run(
     poses: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
-            "advance [mm] and roll [deg]; instead of --pan and --tilt."
+            help=_common.plain(
+                "CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
+                "advance [mm] and roll [deg]; instead of --pan and --tilt."
+            )
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="New or empty folder for findings.csv, findings.json, report.html and pictures "
-            "with the findings marked."
+            help="New or empty folder for findings.csv, unusable.csv, findings.json, report.html "
+            "and pictures with the findings marked."
         ),
     ] = None,
     as_json: _common.Json = False,
@@ -82,6 +86,7 @@ def run(
     """Find holes, pits and cracks in pictures of a pipe, each picture alone."""
     from minorloop.files import make_folder
     from minorloop.head.procedures.pictures import inspect_picture, unusable
+    from minorloop.head.vision.frame_checks import GOOD
     from minorloop.head.vision.video import frames, names
 
     if (head is None) == (lens is None):
@@ -112,7 +117,16 @@ def run(
         if not found:
             raise RecordError(f"{source} has no pictures; give a video that has some")
     rows = [row for picture in found for row in picture.rows()]
-    content = {"pictures": len(found), "unusable": unusable(found), "findings": rows}
+    content = {
+        "pictures": len(found),
+        "unusable": unusable(found),
+        "unusable pictures": [
+            {"picture": each.name, "time [s]": round(each.t, 3), "verdict": each.verdict}
+            for each in found
+            if each.verdict != GOOD
+        ],
+        "findings": rows,
+    }
     if out is not None:
         _write(out, rows, content, best, source)
     _show(content, out, as_json)
@@ -238,6 +252,9 @@ def _write(
 
     table = {name: [row[name] for row in rows] for name in COLUMNS}
     _common.write_csv(out / "findings.csv", table, force=False)
+    bad = content["unusable pictures"]
+    listed = {name: [row[name] for row in bad] for name in _UNUSABLE_COLUMNS}
+    _common.write_csv(out / "unusable.csv", listed, force=False)
     write_atomically(out / "findings.json", f"{json.dumps(content, indent=1)}\n")
     _common.write_report(
         lambda: _report(rows, content, best, source), out / "report.html", force=False

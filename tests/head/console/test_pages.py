@@ -450,3 +450,43 @@ def test_both_pages_link_the_licences_of_what_they_contain():
         assert library in text
     for page in ("index.html", "lab.html"):
         assert 'href="/licenses.txt"' in (STATIC / page).read_text()
+
+
+def test_a_hint_of_the_search_does_not_take_the_place_of_why_the_head_holds(browser):
+    state = {
+        "type": "state", "seq": 1, "t": 1.0, "mode": "HOLD", "reason": "The pose is lost.",
+        "command": [0, 0], "angle": [0, 0], "place": [0, 0], "rates": [0, 0], "current": [0, 0],
+        "temperature": [20, 20], "memory": [[], []], "wire": [0, 0], "trouble": "",
+        "clutch": False, "received": None, "late": 0, "safe_at": 0, "target": None,
+        "centred": False, "focus": "", "scan": None, "spots": [],
+    }  # fmt: skip
+    controls = {"type": "controls", "you": 1, "pilot": 1, "grant": 7, "viewers": 1}
+    found = {"type": "found", "seq": 0, "t": 1.0, "count": 0, "what": "found"}
+    lines = []
+
+    def served(route):
+        name = route.request.url.partition("//")[2].partition("/")[2] or "index.html"
+        file = STATIC / name
+        route.fulfill(path=file) if file.is_file() else route.fulfill(status=404)
+
+    page = browser.new_page()
+    try:
+        page.route("**/*", served)
+        page.route_web_socket("**/ws", lambda line: lines.append(line))
+        page.goto("http://console.test/")
+        page.wait_for_function("document.querySelector('#take')")
+        while not lines:
+            page.wait_for_timeout(20)
+        page.evaluate(
+            "window.shown = [];"
+            "new MutationObserver(() => shown.push(document.querySelector('#notice').textContent))"
+            ".observe(document.querySelector('#notice'), {childList: true})"
+        )
+        for message in (controls, state, {**found, "verdict": "saturated"}):
+            lines[0].send(json.dumps(message))
+        page.wait_for_selector("#notice:has-text('The pose is lost.')")
+        lines[0].send(json.dumps({"type": "notice", "seq": 3, "t": 1.0, "text": "last"}))
+        page.wait_for_selector("#notice:has-text('last')")
+        assert page.evaluate("window.shown") == ["The pose is lost.", "last"]
+    finally:
+        page.close()

@@ -11,6 +11,7 @@ from minorloop.head.procedures import inspection
 from minorloop.head.procedures.inspection import inspect_wall, views_of
 from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.pipe import Bore, Pipe
+from minorloop.head.vision.cracks import TracedCrack
 
 from .fakes import CALIBRATION, MOUNT
 from .test_rig import Devices, on_bench
@@ -52,12 +53,50 @@ def test_a_hole_is_found_centred_and_measured_and_each_view_is_handed_out_at_onc
     assert [entry.what for entry in rig.log] == ["view 1", "view 2", "pick", "centre", "hole 1"]
 
 
-def test_what_is_not_seen_again_does_not_count(rig, monkeypatch):
+def test_a_hole_that_the_centred_view_does_not_show_is_found_from_another_side(rig, monkeypatch):
+    missed = iter([True])
+    real = inspection.nearest
+    monkeypatch.setattr(
+        inspection, "nearest", lambda *given: None if next(missed, False) else real(*given)
+    )
+    *_, centred, aside = inspect_wall(rig)
+    assert (centred.finding, centred.unconfirmed) == (None, None)
+    assert aside.picture.name == "hole 1 again"
+    assert wall_distance((aside.finding.phi, aside.finding.z), PLACE, 10e-3) < 0.1e-3
+    round_about = inspection.views_of(None)
+    for other in (*round_about, centred.angles):  # so that it is a view of its own
+        assert np.degrees(np.hypot(*np.subtract(aside.angles, other))) > 1.0
+
+
+def test_what_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch):
     monkeypatch.setattr(inspection, "nearest", lambda *_: None)
     views = list(inspect_wall(rig))
-    assert len(views) == 3
+    assert len(views) == 4
     assert not any(view.finding for view in views)
-    assert "does not count" in rig.log[-1].outcome
+    lost = views[-1].unconfirmed
+    assert [view.unconfirmed for view in views[:-1]] == [None] * 3
+    assert (lost.kind, lost.seen_in, lost.why) == ("hole or pit", ("view 1",), "not seen again")
+    assert wall_distance((lost.phi, lost.z), PLACE, 10e-3) < 0.1e-3
+    assert lost.evidence == views[0].picture.findings[0].evidence
+    assert rig.log[-1].outcome == "not seen again; seen in 1 view, not confirmed"
+
+
+def test_a_crack_that_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch):
+    course = np.stack([np.linspace(-2.4, -2.2, 9), np.full(9, 20e-3)], axis=1)
+    line = TracedCrack(course, np.full(9, 0.2e-3), 2e-3, 0.3)
+    monkeypatch.setattr(inspection, "traces_of", lambda *_: (line,))
+    monkeypatch.setattr(inspection, "traced_again", lambda *_: ())
+    monkeypatch.setattr(inspection, "strongest", lambda *_: ())
+    (*_, last) = inspect_wall(rig)
+    assert (last.unconfirmed.kind, last.unconfirmed.seen_in) == ("crack", ("view 1", "view 2"))
+    assert np.isnan(last.unconfirmed.evidence)
+    assert "seen in 2 views, not confirmed" in rig.log[-1].outcome
+
+
+def test_candidates_beyond_the_most_that_are_visited_are_told(rig, monkeypatch):
+    monkeypatch.setattr(inspection, "_MOST_HOLES", 0)
+    list(inspect_wall(rig))
+    assert rig.log[-1].outcome == "1 candidate; the likeliest 0 are visited"
 
 
 def test_it_ends_with_the_sensor_that_failed(rig, monkeypatch):

@@ -292,19 +292,26 @@ def test_a_sensor_that_failed_is_named():
         it.check_sensors()
 
 
-def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(monkeypatch, tmp_path):
+@pytest.fixture
+def head_file(monkeypatch, tmp_path):
+    """Devices behind an address, how often they were closed, and the file of their head."""
     devices, closed = Devices(), []
+    monkeypatch.setattr(devices, "close", lambda: closed.append(True), raising=False)
     currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
     angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
     options = {"tick": 0.04, "lines": devices, "clock": devices, "serial": "H-01"}
     bench = Bench(devices, devices, currents, angles, **options)
     monkeypatch.setattr(module, "connect", lambda address: bench)
     monkeypatch.setattr(module, "WallClock", lambda: devices)
-    monkeypatch.setattr(devices, "close", lambda: closed.append(True), raising=False)
     monkeypatch.setattr(module, "LiveCamera", lambda address, patience: devices)
     monkeypatch.setattr(HeadFile, "control", lambda known, interval: Weak())
     file, on = tmp_path / "head.json", datetime(2026, 1, 31, tzinfo=UTC)
     save_head(HeadFile(serial="H-01", calibration=CALIBRATION, calibrated=on), file)
+    return devices, closed, file
+
+
+def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(head_file, monkeypatch):
+    (devices, closed, file), on = head_file, datetime(2026, 1, 31, tzinfo=UTC)
     with rig_at("bench:head.toml", "camera:0", file) as it:
         assert it.run(Go(), Go().begin(angles=np.array([0.1, 0.0]))).reached
         with pytest.raises(InstrumentError, match="no ultrasonic probe"):
@@ -321,4 +328,25 @@ def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(monkeypatch, tmp_pat
     view = replace(CALIBRATION, leds=np.zeros((1, 3)))
     save_head(HeadFile(serial="H-01", calibration=view, calibrated=on), file, force=True)
     with pytest.raises(ModelFileError, match="has 1 LED, and acquisitions switch 3"):
+        rig_at("bench:head.toml", "camera:0", file).__enter__()
+
+
+def test_one_late_answer_does_not_end_the_start(head_file, monkeypatch):
+    (devices, _, file), bench = head_file, module.connect("bench:head.toml")
+    told, fails = [], {"open": 1, "switch": 1}
+    switch = devices.switch
+
+    def once(name, work):
+        fails[name] -= 1
+        return devices.fail() if fails[name] >= 0 else work()
+
+    monkeypatch.setattr(module, "connect", lambda address: once("open", lambda: bench))
+    monkeypatch.setattr(devices, "switch", lambda values: once("switch", lambda: switch(values)))
+    with rig_at("bench:head.toml", "camera:0", file, told.append):
+        assert devices.lights == [(True, True, True)]
+    opened, switched = (entry.outcome for entry in told)
+    assert opened == "the board gave no answer; it is opened once more"
+    assert "the head was made safe, and it is tried again" in switched
+    fails["open"] = 2
+    with pytest.raises(InstrumentError, match="no answer"):
         rig_at("bench:head.toml", "camera:0", file).__enter__()

@@ -10,6 +10,7 @@ import pytest
 
 from faults.instruments import Fault, Serial
 from minorloop.errors import InstrumentError
+from minorloop.lab.drivers import link as module
 from minorloop.lab.drivers.link import VisaLink
 from minorloop.lab.signals import Stopped, ended_by_signals
 
@@ -114,8 +115,8 @@ def linked():
     ("badly", "message"),
     [
         (close, "no answer within 1 s: the other end closed the connection"),
-        (drip, "without the end of a line"),
-        (flood, "without the end of a line"),
+        (drip, r"no whole answer within 1 s: b'1+'( and so on)?, without the end of a line"),
+        (flood, "no whole answer within 1 s: b'1{40}' and so on, without the end of a line"),
         (half, "no answer within 1 s"),
         (late, "no answer within 1 s"),
         (garbage, r"answers b'#@!\\xff\\xfe\\n', which is not text"),
@@ -239,3 +240,17 @@ def test_a_signal_waits_for_the_answer(supply):
     assert supply.heard == 2  # an empty line, which ends what may have been there, and a whole one
     assert not link._doubtful
     link.close()
+
+
+def test_an_answer_that_lacks_only_its_end_is_shown_whole(monkeypatch):
+    clock = iter([0.0, 0.0, 0.0, 2.0])
+    monkeypatch.setattr(module.time, "monotonic", lambda: next(clock, 2.0))
+    link, parts = VisaLink.__new__(VisaLink), iter([b"14 OK 1 ", b"*240D79C3"])
+    link.name, link.owed = "board", 0
+    link._timeout, link._streams = 1.0, True
+    monkeypatch.setattr(link, "_some", lambda most: next(parts))
+    said = (
+        r"board gave no whole answer within 1 s: b'14 OK 1 \*240D79C3', without the end of a line"
+    )
+    with pytest.raises(InstrumentError, match=said):
+        link._answer()

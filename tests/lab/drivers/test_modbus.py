@@ -124,7 +124,10 @@ def test_a_device_that_is_missing_is_named():
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"lines": (DeviceChannel("led", {"bit": 3}),)}, "led does not .*`bit`.*there are coil"),
+        (
+            {"lines": (DeviceChannel("led", {"bit": 3}, what="line"),)},
+            "line 'led' does not .*`bit`.*there are coil",
+        ),
         ({"sensors": (DeviceChannel("a", {"register": 0, "type": "f64"}),)}, "Invalid enum value"),
     ],
 )

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -180,7 +181,7 @@ def test_a_head_on_a_board_is_an_actuator_that_is_refused_what_is_beyond_its_lim
     ("options", "sentence"),
     [
         (["--late", "0.3"], "gave no answer within 0.1 s"),
-        (["--half", "12"], "gave no answer within 0.1 s|no valid answer"),
+        (["--half", "12"], "gave no (whole )?answer within 0.1 s|no valid answer"),
         (["--unit", "mA"], "pan current is in A, and ASRL.* has mA"),
     ],
 )
@@ -208,3 +209,18 @@ def test_a_board_that_is_pulled_is_missing_and_says_that_it_may_be_on(tmp_path):
         with pytest.raises(InstrumentError, match="cannot be opened") as found:
             connect(address)
         assert str(found.value).count("Errno") == 1  # libraries repeat the error inside theirs
+
+
+@pytest.mark.usefixtures("pyvisa")
+def test_an_unknown_key_of_a_source_is_answered_with_all_that_there_are(tmp_path):
+    file = tmp_path / "head.toml"
+    text = (Path(__file__).parents[3] / "examples" / "head.toml").read_text()
+    assert "rate = 10.0 " in text
+    file.write_text(text.replace("rate = 10.0 ", "rat = 10.0 ", 1))
+    with pytest.raises(ParameterError) as found:
+        connect(f"bench:{file}")
+    assert "source 'pan current' does not describe a source: " in str(found.value)
+    assert str(found.value).endswith(
+        "unknown field `rat`; the fields there are name, device, low, high, unit, rate, rest, "
+        "conversion, channel"
+    )

@@ -1,14 +1,17 @@
 """Inspection of the reachable wall by the camera alone, without an operator.
 
 The head looks round, then visits each candidate: it is centred, and measured where it is seen
-again. There is no probe, so that depths stay unknown.
+again. A hole that the centred view does not show is looked at once more from another side, because
+a far one is narrow there. What no other view shows is not confirmed, and told apart. There is no
+probe, so that depths stay unknown.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -17,7 +20,13 @@ from minorloop.errors import counted
 from minorloop.head.geometry import Pinhole, wall_distance
 from minorloop.head.procedures.extract import SAME, nearest
 from minorloop.head.procedures.mark import aim_at
-from minorloop.head.procedures.pictures import InspectedPicture, PictureFinding, crack_in, hole_in
+from minorloop.head.procedures.pictures import (
+    CRACK,
+    InspectedPicture,
+    PictureFinding,
+    crack_in,
+    hole_in,
+)
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.steps import NEAR, acquire, centre, go, meter, pick, search
 from minorloop.head.procedures.trace import (
@@ -28,7 +37,7 @@ from minorloop.head.procedures.trace import (
     whole_course,
     widest,
 )
-from minorloop.head.reconstruction.findings import Finding, outlined
+from minorloop.head.reconstruction.findings import UNDECIDED, Finding, outlined
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.cracks import TracedCrack
@@ -36,7 +45,7 @@ from minorloop.head.vision.defects import Findings, Hole, strongest
 from minorloop.head.vision.frame_checks import GOOD
 from minorloop.head.vision.reflectance_map import LitFrame
 
-__all__ = ["InspectedView", "inspect_wall", "views_of"]
+__all__ = ["InspectedView", "Unconfirmed", "inspect_wall", "views_of"]
 
 NO_PROBE = "no probe"
 """Verdict of the echoes of each finding."""
@@ -45,6 +54,35 @@ _DEFLECTION = math.radians(25.0)
 _FEWEST_VIEWS = 8
 _MOST_HOLES, _MOST_CRACKS = 24, 8
 """Most candidates that are visited, the likeliest first: with 20 s each they take ten minutes."""
+
+
+Candidate = TypeVar("Candidate", Hole, TracedCrack)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unconfirmed:
+    """A candidate that was visited and not seen again.
+
+    Parameters
+    ----------
+    kind : str
+        ``hole or pit``, or ``crack``.
+    phi, z : float
+        Place on the wall, in radians and metres.
+    evidence : float
+        The largest of its views, as of a `Hole`; NaN for a crack.
+    seen_in : tuple of str
+        Names of the views that show it there.
+    why : str
+        What its visit showed instead.
+    """
+
+    kind: str
+    phi: float
+    z: float
+    evidence: float
+    seen_in: tuple[str, ...]
+    why: str
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,6 +105,8 @@ class InspectedView:
         Of the finding, as of a `Hole`; NaN for a crack.
     course : (N, 2) array
         Phi and z along the rim of a hole, or along a crack.
+    unconfirmed : Unconfirmed, optional
+        The candidate that was visited, if it was not seen again.
     """
 
     picture: InspectedPicture
@@ -76,6 +116,7 @@ class InspectedView:
     finding: Finding | None = None
     evidence: float = math.nan
     course: FloatArray | None = None
+    unconfirmed: Unconfirmed | None = None
 
 
 @dataclass(eq=False)
@@ -101,11 +142,15 @@ class _Seen:
         image = self.frames[-1].image
         return InspectedView(picture=picture, image=image, angles=self.angles, place=self.place)
 
+    def sighting(self, shown: Candidate) -> _Sighting[Candidate]:
+        """Return one of its findings with what is needed to look from here again."""
+        return _Sighting(shown, self.name, self.angles, self.place)
+
     @property
     def missing(self) -> str:
-        """Why a candidate does not count."""
+        """Why a candidate is not confirmed."""
         if self.found.verdict == GOOD:
-            return "not seen again, so that it does not count"
+            return "not seen again"
         return f"the frames cannot be used: {self.found.verdict}"
 
     def hole(self, hole: Hole) -> PictureFinding:
@@ -113,6 +158,16 @@ class _Seen:
 
     def crack(self, crack: TracedCrack) -> PictureFinding:
         return crack_in(crack, self.camera, self.angles)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sighting(Generic[Candidate]):
+    """A candidate on the way round, and the view that shows it."""
+
+    shown: Candidate
+    view: str
+    angles: tuple[float, float]
+    place: tuple[float, float]
 
 
 def views_of(lens: Pinhole) -> FloatArray:
@@ -146,8 +201,8 @@ def inspect_wall(rig: InspectionRig, advances: Sequence[float] = (0.0,)) -> Iter
         was yielded before stays valid.
     """
     radius = rig.calibration.radius
-    holes: list[Hole] = []
-    traces: list[TracedCrack] = []
+    holes: list[_Sighting[Hole]] = []
+    traces: list[_Sighting[TracedCrack]] = []
     number = 0
     for advance in advances:
         _go(rig, place=(advance, 0.0))
@@ -156,23 +211,33 @@ def inspect_wall(rig: InspectionRig, advances: Sequence[float] = (0.0,)) -> Iter
             _go(rig, angles=angles)
             seen = _seen(rig, f"view {number}")
             lines = _traced(rig, seen.found)
-            holes += seen.found.holes
-            traces += lines
+            holes += [seen.sighting(hole) for hole in seen.found.holes]
+            traces += [seen.sighting(line) for line in lines]
             many = f"{counted(len(seen.found.holes), 'candidate')}, {counted(len(lines), 'line')}"
             rig.say(seen.name, many if seen.found.verdict == GOOD else seen.found.verdict)
             yield seen.view(*map(seen.hole, seen.found.holes), *map(seen.crack, lines))
     found: list[Hole] = []
-    for k, hole in enumerate(strongest(holes, radius, -math.inf)[:_MOST_HOLES], 1):
+    best = strongest([each.shown for each in holes], radius, -math.inf)
+    _say_limit(rig, "holes", len(best), _MOST_HOLES)
+    for k, hole in enumerate(best[:_MOST_HOLES], 1):
         if not _known(hole, found, radius):
-            view, again = _visited(rig, hole, f"hole {k}")
+            same = [each for each in holes if _known(each.shown, [hole], radius)]
+            again = yield from _visited(rig, hole, same, f"hole {k}")
             found += [] if again is None or _known(again, found, radius) else [again]
-            yield view
     cracks: list[TracedCrack] = []
-    for k, (trace, _) in enumerate(likely(traces, (), radius)[:_MOST_CRACKS], 1):
+    courses = [trace for trace, _ in likely([each.shown for each in traces], (), radius)]
+    _say_limit(rig, "cracks", len(courses), _MOST_CRACKS)
+    for k, trace in enumerate(courses[:_MOST_CRACKS], 1):
         if not any(one_course(trace.places, known.places, radius) for known in cracks):
-            view, crack = _followed(rig, trace, f"crack {k}")
+            names = [e.view for e in traces if one_course(e.shown.places, trace.places, radius)]
+            view, crack = _followed(rig, trace, names, f"crack {k}")
             cracks += [] if crack is None else [crack]
             yield view
+
+
+def _say_limit(rig: InspectionRig, what: str, count: int, most: int) -> None:
+    if count > most:
+        rig.say(what, f"{counted(count, 'candidate')}; the likeliest {most} are visited")
 
 
 def _go(rig: InspectionRig, **where: object) -> None:
@@ -209,28 +274,56 @@ def _approached(rig: InspectionRig, place: FloatArray, words: str, name: str) ->
     return _seen(rig, name)
 
 
-def _visited(rig: InspectionRig, hole: Hole, name: str) -> tuple[InspectedView, Hole | None]:
-    """Visit a candidate for a hole; return it if it is seen again."""
+def _visited(
+    rig: InspectionRig, hole: Hole, same: Sequence[_Sighting[Hole]], name: str
+) -> Generator[InspectedView, None, Hole | None]:
+    """Visit a candidate for a hole, from two sides if need be; return it if it is seen again."""
     radius = rig.calibration.radius
     seen = _approached(rig, hole.place, f"evidence {hole.evidence:+.1f}", name)
     again = nearest(seen.found.holes, hole.place, radius)
     if again is None:
-        rig.say(name, seen.missing)
-        return seen.view(), None
+        rig.say(name, f"{seen.missing}; looked at from another side")
+        yield seen.view()
+        seen = _from_aside(rig, next(each for each in same if each.shown is hole), f"{name} again")
+        again = nearest(seen.found.holes, hole.place, radius)
+    if again is None:
+        names = tuple(dict.fromkeys(each.view for each in same))
+        phi, z = hole.place.tolist()
+        lost = Unconfirmed(
+            kind=UNDECIDED, phi=phi, z=z, evidence=hole.evidence, seen_in=names, why=seen.missing
+        )
+        rig.say(seen.name, f"{seen.missing}; {_not_confirmed(names)}")
+        yield replace(seen.view(), unconfirmed=lost)
+        return None
     phi, z = again.place.tolist()
     where = f"phi {math.degrees(phi):.1f} deg, z {1e3 * z:.2f} mm"
-    rig.say(name, f"{1e3 * again.diameter:.2f} mm wide at {where}")
-    view = replace(
+    rig.say(seen.name, f"{1e3 * again.diameter:.2f} mm wide at {where}")
+    yield replace(
         seen.view(seen.hole(again)),
         finding=outlined(phi, z, again.diameter, NO_PROBE, radius=radius),
         evidence=again.evidence,
         course=again.rim,
     )
-    return view, again
+    return again
+
+
+def _from_aside(rig: InspectionRig, sighting: _Sighting[Hole], name: str) -> _Seen:
+    """Search halfway between the view with the most evidence and the one that centres it.
+
+    Neither of them is repeated, so that what is seen here too is no accident of one picture.
+    """
+    _go(rig, place=sighting.place)
+    centred = aim_at(rig.calibration, sighting.shown.place, rig.place)
+    _go(rig, angles=(np.asarray(centred) + sighting.angles) / 2.0)
+    return _seen(rig, name)
+
+
+def _not_confirmed(names: Sequence[str]) -> str:
+    return f"seen in {counted(len(names), 'view')}, not confirmed"
 
 
 def _followed(
-    rig: InspectionRig, trace: TracedCrack, name: str
+    rig: InspectionRig, trace: TracedCrack, names: Sequence[str], name: str
 ) -> tuple[InspectedView, TracedCrack | None]:
     """Visit a candidate for a crack; return its course if it is seen again."""
     radius = rig.calibration.radius
@@ -238,8 +331,13 @@ def _followed(
     seen = _approached(rig, middle, f"a line of {1e3 * trace.length:.1f} mm", name)
     again = rig.compute(lambda: traced_again(seen.found, trace.places, radius))
     if not again:
-        rig.say(name, seen.missing)
-        return seen.view(), None
+        once = tuple(dict.fromkeys(names))
+        phi, z = middle.tolist()
+        lost = Unconfirmed(
+            kind=CRACK, phi=phi, z=z, evidence=math.nan, seen_in=once, why=seen.missing
+        )
+        rig.say(name, f"{seen.missing}; {_not_confirmed(once)}")
+        return replace(seen.view(), unconfirmed=lost), None
     course = whole_course(max(again, key=lambda other: other.length), trace)
     _, width = widest(course)
     rig.say(name, f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest")

@@ -44,7 +44,7 @@ from minorloop.head.procedures.values import (
 )
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.video import LiveCamera, check_camera
-from minorloop.lab.actuator import Frame
+from minorloop.lab.actuator import Actuator, Frame
 from minorloop.lab.drivers.parts import WallClock
 from minorloop.lab.run import left_safe
 
@@ -336,7 +336,7 @@ def rig_at(
     if view is None:
         raise ModelFileError(f"{file} has no calibration of the camera; calibrate it first")
     check_camera(camera)
-    actuator = connect(address)
+    actuator = _opened(address, told)
     with ExitStack() as ends:
         ends.callback(getattr(actuator, "close", lambda: None))
         pictures = ends.enter_context(closing(LiveCamera(camera, _PATIENCE)))
@@ -348,6 +348,17 @@ def rig_at(
         control = known.control(interval=plant.tick)
         tip = CameraTip(BenchTip(plant), pictures, view)
         rig = InspectionRig(plant, tip, control, view, computing=computing, told=told)
-        tip.switch(ALL_LIGHTS)
+        rig.reading(Request(lights=ALL_LIGHTS))
         rig.look()
         yield rig
+
+
+def _opened(address: str, told: Callable[[LogEntry], None]) -> Actuator:
+    """Open the plant, once more after a device did not answer; opening makes it safe first."""
+    try:
+        return connect(address)
+    except SafetyError:
+        raise
+    except InstrumentError as error:
+        told(LogEntry(0.0, "device", f"{error}; it is opened once more"))
+    return connect(address)

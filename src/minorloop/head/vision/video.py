@@ -150,7 +150,10 @@ class LiveCamera:
             self._changed.wait_for(lambda: self._newest is not None or self._ended, self.patience)
             newest, self._newest = self._newest, None
         if newest is None:
-            raise InstrumentError(f"{self._problem}; check the camera and its cable")
+            advice = "check the camera and its cable"
+            if isinstance(self._target, Path):
+                advice = "give a longer video, more pictures, or a camera"
+            raise InstrumentError(f"{self._problem}; {advice}")
         return newest
 
     def expose(self, exposure: float, gain: float = 1.0) -> None:

@@ -130,10 +130,11 @@ class _Rows:
         self.known: list[Any] = []
         self.keys: list[dict[str, Any]] = []
         names = kind.__struct_fields__
+        self.named: dict[str, Any] = {"what": what, "bench_keys": names}
         for number, row in enumerate(rows, 1):
             own = {key: value for key, value in row.items() if key in names}
             where = f"{what} {row.get('name', number)!r}"
-            self.known.append(parsed(kind, own, where))
+            self.known.append(parsed(kind, own, where, what))
             self.keys.append({key: value for key, value in row.items() if key not in names})
         said = [each.name for each in self.known]
         for name in said:
@@ -314,7 +315,9 @@ def _source_wire(rows: _Rows, commands: Sequence[Conversion | None], k: int) -> 
     if conversion is not None:
         _check_one_way(each, conversion)
     low, high = sorted(ends[:2])
-    return DeviceChannel(each.name, rows.keys[k], _unit(each), low, high, ends[2], each.rate)
+    return DeviceChannel(
+        each.name, rows.keys[k], _unit(each), low, high, ends[2], each.rate, **rows.named
+    )
 
 
 def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:
@@ -338,12 +341,12 @@ def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:
 
 def _sensor_wire(rows: _Rows, k: int) -> DeviceChannel:
     each: _SensorRow = rows.known[k]
-    return DeviceChannel(each.name, rows.keys[k], _unit(each))
+    return DeviceChannel(each.name, rows.keys[k], _unit(each), **rows.named)
 
 
 def _line_wire(rows: _Rows, k: int) -> DeviceChannel:
     each: _LineRow = rows.known[k]
-    return DeviceChannel(each.name, rows.keys[k], rest=float(each.rest))
+    return DeviceChannel(each.name, rows.keys[k], rest=float(each.rest), **rows.named)
 
 
 def _unit(channel: _SourceRow | _SensorRow) -> str | None:

@@ -73,11 +73,11 @@ class DaqDevice:
         except ImportError:
             raise MissingExtraError("nidaqmx", "daqmx") from None
         self._daq: Any = nidaqmx
-        self._name = parsed(_DaqmxSettings, plan.keys, f"device {plan.name!r}").device
-        self._sources = [parsed(_DaqmxSource, wire.keys, wire.name) for wire in plan.sources]
+        self._name = parsed(_DaqmxSettings, plan.keys, f"device {plan.name!r}", "device").device
+        self._sources = [wire.parsed(_DaqmxSource) for wire in plan.sources]
         self._limits = [(wire.low, wire.high) for wire in plan.sources]
-        self._sensors = [parsed(_DaqmxSensor, wire.keys, wire.name) for wire in plan.sensors]
-        self._lines = [parsed(_DaqmxLine, wire.keys, wire.name).channel for wire in plan.lines]
+        self._sensors = [wire.parsed(_DaqmxSensor) for wire in plan.sensors]
+        self._lines = [wire.parsed(_DaqmxLine).channel for wire in plan.lines]
         self._rest, self._on = plan.rest, dict(plan.resting_lines)
         self._resting_lines = plan.resting_lines
         self._tasks: dict[str, Any] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -53,7 +53,13 @@ def read_description(path: Path) -> dict[str, Any]:
     return found
 
 
-def parsed(kind: type[Parsed], values: Mapping[str, Any], where: object) -> Parsed:
+def parsed(
+    kind: type[Parsed],
+    values: Mapping[str, Any],
+    where: object,
+    what: str = "bench",
+    also: Sequence[str] = (),
+) -> Parsed:
     """Return part of a file as its structure.
 
     Parameters
@@ -64,6 +70,10 @@ def parsed(kind: type[Parsed], values: Mapping[str, Any], where: object) -> Pars
         Keys and values of the part.
     where : object
         Name of the part, for a message.
+    what : str
+        What the part describes, for a message.
+    also : sequence of str
+        Keys of the part that are read elsewhere, for a message.
 
     Raises
     ------
@@ -73,8 +83,8 @@ def parsed(kind: type[Parsed], values: Mapping[str, Any], where: object) -> Pars
     try:
         return msgspec.convert(values, kind)
     except ValueError as error:
-        allowed = _allowed(kind, error)
-        raise ParameterError(f"{where} does not describe a bench: {error}{allowed}") from None
+        allowed = _allowed(kind, error, also)
+        raise ParameterError(f"{where} does not describe a {what}: {error}{allowed}") from None
 
 
 def relevant(values: Any) -> Any:
@@ -85,7 +95,7 @@ def relevant(values: Any) -> Any:
     return [relevant(value) for value in values] if isinstance(values, list) else values
 
 
-def _allowed(kind: Any, error: Exception) -> str:
+def _allowed(kind: Any, error: Exception, also: Sequence[str]) -> str:
     """Say which fields there are, where one is not known."""
     found = re.search(r"unknown field `.*?`(?: - at `\$\.(\w+)`)?", str(error))
     if not found:
@@ -94,7 +104,8 @@ def _allowed(kind: Any, error: Exception) -> str:
         (part,) = [each.type for each in msgspec.structs.fields(kind) if each.name == found[1]]
         kinds = [part, *getattr(part, "__args__", ())]
         kind = next((each for each in kinds if hasattr(each, "__struct_fields__")), kind)
+        also = ()
     fields = msgspec.structs.fields(kind)
     required = sorted(each.name for each in fields if each.required)
     others = [each.name for each in fields if not each.required]
-    return f"; the fields there are {', '.join([*required, *others])}"
+    return f"; the fields there are {', '.join([*also, *required, *others])}"

@@ -20,6 +20,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, LimitError
 from minorloop.lab.conversion import Conversion
+from minorloop.lab.drivers.description import Parsed, parsed
 
 __all__ = ["Device", "DeviceChannel", "DevicePlan", "Wired", "Wiring", "all_done"]
 
@@ -59,6 +60,10 @@ class DeviceChannel:
         Limits and rest of a source; rest of a line is 0 or 1.
     rate : float
         Fastest change of a source in units of the bench in a second.
+    what : str
+        ``source``, ``sensor`` or ``line``.
+    bench_keys : tuple of str
+        What the file may say of it to the bench.
     """
 
     name: str
@@ -68,6 +73,19 @@ class DeviceChannel:
     high: float = np.inf
     rest: float = 0.0
     rate: float = np.inf
+    what: str = "channel"
+    bench_keys: tuple[str, ...] = ()
+
+    def parsed(self, kind: type[Parsed]) -> Parsed:
+        """Return what the file says of it to the driver as a structure.
+
+        Raises
+        ------
+        ParameterError
+            If a key is missing, unknown, or of another type.
+        """
+        where = f"{self.what} {self.name!r}"
+        return parsed(kind, self.keys, where, self.what, self.bench_keys)
 
 
 @dataclass(frozen=True)

@@ -66,11 +66,11 @@ class LabJack:
 
     def __init__(self, plan: DevicePlan) -> None:
         self._ljm = _library()
-        how = parsed(_LabjackSettings, plan.keys, f"device {plan.name!r}")
-        self._sources = [parsed(_LabjackSource, wire.keys, wire.name) for wire in plan.sources]
-        sensors = [parsed(_LabjackSensor, wire.keys, wire.name) for wire in plan.sensors]
+        how = parsed(_LabjackSettings, plan.keys, f"device {plan.name!r}", "device")
+        self._sources = [wire.parsed(_LabjackSource) for wire in plan.sources]
+        sensors = [wire.parsed(_LabjackSensor) for wire in plan.sensors]
         self._sensors = [each.channel for each in sensors]
-        self._lines = [parsed(_LabjackLine, wire.keys, wire.name).channel for wire in plan.lines]
+        self._lines = [wire.parsed(_LabjackLine).channel for wire in plan.lines]
         self._rest, self._resting_lines = plan.rest, plan.resting_lines
         self._name = f"LabJack {how.model} {how.identifier}"
         self._handle = self._call("openS", how.model, how.connection, how.identifier)

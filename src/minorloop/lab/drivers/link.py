@@ -18,6 +18,8 @@ __all__ = ["Link", "VisaLink"]
 LONGEST = 4096
 """Most characters of an answer."""
 _ADVICE = "; connect it, or correct its address (minorloop devices lists what is there)"
+_SHOWN = 40
+"""Bytes of an answer without an end that a message shows."""
 _LONGEST_MESSAGE = 400
 """Most characters of an error message of a library."""
 _QUIET, _AT_ONCE = 20, 1
@@ -25,6 +27,10 @@ _QUIET, _AT_ONCE = 20, 1
 that have arrived already."""
 _PARTING = 1.0
 """Seconds for the other end to receive what was sent, before a connection is closed."""
+
+
+class _UnendedError(InstrumentError):
+    """Part of an answer came."""
 
 
 class Link(Protocol):
@@ -167,8 +173,9 @@ class VisaLink:
         try:
             line = self._line()
         except Exception as error:
+            which = "no whole answer" if isinstance(error, _UnendedError) else "no answer"
             raise InstrumentError(
-                f"{self.name} gave no answer within {self._timeout:g} s: {_short(error)}; check "
+                f"{self.name} gave {which} within {self._timeout:g} s: {_short(error)}; check "
                 "its power and cable, and the timeout"
             ) from None
         self._doubtful = False
@@ -304,7 +311,8 @@ class VisaLink:
         found = b""
         while not found.endswith(b"\n"):
             if len(found) > LONGEST or time.monotonic() > deadline:
-                raise InstrumentError(f"{found[:40]!r} and so on, without the end of a line")
+                more = " and so on" if len(found) > _SHOWN else ""
+                raise _UnendedError(f"{found[:_SHOWN]!r}{more}, without the end of a line")
             found += self._some(1 if self._streams else LONGEST + 1)
             if not self._streams and len(found) <= LONGEST:
                 break  # a message has an end of its own

@@ -76,10 +76,10 @@ class ModbusDevice:
             raise MissingExtraError("pymodbus", "modbus") from None
         # Its messages repeat what is raised here.
         logging.getLogger("pymodbus").addHandler(logging.NullHandler())
-        self._how = parsed(_ModbusSettings, plan.keys, f"device {plan.name!r}")
-        self._sources = [parsed(_ModbusSource, wire.keys, wire.name) for wire in plan.sources]
-        self._sensors = [parsed(_ModbusSensor, wire.keys, wire.name) for wire in plan.sensors]
-        self._lines = [parsed(_ModbusLine, wire.keys, wire.name).coil for wire in plan.lines]
+        self._how = parsed(_ModbusSettings, plan.keys, f"device {plan.name!r}", "device")
+        self._sources = [wire.parsed(_ModbusSource) for wire in plan.sources]
+        self._sensors = [wire.parsed(_ModbusSensor) for wire in plan.sensors]
+        self._lines = [wire.parsed(_ModbusLine).coil for wire in plan.lines]
         self._rest, self._resting_lines = plan.rest, plan.resting_lines
         self._name = f"{self._how.host}:{self._how.port}"
         self._client = ModbusTcpClient(

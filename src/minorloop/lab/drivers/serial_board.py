@@ -228,9 +228,9 @@ def open_device(plan: DevicePlan) -> SerialBoard:
     InstrumentError
         If there is no board, or it does not answer.
     """
-    how = parsed(_SerialSettings, plan.keys, f"device {plan.name!r}")
+    how = parsed(_SerialSettings, plan.keys, f"device {plan.name!r}", "device")
     for wire in (*plan.sources, *plan.sensors, *plan.lines):  # before anything is opened
-        parsed(_BoardChannel, wire.keys, wire.name)
+        wire.parsed(_BoardChannel)
     link = VisaLink(how.resource, library=how.library, timeout=how.timeout, baud=how.baud)
     try:
         board = SerialBoard(link, plan)
@@ -254,7 +254,7 @@ def _places(wires: Sequence[DeviceChannel], count: int, what: str) -> list[int]:
     """Return the number on the board of each channel."""
     places = []
     for number_, wire in enumerate(wires):
-        given = parsed(_BoardChannel, wire.keys, wire.name).channel
+        given = wire.parsed(_BoardChannel).channel
         place = number_ if given is None else given
         if not 0 <= place < count:
             raise ParameterError(

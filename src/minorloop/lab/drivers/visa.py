@@ -241,10 +241,10 @@ def open_device(plan: DevicePlan) -> ScpiDevice:
     MissingExtraError, InstrumentError
         As `open_bench`.
     """
-    how = parsed(_VisaSettings, plan.keys, f"device {plan.name!r}")
-    lines = tuple(parsed(_LineCommands, wire.keys, f"line {wire.name!r}") for wire in plan.lines)
-    commands = [parsed(_Commands, wire.keys, f"source {wire.name!r}") for wire in plan.sources]
-    queries = [parsed(_Query, wire.keys, f"sensor {wire.name!r}") for wire in plan.sensors]
+    how = parsed(_VisaSettings, plan.keys, f"device {plan.name!r}", "device")
+    lines = tuple(wire.parsed(_LineCommands) for wire in plan.lines)
+    commands = [wire.parsed(_Commands) for wire in plan.sources]
+    queries = [wire.parsed(_Query) for wire in plan.sensors]
     link = VisaLink(
         how.resource,
         library=_beside(how.library, plan.folder),
