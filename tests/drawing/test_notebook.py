@@ -70,6 +70,7 @@ def test_a_notebook_shows_a_figure_and_a_table(name):
 def test_everything_that_can_be_drawn_is_shown():
     drawn = ("dynamics.cascade", "dynamics.creep")
     drawn += ("identification.data_sheet", "identification.linear_fit")
+    drawn += ("identification.after_effect_result", "identification.oscillator_result")
     for name in drawn:
         import_module(f"minorloop.{name}")
     shown = {each.__name__ for each in NotebookView.__subclasses__()}
