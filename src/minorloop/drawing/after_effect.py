@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.drawing.dynamics import draw_record
 from minorloop.drawing.layout import new_figure
 
 if TYPE_CHECKING:
@@ -44,16 +45,9 @@ def draw_after_effect_identification(
     """Draw the record with the model, the residual, and the errors of the laws compared."""
     figure, axes = new_figure(2, 2, 6.0)
     (record, loop), (residual, laws) = axes
-    t, y = result.t, result.y
-    record.plot(t, y, ".", ms=2.0, color="0.6", label="measured", rasterized=True)
-    record.plot(t, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
-    record.set(xlabel="time [s]", ylabel=output_label, title="Record")
-    record.legend(frameon=False)
-    loop.plot(result.u, y, ".", ms=2.0, color="0.6", label="measured", rasterized=True)
+    draw_record(result, record, loop, residual, output_label)
     loop.plot(result.u, result.prediction, ".", ms=1.0, color="C0", label="model", rasterized=True)
     loop.set(xlabel=input_label, ylabel=output_label, title="Loop")
-    residual.plot(t, result.prediction - y, lw=0.6, color="C3", rasterized=True)
-    residual.set(xlabel="time [s]", ylabel=f"model less measured, {output_label}", title="Residual")
     names = [one.law for one in result.tried]
     laws.bar(names, [100 * one.error for one in result.tried], color="C0")
     laws.set(ylabel="error on rows left out [% of range]", title="Laws")

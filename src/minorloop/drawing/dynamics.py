@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from minorloop.dynamics.cascade import CascadeInversion
     from minorloop.dynamics.creep import CreepFit
     from minorloop.dynamics.linear import Linear
+    from minorloop.identification.after_effect_result import AfterEffectIdentification
     from minorloop.identification.dynamic_result import DynamicIdentification
 
 _POINTS = 400
@@ -37,24 +38,36 @@ def draw_linear(system: Linear) -> Any:
     return figure
 
 
-def draw_dynamic_identification(
-    result: DynamicIdentification, *, input_label: str = "input", output_label: str = "output"
-) -> Any:
-    """Draw the record with the model, the residual, and the step response of the dynamics."""
-    figure, axes = new_figure(2, 2, 6.0)
-    (record, loop), (residual, step) = axes
+def draw_record(
+    result: DynamicIdentification | AfterEffectIdentification,
+    record: Any,
+    loop: Any,
+    residual: Any,
+    output_label: str,
+) -> None:
+    """Draw a record in time with its model, the measured loop and the residual."""
     t, y = result.t, result.y
     record.plot(t, y, ".", ms=2.0, color="0.6", label="measured", rasterized=True)
     record.plot(t, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
     record.set(xlabel="time [s]", ylabel=output_label, title="Record")
     record.legend(frameon=False)
     loop.plot(result.u, y, ".", ms=2.0, color="0.6", label="measured", rasterized=True)
+    residual.plot(t, result.prediction - y, lw=0.6, color="C3", rasterized=True)
+    residual.set(xlabel="time [s]", ylabel=f"model less measured, {output_label}", title="Residual")
+
+
+def draw_dynamic_identification(
+    result: DynamicIdentification, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
+    """Draw the record with the model, the residual, and the step response of the dynamics."""
+    figure, axes = new_figure(2, 2, 6.0)
+    (record, loop), (residual, step) = axes
+    t = result.t
+    draw_record(result, record, loop, residual, output_label)
     w = result.model.operator.simulate(result.u, result.static.start)
     loop.plot(result.u, w, lw=0.8, color="C1", label="operator alone", rasterized=True)
     loop.set(xlabel=input_label, ylabel=output_label, title="Without the dynamics")
     loop.legend(frameon=False)
-    residual.plot(t, result.prediction - y, lw=0.6, color="C3", rasterized=True)
-    residual.set(xlabel="time [s]", ylabel=f"model less measured, {output_label}", title="Residual")
     for axis in (record, residual):
         if result.held_out.any():
             axis.axvspan(*t[np.flatnonzero(result.held_out)[[0, -1]]], color="0.92", zorder=0)

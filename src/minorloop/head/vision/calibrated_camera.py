@@ -18,6 +18,13 @@ Image = npt.NDArray[np.uint8]
 Image32 = npt.NDArray[np.float32]
 
 
+def halved(image: Image32) -> Image32:
+    """Return means of 2 by 2 pixels."""
+    rows, columns = (n // 2 * 2 for n in image.shape)
+    four: Image32 = image[:rows, :columns].reshape(rows // 2, 2, columns // 2, 2)
+    return np.ascontiguousarray(four.mean(axis=(1, 3), dtype=np.float32))
+
+
 @dataclass(frozen=True, eq=False)
 class CalibratedCamera:
     """A calibrated camera in a pipe of known radius.

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from minorloop.arrays import FloatArray
 from minorloop.head.vision import _outline_kernels as kernels
-from minorloop.head.vision.calibrated_camera import Image32
+from minorloop.head.vision.calibrated_camera import Image32, halved
 from minorloop.head.vision.reflectance_map import ReflectanceMap, median
 
 DARK, BRIGHT, EITHER, LIT = "dark", "bright", "either", "lit"
@@ -128,7 +128,7 @@ def _rings(wall: ReflectanceMap) -> Image32:
     near, far = (radius / wall.window.step / 2 for radius in _RINGS)
     rings = np.zeros(tuple(n // 2 for n in wall.ground.shape), np.float32)
     for image in images:
-        level = _halved(np.clip(image - wall.ground, low, high))
+        level = halved(np.clip(image - wall.ground, low, high))
         kernels.vote(ndimage.gaussian_filter(level, 0.7, truncate=2.5), near, far, rings)
     shared = ndimage.gaussian_filter(rings, 1.0, truncate=2.5) / len(images)
     return np.asarray(shared, dtype=np.float32)
@@ -148,8 +148,8 @@ def _seeds(
 
 def _blob(level: Image32, seen: np.ndarray, step: float) -> Image32:
     """Return a difference of two Gaussians at half size; 0 near unseen texels."""
-    weight = _halved(seen.astype(np.float32))
-    value = _halved(np.where(seen, level, np.float32(0)))
+    weight = halved(seen.astype(np.float32))
+    value = halved(np.where(seen, level, np.float32(0)))
     means = []
     for sigma in _SIGMAS:
         width = sigma / step / 2
@@ -158,13 +158,6 @@ def _blob(level: Image32, seen: np.ndarray, step: float) -> Image32:
         means.append((total / np.maximum(share, 0.05), share))
     blob: Image32 = np.where(means[0][1] < 0.6, np.float32(0), means[0][0] - means[1][0])
     return blob
-
-
-def _halved(level: Image32) -> Image32:
-    """Return means of 2 by 2 texels."""
-    rows, columns = (n // 2 * 2 for n in level.shape)
-    four: Image32 = level[:rows, :columns].reshape(rows // 2, 2, columns // 2, 2)
-    return np.asarray(four.mean(axis=(1, 3), dtype=np.float32))
 
 
 def _peaks(blob: Image32, most: int, scale: int) -> list[tuple[float, float]]:

@@ -6,6 +6,7 @@ so that a loop can continue without the frame.
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +44,24 @@ _MOST = 0.9
 _EQUAL_ROWS, _ROW_GREY = 2, 4
 """Equal rows, and their least grey level, by which two frames share rows: noise of a grey level
 never repeats 160 pixels of a row, but near black it is cut off at 0. A strip has several rows."""
+
+_KEPT = 16
+"""Number of frames among which a repeated one counts as frozen."""
+
+
+def repeated(
+    image: npt.NDArray[np.uint8], earlier: tuple[int, ...]
+) -> tuple[bool, tuple[int, ...]]:
+    """Return whether a frame is one of the last, and the check sums of the last ones with its own.
+
+    Parameters
+    ----------
+    image : (height, width) array of uint8
+    earlier : tuple of int
+        Check sums of the frames before, the oldest first.
+    """
+    key = zlib.crc32(np.ascontiguousarray(image).tobytes())
+    return key in earlier, (*earlier, key)[-_KEPT:]
 
 
 def check_frame(

@@ -16,7 +16,6 @@ the search widens until the patch is found again::
 from __future__ import annotations
 
 import math
-import zlib
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -47,8 +46,6 @@ _RIDGE = 0.1
 _FADE = 0.5  # damping of the drift
 _PLAIN = 1e-3
 """Standard deviation of the details of a patch below which there are none."""
-_KEPT = 16
-"""Number of frames in which a repeated one counts as frozen."""
 _CLOSE = 4
 """Texels from where the surroundings put the patch in which it is searched closely."""
 _HIDDEN = 0.5
@@ -241,7 +238,7 @@ class PatchTracker:
             raise SignalError(
                 f"the wall about pixel ({u:.0f}, {v:.0f}) is of one grey; pick one with detail"
             )
-        still, sums = np.zeros(2), (_checksum(image),)
+        still, (_, sums) = np.zeros(2), frame_checks.repeated(image, ())
         state = TrackState((view,), place, place, still, still, 0, image, sums)
         return Track(np.array([u, v]), place, 1.0, TRACKED), state
 
@@ -263,9 +260,9 @@ class PatchTracker:
         known = finite_angles(pan, tilt)
         given = np.array([pan, tilt] if known else [math.nan, math.nan])
         if verdict != frame_checks.WRONG_SIZE:
-            key = _checksum(image)
-            verdict = frame_checks.FROZEN if key in state.earlier else verdict
-            state = replace(state, earlier=(*state.earlier, key)[-_KEPT:])
+            again, earlier = frame_checks.repeated(image, state.earlier)
+            verdict = frame_checks.FROZEN if again else verdict
+            state = replace(state, earlier=earlier)
         if not known and verdict in (frame_checks.GOOD, frame_checks.SATURATED):
             verdict = NO_ANGLE
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
@@ -474,7 +471,3 @@ class PatchTracker:
                 place = self.camera.place(pixel, *given.tolist())
         after = replace(state, missed=state.missed + 1, drift=np.zeros(2), place=place)
         return Track(pixel, place, float(score), verdict), after
-
-
-def _checksum(image: Image) -> int:
-    return zlib.crc32(np.ascontiguousarray(image).tobytes())

@@ -17,7 +17,6 @@ return to an old view removes the drift.
 from __future__ import annotations
 
 import math
-import zlib
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -30,7 +29,7 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import Pinhole, wall_point, wrapped
 from minorloop.head.vision import _alignment_kernels as kernels
 from minorloop.head.vision import frame_checks
-from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32, halved
 from minorloop.head.vision.wall_patches import (
     FEW,
     LATE,
@@ -75,8 +74,6 @@ _TURNED = math.radians(0.4)
 """Turn after which new patches are looked for: what is seen then is new by a tenth of a patch."""
 _UNEVEN = 1e-3
 """Uncertainty in seconds of when a row of a moving picture was taken."""
-_KEPT = 16
-"""Number of pictures among which a repeated one counts as frozen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +172,7 @@ class WallAngles:
                 f"{self.fewest} are needed; set focus, lights and gain"
             )
         state = WallState(
-            patches, at, np.zeros(2), t, 0, 0, image, (zlib.crc32(image.tobytes()),), t
+            patches, at, np.zeros(2), t, 0, 0, image, frame_checks.repeated(image, ())[1], t
         )
         count = len(patches.sd)
         return Sight(at, np.zeros(2), count, count, SEEN), state
@@ -193,11 +190,11 @@ class WallAngles:
         verdict = frame_checks.check_frame(image, self.camera.lens, state.before)
         if verdict == frame_checks.WRONG_SIZE:
             return self._missed(state, verdict)
-        key = zlib.crc32(np.ascontiguousarray(image).tobytes())
-        if verdict == frame_checks.GOOD and key in state.earlier:
+        repeats, earlier = frame_checks.repeated(image, state.earlier)
+        if verdict == frame_checks.GOOD and repeats:
             verdict = frame_checks.FROZEN
         verdict = verdict if t > state.newest else LATE
-        state = replace(state, before=image, earlier=(*state.earlier, key)[-_KEPT:])
+        state = replace(state, before=image, earlier=earlier)
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
             return self._missed(state, verdict)
         state = replace(state, newest=t)
@@ -460,7 +457,7 @@ class WallAngles:
         kernels.logarithm(np.ascontiguousarray(image), whole)
         found = [whole]
         while len(found) < self._skipped + _LEVELS:
-            found.append(_halved(found[-1]))
+            found.append(halved(found[-1]))
         return found[self._skipped :]
 
     @cached_property
@@ -512,12 +509,6 @@ class WallAngles:
             for low, high in zip(self.low, self.high, strict=True)
         ]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-
-
-def _halved(fine: Image32) -> Image32:
-    rows, columns = fine.shape[0] // 2, fine.shape[1] // 2
-    cells = fine[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2)
-    return np.ascontiguousarray(cells.mean(axis=(1, 3), dtype=np.float32))
 
 
 def _solved(matrix: FloatArray, slope: FloatArray) -> FloatArray | None:
