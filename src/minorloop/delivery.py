@@ -8,6 +8,7 @@ reading is used; what the sensor reads is compared with the targets afterwards.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -200,9 +201,7 @@ class Delivery:
                 worst = max(map(abs, errors))
                 said = f"within {worst:.2g} for {part[-1].t - points[first - 1].t:.4g} s"
                 arrivals.append(
-                    Arrival(
-                        target, part[0].input, target + errors[0], part[0].sd, len(part), said
-                    )
+                    Arrival(target, part[0].input, target + errors[0], part[0].sd, len(part), said)
                 )
         return DriveResult(offset, tuple(arrivals), allowed, 0, width, _REMEDY)
 
@@ -213,7 +212,7 @@ class Delivery:
         """
         settled, memory = self.model.settled.step("negative", self.saturation)
         tracker, predicted = self.model.track(memory), [float(settled)]
-        for before, point in zip(points, points[1:], strict=False):
+        for before, point in itertools.pairwise(points):
             if (gap := _gap(before, point)) > 0:
                 tracker.push(before.input, gap)
             predicted.append(tracker.push(point.input, point.held))

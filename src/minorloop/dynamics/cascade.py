@@ -453,9 +453,7 @@ def _time_of_gain(linear: Linear, least: float) -> float:
     return float(1 / omega[above[-1]]) if above.size else float(times[0])
 
 
-def filtered_inverse(
-    linear: Linear, seconds: float, *, flat: bool = False
-) -> tuple[Linear, float]:
+def filtered_inverse(linear: Linear, seconds: float, *, flat: bool = False) -> tuple[Linear, float]:
     """Return F / G, and by how many seconds F and the parts of G that F / G leaves out are late.
 
     F has equal poles, or is ``flat``, a low-pass of Butterworth (Wireless Engineer 7, 1930): nearer
