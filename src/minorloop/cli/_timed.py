@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, RecordError
 
 if TYPE_CHECKING:
     from minorloop.lab.records import Record
@@ -84,6 +84,12 @@ class TimedData:
                 now,
                 labels=labels,
                 needed=True,
+            )
+        if log.check is not None and log.check.jumps.size:
+            raise RecordError(
+                f"column '{self.time}' of {self.file} runs backwards after sample "
+                f"{log.check.jumps[0]}, counted from 0 after the header; give the rows in the order "
+                "of time"
             )
         record = log.record
         part = _common.as_rows(self.rows, len(record))
