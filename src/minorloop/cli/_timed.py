@@ -88,8 +88,8 @@ class TimedData:
         if log.check is not None and log.check.jumps.size:
             raise RecordError(
                 f"column '{self.time}' of {self.file} runs backwards after sample "
-                f"{log.check.jumps[0]}, counted from 0 after the header; give the rows in the order "
-                "of time"
+                f"{log.check.jumps[0]}, counted from 0 after the header; give the rows in the "
+                "order of time"
             )
         record = log.record
         part = _common.as_rows(self.rows, len(record))
