@@ -110,7 +110,10 @@ def run(
         names = str(plant.inputs[0]), str(plant.outputs[0])
         _check_units(known, plant)
         first = saturation_of(known.operator, plant.inputs[0]) if saturation is None else saturation
-        shared = {"nrmse": _error_of(known), "written": getattr(plant, "written", float)}
+        shared: dict[str, Any] = {
+            "nrmse": _error_of(known),
+            "written": getattr(plant, "written", float),
+        }
         chosen: Delivery | TargetDrive
         if every is None:
             chosen = TargetDrive(
