@@ -60,6 +60,7 @@ ELSEWHERE = {
     "studies/drawing.py": "studies/test_design.py",
     "studies/fibre_report.py": "studies/test_fibre.py",
     "studies/ipmc_report.py": "studies/test_ipmc.py",
+    "studies/stage_report.py": "studies/test_stage.py",
     "version.py": "cli/test_main.py",
 }
 
