@@ -2,7 +2,9 @@
 
 The tool is beside the lens, so that the head turns the tool to the place, not the optical axis.
 Picture and calibration give the pixel at which the tool would meet the wall; the head turns until
-the place, which is tracked, is at that pixel.
+the place, which is tracked, is at that pixel. After the touch the mark is looked for in the picture:
+where it is, less where it was expected, is the error of the tool's calibration, which a test mark
+corrects (`MarkState.tool`).
 """
 
 from __future__ import annotations
@@ -23,8 +25,11 @@ from minorloop.head.procedures.extract import Acquisition, AcquisitionState
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.meter import Metering, MeterState
 from minorloop.head.procedures.values import Procedure, Reading, Request, held_since, passed
+from minorloop.head.vision.calibrated_camera import Image
+from minorloop.head.vision.new_mark import new_mark
 from minorloop.head.vision.recentre import outline_about
-from minorloop.head.vision.tracking import TRACKED, TrackState
+from minorloop.head.vision.sighting import sighted_angles
+from minorloop.head.vision.tracking import TRACKED, Track, TrackState
 
 APPROACH = 0.6
 """Share of the deflection to which the head turns before the servo takes over. The servo then
@@ -80,7 +85,10 @@ class MarkState:
     the tool would meet the wall, in pixels, and ``lean`` (2,) the angles added to the wanted ones
     to make up for a head that stays off. The point has been there without a break from
     ``near_since``. ``verdict`` is empty until the end, or says what the touch waits for; ``touch``
-    (2,) is where the point touched by the picture, phi and z in the frame of ``place``.
+    (2,) is where the point touched by the picture, phi and z in the frame of ``place``. ``before``
+    is the last picture before the contact with the angles that it shows, ``contact`` (2,) those at it;
+    ``mark`` (2,) is where the mark is by the picture after it, and ``tool`` the tool that would
+    have been expected to touch there, both None if no mark is seen.
     """
 
     place: FloatArray
@@ -99,6 +107,10 @@ class MarkState:
     near_since: float | None = None
     extension: float = 0.0
     touch: FloatArray | None = None
+    before: tuple[Image, FloatArray] | None = None
+    contact: FloatArray | None = None
+    mark: FloatArray | None = None
+    tool: Tool | None = None
     verdict: str = ""
     done: bool = False
 
@@ -175,8 +187,7 @@ class Marking(Procedure[MarkState]):
         if state.stage == "outline":
             return self._outline(state, reading)
         if state.stage == "withdraw":
-            over = reading.extension <= 0.0 or self._late(state, reading)
-            return replace(state, done=over), Request(extension=0.0, angles=state.wanted)
+            return self._withdraw(state, tool, reading)
         return self._aim(state, tool, reading)
 
     def _at(self, state: MarkState, stage: MarkStage, verdict: str = "") -> MarkState:
@@ -236,7 +247,7 @@ class Marking(Procedure[MarkState]):
             still = replace(state, extension=reading.extension)
             return still, self._request(still)
         state = self._steered(replace(state, verdict=""), tool, seen.place, reading)
-        return self._moved(state, tool, seen.place, reading)
+        return self._moved(state, tool, seen, reading)
 
     def _steered(
         self, state: MarkState, tool: Tool, place: FloatArray, reading: Reading
@@ -260,7 +271,7 @@ class Marking(Procedure[MarkState]):
         return replace(state, wanted=CONE.clip(wanted), lean=lean, off=smooth, near_since=near)
 
     def _moved(
-        self, state: MarkState, tool: Tool, place: FloatArray, reading: Reading
+        self, state: MarkState, tool: Tool, seen: Track, reading: Reading
     ) -> tuple[MarkState, Request]:
         """Extend the tool to the next stop, or touch."""
         mount = self.calibration.mount_at(reading.place)
@@ -274,15 +285,51 @@ class Marking(Procedure[MarkState]):
             state = self._at(replace(state, extension=max(free - self.gap, 0.0)), "near")
         elif state.stage == "near" and still and reading.extension >= state.extension - 1e-4:
             end = min(free + self.beyond, tool.longest)
-            state = self._at(replace(state, extension=end), "contact")
+            assert reading.image is not None
+            before = reading.image, self._sighted(state, seen, reading)
+            state = self._at(replace(state, extension=end, before=before), "contact")
         elif state.stage == "contact" and reading.touching:
             metres = np.array([self.calibration.radius, 1.0])
-            off = (np.array(hit) - self._target(place, state)) * metres
+            off = (np.array(hit) - self._target(seen.place, state)) * metres
             touch = state.place + (state.beside + off) / metres
-            state = self._at(replace(state, touch=touch, extension=0.0), "withdraw", TOUCHED)
+            contact = self._sighted(state, seen, reading)
+            state = replace(state, touch=touch, contact=contact, extension=0.0)
+            state = self._at(state, "withdraw", TOUCHED)
         elif state.stage == "contact" and reading.extension >= state.extension - 1e-6:
             state = self._at(replace(state, extension=0.0), "withdraw", NO_CONTACT)
         return state, self._request(state)
+
+    def _withdraw(
+        self, state: MarkState, tool: Tool, reading: Reading
+    ) -> tuple[MarkState, Request]:
+        """Withdraw the tool, then look for the mark."""
+        late = self._late(state, reading)
+        request = Request(extension=0.0, angles=state.wanted, frame=True)
+        if late or state.contact is None or state.before is None:
+            return replace(state, done=late or reading.extension <= 0.0), request
+        if reading.image is None or state.track is None:
+            return state, request
+        centring = Centring(calibration=self.calibration)
+        seen, track = centring.follow(state.track, reading, reading.image)
+        state = replace(state, track=track)
+        if reading.extension > 0.0 or seen.verdict != TRACKED:
+            return state, request
+        after = reading.image, self._sighted(state, seen, reading)
+        camera = self.calibration.camera_at(reading.place)
+        pan, tilt = state.contact.tolist()
+        expected = tool.meet(camera.mount, pan, tilt, camera.radius)[:2]
+        mark = new_mark(camera, expected, state.before, after)
+        if mark is not None:
+            point = wall_point(float(mark[0]), float(mark[1]), camera.radius)
+            learned = tool.through(camera.mount.pose(pan, tilt).to_camera(point))
+            state = replace(state, mark=mark, tool=learned)
+        return replace(state, done=True), request
+
+    def _sighted(self, state: MarkState, seen: Track, reading: Reading) -> FloatArray:
+        """Return the angles (2,) at which the feature is where the picture shows it."""
+        camera = self.calibration.camera_at(reading.place)
+        angles = sighted_angles(camera, state.place, seen.pixel, reading.angles)
+        return reading.angles if angles is None else angles
 
     def _request(self, state: MarkState) -> Request:
         return Request(angles=state.wanted, extension=state.extension, frame=True)

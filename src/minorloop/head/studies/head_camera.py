@@ -34,6 +34,8 @@ from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore
 from minorloop.identification import excitation
 
+EVERY = 2
+"""Frames of the step that identifies a lag of seconds, of which one is used: 12.5 a second."""
 LAWS = ("observer", "internal_model", "adaptive", "feedforward_pi", "model_reference", "pi")
 """Laws that run on pictures, the first two on every step."""
 STEPS, STEP_SECONDS = (20.0, 30.0, 40.0), 20.0
@@ -48,9 +50,10 @@ PICTURES = 3
 """Pictures at the end of a hold: their mean has half the noise of one, at little cost."""
 PERIODS = (60.0, 30.0, 20.0)
 """Periods of the circle, in seconds."""
-HOLE = Bore(phi=math.radians(135.0), z=20e-3, diameter=1e-3, brightness=0.0, lining=0.08)
-"""The feature about which the circle goes: half-way between the cold head, whose optical axis meets
-the wall at 11 mm, and a line of sight along the pipe, which never does."""
+HOLE = Bore(phi=math.radians(135.0), z=22e-3, diameter=1e-3, brightness=0.0, lining=0.08)
+"""The feature about which the circle goes: between the cold head, whose optical axis meets the wall
+at 11 mm, and a line of sight along the pipe, which never does. All wires stay 5 degrees warmer than
+cold: nearer to it they cannot pull back."""
 RADIUS = 4e-3
 """Of the circle in metres. The paper's is 20 to 25 mm across, on a wall that the text does not
 describe; round the inside of a pipe of 20 mm that would be more than a quarter turn to each side,
@@ -313,13 +316,15 @@ def _settled(
 
 
 def _step(sensor: PictureSensor, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times, currents and angles of a step to full current and back, at the video rate."""
+    """Return times, currents and angles of a step to full current and back, of every other frame."""
     on, off, end = STEP
-    t = np.arange(0.0, end, TICK)
+    t = np.arange(0.0, end, EVERY * TICK)
     current = np.where((t >= on) & (t < off), CURRENT, 0.0)
     u, seen = np.zeros(2), [sensor.look()[axis]]
     for now in current[:-1]:
         u[axis] = now
+        for _ in range(EVERY - 1):
+            sensor.pass_over(u)
         sensor.exchange(u)
         seen.append(sensor.latest[axis])
     angle = np.array(seen)
