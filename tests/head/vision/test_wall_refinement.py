@@ -56,10 +56,10 @@ def test_a_patch_goes_all_the_way_to_where_it_agrees(sweep):
     eyes = WallAngles(known)
     _, state = eyes.begin(frames[0].image, REST, frames[0].t)
     sight, state = eyes.step(state, frames[1].image, frames[1].t)
-    image = eyes._pyramid(frames[1].image)[0]
+    image = eyes.pictures.pyramid(frames[1].image)[0]
     off = np.radians([0.1, 0.0])
-    scores, _, turned = eyes._aligned(image, state.patches, sight.angles + off)
-    _, _, before = eyes._aligned(image, state.patches, sight.angles)
+    scores, _, turned = eyes.pictures.aligned(image, state.patches, sight.angles + off)
+    _, _, before = eyes.pictures.aligned(image, state.patches, sight.angles)
     found = (before - turned)[scores > 0.8]
     assert len(found) > 10
     assert np.median(found[:, 0]) == pytest.approx(off[0], rel=0.1)

@@ -2,9 +2,9 @@
 
 The tool is beside the lens, so that the head turns the tool to the place, not the optical axis.
 Picture and calibration give the pixel at which the tool would meet the wall; the head turns until
-the place, which is tracked, is at that pixel. After the touch the mark is looked for in the picture:
-where it is, less where it was expected, is the error of the tool's calibration, which a test mark
-corrects (`MarkState.tool`).
+the place, which is tracked, is at that pixel. After the touch the mark is looked for in the
+picture: where it is, less where it was expected, is the error of the tool's calibration, which a
+test mark corrects (`MarkState.tool`).
 """
 
 from __future__ import annotations
@@ -86,9 +86,9 @@ class MarkState:
     to make up for a head that stays off. The point has been there without a break from
     ``near_since``. ``verdict`` is empty until the end, or says what the touch waits for; ``touch``
     (2,) is where the point touched by the picture, phi and z in the frame of ``place``. ``before``
-    is the last picture before the contact with the angles that it shows, ``contact`` (2,) those at it;
-    ``mark`` (2,) is where the mark is by the picture after it, and ``tool`` the tool that would
-    have been expected to touch there, both None if no mark is seen.
+    is the last picture before the contact with the angles that it shows, ``contact`` (2,) those at
+    the contact; ``mark`` (2,) is where the mark is by the picture after it, and ``tool`` the tool
+    that would have been expected to touch there, both None if no mark is seen.
     """
 
     place: FloatArray
@@ -305,9 +305,10 @@ class Marking(Procedure[MarkState]):
         """Withdraw the tool, then look for the mark."""
         late = self._late(state, reading)
         request = Request(extension=0.0, angles=state.wanted, frame=True)
-        if late or state.contact is None or state.before is None:
+        before, contact = state.before, state.contact
+        if late or before is None or contact is None or state.track is None:
             return replace(state, done=late or reading.extension <= 0.0), request
-        if reading.image is None or state.track is None:
+        if reading.image is None:
             return state, request
         centring = Centring(calibration=self.calibration)
         seen, track = centring.follow(state.track, reading, reading.image)
@@ -316,9 +317,9 @@ class Marking(Procedure[MarkState]):
             return state, request
         after = reading.image, self._sighted(state, seen, reading)
         camera = self.calibration.camera_at(reading.place)
-        pan, tilt = state.contact.tolist()
+        pan, tilt = contact.tolist()
         expected = tool.meet(camera.mount, pan, tilt, camera.radius)[:2]
-        mark = new_mark(camera, expected, state.before, after)
+        mark = new_mark(camera, expected, before, after)
         if mark is not None:
             point = wall_point(float(mark[0]), float(mark[1]), camera.radius)
             learned = tool.through(camera.mount.pose(pan, tilt).to_camera(point))

@@ -316,7 +316,7 @@ def _settled(
 
 
 def _step(sensor: PictureSensor, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times, currents and angles of a step to full current and back, of every other frame."""
+    """Return times, currents and angles of a step to full current and back."""
     on, off, end = STEP
     t = np.arange(0.0, end, EVERY * TICK)
     current = np.where((t >= on) & (t < off), CURRENT, 0.0)

@@ -31,7 +31,7 @@ WITHIN = 0.3e-3
 """Distance in metres from where it was wanted within which a touch counts, as the issue bounds it:
 less than a third of the hole that is marked."""
 TESTS, TOUCHES = 2, 3
-"""Test marks that correct the calibration of the tool of a specimen, and touches that are scored."""
+"""Test marks that correct the tool of a specimen, and touches that are scored."""
 BESIDE = 1.2e-3
 """Distance in metres of a mark from the middle of the hole, in which there is no wall to mark."""
 OFF_PLACE = 0.1e-3

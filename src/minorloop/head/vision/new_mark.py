@@ -67,4 +67,4 @@ def new_mark(
 
 def _greys(flat: Image32) -> Image32:
     """Return logarithms of grey levels, so that a change of the light is a sum."""
-    return np.log(flat + np.float32(4.0))
+    return np.asarray(np.log(flat + np.float32(4.0)))

@@ -147,10 +147,10 @@ def _adjusted(
     normal[fixed, fixed] += np.eye(2) / doubt.angle**2
     right[fixed] -= turned_before / doubt.angle**2
     for k, frame in enumerate(pictures):
-        chosen = eyes._in_view(patches, angles[k])
+        chosen = eyes.pictures.in_view(patches, angles[k])
         some = patches.of(chosen)
-        pyramid = eyes._pyramid(frame.image)
-        scores, own, votes = eyes._aligned(pyramid[0], some, angles[k])
+        pyramid = eyes.pictures.pyramid(frame.image)
+        scores, own, votes = eyes.pictures.aligned(pyramid[0], some, angles[k])
         turn = 1e-4
         pan, tilt = angles[k].tolist()
         here = camera.pixel(some.places, pan, tilt)
