@@ -79,7 +79,7 @@ def test_a_head_that_never_sees_again_cools(control, monkeypatch):
 
 def test_a_circle_about_a_hole_is_scored_where_the_true_axis_meets_the_wall(control, monkeypatch):
     monkeypatch.setattr(head_camera, "WAIT", 6.0)
-    found = run_circle(SEED, control, 8.0, lambda head: PictureSensor(head, SEED, bores=(HOLE,)))
+    found = run_circle(SEED, control, 12.0, lambda head: PictureSensor(head, SEED, bores=(HOLE,)))
     assert found.t[0] > 6.0
     assert np.allclose(np.linalg.norm(found.wanted, axis=1), 1e3 * RADIUS)
     first = np.linalg.norm(found.reached[0] - found.wanted[0])
