@@ -33,7 +33,6 @@ def study():
             patch.setattr(head, name, value)
         patch.setattr(tracking_trials, "WALLS", ("drawn", "repeated"))
         patch.setattr(tracking_trials, "FRAMES", 16)
-        patch.setattr(touch_trials, "TESTS", 1)
         patch.setattr(touch_trials, "TOUCHES", 1)
         by_camera = {
             "LAWS": ("observer", "internal_model"), "STEPS": (20.0,), "STEP_SECONDS": 12.0,

@@ -40,7 +40,9 @@ NO_CONTACT, UNSTEADY = "no contact", "not steady enough to touch"
 _MOST_LEAN = math.radians(2.0)
 """Largest angle that is added for a head that stays off, as wires do whose model errs."""
 
-MarkStage: TypeAlias = Literal["turn", "meter", "outline", "aim", "near", "contact", "withdraw"]
+MarkStage: TypeAlias = Literal[
+    "back", "turn", "meter", "outline", "aim", "near", "contact", "withdraw"
+]
 
 
 def aim_at(
@@ -94,7 +96,7 @@ class MarkState:
     place: FloatArray
     gain: float
     beside: FloatArray = field(default_factory=lambda: np.zeros(2))
-    stage: MarkStage = "turn"
+    stage: MarkStage = "back"
     since: float | None = None
     go: GoState | None = None
     meter: MeterState | None = None
@@ -130,6 +132,9 @@ class Marking(Procedure[MarkState]):
         Without a tool the verdict is ``no tool``.
     go : Go
         Of the turn.
+    back : float
+        Angle in radians by which both joints stop short first. A wire that has cooled last would
+        move to and fro about the place, across the dead zone of its loop.
     close : float
         Distance in pixels at which the tool touches: 1 of 640 is 0.03 mm across the way of the
         tool and 0.07 mm along a wall that it meets at 25 degrees.
@@ -148,6 +153,7 @@ class Marking(Procedure[MarkState]):
 
     calibration: HeadCalibration
     go: Go = GO
+    back: float = math.radians(6.0)
     close: float = 1.0
     still: float = 0.44
     gap: float = 1e-3
@@ -177,7 +183,7 @@ class Marking(Procedure[MarkState]):
         if tool is None:
             return replace(state, verdict=NO_TOOL, done=True), Request()
         state = replace(state, since=reading.t if state.since is None else state.since)
-        if state.stage == "turn":
+        if state.stage in ("back", "turn"):
             return self._turn(state, tool, reading)
         if state.stage == "meter":
             metering = Metering(calibration=self.calibration)
@@ -197,17 +203,20 @@ class Marking(Procedure[MarkState]):
         return passed(state.since or 0.0, reading.t, self.patience)
 
     def _turn(self, state: MarkState, tool: Tool, reading: Reading) -> tuple[MarkState, Request]:
-        """Turn the tool towards the place by the joints."""
+        """Turn the tool towards the place by the joints, which stop short of it first."""
         if state.go is None:
             target = self._target(state.place, state)
             guess = aim_at(self.calibration, target, reading.place)
             angles = self._angles(tool, target, reading.place, guess)
             if angles is None:
                 return replace(state, verdict=BEYOND, done=True), Request()
-            state = replace(state, go=self.go.begin(angles=angles), wanted=angles)
+            stop = CONE.clip(angles - self.back) if state.stage == "back" else angles
+            state = replace(state, go=self.go.begin(angles=stop), wanted=angles)
         assert state.go is not None
         go, request = self.go.step(state.go, reading)
         state = replace(state, go=go)
+        if go.done and state.stage == "back":
+            return self._at(replace(state, go=None), "turn"), request
         return (self._at(state, "meter") if go.done else state), request
 
     def _outline(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from minorloop.head.control.head import HeadControl
+from minorloop.head.studies import touch_trials
 from minorloop.head.studies.inspection_servo import Scene
 from minorloop.head.studies.sight_trials import (
     Insertion,
@@ -15,7 +16,7 @@ from minorloop.head.studies.sight_trials import (
     run_pick,
     sight_figures,
 )
-from minorloop.head.studies.touch_trials import Touch, run_touches, touch_figures
+from minorloop.head.studies.touch_trials import Touch, run_touch, touch_figures
 from minorloop.head.studies.tracking_trials import Followed, run_tracking, tracking_figures
 from minorloop.studies.claims import Claim
 
@@ -91,7 +92,7 @@ def run_sight(seed: int, control: HeadControl) -> SightStudy:
         followed=tuple(run_tracking(seed)),
         pick=run_pick(Scene(seed)),
         insertion=run_insertion(seed, control),
-        touches=run_touches(seed, control),
+        touches=tuple(run_touch(seed, k, control) for k in range(touch_trials.TOUCHES)),
     )
 
 

@@ -1,7 +1,7 @@
 """A mark is set beside a hole with the micro-tool, and compared with the truth.
 
-Before that the tool sets test marks, and its calibration is corrected by where the pictures show
-them.
+Before that the tool sets a test mark on the other side of the hole, and its calibration is
+corrected by where the picture shows it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.head.control.head import HeadControl
-from minorloop.head.geometry import Mount, Tool, wall_distance, wrapped
+from minorloop.head.geometry import Mount, wall_distance, wrapped
 from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
 from minorloop.head.procedures.mark import TOUCHED, Marking
 from minorloop.head.procedures.rig import InspectionRig
@@ -30,8 +30,7 @@ from minorloop.head.twins.rig import Rig, SimulatedTip
 WITHIN = 0.3e-3
 """Distance in metres from where it was wanted within which a touch counts, as the issue bounds it:
 less than a third of the hole that is marked."""
-TESTS, TOUCHES = 2, 3
-"""Test marks that correct the tool of a specimen, and touches that are scored."""
+TOUCHES = 3
 BESIDE = 1.2e-3
 """Distance in metres of a mark from the middle of the hole, in which there is no wall to mark."""
 OFF_PLACE = 0.1e-3
@@ -63,8 +62,6 @@ class Touch:
         True pixel of the mark in the picture after it.
     seen : float
         Grey level of the mark over that of the wall around it; NaN if it is not in view.
-    tool : Tool, optional
-        As the mark says that it is; None if the procedure did not see the mark.
     """
 
     verdict: str
@@ -74,27 +71,9 @@ class Touch:
     after: npt.NDArray[np.uint8]
     pixel: FloatArray
     seen: float
-    tool: Tool | None
 
 
-def run_touches(seed: int, control: HeadControl) -> tuple[Touch, ...]:
-    """Set test marks, correct the tool by their mean, and touch.
-
-    Parameters
-    ----------
-    seed, control
-        As in `run_touch`.
-    """
-    tool, made = None, 0
-    for number in range(TESTS):
-        found = run_touch(seed, number, control, tool)
-        if found.tool is not None:
-            made += 1
-            tool = found.tool if tool is None else tool.between(found.tool, 1.0 / made)
-    return tuple(run_touch(seed, TESTS + k, control, tool) for k in range(TOUCHES))
-
-
-def run_touch(seed: int, number: int, control: HeadControl, tool: Tool | None = None) -> Touch:
+def run_touch(seed: int, number: int, control: HeadControl) -> Touch:
     """Set a mark beside a hole.
 
     Parameters
@@ -104,8 +83,6 @@ def run_touch(seed: int, number: int, control: HeadControl, tool: Tool | None = 
     number : int
         Of the touch; it draws pipe, hole and place of the mark.
     control : HeadControl
-    tool : Tool, optional
-        As it is known; as calibrated without it.
     """
     rng = np.random.default_rng([seed, 62, number])
     x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
@@ -127,11 +104,14 @@ def run_touch(seed: int, number: int, control: HeadControl, tool: Tool | None = 
         leds=tip.camera.leds,
         offset=known,
         roll=mount.roll,
-        tool=tool or tip.tool.calibration,
+        tool=tip.tool.calibration,
     )
     rig = InspectionRig(plant, tip, control, calibration)
     place = np.array([hole.phi, hole.z]) + OFF_PLACE * rng.standard_normal(2) / (radius, 1.0)
-    marking = Marking(calibration=calibration)
+    test = Marking(calibration=calibration)
+    tried = rig.run(test, test.begin(place, rig.gain, -beside))
+    tip.tool.marks.clear()
+    marking = Marking(calibration=replace(calibration, tool=tried.tool or calibration.tool))
     pictures: list[npt.NDArray[np.uint8]] = []
 
     def watch(state: Any) -> None:
@@ -167,7 +147,7 @@ def _scored(
             told = (state.touch - state.place) * metres
             true = np.array([radius * float(wrapped(mark[0] - hole.phi)), mark[1] - hole.z])
             said = float(np.hypot(*(told - true)))
-    return Touch(state.verdict, off, said, pictures[0], pictures[-1], pixel, seen, state.tool)
+    return Touch(state.verdict, off, said, pictures[0], pictures[-1], pixel, seen)
 
 
 def _contrast(image: npt.NDArray[np.uint8], pixel: FloatArray) -> float:
