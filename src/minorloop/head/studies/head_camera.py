@@ -46,7 +46,7 @@ whose error grows by a few degrees in that time."""
 JUMP = 60.0
 """Largest plausible difference between two readings in degrees: a view that was lost is found again
 wherever the head is, and the pictures themselves say whether it is."""
-QUIET = {"dead_band": 0.02, "learning": 15.0, "steepness": 0.7}
+QUIET: dict[str, Any] = {"dead_band": 0.02, "learning": 15.0, "steepness": 0.7}
 """Options of the observer: the angles of pictures have a noise of 0.01 degrees, a fifth of that of
 sensors at the joints, so that smaller differences count, and faster, which needs less power for a
 small error to stay calm. By trial on the seeds 1000, 1002 and 1008."""
@@ -225,7 +225,7 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray) -> CameraSt
 def seen_control(name: str, seen: SeenWires) -> HeadControl:
     """Return the control of a head by its camera: a late sensor, which may miss some pictures."""
     watch = SensorWatch(patience=PATIENCE, jump=JUMP)
-    options = QUIET if name in ("observer", "adaptive") else {}
+    options: dict[str, Any] = QUIET if name in ("observer", "adaptive") else {}
     return head_control(
         name, seen.wires, coupling=seen.coupling, delay=AGE, sensor=watch, **options
     )

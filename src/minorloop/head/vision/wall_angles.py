@@ -50,6 +50,9 @@ _CLOSE, _FARTHEST = 2e-5, math.radians(3.0)
 """Length of a step after which no other is made, and of the longest step, in radians."""
 _ALIKE = 4.0
 """Texels whose noise is alike, since they share pixels."""
+_ONE_IN = 3
+"""A picture is used if one in three of the patches in view agree. Far down the pipe their looks
+change fast, and half of them may not; at wrong angles one in six agrees at most."""
 _HUNT = math.radians(2.0)
 """Distance between angles that are tried for a lost view: those between lead to the same peak."""
 _GOING = 5
@@ -268,7 +271,7 @@ class WallAngles:
         seen = np.isfinite(scores)
         agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
         counts = int(agree.sum()), int(seen.sum())
-        if counts[0] < self.fewest or 2 * counts[0] < counts[1]:
+        if counts[0] < self.fewest or _ONE_IN * counts[0] < counts[1]:
             return nothing(FEW, *counts), patches
         if not np.linalg.eigvalsh(information)[0] > 0:
             return nothing(UNSURE, *counts), patches
