@@ -85,3 +85,17 @@ def test_a_circle_about_a_hole_is_scored_where_the_true_axis_meets_the_wall(cont
     first = np.linalg.norm(found.reached[0] - found.wanted[0])
     assert first < 1.0
     assert WAIT == 15.0
+
+
+def test_a_hold_that_lost_the_view_is_repeated_from_the_one_before():
+    held, seen = [], iter([0.0, np.nan, 1.0, 2.0, 3.0])
+
+    def hold(u, seconds, pictures, *, follow):
+        held.append(float(u[1]))
+        return np.full(2, next(seen))
+
+    found = head_camera._settled(
+        SimpleNamespace(hold=hold), 1, np.array([0.0, 0.1, 0.2]), follow=True
+    )
+    assert held == [0.0, 0.1, 0.0, 0.1, 0.2]
+    assert found[:, 1].tolist() == [0.0, 2.0, 3.0]

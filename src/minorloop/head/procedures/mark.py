@@ -86,8 +86,8 @@ class MarkState:
     ``stage`` began at ``since``. ``off`` (2,) is the smoothed distance of that point from where
     the tool would meet the wall, in pixels, and ``lean`` (2,) the angles added to the wanted ones
     to make up for a head that stays off. The point has been there without a break from
-    ``near_since``. ``verdict`` is empty until the end, or says what the touch waits for; ``touch``
-    (2,) is where the point touched by the picture, phi and z in the frame of ``place``. ``before``
+    ``near_since``; ``tries`` counts the tries before. ``verdict`` is empty until the end, or says
+    what the touch waits for; ``touch`` (2,) is where the point touched by the picture, phi and z in the frame of ``place``. ``before``
     is the last picture before the contact with the angles that it shows, ``contact`` (2,) those at
     the contact; ``mark`` (2,) is where the mark is by the picture after it, and ``tool`` the tool
     that would have been expected to touch there, both None if no mark is seen.
@@ -108,6 +108,7 @@ class MarkState:
     off: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
     near_since: float | None = None
     extension: float = 0.0
+    tries: int = 0
     touch: FloatArray | None = None
     before: tuple[Image, FloatArray] | None = None
     contact: FloatArray | None = None
@@ -146,9 +147,12 @@ class Marking(Procedure[MarkState]):
         Metres behind the expected wall at which there is no contact: as deep as a pit may be.
     share, lean : float
         Weight of a frame in the wanted angles and the distance, and rate in 1/s at which a
-        remaining distance is made up for: as slow as the wires, which settle in some seconds.
+        remaining distance is made up for. Wires settle in some seconds; at 0.4 1/s a wire moved to
+        and fro across its dead zone for as long as the point was aimed.
     patience : float
         Longest duration of a stage in seconds; the tool is withdrawn then.
+    tries : int
+        Times that the tool is turned to the place if the head does not come to rest there.
     """
 
     calibration: HeadCalibration
@@ -159,8 +163,9 @@ class Marking(Procedure[MarkState]):
     gap: float = 1e-3
     beyond: float = 2e-3
     share: float = 0.2
-    lean: float = 0.4
+    lean: float = 0.15
     patience: float = 15.0
+    tries: int = 3
 
     def begin(
         self, place: npt.ArrayLike, gain: float = 1.0, beside: npt.ArrayLike = (0.0, 0.0)
@@ -244,6 +249,8 @@ class Marking(Procedure[MarkState]):
         """Keep the tool turned to the place; extend it while it is."""
         if self._late(state, reading):
             reason = state.verdict or UNSTEADY
+            if reason == UNSTEADY and state.stage == "aim" and state.tries + 1 < self.tries:
+                return self._again(state), Request(extension=0.0)
             return self._at(state, "withdraw", reason), Request(extension=0.0)
         if reading.image is None or state.track is None:
             return state, self._request(state)
@@ -257,6 +264,11 @@ class Marking(Procedure[MarkState]):
             return still, self._request(still)
         state = self._steered(replace(state, verdict=""), tool, seen.place, reading)
         return self._moved(state, tool, seen, reading)
+
+    def _again(self, state: MarkState) -> MarkState:
+        """Return the state of another try from short of the place: a wire may come to rest then."""
+        begun = self.begin(state.place, state.gain, state.beside)
+        return replace(begun, tries=state.tries + 1)
 
     def _steered(
         self, state: MarkState, tool: Tool, place: FloatArray, reading: Reading
