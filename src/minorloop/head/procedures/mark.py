@@ -87,8 +87,9 @@ class MarkState:
     the tool would meet the wall, in pixels, and ``lean`` (2,) the angles added to the wanted ones
     to make up for a head that stays off. The point has been there without a break from
     ``near_since``; ``tries`` counts the tries before. ``verdict`` is empty until the end, or says
-    what the touch waits for; ``touch`` (2,) is where the point touched by the picture, phi and z in the frame of ``place``. ``before``
-    is the last picture before the contact with the angles that it shows, ``contact`` (2,) those at
+    what the touch waits for; ``touch`` (2,) is where the point touched by the picture, phi and z in
+    the frame of ``place``. ``before`` is the last picture before the contact with the angles that
+    it shows, ``contact`` (2,) those at
     the contact; ``mark`` (2,) is where the mark is by the picture after it, and ``tool`` the tool
     that would have been expected to touch there, both None if no mark is seen.
     """
