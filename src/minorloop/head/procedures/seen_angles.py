@@ -25,9 +25,9 @@ from minorloop.lab.records import Record, Timing
 from minorloop.lab.wrapped_actuator import WrappedActuator
 
 OUTPUTS = Channel("pan", "deg"), Channel("tilt", "deg")
-_LEAST, _MOST = -6.0, 75.0
-"""Pan and tilt of the joints between which a lost view is looked for, in degrees: the strongest
-head turns by 67."""
+_LEAST, _MOST = -6.0, 90.0
+"""Pan and tilt of the joints between which a lost view is looked for, in degrees: a strong head
+turns by 78, and beyond these angles a picture does not count as seen."""
 _SWEEP = np.concatenate([np.linspace(0.5, 0.95, 45), np.linspace(0.85, 0.3, 30), np.zeros(15)])
 _SLOWLY = 0.8
 """Shares of the largest current that turn an axis up and down, slowly, and seconds for each: the
