@@ -250,7 +250,8 @@ class Marking(Procedure[MarkState]):
         """Keep the tool turned to the place; extend it while it is."""
         if self._late(state, reading):
             reason = state.verdict or UNSTEADY
-            if reason == UNSTEADY and state.stage == "aim" and state.tries + 1 < self.tries:
+            aimed = state.stage in ("aim", "near")
+            if reason == UNSTEADY and aimed and state.tries + 1 < self.tries:
                 return self._again(state), Request(extension=0.0)
             return self._at(state, "withdraw", reason), Request(extension=0.0)
         if reading.image is None or state.track is None:
