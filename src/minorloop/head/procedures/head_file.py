@@ -35,6 +35,7 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.errors import ModelFileError, ParameterError, counted
 from minorloop.files import PathLike, check_name, check_writable, write_atomically
+from minorloop.head.control.by_camera import camera_control
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -181,12 +182,18 @@ class HeadFile:
                 f"for LEDs; give it the lines led 1 to led {wanted}"
             )
 
-    def control(self, name: str = "observer", **options: Any) -> HeadControl:
+    def control(
+        self, name: str = "observer", *, by_camera: bool = False, **options: Any
+    ) -> HeadControl:
         """Return the control of the head.
 
         Parameters
         ----------
-        name, **options
+        name : str
+            As in `head_control`.
+        by_camera : bool
+            Whether the angles are those of pictures, see `minorloop.head.control.by_camera`.
+        **options
             As in `head_control`.
 
         Raises
@@ -200,7 +207,8 @@ class HeadFile:
                 f"the wires of head {self.serial!r} were not identified; identify them with "
                 "minorloop head identify"
             )
-        return head_control(
+        make = camera_control if by_camera else head_control
+        return make(
             name,
             known.wires,
             coupling=known.coupling,
