@@ -112,7 +112,8 @@ class InspectionRig:
         self.log: list[LogEntry] = []
         self.gain = 1.0
         self._gyroscope, self._sensors = gyroscope, sensors
-        self._seen, self._picture = seen, None
+        self._seen = seen
+        self._picture: Image | None = None
         self._computing, self._told = computing, told
         self._ticks = 0
         self._blind_since: float | None = None
@@ -155,7 +156,7 @@ class InspectionRig:
             If the camera has given no good picture for 5 s, or a device fails again and again.
         """
         self._applied(request)
-        if not request.frame:
+        if not request.frame and self._seen is None:
             self._blind_since = None
         tool = (0.0, False)
         if self.calibration.tool is not None and isinstance(self.tip, ToolTip):

@@ -39,8 +39,8 @@ _SETTLING = 1.0
 """Seconds until the camera has set its exposure to the light."""
 _STILL, LONGEST, _MOVED = 5.0, 120.0, 0.1
 """A head is cold that turns less than 0.1 degrees in 5 s; seconds that are waited for that."""
-_WAITED = "the angles are counted from the cold head, and it is not known yet that it stands still"
-_WARM = "the zero of the angles is not known, and the head is heated"
+_WAITED = "the angles are counted from the cold head; it has to stand still first"
+_WARM = "the angles are counted from the cold head, and it is heated"
 _PATIENCE = 10.0
 """Seconds without angles after which a run stops: as long as control goes by its model."""
 
@@ -361,6 +361,8 @@ class SeenHead(WrappedActuator):
 
 def unseen(why: str) -> str:
     """Return the sentence on a camera that does not show the angles, with what to do."""
+    if why in (_WAITED, _WARM):
+        return why
     advice = "check lights, lens and cable"
     if SATURATED in why:
         advice = (
