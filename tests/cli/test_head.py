@@ -3,7 +3,7 @@ import re
 import shutil
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,7 +21,8 @@ from minorloop.lab.actuator import Frame
 from wires import made_up
 
 VIEW = HeadCalibration(lens=Pinhole(), leds=np.zeros((1, 3)))
-LATER = datetime(2226, 1, 1, tzinfo=UTC)
+LATER = (datetime.now(UTC) + timedelta(hours=12)).replace(microsecond=0)
+"""After every identification of a test."""
 IDENTIFY = "head identify --actuator twin:head --noise 0.05 --bands 2 --hold 12 --store runs"
 
 
@@ -71,7 +72,7 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
     save_head(later, "head.json", force=True)
     status, _, error = run(f"{IDENTIFY} --head head.json --specimen 1000 --force")
     assert status == 2
-    assert "before its calibration on 2226-01-01 00:00 UTC; identify them again" in error
+    assert f"before its calibration on {LATER:%Y-%m-%d %H:%M} UTC; identify them again" in error
     pytest.importorskip("starlette", reason="needs starlette and uvicorn: minorloop[head]")
     status, _, error = run("console --port 0 --head head.json")
     assert status == 2

@@ -49,13 +49,13 @@ def test_a_folder_gives_a_table_json_marked_pictures_and_a_report(run):
     assert (found["picture"], found["kind"]) == ("a.png", "hole or pit")
     assert found["z [mm]"] == pytest.approx(20.0, abs=0.2)
     assert json.loads(Path("found/findings.json").read_text()) == printed
-    unusable = {"picture": "b.png", "time [s]": 0.04, "verdict": "black"}
+    unusable = {"picture": "b.png", "verdict": "black"}
     assert printed["unusable pictures"] == [unusable]
     table = Path("found/unusable.csv").read_text().splitlines()
-    assert table == ["picture,time [s],verdict", "b.png,0.04,black"]
+    assert table == ["picture,verdict", "b.png,black"]
     header, row = Path("found/findings.csv").read_text().splitlines()
-    assert header.startswith("picture,time [s],kind,phi [deg]")
-    assert row.startswith("a.png,0.0,hole or pit")
+    assert header.startswith("picture,kind,phi [deg]")
+    assert row.startswith("a.png,hole or pit")
     assert [path.name for path in Path("found/pictures").iterdir()] == ["000000.jpg"]
     assert "1 finding in 2 pictures; not usable: black (1)" in Path("found/report.html").read_text()
 

@@ -284,7 +284,7 @@ def photograph(
 ) -> None:
     """Take pictures for head calibrate, by hand or at several angles of the joints."""
     from minorloop.cli import _photographs
-    from minorloop.files import make_folder
+    from minorloop.files import new_folder
     from minorloop.head.procedures.identify import check_head
     from minorloop.head.vision.video import LiveCamera, check_camera
 
@@ -300,29 +300,30 @@ def photograph(
     if exposure is not None and not 0.01 <= exposure <= 1000:
         raise ParameterError(f"--exposure is {exposure:g}; give 0.01 to 1000 ms")
     check_camera(camera)
-    folder, taken = make_folder(out), 0
-    eye = LiveCamera(camera, patience=_PATIENCE)
-    try:
-        if exposure is not None:
-            if not eye.exposes:
-                raise ParameterError(
-                    f"{camera} does not let its exposure be set from here; set it at the camera, "
-                    "and leave --exposure out"
-                )
-            eye.expose(1e-3 * exposure)
-        if actuator is None:
-            for name in _photographs.by_hand(count, every):
-                _photographs.keep(eye, folder / f"{name}.png")
-                taken += 1
-        else:
-            with _common.connected(actuator) as plant, _common.working("turning") as now:
-                check_head(plant)
-                for name, (pan, tilt) in _photographs.at_angles(plant, highest, steps, hold):
+    taken = 0
+    with new_folder(out) as folder:
+        eye = LiveCamera(camera, patience=_PATIENCE)
+        try:
+            if exposure is not None:
+                if not eye.exposes:
+                    raise ParameterError(
+                        f"{camera} does not let its exposure be set from here; set it at the "
+                        "camera, and leave --exposure out"
+                    )
+                eye.expose(1e-3 * exposure)
+            if actuator is None:
+                for name in _photographs.by_hand(count, every):
                     _photographs.keep(eye, folder / f"{name}.png")
                     taken += 1
-                    now(f"picture {taken} of {steps**2}: pan {pan:.1f}, tilt {tilt:.1f} deg")
-    finally:
-        eye.close()
+            else:
+                with _common.connected(actuator) as plant, _common.working("turning") as now:
+                    check_head(plant)
+                    for name, (pan, tilt) in _photographs.at_angles(plant, highest, steps, hold):
+                        _photographs.keep(eye, folder / f"{name}.png")
+                        taken += 1
+                        now(f"picture {taken} of {steps**2}: pan {pan:.1f}, tilt {tilt:.1f} deg")
+        finally:
+            eye.close()
     if as_json:
         _common.print_json({"folder": str(folder), "pictures": taken})
         return

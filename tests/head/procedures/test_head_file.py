@@ -30,7 +30,7 @@ WIRES = IdentifiedWires(
     stores={"pan-loop.sqlite": "0" * 64},
 )
 VIEW = HeadCalibration(
-    lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.eye(3), radius=9e-3, offset=(1e-4, 0.0)
+    lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=1e-3 * np.eye(3), radius=9e-3, offset=(1e-4, 0.0)
 )
 FOUND = (Measured("focal length", 50.0, 0.1, "px"), Measured("lever", 8.0, 0.02, "mm"))
 HEAD = HeadFile(serial="H-07", identified=WIRES, calibration=VIEW, calibrated=EARLY, measured=FOUND)

@@ -304,7 +304,7 @@ def head_file(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "connect", lambda address: bench)
     monkeypatch.setattr(module, "WallClock", lambda: devices)
     monkeypatch.setattr(module, "LiveCamera", lambda address, patience: devices)
-    monkeypatch.setattr(HeadFile, "control", lambda known, interval: Weak())
+    monkeypatch.setattr(HeadFile, "control", lambda known, **options: Weak())
     file, on = tmp_path / "head.json", datetime(2026, 1, 31, tzinfo=UTC)
     save_head(HeadFile(serial="H-01", calibration=CALIBRATION, calibrated=on), file)
     return devices, closed, file

@@ -164,9 +164,7 @@ class Perception:
             zero=self._seen_angles is None or self._seen_angles.known,
         )
 
-    def _joints(
-        self, seen: SeenAngles, frame: Frame, cold: bool
-    ) -> tuple[float, float] | None:
+    def _joints(self, seen: SeenAngles, frame: Frame, cold: bool) -> tuple[float, float] | None:
         """Return the angles that a picture shows, which are its position too."""
         read = seen.read(frame, cold=cold)
         if not np.isfinite(read).all():

@@ -37,8 +37,8 @@ from minorloop.head.procedures.values import Plant, Reading, held_since, passed
 _LOST_TICKS = 3
 """Ticks without a reading after which a sensor counts as lost."""
 _UNSEEN_TICKS = 50
-"""Ticks without angles by the camera after which the head holds: 2 s, more than a search of the view
-under switched lights takes."""
+"""Ticks without angles by the camera after which the head holds: 2 s, more than a search of the
+view under switched lights takes."""
 _STALE_TICKS = 8
 """Ticks after which a report of the camera is too old to steer by."""
 _LONGEST_MEMORY = 40

@@ -1,4 +1,4 @@
-"""Control of a head whose only sensor is its camera: angles that are late, and sometimes missing."""
+"""Control of a head by its camera alone: its angles are late, and sometimes missing."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
 """A head whose angles are read from the pictures of its camera.
 
 A head without sensors at its joints has two currents and a camera. `SeenAngles` reads the angles
-from its pictures, counted from the picture of the cold head. `SeenHead` joins currents and camera to
-an actuator with two currents and two angles, so that it is identified and driven as any other; the
-picture of the cold head is taken when the actuator is opened, and so again when a stopped run is
-continued.
+from its pictures, counted from the picture of the cold head. `SeenHead` joins currents and camera
+to an actuator with two currents and two angles, so that it is identified and driven as any other;
+the picture of the cold head is taken when the actuator is opened, and so again when a stopped run
+is continued.
 """
 
 from __future__ import annotations
