@@ -5,7 +5,9 @@ import pytest
 
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.head.console.plant import open_plant, open_tip
+from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures import seen_angles
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.identify import check_head
 from minorloop.head.procedures.seen_angles import SeenHead, sweep
 from minorloop.head.twins.rig import RigWires
@@ -155,12 +157,28 @@ class Angles:
 def test_pictures_that_take_time_do_not_make_a_hold_longer_than_its_record_says(monkeypatch):
     monkeypatch.setattr(seen_angles, "SeenAngles", Angles)
     devices = Slow()
-    head = SeenHead(devices, devices.picture, None, clock=devices)
+    view = HeadCalibration(lens=Pinhole(4, 4, 4.0, (1.5, 1.5)), leds=np.zeros((1, 3)))
+    head = SeenHead(devices, devices.picture, view, clock=devices)
     began = devices.t
     record = head.apply(np.array([0.2, 0.0]), 8.0, 0.4)
     assert devices.t - began == pytest.approx(8.0, abs=0.1)
     assert record.timing.ended - record.timing.began == pytest.approx(devices.t - began)
     assert np.diff(record.t) == pytest.approx([0.4] * 19, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("lens", "error", "sentence"),
+    [
+        (Pinhole(), ParameterError, "gives pictures of 4 by 4 pixels .* with 640 by 480"),
+        (Pinhole(4, 4, 4.0, (1.5, 1.5)), InstrumentError, "does not show the angles: .* black"),
+    ],
+)
+def test_a_camera_that_cannot_show_the_angles_is_refused_at_the_start(lens, error, sentence):
+    devices, view = Slow(), HeadCalibration(lens=lens, leds=np.zeros((1, 3)))
+    with pytest.raises(error, match=sentence):
+        SeenHead(devices, devices.picture, view, clock=devices)
+    assert devices.t < 15.0
+    assert not np.array(devices.applied)[:, 1:].any()
 
 
 def test_the_zero_is_looked_for_only_without_current():

@@ -204,9 +204,9 @@ class SeenHead(WrappedActuator):
     Raises
     ------
     ParameterError
-        If the actuator has not two currents.
+        If the actuator has not two currents, or the camera another size than calibrated.
     InstrumentError
-        If the head does not come to rest, or its camera does not show the wall.
+        If the head does not come to rest, or its camera does not show the wall for 10 s.
     """
 
     def __init__(
@@ -345,18 +345,26 @@ class SeenHead(WrappedActuator):
     def _taken(self) -> Frame:
         if self._expose is not None:
             self._expose(LIMITS.exposure, self._gain)
-        frame = self._picture()
+        frame, lens = self._picture(), self._view.lens
+        height, width = frame.image.shape
+        if (height, width) != (lens.height, lens.width):
+            raise ParameterError(
+                f"the camera gives pictures of {width} by {height} pixels and was calibrated with "
+                f"{lens.width} by {lens.height}; set its size, or calibrate it again"
+            )
         self._gain = LIMITS.gain(self._gain, frame.image)
         return frame
 
     def _wait_for_zero(self) -> None:
         """Wait until the head without current stands still."""
-        cold = np.zeros(2)
+        cold, shown_at = np.zeros(2), self._t
         while not self._angles.known:
-            if self._t > LONGEST:
+            if self._t > LONGEST or self._t - shown_at > _PATIENCE:
                 raise InstrumentError(unknown_zero(self._why))
             self._hold(cold)
             self._look(cold=True)
+            if self._why == _WAITED:
+                shown_at = self._t
 
 
 def unseen(why: str) -> str:
