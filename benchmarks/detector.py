@@ -3,6 +3,9 @@
     python -m benchmarks.detector fit --first 10000 --count 460 > evidence.py
     python -m benchmarks.detector score --first 30000 --count 500
 
+With ``--rendered FOLDER``, scenes of ``python -m benchmarks.judge render`` with seeds from 1000 to
+``--until`` are fitted too.
+
 Each seed gives a scene with a hole and one without, beside saturated glints. A finding within
 0.3 mm of the hole is correct; one farther than 0.8 mm off, or without a hole, is false. Places are
 compared on the map of the camera, which knows the pivot to 0.2 mm and the angles to 0.05 degrees,
@@ -87,6 +90,19 @@ def scene(seed: int, hole: bool, modes: tuple[str, ...]) -> Scene:
         ]
     bore = view.hole
     return Scene(place, bore.diameter if bore else 0.0, bore.inside if bore else "", found, seconds)
+
+
+def rendered_scene(drawn: object, radiance: np.ndarray) -> Scene:
+    """Search a scene of the other renderer under switched lights."""
+    from benchmarks.judge.score import frames_of
+
+    camera, frames, place = frames_of(drawn, radiance)
+    wall = lay_flat(frames, camera)
+    objects = candidates(wall) if wall is not None else []
+    places = [wall.window.place(each.x, each.y, camera.radius) for each in objects]
+    hole = drawn.hole
+    size, inside = (1e-3 * hole.diameter, hole.inside) if hole else (0.0, "")
+    return Scene(place, size, inside, {"switched": list(zip(objects, places, strict=True))}, {})
 
 
 def errors(scene: Scene, place: np.ndarray, diameter: float) -> tuple[float, float]:
