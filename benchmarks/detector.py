@@ -46,6 +46,7 @@ class Scene:
     inside: str
     found: dict[str, list[tuple[Candidate, np.ndarray]]]
     seconds: dict[str, float]
+    rendered: bool = False
 
 
 def shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFrame]:
@@ -101,8 +102,8 @@ def rendered_scene(drawn: object, radiance: np.ndarray) -> Scene:
     objects = candidates(wall) if wall is not None else []
     places = [wall.window.place(each.x, each.y, camera.radius) for each in objects]
     hole = drawn.hole
-    size, inside = (1e-3 * hole.diameter, hole.inside) if hole else (0.0, "")
-    return Scene(place, size, inside, {"switched": list(zip(objects, places, strict=True))}, {})
+    size, inside = (1e-3 * hole.mouth, hole.inside) if hole else (0.0, "")
+    return Scene(place, size, inside, {"switched": list(zip(objects, places, strict=True))}, {}, True)
 
 
 def errors(scene: Scene, place: np.ndarray, diameter: float) -> tuple[float, float]:
@@ -112,16 +113,20 @@ def errors(scene: Scene, place: np.ndarray, diameter: float) -> tuple[float, flo
     return float(np.hypot(turn, place[1] - scene.place[1])), size
 
 
-def logistic(x: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
-    """Constant and weights of the odds, by Newton's method with a penalty on the weights."""
+def logistic(x: np.ndarray, y: np.ndarray, share: np.ndarray) -> tuple[float, np.ndarray]:
+    """Constant and weights of the odds, by Newton's method with a penalty on the weights.
+
+    ``share`` is how much each row counts.
+    """
     design = np.column_stack([np.ones(len(x)), x])
     penalty = np.diag([0.0] + [PENALTY] * x.shape[1])
     beta = np.zeros(design.shape[1])
-    beta[0] = np.log(max(y.mean(), 1e-6) / (1 - y.mean()))
+    middle = float(np.average(y, weights=share))
+    beta[0] = np.log(max(middle, 1e-6) / (1 - middle))
     for _ in range(60):
         p = 1 / (1 + np.exp(-np.clip(design @ beta, -30, 30)))
-        gradient = design.T @ (p - y) + penalty @ beta
-        curve = (design * (p * (1 - p) + 1e-9)[:, None]).T @ design + penalty
+        gradient = design.T @ (share * (p - y)) + penalty @ beta
+        curve = (design * (share * (p * (1 - p) + 1e-9))[:, None]).T @ design + penalty
         step = np.linalg.solve(curve + 1e-9 * np.eye(len(beta)), gradient)
         beta = beta - step * min(1.0, 2.0 / max(np.abs(step).max(), 1e-9))
         if np.abs(step).max() < 1e-6:
@@ -130,8 +135,13 @@ def logistic(x: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def fit_kind(scenes: list[Scene], mode: str, kind: str) -> tuple[float, dict[str, float]]:
-    """Fit the weights of one kind of candidate; features with small weights are left out."""
-    rows, labels = [], []
+    """Fit the weights of one kind of candidate; features with small weights are left out.
+
+    Scenes of the other renderer count as much together as ours.
+    """
+    rows, labels, shares = [], [], []
+    others = sum(one.rendered for one in scenes)
+    share = {False: 1.0, True: max(len(scenes) - others, 1) / max(others, 1)}
     for one in scenes:
         for candidate, place in one.found[mode]:
             if candidate.kind != kind:
@@ -141,13 +151,14 @@ def fit_kind(scenes: list[Scene], mode: str, kind: str) -> tuple[float, dict[str
             if right or not one.diameter or off > FAR:
                 rows.append(candidate.features)
                 labels.append(float(right))
+                shares.append(share[one.rendered])
     if not labels or sum(labels) < 3:
         return -20.0, {}
-    x, y = np.array(rows), np.array(labels)
+    x, y, counts = np.array(rows), np.array(labels), np.array(shares)
     keep = np.flatnonzero(x.std(axis=0) > 1e-6)
     while True:
         middle, width = x[:, keep].mean(axis=0), x[:, keep].std(axis=0)
-        constant, weights = logistic((x[:, keep] - middle) / width, y)
+        constant, weights = logistic((x[:, keep] - middle) / width, y, counts)
         least = int(np.argmin(np.abs(weights)))
         if abs(weights[least]) >= LEAST_WEIGHT or len(keep) == 1:
             break

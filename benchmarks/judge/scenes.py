@@ -55,6 +55,11 @@ class Hole:
     albedo: float = 0.1
     light: float = 0.0
 
+    @property
+    def mouth(self) -> float:
+        """Diameter half way down the chamfer: both of its edges may be the one that is seen."""
+        return self.diameter + self.chamfer
+
 
 @dataclass(frozen=True, eq=False)
 class Bead:

@@ -76,7 +76,7 @@ def figures(trials: Sequence[Trial], least: float | None = None) -> dict[str, An
     false = sum(hole.evidence >= least for trial in trials for hole in trial.wrong)
     refused = Counter(trial.verdict for trial in trials if trial.verdict != GOOD)
     off = [1e3 * t.off(t.right) for t in hits]
-    size = [abs(1e3 * t.right.diameter / t.scene.hole.diameter - 1) for t in hits]
+    size = [abs(1e3 * t.right.diameter / t.scene.hole.mouth - 1) for t in hits]
     return {
         "scenes": len(trials),
         "holes": len(holes),
