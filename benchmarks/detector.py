@@ -103,7 +103,9 @@ def rendered_scene(drawn: object, radiance: np.ndarray) -> Scene:
     places = [wall.window.place(each.x, each.y, camera.radius) for each in objects]
     hole = drawn.hole
     size, inside = (1e-3 * hole.mouth, hole.inside) if hole else (0.0, "")
-    return Scene(place, size, inside, {"switched": list(zip(objects, places, strict=True))}, {}, True)
+    return Scene(
+        place, size, inside, {"switched": list(zip(objects, places, strict=True))}, {}, True
+    )
 
 
 def errors(scene: Scene, place: np.ndarray, diameter: float) -> tuple[float, float]:
@@ -231,7 +233,7 @@ def fit(scenes: list[Scene], modes: tuple[str, ...]) -> tuple[dict, dict, dict]:
             other = [one for n, one in enumerate(scenes) if n // 2 % 2 != part]
             more = judged(other, mode, table_of(half, mode))
             false, right = false + more[0], right + more[1]
-        thresholds[mode] = threshold_of(false, len(scenes), ASKED.get(mode, FALSE))
+        thresholds[mode] = threshold
         recall[mode] = float(np.mean([best[0] >= thresholds[mode] for best in right]))
         tables[mode] = table_of(scenes, mode)
     return tables, thresholds, recall

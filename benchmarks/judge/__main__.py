@@ -75,7 +75,10 @@ def render(seeds: range, folder: Path) -> None:
         part.rename(_file(folder, seed, hole))
         each = (time.monotonic() - begin) / n
         left = each * (len(todo) - n) / 60
-        print(f"{n} of {len(todo)}: seed {seed}, {each:.0f} s each, {left:.0f} min left", file=sys.stderr)
+        print(
+            f"{n} of {len(todo)}: seed {seed}, {each:.0f} s each, {left:.0f} min left",
+            file=sys.stderr,
+        )
 
 
 def rendered(seeds: range, folder: Path) -> Iterator[tuple[Scene, np.ndarray]]:

@@ -186,9 +186,7 @@ def _paths(
     way = (scene.focus * way - start) @ scene.rotation.T
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     start = start @ scene.rotation.T + scene.lens
-    ray = mi.Ray3f(
-        mi.Point3f(start.T.astype(np.float32)), mi.Vector3f(way.T.astype(np.float32))
-    )
+    ray = mi.Ray3f(mi.Point3f(start.T.astype(np.float32)), mi.Vector3f(way.T.astype(np.float32)))
     leds = scene.leds @ scene.rotation.T + scene.lens
     side, up, ahead = (_constant(mi.Vector3f, r) for r in scene.rotation.T)
     places = [_constant(mi.Point3f, value) for value in leds]

@@ -262,7 +262,9 @@ def _minor_axis(scene: Scene, hole: Hole) -> float:
     pixels = scene.pixels(rim)
     if not ((pixels > 40) & (pixels < [WIDTH - 40, HEIGHT - 40])).all():
         return 0.0
-    return 2 * math.sqrt(2) * float(np.linalg.svd(pixels - pixels.mean(axis=0))[1][1] / math.sqrt(32))
+    return (
+        2 * math.sqrt(2) * float(np.linalg.svd(pixels - pixels.mean(axis=0))[1][1] / math.sqrt(32))
+    )
 
 
 def around_hole(hole: Hole, radius: float, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,6 @@ All spectra are of exp(+i omega t), lengths in metres.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -71,7 +70,10 @@ def admittance(
     deep = 3 * LAYER if math.isinf(depth) else round(depth / cell)
     wall = LAYER + MARGIN
     rows, columns = wall + deep, mouth + MARGIN + LAYER
-    damp_r, damp_z = _damping(columns, 0, LAYER), _damping(rows, LAYER, LAYER if math.isinf(depth) else 0)
+    damp_r, damp_z = (
+        _damping(columns, 0, LAYER),
+        _damping(rows, LAYER, LAYER if math.isinf(depth) else 0),
+    )
     r = (np.arange(mouth) + 0.5) / mouth
     shapes = polynomials(order, degree, r) / radius
     # Integrals over the mouth, of a cosine around it.

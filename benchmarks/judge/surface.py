@@ -7,7 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from benchmarks.judge.scenes import END, RADIUS, START, STEP, TEXEL, THICKNESS, Hole, Scene, around_hole
+from benchmarks.judge.scenes import (
+    END,
+    RADIUS,
+    START,
+    STEP,
+    TEXEL,
+    THICKNESS,
+    Hole,
+    Scene,
+    around_hole,
+)
 
 _RINGS = 0.5 * (1 - np.cos(np.linspace(0, np.pi / 2, 12))) * 2
 """Rings of triangles between a mouth and the grid, denser at the mouth."""

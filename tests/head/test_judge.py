@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-
 from benchmarks.judge import _wave_kernels as kernels
 from benchmarks.judge import scenes, sound, surface
+
 from minorloop.head.geometry import Mount, Pinhole, wall_point
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 
@@ -19,7 +19,10 @@ def test_a_scene_is_seen_where_the_documented_head_and_lens_see_it():
     offset = (scene.offset[0] / 1e3, scene.offset[1] / 1e3)
     mount = Mount(lever=8e-3, offset=offset, roll=scene.roll, advance=scene.advance / 1e3)
     camera = CalibratedCamera(lens, mount, scene.leds / 1e3)
-    phi, z = scene.place[0] + np.array([0.0, 0.05, -0.1]), scene.place[1] + np.array([0.0, 1.0, 2.0])
+    phi, z = (
+        scene.place[0] + np.array([0.0, 0.05, -0.1]),
+        scene.place[1] + np.array([0.0, 1.0, 2.0]),
+    )
     theirs = camera.pixel(np.stack([phi, z / 1e3], axis=1), scene.pan, scene.tilt)
     np.testing.assert_allclose(scene.pixels(scenes.wall(phi, z)), theirs, atol=1e-6)
     np.testing.assert_allclose(scenes.wall(phi, z) / 1e3, wall_point(phi, z / 1e3, 10e-3))
@@ -46,7 +49,9 @@ def test_polynomials_on_a_mouth_are_orthonormal():
     for order in (0, 3):
         shapes = sound.polynomials(order, 11, r)
         around = math.pi if order else 2 * math.pi
-        np.testing.assert_allclose(around * (shapes * share * r) @ shapes.T, np.eye(len(shapes)), atol=1e-12)
+        np.testing.assert_allclose(
+            around * (shapes * share * r) @ shapes.T, np.eye(len(shapes)), atol=1e-12
+        )
 
 
 def test_a_plane_wave_comes_back_from_the_floor_of_a_tube():
@@ -56,7 +61,9 @@ def test_a_plane_wave_comes_back_from_the_floor_of_a_tube():
     free, layer = np.ones(2 * 6), sound._damping(wall + deep, sound.LAYER, 0)
     velocity = np.empty((len(source), 1))
     one = np.ones((1, 6))
-    kernels.march(0, sound.SHARE, source, one[0], one / 6, wall, 6, wall + deep, free, layer, velocity)
+    kernels.march(
+        0, sound.SHARE, source, one[0], one / 6, wall, 6, wall + deep, free, layer, velocity
+    )
     f, t = np.array([6e6, 8e6, 10e6, 12e6]), interval * np.arange(len(source))
     wave = np.exp(-2j * np.pi * f[:, None] * t)
     late = np.exp(-1j * np.pi * f * interval)
@@ -87,7 +94,9 @@ def test_rays_meet_the_wall_and_leave_through_a_bore():
 
     scene = scenes.draw(1004, True)
     assert scene.hole.inside == "dark"
-    world = mi.load_dict({"type": "scene", "wall": mesh(surface.wall_triangles(scene), None, "wall")})
+    world = mi.load_dict(
+        {"type": "scene", "wall": mesh(surface.wall_triangles(scene), None, "wall")}
+    )
     lens = mi.Point3f(scene.lens.tolist())
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     mouth = scene.hole.diameter / 2 + scene.hole.chamfer

@@ -21,10 +21,6 @@ def disc(x, y, diameter, depth):
     return np.log(ndimage.gaussian_filter(1 + share * (np.exp(depth) - 1), 0.8))
 
 
-LIGHTS = 1e-3 * np.array([[0.0, 0.0, 5.0], [0.0, 3.0, 2.0], [0.0, -3.0, 2.0]])
-"""Of a pipe of 10 mm, on its axis beside the middle of the map."""
-
-
 def wall(levels, *, glow=None, noise=0.03, hidden=None):
     rng = np.random.default_rng(0)
     stack = np.array([level + rng.normal(0, noise, level.shape) for level in levels], np.float32)
@@ -34,9 +30,7 @@ def wall(levels, *, glow=None, noise=0.03, hidden=None):
     ground = np.full(middle.shape, np.nanmedian(middle), np.float32)
     ground[np.isnan(middle)] = np.nan
     seen = None if glow is None else glow.astype(np.float32)
-    lights = np.resize(LIGHTS, (len(levels), 3))
-    window = Window(0, 0, STEP, *middle.shape)
-    return ReflectanceMap(window, stack, middle, seen, ground, lights, 10e-3)
+    return ReflectanceMap(Window(0, 0, STEP, *middle.shape), stack, middle, seen, ground)
 
 
 def nearest(found, x, y, kind):
@@ -124,25 +118,3 @@ def test_what_is_hidden_is_left_out():
 def test_an_even_wall_has_few_round_things_and_none_with_a_rim():
     for thing in candidates(wall([np.zeros(ROWS.shape)] * 3)):
         assert dict(zip(FEATURES, thing.features, strict=True))["rim_all"] < 0.3
-
-
-@pytest.mark.parametrize("raised", [False, True])
-def test_what_is_sunk_and_what_is_raised_lean_apart(raised):
-    x, y = 80.0, 70.0
-    base = wall([disc(x, y, 1e-3, 0.8)] * 3, noise=0.0)
-    ways = base.toward_lights(x, y)
-    assert ways[1, 0] > ways[0, 0] > ways[2, 0] or ways[1, 0] < ways[0, 0] < ways[2, 0]
-    off = np.hypot(COLUMNS - x, ROWS - y)
-    levels = []
-    for way in ways:
-        side = (way[0] * (COLUMNS - x) + way[1] * (ROWS - y)) / np.hypot(*way)
-        shaded = (off < 10) & (side > 5) if not raised else (off > 10) & (off < 14) & (side < -5)
-        levels.append(disc(x, y, 1e-3, 0.8) - 1.0 * shaded)
-    thing = nearest(candidates(wall(levels)), x, y, "bright")
-    features = dict(zip(FEATURES, thing.features, strict=True))
-    if raised:
-        assert features["lean_outside"] > 0.1
-        assert abs(features["lean_inside"]) < 0.05
-    else:
-        assert features["lean_inside"] < -0.1
-        assert abs(features["lean_outside"]) < 0.05

@@ -33,11 +33,6 @@ search for its edge in the last iteration."""
 _FAINT, _STEEP = 0.03, 0.25
 """Slopes below the first are noise and do not vote; those above the second count as that, so that
 glints do not outweigh a hole."""
-_WITHIN, _BEYOND, _ABOUT = 0.85, 1.1, 1.6
-"""Ratios to the outline up to which a texel is inside, from which on it is outside, and up to which
-the wall about it is looked at: beads cast shadows as long as they are high."""
-_DEEP, _HIGH = 2.5, 2.0
-"""Levels from the local median are clipped at these: deep shadows and glints would outweigh all."""
 OUT = 17
 """Numbers that `describe` returns."""
 
@@ -419,62 +414,3 @@ def describe(images, x, y, sign, radius, c, s, out):
     out[10], out[11] = mean / seen, total / seen
     _rim(profiles, sign, fit, out)
     out[16] = known[int(0.9 * seen)]
-
-
-@njit(cache=True, nogil=True)
-def relief(images, ground, ways, fit, out):
-    """Describe how the brightness in and about an outline leans towards the lights, into out (4,).
-
-    What is sunk is shaded on the side of the light, what is raised on the other one, inside and on
-    the wall behind it. ``ways`` (K, 2) are the slopes towards the lights of the images (K, rows,
-    columns). The first two numbers are slopes of brightness inside and outside, over the radius:
-    those of the images less their mean, which do not contain the wall, along the differences of
-    the ways. The last two are those of the mean along the mean way.
-    """
-    count = images.shape[0]
-    mean = np.zeros(2)
-    for m in range(count):
-        mean += ways[m] / count
-    steep = np.sqrt(mean[0] ** 2 + mean[1] ** 2)
-    turned, power = np.zeros(4), np.full(4, 1e-6)
-    total, share, number = np.zeros(2), np.zeros(2), np.zeros(2)
-    levels = np.empty(count)
-    reach = int(_ABOUT * (fit[2] + abs(fit[3]) + abs(fit[4]))) + 1
-    for sweep in range(2):
-        for i in range(max(int(fit[1]) - reach, 0), min(int(fit[1]) + reach + 1, ground.shape[0])):
-            for j in range(
-                max(int(fit[0]) - reach, 0), min(int(fit[0]) + reach + 1, ground.shape[1])
-            ):
-                x, y = j - fit[0], i - fit[1]
-                far = np.sqrt(x * x + y * y)
-                if far < 1e-6:
-                    continue
-                # cos 2a and sin 2a of the direction
-                form = fit[2] + (fit[3] * (x * x - y * y) + fit[4] * 2.0 * x * y) / (far * far)
-                ratio = far / max(form, 1.0)
-                part = 0 if ratio < _WITHIN else 1
-                if _WITHIN <= ratio < _BEYOND or ratio > _ABOUT:
-                    continue
-                middle = 0.0
-                for m in range(count):
-                    level = images[m, i, j] - ground[i, j]
-                    levels[m] = min(max(level, -_DEEP), _HIGH)
-                    middle += levels[m] / count
-                if not np.isfinite(middle):
-                    continue
-                t = (mean[0] * x + mean[1] * y) / max(steep, 1e-6) / form
-                if sweep == 0:
-                    total[part] += middle
-                    share[part] += t
-                    number[part] += 1.0
-                    for m in range(count):
-                        p, q = ways[m, 0] - mean[0], ways[m, 1] - mean[1]
-                        s = (p * x + q * y) / form
-                        turned[part] += s * (levels[m] - middle)
-                        power[part] += s * s
-                elif number[part] > 0.0:
-                    t -= share[part] / number[part]
-                    turned[2 + part] += t * (middle - total[part] / number[part])
-                    power[2 + part] += t * t
-    for n in range(4):
-        out[n] = turned[n] / (power[n] + 0.5)

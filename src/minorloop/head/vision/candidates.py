@@ -33,9 +33,6 @@ _APART = 3.5  # texels between seeds
 _RING_CLIP = (-2.5, 0.8)
 _CLIP = {DARK: (-2.5, 1.2), BRIGHT: (-1.5, 2.0), EITHER: (-2.5, 1.5)}
 
-_LEAN = 1.5
-"""Largest slope of the brightness across an outline: that of a shadow that fills half of it."""
-
 FEATURES = (
     "size",
     "oval",
@@ -65,10 +62,6 @@ FEATURES = (
     "whole_share",
     "whole_contrast",
     "ring",
-    "lean_inside",
-    "lean_outside",
-    "shade_inside",
-    "shade_outside",
 )
 """Names of the numbers in ``Candidate.features``, in order."""
 
@@ -198,7 +191,6 @@ def _outlined(
     sign, lights, step = _SIGNS[kind], [*wall.stack, wall.whole], wall.window.step
     least, most = (radius / step for radius in _RADII)
     fit, each = np.empty(kernels.OUT), np.empty((len(lights), kernels.OUT))
-    slopes = np.empty(4)
     found = []
     for x, y in seeds:
         kernels.outline(stack, x, y, sign, least, most, fit)
@@ -207,9 +199,7 @@ def _outlined(
         for level, out in zip(lights, each, strict=True):
             kernels.describe(level[None], fit[0], fit[1], sign, fit[2], fit[3], fit[4], out)
         ring = _highest(rings, fit[0], fit[1])
-        kernels.relief(wall.stack, wall.ground, wall.toward_lights(fit[0], fit[1]), fit, slopes)
-        features = _features(fit, np.nan_to_num(each, nan=0.3), step)
-        features = np.concatenate([features, [ring], np.clip(slopes, -_LEAN, _LEAN)])
+        features = np.append(_features(fit, np.nan_to_num(each, nan=0.3), step), ring)
         wave = (step * float(fit[3]), step * float(fit[4]))
         found.append(
             Candidate(float(fit[0]), float(fit[1]), 2 * step * fit[2], kind, features, wave)
@@ -231,7 +221,7 @@ def _highest(rings: Image32, x: float, y: float) -> float:
 
 
 def _features(fit: FloatArray, each: FloatArray, step: float) -> FloatArray:
-    """Return all ``FEATURES`` of the outline, and of it under each light."""
+    """Return all ``FEATURES`` but the last: of the outline, and of it under each light."""
     diameter, lights = 2e3 * step * fit[2], each[:-1]
     oval = float(np.hypot(fit[3], fit[4]) / fit[2])
     contrast = np.clip(fit[7:11], -1.0, 1.5)

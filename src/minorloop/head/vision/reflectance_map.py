@@ -6,7 +6,6 @@ of the wall stay on the map under every light; reflections and shadows move.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -16,7 +15,6 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
-from minorloop.head.geometry import wall_point
 from minorloop.head.vision import frame_checks
 from minorloop.head.vision.calibrated_camera import (
     CalibratedCamera,
@@ -41,9 +39,6 @@ _FLOOR, _GLOW_FLOOR = 2.0, 4.0
 _BLOCK = 16
 """Side of a block in texels, 0.8 mm: a hole of 1.15 mm fills more than half of at most two of the
 nine blocks whose median is the ground."""
-_LEAST_HEIGHT, _STEEPEST = 0.1e-3, 4.0
-"""Least height of a light over the wall in metres, and greatest slope of its way: no wall is
-searched that is lit less steeply."""
 _LEAST_LIGHT = 1e-3
 """Irradiance that is assumed at least, so that a wall that faces away from an LED has a logarithm.
 A lit wall has less only 0.1 m along the pipe, where it is too small to be searched."""
@@ -85,10 +80,6 @@ class ReflectanceMap:
         Logarithm of the light with all LEDs off.
     ground : (rows, columns) array of float32
         Local median.
-    lights : (K, 3) array
-        Where the light of each image of the stack comes from, in the pipe, in metres.
-    radius : float
-        Of the pipe, in metres.
     """
 
     window: Window
@@ -96,20 +87,6 @@ class ReflectanceMap:
     whole: Image32
     glow: Image32 | None
     ground: Image32
-    lights: FloatArray
-    radius: float
-
-    def toward_lights(self, x: float, y: float) -> FloatArray:
-        """Return slopes (K, 2) around and along of the ways to the lights, at a column and a row.
-
-        They are tangents of the angle from the normal.
-        """
-        phi, z = self.window.place(x, y, self.radius).tolist()
-        way = self.lights - wall_point(phi, z, self.radius)
-        up = -(way[:, 0] * math.cos(phi) + way[:, 1] * math.sin(phi))
-        around = way[:, 1] * math.cos(phi) - way[:, 0] * math.sin(phi)
-        slopes = np.stack([around, way[:, 2]], axis=1) / np.maximum(up, _LEAST_HEIGHT)[:, None]
-        return np.clip(slopes, -_STEEPEST, _STEEPEST)
 
     @property
     def brightest(self) -> Image32:
@@ -221,26 +198,20 @@ def lay_flat(frames: Sequence[LitFrame], camera: CalibratedCamera) -> Reflectanc
     light = np.maximum(irradiance(camera, window, middle.pan, middle.tilt), _LEAST_LIGHT)
     alone: list[Image32] = []
     full: list[Image32] = []
-    leds = camera.mount.pose(middle.pan, middle.tilt).to_pipe(camera.leds)
-    single: list[FloatArray] = []
-    shared: list[FloatArray] = []
     dark: list[Image32] = []
     for frame, flat in zip(frames, flats, strict=True):
         flat[~seen] = np.nan
         if not any(frame.lights):
             dark.append(np.log((flat + _GLOW_FLOOR) / _GLOW_FLOOR))
             continue
-        on = np.array(frame.lights, dtype=bool)
-        level = np.log((flat + _FLOOR) / light[on].sum(axis=0))
-        (alone if on.sum() == 1 else full).append(level)
-        (single if on.sum() == 1 else shared).append(leds[on].mean(axis=0))
+        fall = light[np.array(frame.lights, dtype=bool)].sum(axis=0)
+        level = np.log((flat + _FLOOR) / fall)
+        (alone if sum(frame.lights) == 1 else full).append(level)
     stack = np.array(alone if len(alone) > 1 else [*full, *alone], dtype=np.float32)
-    lights = np.array(single if len(single) > 1 else [*shared, *single])
     typical = median(stack)
     whole = np.mean(full, axis=0).astype(np.float32) if full else typical
     glow = np.mean(dark, axis=0).astype(np.float32) if dark else None
-    ground = _ground(typical, seen)
-    return ReflectanceMap(window, stack, whole, glow, ground, lights, camera.radius)
+    return ReflectanceMap(window, stack, whole, glow, _ground(typical, seen))
 
 
 def median(stack: Image32) -> Image32:
