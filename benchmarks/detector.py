@@ -18,6 +18,7 @@ import argparse
 import json
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -34,6 +35,8 @@ FALSE = 0.05
 ASKED = {"switched": 0.0125}
 """False findings an acquisition at the thresholds, where not ``FALSE``: switched lights leave
 evidence to spare, and one set of scenes has twice as many as another."""
+PARTS = 3
+"""Parts of a cross-validation."""
 PENALTY, LEAST_WEIGHT = 1.0, 0.2
 
 
@@ -226,16 +229,24 @@ def fit(scenes: list[Scene], modes: tuple[str, ...]) -> tuple[dict, dict, dict]:
     """Return weights, thresholds, and recall on the halves that were not fitted."""
     tables, thresholds, recall = {}, {}, {}
     for mode in modes:
-        false, right = [], []
-        for part in range(2):
+        own = [one for one in scenes if mode in one.found]
+        false: dict[bool, list[float]] = {True: [], False: []}
+        right = []
+        for part in range(PARTS):
             # A seed gives two scenes, one after the other.
-            half = [one for n, one in enumerate(scenes) if n // 2 % 2 == part]
-            other = [one for n, one in enumerate(scenes) if n // 2 % 2 != part]
-            more = judged(other, mode, table_of(half, mode))
-            false, right = false + more[0], right + more[1]
-        thresholds[mode] = threshold
+            table = table_of([s for n, s in enumerate(own) if n // 2 % PARTS != part], mode)
+            for which in false:
+                left = [s for n, s in enumerate(own) if n // 2 % PARTS == part]
+                more = judged([s for s in left if s.rendered == which], mode, table)
+                false[which] += more[0]
+                right += more[1]
+        limits = {True: FALSE, False: ASKED.get(mode, FALSE)}
+        thresholds[mode] = max(
+            threshold_of(false[which], sum(s.rendered == which for s in own), limits[which])
+            for which in (True, False)
+        )
         recall[mode] = float(np.mean([best[0] >= thresholds[mode] for best in right]))
-        tables[mode] = table_of(scenes, mode)
+        tables[mode] = table_of(own, mode)
     return tables, thresholds, recall
 
 
@@ -300,10 +311,17 @@ def main() -> None:
     parser.add_argument("--first", type=int, required=True)
     parser.add_argument("--count", type=int, required=True)
     parser.add_argument("--modes", nargs="+", choices=MODES, default=MODES)
+    parser.add_argument("--rendered", type=Path, help="folder of scenes of the other renderer")
+    parser.add_argument("--until", type=int, default=1039, help="last of their seeds from 1000")
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + asked.count)
     modes = tuple(asked.modes)
     scenes = [scene(seed, hole, modes) for seed in seeds for hole in (True, False)]
+    if asked.rendered is not None:
+        from benchmarks.judge.__main__ import rendered
+
+        others = rendered(range(1000, asked.until + 1), asked.rendered)
+        scenes += [rendered_scene(*one) for one in others]
     if asked.what == "fit":
         print(source(*fit(scenes, modes)[:2], asked.first, asked.count), end="")
     else:

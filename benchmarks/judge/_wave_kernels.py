@@ -15,7 +15,7 @@ def step(pr, pz, vr, vz, vt, order, share, block, wall, mouth, floor, damp_r, da
     the absorbing layers), in units of rho c^2; velocities are in units of c. ``share`` is c dt/dx.
     ``block`` (mouth,) is the pressure of the incident and the reflected wave on the mouth.
     """
-    rows, columns = pr.shape
+    columns = pr.shape[1]
     least = order // 2  # nearer to the axis a wave of this order is too small to matter
     for j in range(floor):
         last = columns if j < wall else mouth

@@ -154,7 +154,7 @@ def radiance(scene: Scene, samples: int, seed: int = 0) -> np.ndarray:
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
     rng = np.random.default_rng([scene.seed, seed, 9])
     direct, indirect = np.zeros((2, 4, len(pixels)))
-    for n in range(samples):
+    for _ in range(samples):
         first, later = _paths(world, scene, pixels, rng, int(rng.integers(2**31)))
         direct += first
         limit = _CLAMP * first[:3].mean()
