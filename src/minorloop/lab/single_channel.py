@@ -97,6 +97,8 @@ def _named(channels: tuple[Channel, ...], name: str | None, what: str) -> int:
     for number, channel in enumerate(channels):
         if name is not None and name in (channel.name, str(channel)):
             return number
+    if not channels:
+        raise ParameterError(f"the actuator has no {what}; give it one")
     known = ", ".join(f"'{channel}'" for channel in channels)
     if name is None:
         raise ParameterError(f"the actuator has the {what}s {known}; choose one with --{what}")

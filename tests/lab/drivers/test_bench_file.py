@@ -9,6 +9,7 @@ from minorloop.connect import connect
 from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
 from minorloop.lab.drivers import bench_file
 from minorloop.lab.drivers.bench_file import open_bench
+from minorloop.lab.single_channel import single_channel
 
 BENCH = """
 tick = 0.001
@@ -192,7 +193,7 @@ def test_the_description_has_all_but_times(opened):
         ("linear = [1000.0, 5.0],", "", "conversion of voltage has nothing; give one of linear"),
         ("low = -1.0\n", "", "source 'voltage' does not .* missing required field `low`"),
         ("rest = true", "rest = 7", "line 'valve' does not .*Expected `bool`"),
-        ("tick = 0.001", "tock = 1", "unknown field `tock`; the fields there are devices, sen"),
+        ("tick = 0.001", "tock = 1", "unknown field `tock`; the fields there are devices, sou"),
         ("tick = 0.001", "tick = 0.0", "tick is 0.0 s"),
         ("[20.0, 5.0]", "[20.0, -5.0]", "conversion of curvature: h0 is -5 mm"),
     ],
@@ -223,9 +224,17 @@ def test_a_source_may_have_a_monotone_conversion(opened, polynomial):
     opened(BENCH.replace("linear = [1000.0, 5.0]", f"polynomial = {polynomial}"))
 
 
-def test_a_bench_without_sensors_is_refused(opened):
-    with pytest.raises(ParameterError, match="needs a source and a sensor"):
+def test_a_bench_without_sources_is_refused(opened):
+    with pytest.raises(ParameterError, match="needs a source"):
         opened("devices = {}\nsources = []\nsensors = []")
+
+
+def test_a_bench_may_have_no_sensors(opened):
+    bench, _, _ = opened(BENCH.partition("[[sensors]]")[0])
+    assert bench.outputs == ()
+    assert bench.exchange([0.5]).shape == (0,)
+    with pytest.raises(ParameterError, match="the actuator has no output; give it one"):
+        single_channel(bench)
 
 
 def test_a_file_with_one_channel_may_be_toml_too(tmp_path):

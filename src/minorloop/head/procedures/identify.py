@@ -246,6 +246,7 @@ def check_head(plant: Actuator) -> None:
     if len(plant.inputs) != 2 or units != ["A", "A", "deg", "deg"]:
         known = ", ".join(str(channel) for channel in (*plant.inputs, *plant.outputs))
         raise ParameterError(
-            f"the actuator has {known}; a head has two currents in A and two angles in deg"
+            f"the actuator has {known}; a head has two currents in A and two angles in deg, or, "
+            "with a camera that gives the angles, the currents alone"
         )
     check_axes(plant)

@@ -116,7 +116,7 @@ class _LineRow(Section, kw_only=True):
 class _BenchFile(Section, kw_only=True):
     devices: dict[str, dict[str, Any]]
     sources: list[dict[str, Any]]
-    sensors: list[dict[str, Any]]
+    sensors: list[dict[str, Any]] = msgspec.field(default_factory=list)
     lines: list[dict[str, Any]] = msgspec.field(default_factory=list)
     serial: str | None = None
     tick: float = 0.05
@@ -189,8 +189,8 @@ def _opened(
     sources = _Rows(_SourceRow, described.sources, "source")
     sensors = _Rows(_SensorRow, described.sensors, "sensor")
     lines = _Rows(_LineRow, described.lines, "line")
-    if not sources.known or not sensors.known:
-        raise ParameterError("a bench needs a source and a sensor; give both")
+    if not sources.known:
+        raise ParameterError("a bench needs a source; give one")
     _check_devices(described, (*sources.known, *sensors.known, *lines.known))
     _check_numbers(sources.known, sensors.known)
     inputs = [Channel(e.name, e.unit, e.low, e.high, e.rate) for e in sources.known]
