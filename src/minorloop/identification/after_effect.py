@@ -22,6 +22,7 @@ from minorloop.arrays import (
     as_times,
     as_whole,
     check_option,
+    writable,
 )
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import _after_effect_kernels as _kernels
@@ -193,7 +194,7 @@ def identify_after_effect(
     fitted, _ = checks.split(outputs, 0.0, len(coded), skipped)
     known = np.where(fitted, outputs, np.nan)
     spec = PlaneSpec(checks.grid(inputs, known, levels, spacing), "unipolar", diagonal)
-    record = TimedRecord(clock, inputs, outputs, fitted, parts, runs)
+    record = TimedRecord(clock, writable(inputs), outputs, fitted, parts, runs)
     laws = [*CREEP[creep]]
     if _wants_rate(record, rate):
         laws.insert(1, "viscous")
@@ -345,7 +346,7 @@ class Weights:
     def variance(self, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
         """Variance (T,) of the output along an input."""
         everywhere = np.ones(t.size, dtype=np.bool_)
-        record = TimedRecord(t, u, u, everywhere, curves)
+        record = TimedRecord(t, writable(u), u, everywhere, curves)
         state, parts = State(self.spec, record, self.constants), []
         for first in range(0, t.size, _BLOCK):
             last = min(first + _BLOCK, t.size)

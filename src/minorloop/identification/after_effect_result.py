@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform
+from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform, writable
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
@@ -309,7 +309,7 @@ class AfterEffectIdentification(NotebookView):
 
 def along(model: AfterEffect, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
     """(T,) outputs of a model along curves; see `held` for the intervals."""
-    y, steps = np.empty_like(u), held(t, curves)
+    u, y, steps = writable(u), np.empty_like(u), held(t, curves)
     for first, last in curves.parts(u.size):
         part = slice(first, last)
         stack, rows, creep, _ = model.stack(curves.start, last - first)
