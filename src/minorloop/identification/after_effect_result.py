@@ -160,7 +160,7 @@ class AfterEffectIdentification(NotebookView):
             return tuple(said)
         longest = float(np.diff(self.t).max())
         model = self.model
-        if model.settling > longest and self.law != "viscous":
+        if model.settling > longest and not self.law.startswith("viscous"):
             said.append(
                 f"the effective input settles in {model.settling:.3g} s, longer than any interval "
                 f"of {longest:.3g} s; for predictions beyond it, hold a few reversals that long"
