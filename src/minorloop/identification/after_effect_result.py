@@ -235,7 +235,9 @@ class AfterEffectIdentification(NotebookView):
         """
         return figure_of(self, **options)
 
-    def __str__(self) -> str:
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """What was found, for tables: names and values."""
         rows = [
             ("law", self.law),
             ("error", f"{self.nrmse:.3%} of range"),
@@ -252,7 +254,10 @@ class AfterEffectIdentification(NotebookView):
             rows.append((f"creep, {time:.3g} s", f"{weights.sum() / whole:+.2%} of the weights"))
         for one in self.tried:
             rows.append((f"law {one.law}", f"{one.error:.3%} on rows left out"))
-        text = [f"{name:<24} {value}" for name, value in rows]
+        return rows
+
+    def __str__(self) -> str:
+        text = [f"{name:<24} {value}" for name, value in self.rows]
         return "\n".join([*text, *(f"advice: {said}" for said in self.advice)])
 
     @property
