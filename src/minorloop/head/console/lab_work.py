@@ -161,7 +161,9 @@ def identify_file(
     if creep != "none" or rate:
         if dynamics != "none":
             raise ParameterError("dynamics cannot be combined with creep or rate; choose one")
-        taken = {option: log.labels[column][first:last] for option, column in named.items()}
+        taken: dict[str, Any] = {
+            option: log.labels[column][first:last] for option, column in named.items()
+        }
         taken |= {option: options[option] for option in _WITH_TIME if option in options}
         taken["levels"] = count
         yield from _in_time(_part(log.record, first, last), name, creep, rate, taken)
