@@ -179,7 +179,7 @@ def test_a_change_within_a_gap_is_a_warning():
     t, u = holds(1009, 10, long=1.0)
     t = t + np.where(np.arange(100) >= 50, 30.0, 0.0)
     found = identify_after_effect(t, u, u, levels=4, creep="none", rate=False)
-    assert "gaps of the times, first from" in found.warnings[0]
+    assert "changes in 1 gap of the times, first from" in found.warnings[0]
 
 
 def test_pauses_of_a_rock_that_were_not_fitted_are_predicted_better_with_time(shared_data):

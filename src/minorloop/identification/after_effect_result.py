@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform, writable
+from minorloop.errors import counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
@@ -142,8 +143,9 @@ class AfterEffectIdentification(NotebookView):
             return ()
         row = int(long[0])
         return (
-            f"the input changes in {long.size} gaps of the times, first from {self.u[row]:.4g} to "
-            f"{self.u[row + 1]:.4g} between {self.t[row]:.6g} and {self.t[row + 1]:.6g} s; it "
+            f"the input changes in {counted(long.size, 'gap')} of the times, first from "
+            f"{self.u[row]:.4g} to {self.u[row + 1]:.4g} between {self.t[row]:.6g} and "
+            f"{self.t[row + 1]:.6g} s; it "
             "counts as changed at the beginning of the gap, so give a row where it really changed",
         )
 
