@@ -501,6 +501,47 @@ def test_an_inspection_that_ends_early_keeps_what_it_found(run, inspected, error
     assert Path("found/report.html").exists()
 
 
+def test_an_interruption_before_the_first_view_says_that_nothing_is_kept(
+    run, inspected, monkeypatch
+):
+    from minorloop.head.procedures import rig
+
+    def wait_for_the_cold_head(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rig, "rig_at", wait_for_the_cold_head)
+    status, _, error = run(INSPECT)
+    assert status == 130
+    assert error == "nothing was inspected yet, and nothing is kept\ninterrupted\n"
+    assert not Path("found").exists()
+
+
+@pytest.mark.parametrize(
+    ("kept", "said"),
+    [
+        (None, "nothing was measured yet, and nothing is kept; the same command begins anew"),
+        ("camera.json", "the sweep is kept in runs, and nothing else yet; the same command goes"),
+        ("pan-loop.sqlite", "what was measured is kept in runs; the same command continues it"),
+    ],
+)
+def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch, kept, said):
+    def wait_for_the_cold_head(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("minorloop.cli._seen.seen_head", wait_for_the_cold_head)
+    Path("runs").mkdir()
+    if kept is not None:
+        (Path("runs") / kept).touch()
+    status, _, error = run("head identify --actuator twin:pipe --store runs --head head.json")
+    assert status == 130
+    assert error.startswith(said)
+    save_head(HeadFile(serial="H-07"), "head.json")
+    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+    status, _, error = run("head drive angles.csv --head head.json --actuator twin:pipe")
+    assert status == 130
+    assert error.startswith("the drive was not finished, and nothing is kept")
+
+
 def test_an_inspection_refuses_advances_without_a_catheter(run, inspected):
     status, _, error = run(f"{INSPECT} --advances 0,5")
     assert status == 2

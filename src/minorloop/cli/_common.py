@@ -252,6 +252,16 @@ def _logger() -> Progress:
 
 
 @contextmanager
+def interruptible(kept: Callable[[], str]) -> Iterator[None]:
+    """Say what is kept if the work inside is interrupted."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo(kept(), err=True)
+        raise
+
+
+@contextmanager
 def connected(address: str, **options: Any) -> Iterator[Actuator]:
     """Yield the actuator at an address; close its instruments at the end.
 

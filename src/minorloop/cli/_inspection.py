@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from minorloop.report import Report
 
 FINISHED = "finished"
-_VISITS = ("hole", "crack", "device")
-"""Steps whose outcome stays on the terminal: visits of candidates, and failures of a device."""
+_VISITS = ("hole", "crack", "device", "camera")
+"""Steps whose outcome stays on the terminal: visits of candidates, failures of a device, and what
+the camera cannot do."""
 _LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
 """Of candidates that were not confirmed."""
 _COLUMNS = ("kind", "phi [deg]", "z [mm]", "width [mm]", "length [mm]", "evidence", "picture")
@@ -78,6 +79,8 @@ def carried_out(
             if kept is not None:
                 content = kept.end(_reason(error), not isinstance(error, SafetyError))
                 typer.echo(f"{summary(content)}; kept in {out}", err=True)
+            elif isinstance(error, KeyboardInterrupt):
+                typer.echo("nothing was inspected yet, and nothing is kept", err=True)
             raise
     return kept.end(FINISHED, True)
 

@@ -19,11 +19,22 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.seen_angles import SeenHead
     from minorloop.lab.actuator import Actuator
 
+SWEPT = "camera.json"
+"""Calibration of a camera after the sweep, in the folder of the runs."""
 _PATIENCE = 0.08
 """Seconds that a camera may take for a picture: two ticks, in which a current is not changed."""
 _TIP_SCALE = 0.5
 _EVERY = 4
 """Pictures of the simulated camera: half as wide, and one in four ticks, since each takes time."""
+
+
+def kept_in(store: Path) -> str:
+    """Return what the folder of an identification keeps before its first run, or between two."""
+    if any(store.glob("*.sqlite")):
+        return f"what was measured is kept in {store}; the same command continues it"
+    if (store / SWEPT).exists():
+        return f"the sweep is kept in {store}, and nothing else yet; the same command goes on"
+    return "nothing was measured yet, and nothing is kept; the same command begins anew"
 
 
 def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration | None:
@@ -50,7 +61,7 @@ def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration |
     """
     from minorloop.head.procedures.calibration import HeadCalibration
 
-    path = store / "camera.json"
+    path = store / SWEPT
     if path.exists():
         try:
             return HeadCalibration.from_dict(msgspec.json.decode(path.read_bytes()))

@@ -76,7 +76,7 @@ def identify(
     as_json: _common.Json = False,
 ) -> None:
     """Measure both wires of a head, identify and check them; the same command continues it."""
-    from minorloop.cli._seen import seen_head, swept_view
+    from minorloop.cli._seen import kept_in, seen_head, swept_view
     from minorloop.connect import is_simulated
     from minorloop.head.console.settings import is_pipe
     from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
@@ -91,7 +91,7 @@ def identify(
     view = None if before is None or pipe else before.calibration
     if seen:
         opened = partial(seen_head, actuator, camera, view, specimen=specimen)
-    with opened(seed=seed) as plant:
+    with _common.interruptible(lambda: kept_in(store)), opened(seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
         serial = _serial(plant, serial)
         if before is not None:
@@ -185,7 +185,8 @@ def drive(
     seen = camera is not None or is_pipe(actuator)
     if seen:
         opened = partial(seen_head, actuator, camera, known.calibration)
-    with opened(specimen=specimen, seed=seed) as plant:
+    kept = "the drive was not finished, and nothing is kept"
+    with _common.interruptible(lambda: kept), opened(specimen=specimen, seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
         known.check_fits(getattr(plant, "serial", None), head)
         control = known.control(interval=plant.tick, by_camera=seen)

@@ -32,6 +32,14 @@ def test_every_usable_value_is_plausible(readings):
         assert not state.fault or math.isnan(state.value)
 
 
+def test_a_camera_that_gives_few_pictures_is_at_fault_only_after_a_row_without_angles():
+    few = [math.nan if k % 4 else reading for k, reading in enumerate(wiggling(200))]
+    assert after(SensorWatch(patience=25), few).fault == "lost"
+    by_camera = SensorWatch(patience=25, makes_up=25)
+    assert after(by_camera, few).fault == ""
+    assert after(by_camera, [*few, *[math.nan] * 25]).fault == "lost"
+
+
 def test_a_lost_sensor_is_at_fault_after_a_fifth_of_a_second():
     readings = wiggling(30)
     assert after(SensorWatch(), [*readings, *[math.nan] * 4]).fault == ""

@@ -1,10 +1,12 @@
 import json
+import math
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
 from minorloop.errors import MinorloopError, ModelFileError, OutputError
+from minorloop.head.control.by_camera import LEAD
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -70,6 +72,8 @@ def test_the_control_has_the_wires_limits_and_coupling_of_the_file(path):
     assert control.axes[0].limits.hottest == 120.0
     assert (control.axes[0].observer.highest, control.axes[1].observer.interval) == (0.35, 0.05)
     np.testing.assert_array_equal(control.coupling, WIRES.coupling)
+    assert math.isinf(control.lead)
+    assert read_head(path).control(by_camera=True).lead == LEAD
 
 
 def test_a_file_is_not_replaced_unasked(path):

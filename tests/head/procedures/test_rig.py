@@ -149,6 +149,7 @@ class Devices:
     """Wires of 200 degrees an ampere, lines, a clock that they move, and a camera on them."""
 
     names = ("led 1", "led 2", "led 3")
+    exposes = True
 
     def __init__(self, seen=None):
         self.angles, self.time, self.lights = np.full(2, 30.0), 0.0, []
@@ -329,6 +330,17 @@ def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(head_file, monkeypat
     save_head(HeadFile(serial="H-01", calibration=view, calibrated=on), file, force=True)
     with pytest.raises(ModelFileError, match="has 1 LED, and acquisitions switch 3"):
         rig_at("bench:head.toml", "camera:0", file).__enter__()
+
+
+def test_a_camera_whose_exposure_cannot_be_set_is_named_at_the_start(head_file, monkeypatch):
+    (devices, _, file), told = head_file, []
+    with rig_at("bench:head.toml", "camera:0", file, told.append):
+        assert told == []
+    monkeypatch.setattr(devices, "exposes", False)
+    with rig_at("bench:head.toml", "camera:http://10.0.0.7/", file, told.append):
+        (entry,) = told
+    assert entry.what == "camera"
+    assert "set it at the camera" in entry.outcome
 
 
 def test_one_late_answer_does_not_end_the_start(head_file, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -62,18 +63,23 @@ class HeadControl:
     coupling : (axes, axes) array_like, optional
         ``coupling[i, j]``: change of the sensor of axis i for a degree of axis j, 1 on the
         diagonal. Without it, the axes are independent.
+    lead : float
+        Most degrees by which a wanted reading is ahead of the newest one. Infinite for no limit.
 
     Raises
     ------
     ParameterError
-        If the coupling has another shape, is not finite, or is so strong that the axes cannot be
+        If the lead is not positive, or the coupling has another shape, is not finite, or is so strong that the axes cannot be
         separated.
     """
 
     axes: tuple[Guard, ...]
     coupling: FloatArray | None = None
+    lead: float = math.inf
 
     def __post_init__(self) -> None:
+        if not self.lead > 0:
+            raise ParameterError(f"lead is {self.lead}; give a number of degrees above 0")
         count = len(self.axes)
         try:
             matrix = np.eye(count) if self.coupling is None else np.asarray(self.coupling, float)
@@ -143,6 +149,7 @@ class HeadControl:
         wanted, seen = _numbers(reference, count), _numbers(measurement, count)
         estimated = np.array([axis.estimate.wire.angle for axis in state.axes])
         last = np.array([axis.reference for axis in state.axes])
+        wanted = self._near(wanted, np.array([axis.sensed.last for axis in state.axes]))
         working = np.array([not axis.fault for axis in state.axes])
         readings = self._own(seen, estimated, working)
         targets = self._own_targets(wanted, last)
@@ -175,6 +182,11 @@ class HeadControl:
         filled = np.where(known & working, seen, instead + self._mixing @ instead)
         return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
 
+    def _near(self, wanted: FloatArray, newest: FloatArray) -> FloatArray:
+        """Return wanted readings (axes,) no farther from the newest ones than the lead."""
+        near = np.clip(wanted, newest - self.lead, newest + self.lead)
+        return np.where(np.isnan(newest), wanted, near)
+
     def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
         """Return the wanted angles (axes,) of the wires without coupling; NaN where there is none.
 
@@ -203,6 +215,7 @@ def head_control(
     coupling: FloatArray | None = None,
     limits: WireLimits | None = None,
     sensor: SensorWatch | None = None,
+    lead: float = math.inf,
     **options: Any,
 ) -> HeadControl:
     """Return the control of a head by the name of its controller.
@@ -217,6 +230,8 @@ def head_control(
         As in `HeadControl`.
     limits, sensor
         As in `Guard`, for every axis; the defaults of the head without them.
+    lead : float
+        As in `HeadControl`.
     **options
         Of the controller, for every axis: `interval`, `delay` and `highest` of any; `response`
         of feedforward, internal_model, observer and adaptive; and further options of
@@ -236,7 +251,7 @@ def head_control(
         )
         for wire in wires
     )
-    return HeadControl(axes, coupling)
+    return HeadControl(axes, coupling, lead)
 
 
 def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:

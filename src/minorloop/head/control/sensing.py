@@ -29,8 +29,8 @@ class Sensed:
     repeats : int
         Number of equal readings since.
     missing, odd, good : int
-        Number of missing and of implausible readings, less the good ones since; number of usable
-        readings in a row.
+        Number of missing and of implausible readings, less those that the good ones since make up
+        for; number of usable readings in a row.
     changes, equals : int
         How often a reading differed from the one before, and how often it did not; stuck runs do
         not count. They tell whether the sensor is noisy.
@@ -67,6 +67,10 @@ class SensorWatch:
         Limits of plausible angles, in degrees.
     jump : float
         Largest plausible difference between two readings, in degrees.
+    makes_up : int
+        Missing or implausible readings that a usable one makes up for. With 1, a sensor of which
+        more than half the readings are lost is at fault; with ``patience``, only those in a row
+        count.
 
     Raises
     ------
@@ -81,12 +85,14 @@ class SensorWatch:
     low: float = -45.0
     high: float = 135.0
     jump: float = 20.0
+    makes_up: int = 1
 
     def __post_init__(self) -> None:
         within("noise", self.noise, 0.0, 100.0, "degrees")
         within("repeats", self.repeats, 2, 10_000)
         within("patience", self.patience, 1, 10_000)
         within("recovery", self.recovery, 1, 10_000)
+        within("makes_up", self.makes_up, 1, 10_000)
         within("jump", self.jump, 1e-6, 1e6, "degrees")
         if not self.low < self.high:
             raise ParameterError(f"angles from {self.low} to {self.high}; give low < high")
@@ -119,8 +125,8 @@ class SensorWatch:
             fault=state.fault,
             last=value,
             repeats=repeats,
-            missing=max(state.missing - 1, 0),
-            odd=max(state.odd - 1, 0),
+            missing=max(state.missing - self.makes_up, 0),
+            odd=max(state.odd - self.makes_up, 0),
             good=0 if stuck else state.good + 1,
             changes=changes,
             equals=equals,

@@ -25,6 +25,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,7 +37,7 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.errors import ModelFileError, ParameterError, counted
 from minorloop.files import PathLike, check_name, check_writable, write_atomically
-from minorloop.head.control.by_camera import camera_control
+from minorloop.head.control.by_camera import LEAD, camera_control
 from minorloop.head.control.controller import within
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.limits import WireLimits
@@ -215,7 +216,7 @@ class HeadFile:
                 f"the wires of head {self.serial!r} were not identified; identify them with "
                 "minorloop head identify"
             )
-        make = camera_control if by_camera else head_control
+        make = partial(camera_control, lead=LEAD) if by_camera else head_control
         return make(
             name,
             known.wires,

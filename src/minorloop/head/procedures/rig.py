@@ -59,6 +59,7 @@ lost is opened again within 4 s."""
 _MOST_FAILURES = 5
 """Failures of a device in a row after which the loop ends: one answer in a thousand is late on a
 busy machine, and no second one follows."""
+_BY_ITSELF = "its exposure cannot be set from here; set it at the camera, so that little of the wall is white"
 
 
 @dataclass(frozen=True)
@@ -394,6 +395,8 @@ def rig_at(
         tip = CameraTip(BenchTip(plant), pictures, view)
         rig = InspectionRig(plant, tip, control, view, seen=seen, computing=computing, told=told)
         rig.reading(Request(lights=ALL_LIGHTS))
+        if not pictures.exposes:
+            told(LogEntry(rig.t, "camera", _BY_ITSELF))
         if seen is not None:
             told(LogEntry(rig.t, "camera", "it gives the angles; the head has to be cold first"))
         rig.begin()
