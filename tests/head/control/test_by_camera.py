@@ -44,9 +44,10 @@ def test_a_head_that_is_seen_no_more_stops_within_the_lead():
     wire = identified().model
     control = camera_control("observer", (wire, wire), lead=LEAD)
     state, plant = control.begin(), wire.begin()
+    seen = plant.angle
     for tick in range(200):
-        read = plant.angle if tick < 25 else np.nan
         seen = plant.angle if tick < 25 else seen
+        read = seen if tick < 25 else np.nan
         (u, _), state = control.step(state, (45.0, 0.0), (read, 0.0))
         plant = wire.step(plant, u**2, 0.04)
     assert seen < 30.0
@@ -55,5 +56,5 @@ def test_a_head_that_is_seen_no_more_stops_within_the_lead():
 
 @pytest.mark.parametrize("lead", [0.0, -1.0, float("nan")])
 def test_a_lead_that_is_not_positive_is_refused(lead):
-    with pytest.raises(ParameterError, match="lead is .*; give a number of degrees above 0"):
+    with pytest.raises(ParameterError, match=r"lead is .*; give a number of degrees above 0"):
         camera_control("observer", (identified().model,), lead=lead)

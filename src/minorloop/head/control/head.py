@@ -69,8 +69,8 @@ class HeadControl:
     Raises
     ------
     ParameterError
-        If the lead is not positive, or the coupling has another shape, is not finite, or is so strong that the axes cannot be
-        separated.
+        If the lead is not positive, or the coupling has another shape, is not finite, or is so
+        strong that the axes cannot be separated.
     """
 
     axes: tuple[Guard, ...]

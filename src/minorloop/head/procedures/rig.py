@@ -59,7 +59,10 @@ lost is opened again within 4 s."""
 _MOST_FAILURES = 5
 """Failures of a device in a row after which the loop ends: one answer in a thousand is late on a
 busy machine, and no second one follows."""
-_BY_ITSELF = "its exposure cannot be set from here; set it at the camera, so that little of the wall is white"
+_BY_ITSELF = (
+    "its exposure cannot be set from here; set it at the camera, so that little of the wall is "
+    "white"
+)
 
 
 @dataclass(frozen=True)
