@@ -7,7 +7,8 @@ from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Pipe
-from minorloop.head.twins.rig import STRAIGHT, Rig, SimulatedTip, Sway
+from minorloop.head.twins.rig import STRAIGHT, Rig, SimulatedTip
+from minorloop.head.twins.surroundings import Sway
 
 
 def test_the_camera_looks_along_the_pipe_when_the_joints_are_in_their_middle():

@@ -165,7 +165,7 @@ def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
         Of the head of this seed, which is identified without it.
     """
     (rig, truth), seen = draw_mission(seed, head), Overview()
-    mission = Mission(seed, truth.bore, truth.crack, float(truth.wet.water or 0.0))
+    mission = Mission(seed, truth.bore, truth.crack, float(truth.water.level or 0.0))
     best = _examined(rig, truth, mission, seen)
     if best.pit is None:
         rig.say("end of pits", "no pit that echoes confirm was found; no depth is given")

@@ -28,7 +28,7 @@ from minorloop.head.reconstruction.depth_map import (
 from minorloop.head.studies.mission_scene import RADIUS
 from minorloop.head.ultrasound.echoes import Burst, average
 from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.ultrasound.pits import PitDepth, raster
+from minorloop.head.ultrasound.pits import PitDepth
 from minorloop.head.ultrasound.profile import Profile, centred, joined, wall_profile
 from minorloop.head.vision.defects import Hole
 from minorloop.head.vision.reflectance_map import ReflectanceMap
@@ -55,10 +55,11 @@ def scan(
         Displacement of the raster in pitches, in both directions.
     """
     scanning = RasterScan(calibration=rig.calibration)
-    bursts = rig.run(scanning, scanning.begin(place, shift=shift)).bursts
+    state = rig.run(scanning, scanning.begin(place, shift=shift))
+    bursts = state.bursts
     coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
     rig.say("modality", "the wall answers" if coupled else "no echo: camera only")
-    return rig.calibration.probe_at(rig.place), list(bursts)
+    return rig.calibration.probe_at(state.reference), list(bursts)
 
 
 def drain(rig: InspectionRig) -> None:
@@ -81,8 +82,7 @@ def fused_wall(
 
 def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
     """Roll the catheter once round, and measure profile and water line."""
-    probe = rig.calibration.probe_at(rig.place)
-    go(rig, angles=raster(probe, place, points=1)[0])
+    go(rig, angles=RasterScan(calibration=rig.calibration).perpendicular)
     profiles = []
     for k in range(TURNS):
         go(rig, place=(rig.place[0], np.radians(-180.0 + 360.0 * k / TURNS)))
