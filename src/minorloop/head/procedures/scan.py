@@ -16,6 +16,13 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
+from minorloop.head.control.flooded_reach import (
+    SLEEVE_BAND,
+    SLEEVED,
+    WATER_BAND,
+    flooded_reach,
+)
+from minorloop.head.control.head import HeadControl
 from minorloop.head.geometry import REACH, wrapped
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import GO, Go, GoState
@@ -36,11 +43,12 @@ class ScanState:
 
     ``centre`` is phi and z of the middle; ``shift`` the displacement of the raster in pitches;
     ``onward`` is 1 if the catheter rolls on towards greater phi after its travel, -1 if towards
-    smaller phi: friction makes it jump where it turns back.
-    ``home`` place and angles to return to, None to stay; ``go`` the state of the way there or
-    back; ``targets`` (N, 2) pan and tilt of the points, ``point`` the next of them. The head was
-    sent there, or the burst was ``requested``, at ``since``. ``bursts`` are filled if the readings
-    contain shots; their angles hold at the ``reference``, the place (2,) at the first point.
+    smaller phi: friction makes it jump where it turns back. ``home`` place and angles to return
+    to, None to stay; ``go`` the state of the way there or back; ``targets`` (N, 2) pan and tilt of
+    the points, ``point`` the next of them. The head was sent there, or the burst was
+    ``requested``, at ``since``. ``bursts`` are filled if the readings contain shots; their angles
+    hold at the ``reference``, a place (2,) from which the beam is
+    square to the middle. ``refused`` says why a scan was not begun.
     """
 
     centre: tuple[float, float]
@@ -55,6 +63,7 @@ class ScanState:
     since: float = 0.0
     requested: bool = False
     bursts: tuple[Burst, ...] = ()
+    refused: str = ""
     done: bool = False
 
     @property
@@ -117,12 +126,43 @@ class RasterScan(Procedure[ScanState]):
         *,
         shift: float = 0.0,
         home: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+        control: HeadControl | None = None,
     ) -> ScanState:
-        """Return the state before a scan about a phi and a z, after which the head returns home."""
+        """Return the state before a scan about a phi and a z, after which the head returns home.
+
+        With the control of the head, a scan that it cannot reach in the water is refused: it is
+        done, and its state says why.
+        """
+        refused = "" if control is None else self.out_of_reach(control)
         back = None
         if home is not None:
             back = np.asarray(home[0], dtype=np.float64), np.asarray(home[1], dtype=np.float64)
-        return ScanState(centre=centre, shift=shift, home=back)
+        return ScanState(centre=centre, shift=shift, home=back, refused=refused, done=bool(refused))
+
+    def out_of_reach(self, control: HeadControl) -> str:
+        """Return why the wires of a head do not reach the points in water; empty if they do."""
+        view = self.calibration
+        water, middle = view.temperature, view.joints(self.perpendicular)
+        wanted = np.array([view.joints(pair) for pair in self.needs.T]).T
+        has, worst, best = (
+            flooded_reach(control, middle, water + warmer, cooling=SLEEVED * share)
+            for warmer, share in (
+                (0.0, 1.0),
+                (-WATER_BAND, 1 + SLEEVE_BAND),
+                (WATER_BAND, 1 - SLEEVE_BAND),
+            )
+        )
+        for axis, name in enumerate(("pan", "tilt")):
+            for end, beyond in ((1, 1.0), (0, -1.0)):
+                need, mine = wanted[axis, end], has[axis, end]
+                if beyond * (need - mine) > 0:
+                    words = "has" if end else "stays above"
+                    band = f"{worst[axis, end]:.0f} to {best[axis, end]:.0f}"
+                    return (
+                        f"out of reach: {name} needs {need:.0f} degrees, {words} {mine:.0f} "
+                        f"({band}) in water of {water:.0f} C"
+                    )
+        return ""
 
     @property
     def perpendicular(self) -> FloatArray:
@@ -289,12 +329,12 @@ class RasterScan(Procedure[ScanState]):
             As in `burst_of`.
         """
         there, here = self.calibration.mount_at(reference), self.calibration.mount_at(place)
-        turned = []
-        for each in (angles, target):
-            pan, tilt = np.asarray(each, dtype=np.float64).tolist()
-            turned.append(self.calibration.probe.moved(here, pan, tilt, there))
-        probe = self.calibration.probe_at(reference)
-        return burst_of(shots, *turned, probe, first=first)
+        probe = self.calibration.probe
+        seen, wanted = (
+            probe.moved(here, float(pan), float(tilt), there)
+            for pan, tilt in (np.asarray(angles), np.asarray(target))
+        )
+        return burst_of(shots, seen, wanted, self.calibration.probe_at(reference), first=first)
 
     def _back(self, state: ScanState) -> ScanState:
         return replace(state, stage="back", go=None, done=state.home is None)

@@ -130,8 +130,15 @@ CLAIMS = (
     Claim("wrong modality or depth made up", "modality.wrong", "-", most=0),
     Claim("scans that this was tried on", "modality.scans", "-"),
     Claim(
-        "missions that measured their pit", "mission.measured", "announced", least=0.9, percent=True
+        "missions that measured their pit, of those within reach",
+        "mission.pits_measured",
+        "announced",
+        least=0.9,
+        percent=True,
     ),
+    Claim("missions with a pit within reach in their water", "mission.reachable", "-"),
+    Claim("of the others, said before travel", "mission.unreachable_said", "-", percent=True),
+    Claim("refused although within reach", "mission.refused_in_vain", "-"),
     Claim("of those, depth error, median [mm]", "mission.depth_error_mm", "announced"),
     Claim(
         "missions whose tool touched within 0.3 mm",
@@ -256,10 +263,19 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def _of_missions(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return shares of all missions, and medians over those with a result."""
     measured = [mission for mission in missions if mission["measured"]]
+    within = [mission for mission in missions if mission["reachable"]]
+    beyond = [mission for mission in missions if not mission["reachable"]]
     cracks = [mission for mission in missions if mission["crack_found"]]
     deep = [mission for mission in cracks if mission["crack_measured"]]
     return {
         "of": len(missions),
+        "each": [dict(mission) for mission in missions],
+        "pits_measured": sum(one["measured"] for one in within) / max(len(within), 1),
+        "reachable": len(within),
+        "unreachable_said": float(np.mean([one["refused"] for one in beyond]))
+        if beyond
+        else np.nan,
+        "refused_in_vain": sum(one["refused"] for one in within),
         **{key: float(np.mean([one[key] for one in missions])) for key in ("measured", "touched")},
         "seconds": float(np.median([mission["seconds"] for mission in missions])),
         **{key: _median(measured, key) for key in _OF_MISSIONS},

@@ -176,7 +176,7 @@ def _add_mission(report: Report, mission: Mission) -> None:
             "The pit",
             text="The outline is that of the image and of the echoes together, the depth that of "
             "the joint fit spread by the footprints of the beams; the rim is the least sure.",
-            table=finding_rows(finding_of(mission.pit)),
+            table=finding_rows(mission.finding or finding_of(mission.pit)),
             pictures=[Picture(draw_finding(mission.wall), words)],
         )
     _add_cracks(report, mission)

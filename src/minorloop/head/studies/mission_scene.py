@@ -13,6 +13,8 @@ from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.studies import scoring
 from minorloop.head.studies.inspection_servo import wires_of
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
@@ -26,8 +28,8 @@ SWAY = Sway()
 OFF_THICKNESS, OFF_TEMPERATURE = 0.01, 0.3
 """Standard deviations of the known wall thickness, relative, and water temperature, in degrees."""
 TEMPERATURES, OFF_SLEEVE = (10.0, 40.0), 0.04
-"""Range of the temperature of the water, in degrees Celsius, and of the convection of a sleeve about
-nominal: that of a bore which is 10 % wider or narrower."""
+"""Range of the temperature of the water, in degrees Celsius, and largest share by which the
+convection of a sleeve differs from nominal: that of a bore which is 10 % wider or narrower."""
 CRACKED, CLEAR = (18e-3, 31e-3), 3e-3
 """Range of cracks along the pipe, and least distance from the pit, in metres."""
 
@@ -116,6 +118,13 @@ def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig
     )
     rig = InspectionRig(plant, tip, control, calibration, gyroscope=plant.gyroscope)
     return rig, MissionTruth(bore, crack, dry, flooded, plant, (x, y))
+
+
+def reachable(rig: InspectionRig, truth: MissionTruth) -> bool:
+    """Return whether the wires truly reach a raster in the water. For scoring only."""
+    view = rig.calibration
+    needs = [view.joints(pair) for pair in RasterScan(calibration=view).needs.T]
+    return scoring.reaches(Head(truth.plant.head.specimen), truth.water, np.array(needs).T)
 
 
 def _control(seed: int, head: HeadFile | None) -> HeadControl:

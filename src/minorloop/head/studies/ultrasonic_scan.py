@@ -55,10 +55,17 @@ def scan(
         Displacement of the raster in pitches, in both directions.
     """
     scanning = RasterScan(calibration=rig.calibration)
-    state = rig.run(scanning, scanning.begin(place, shift=shift))
-    bursts = state.bursts
+    begun = scanning.begin(place, shift=shift, control=rig.control)
+    if begun.refused:
+        rig.say("reach", begun.refused, succeeded=False)
+        return rig.calibration.probe_at(rig.place), []
+    state, late = rig.run(scanning, begun), rig.trouble
+    bursts, planned = state.bursts, scanning.points**2
+    words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
+    rig.say("scan", words, succeeded=len(bursts) == planned and not late)
     coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
-    rig.say("modality", "the wall answers" if coupled else "no echo: camera only")
+    answer = "the wall answers" if coupled else "no echo: camera only"
+    rig.say("modality", answer, succeeded=coupled)
     return rig.calibration.probe_at(state.reference), list(bursts)
 
 
