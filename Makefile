@@ -45,6 +45,7 @@ studies: setup ## the papers on 20 simulated specimens, the design study on 10; 
 	$(BIN)/minorloop study fibre --specimens 20 --out studies/fibre
 	$(BIN)/minorloop study design --specimens 10 --out studies/design
 	$(BIN)/minorloop study benchmark --specimens 10 --out studies/benchmark
+	$(BIN)/minorloop study stage --specimens 20 --out studies/stage
 	$(BIN)/minorloop study head --specimens 20 --out studies/head
 	$(BIN)/minorloop study inspection --specimens 20 --out studies/inspection
 

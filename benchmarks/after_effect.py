@@ -1,10 +1,9 @@
 """Time in the plane: speed, the inverse, positioning with short holds, and curves after pauses.
 
-The strip is the twin; its model is a generic spectrum, identified from one staircase with holds of
-200 s and one with holds of 10 s. Rivals are the model of settled values, and one of values read
-after 10 s. The rock is read from ``../shared/data``, where it is at hand: fitted on pauses of 0 and
-50 s, predicted after 350 s. The gain of each run is that of its own calibration points; "aligned"
-is after gain and slope of the run are fitted too, two numbers.
+Positioning is that of `minorloop.studies.short_holds`. The rock is read from ``../shared/data``,
+where it is at hand: fitted on pauses of 0 and 50 s, predicted after 350 s. The gain of each run is
+that of its own calibration points; "aligned" is after gain and slope of the run are fitted too, two
+numbers.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks._timing import Row
-from minorloop.arrays import FloatArray, uniform_levels
-from minorloop.connect import connect
-from minorloop.identification import excitation, identify, identify_after_effect
-from minorloop.lab.records import Record
+from minorloop.arrays import FloatArray
+from minorloop.identification import identify_after_effect
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
+from minorloop.studies.claims import medians
+from minorloop.studies.short_holds import SHORT, TARGETS, run_short_holds
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "forc"
 ROCK = "tiva_canyon_05A_pause_{}s.frc"
@@ -34,8 +33,6 @@ SKIP = 3
 FEWEST = 7
 """Readings of the shortest curve that is used: four are then left."""
 STRIPS = range(1000, 1008)
-TARGETS, REACH, HOLD, SETTLED = 14, 7.5, 10.0, 200.0
-NOISE = 0.03
 LEAST_SPEED, LEAST_INVERSE, MOST_RESIDUAL = 5e6, 1e5, 1e-10
 LEAST_RATIO, MOST_ERROR = 3.0, 1e-3
 
@@ -97,53 +94,23 @@ def _timed(work):
     return found, min(times)
 
 
-def _strip(seed: int, noise: float, experiment: int):
-    strip = connect("twin:ipmc", specimen=seed, noise=noise, seed=seed + 10_000 * experiment)
-    strip.apply(-1.2, 2 * SETTLED, 1.0)
-    return strip
-
-
-def _read(strip, inputs: FloatArray, hold: float) -> list[Record]:
-    return [strip.apply(float(np.clip(u, -1.2, 1.2)), hold, 1.0) for u in inputs]
-
-
 def _strips(seeds) -> list[Row]:
-    grid = uniform_levels(-1.2, 1.2, 10)
-    voltages = excitation.decaying_staircase(grid)
-    errors, began = [], time.perf_counter()
-    for seed in seeds:
-        strip = _strip(seed, NOISE, 0)
-        long, short = _read(strip, voltages, SETTLED), _read(strip, voltages, HOLD)
-        record = Record.joined([*long, *short])
-        creeping = identify_after_effect(
-            record.t, record.u, record.y, levels=grid, creep="spectrum", rate=False
-        )
-        quick = [one.y[-1] for one in _read(_strip(seed, NOISE, 1), voltages, HOLD)]
-        options = {"levels": grid, "smoothness": 0.0, "diagonal": "reversible"}
-        settled = identify(voltages, np.array([one.y[-1] for one in long]), **options)
-        early = identify(voltages, np.array(quick), **options)
-        targets = np.random.default_rng(seed).uniform(-REACH, REACH, TARGETS)
-        ends = HOLD * np.arange(1, TARGETS + 1)
-        inputs = (
-            creeping.model.invert(ends, targets, unreachable="clip").u,
-            settled.model.invert(targets, unreachable="clip").u,
-            early.model.invert(targets, unreachable="clip").u,
-        )
-        errors.append([_rms([r.y[-1] for r in _read(_strip(seed, 0.0, 2), u, HOLD)] - targets)
-                       for u in inputs])  # fmt: skip
+    began = time.perf_counter()
+    runs = [run_short_holds(seed).figures() for seed in seeds]
     took = (time.perf_counter() - began) / len(seeds)
-    ours, settled, early = np.median(errors, axis=0)
-    ratios = np.array(errors)[:, 1] / np.array(errors)[:, 0]
+    found = medians(runs)
+    ratios = [one["ratio"] for one in runs]
     return [
         Row(
-            f"{TARGETS} targets of {len(seeds)} strips, read after {HOLD:.0f} s, medians",
+            f"{TARGETS} targets of {len(seeds)} strips, read after {SHORT:.0f} s, medians",
             took,
-            ratio=float(np.median(ratios)),
+            ratio=found["ratio"],
             required=f">= {LEAST_RATIO:g} times as accurate as with the settled model",
-            met=bool(np.median(ratios) >= LEAST_RATIO),
-            accuracy=f"rms {ours:.3f} 1/m with creep, {settled:.3f} with the settled model, "
-            f"{early:.3f} with one of values after {HOLD:.0f} s; ratio {ratios.min():.1f} to "
-            f"{ratios.max():.1f}; {TARGETS * (SETTLED - HOLD) / 60:.0f} minutes saved",
+            met=bool(found["ratio"] >= LEAST_RATIO),
+            accuracy=f"rms {found['rms_creep']:.3f} 1/m with creep, {found['rms_settled']:.3f} "
+            f"with the settled model, {found['rms_early']:.3f} with one of values after "
+            f"{SHORT:.0f} s; ratio {min(ratios):.1f} to {max(ratios):.1f}; "
+            f"{found['minutes_saved']:.0f} minutes saved",
         )
     ]
 

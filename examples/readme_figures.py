@@ -8,11 +8,12 @@ from matplotlib.figure import Figure
 from minorloop.drawing.operators import draw_density
 from minorloop.head.studies import head
 from minorloop.head.studies.head_report import draw_steps
-from minorloop.studies import benchmark, design
+from minorloop.studies import benchmark, design, stage
 from minorloop.studies.benchmark_report import draw_law
-from minorloop.studies.claims import for_each
+from minorloop.studies.claims import for_each, medians
 from minorloop.studies.design_report import draw_curves
 from minorloop.studies.positioning import Positioning, run_positioning
+from minorloop.studies.stage_report import draw_errors
 
 FOLDER = Path(__file__).parent.parent / "docs" / "figures"
 
@@ -48,10 +49,16 @@ def figures_of(seed: int) -> dict[str, object]:
     return design.run_study(seed).figures()
 
 
+def figures_of_stage(seed: int) -> dict[str, object]:
+    return stage.run_study(seed).figures()
+
+
 if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     draw(run_positioning(0)).savefig(FOLDER / "positioning.png", dpi=100)
     runs = for_each(figures_of, 10, 0, print)
     draw_steps(head.run_study(0)).savefig(FOLDER / "head.png", dpi=100)
+    runs_of_stage = for_each(figures_of_stage, 20, 0, print)
+    draw_errors(medians(runs_of_stage)).savefig(FOLDER / "stage.png", dpi=100)
     draw_law(benchmark.run_study(0)).savefig(FOLDER / "benchmark.png", dpi=100)
     draw_curves(runs).savefig(FOLDER / "design.png", dpi=100)

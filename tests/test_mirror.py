@@ -43,6 +43,8 @@ ELSEWHERE = {
     "head/studies/touch_trials.py": "head/studies/test_head_study.py",
     "head/studies/tracking_trials.py": "head/studies/test_head_study.py",
     "head/twins/tool.py": "head/procedures/test_mark.py",
+    "head/vision/new_mark.py": "head/procedures/test_mark.py",
+    "head/vision/patch_pictures.py": "head/vision/test_wall_angles.py",
     "head/vision/wall_patches.py": "head/vision/test_wall_angles.py",
     "head/vision/wall_views.py": "head/vision/test_tracking.py",
     "head/twins/mounted.py": "head/twins/test_camera.py",
@@ -60,6 +62,7 @@ ELSEWHERE = {
     "studies/drawing.py": "studies/test_design.py",
     "studies/fibre_report.py": "studies/test_fibre.py",
     "studies/ipmc_report.py": "studies/test_ipmc.py",
+    "studies/stage_report.py": "studies/test_stage.py",
     "version.py": "cli/test_main.py",
 }
 

@@ -28,10 +28,12 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.oscillator import Oscillator
 from minorloop.lab.records import Quantity
 from minorloop.modelfile import LARGEST, ModelWarning, Provenance, read
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.dead_zones import DeadZones
+from minorloop.operators.differential import BoucWen, Duhem
 
 LEVELS = [-1.0, 0.0, 0.5, 2.0]
 TRIANGLE = [[0.1, 0.0, 0.0], [1 / 3, -0.0, 0.0], [5e-324, -1e300, np.pi]]
@@ -58,6 +60,7 @@ MODELS = {
     "after-effect": AfterEffect(
         Preisach(LEVELS, TRIANGLE), np.array([0.1, 1 / 3, 2.0]), 1 / 7, [0.1, 3.0], [SMALL, SMALL]
     ),
+    "oscillator": Oscillator(1 / 3, 0.1, [1 / 7, 3.0], Duhem(LEVELS, LEVELS, LEVELS[::-1])),
 }
 GIVEN = {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0"}
 
@@ -102,6 +105,23 @@ def test_loads_what_was_saved(kind, path):
     save(MODELS[kind], path)
     assert same(load(path), MODELS[kind])
     assert read(path).kind == kind
+
+
+@pytest.mark.parametrize(
+    "force",
+    [BoucWen(1 / 3, 0.1, -0.2, 1.5), PLAYS, MODELS["preisach"]],
+    ids=lambda force: type(force).__name__,
+)
+def test_an_oscillator_is_kept_with_any_force(force, path):
+    model = Oscillator(1.0, 0.1, 2.0, force)
+    save(model, path)
+    assert same(load(path), model)
+
+
+def test_an_oscillator_has_no_inverse(path):
+    save(MODELS["oscillator"], path)
+    with pytest.raises(ModelFileError, match=r"an oscillator.*not inverted"):
+        _ = read(path).operator
 
 
 @kinds

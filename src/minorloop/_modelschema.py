@@ -21,9 +21,11 @@ from minorloop.arrays import FloatArray, as_levels, frozen
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.oscillator import Oscillator
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike, printable
 from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.operator import Operator
 from minorloop.operators.polynomial import Polynomial
@@ -35,7 +37,7 @@ StaticModel: TypeAlias = (
     Preisach | RelayModel | PrandtlIshlinskii | GeneralisedPrandtlIshlinskii | Polynomial
 )
 """Classes of operators in model files."""
-Model: TypeAlias = StaticModel | Cascade | Linear | HeatedWire | AfterEffect
+Model: TypeAlias = StaticModel | Cascade | Linear | HeatedWire | AfterEffect | Oscillator
 """Classes of models in model files."""
 
 KINDS: Mapping[type[Model], str] = {
@@ -48,8 +50,16 @@ KINDS: Mapping[type[Model], str] = {
     Linear: "linear",
     HeatedWire: "heated-wire",
     AfterEffect: "after-effect",
+    Oscillator: "oscillator",
 }
 """The name of each class in a file."""
+_FORCES: Mapping[type[Any], str] = {
+    Preisach: KINDS[Preisach],
+    PrandtlIshlinskii: KINDS[PrandtlIshlinskii],
+    BoucWen: "bouc-wen",
+    Duhem: "duhem",
+}
+"""The name of each class of the hysteretic force of an oscillator."""
 
 
 class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -119,6 +129,8 @@ def _struct(of: type[Any], **options: Any) -> type[msgspec.Struct]:
             fields.append((name, list[list[float]]))
         elif (of, name) == (AfterEffect, "creep"):
             fields.append((name, list[list[list[float]]]))
+        elif (of, name) == (Oscillator, "operator"):
+            fields.append((name, _AnyForce))
         elif (of, name) in _LATER:
             fields.append((name, _json_type(hints[name]), None))
         else:
@@ -143,8 +155,12 @@ def _json_type(hint: Any) -> Any:
 _CLASS_OF: dict[type[msgspec.Struct], type[Any]] = {}
 if TYPE_CHECKING:
     _AnyOperator: TypeAlias = msgspec.Struct
+    _AnyForce: TypeAlias = msgspec.Struct
     AnyModel: TypeAlias = msgspec.Struct
 else:
+    _AnyForce = Union[  # noqa: UP007
+        tuple(_struct(_of, tag_field="kind", tag=_word) for _of, _word in _FORCES.items())
+    ]
     _TAGGED = []
     for _of, _word in KINDS.items():  # a cascade contains one of the operators before it
         if _of is Cascade:
@@ -236,6 +252,8 @@ def plain(model: Any) -> dict[str, Any]:
     }
     if isinstance(model, Cascade):
         fields["operator"] = {"kind": kind_of(model.operator), **fields["operator"]}
+    elif isinstance(model, Oscillator):
+        fields["operator"] = {"kind": _FORCES[type(model.operator)], **fields["operator"]}
     return fields
 
 

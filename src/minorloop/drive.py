@@ -44,8 +44,8 @@ make corrections explode; more than ten times is not seen on reversals of a reve
 LEAST_GAIN, MOST_GAIN = 1 / 3, 3.0
 """Gain of the measured over the predicted outputs, from saturation on, below and above which the
 sensor or its conversion is wrong."""
-_LEAST_ALLOWED = 0.05
-"""Share of the model's range up to which an error is never a missed target."""
+ALLOWED_ERRORS, LEAST_ALLOWED = 3.0, 0.05
+"""Errors of the model, and share of its range, up to which an error is never a missed target."""
 _LARGE_OFFSET = 0.25
 """Share of the model's range from which an offset of the sensor is worth a word."""
 _TELLING = 0.1
@@ -107,6 +107,8 @@ class DriveResult:
         Most further holds of a target.
     width : float
         Range of the outputs of the model.
+    remedy : str
+        What to do first about missed targets; to correct or to hold longer if empty.
     """
 
     offset: float
@@ -114,6 +116,7 @@ class DriveResult:
     allowed: float = float("inf")
     corrections: int = 0
     width: float = float("inf")
+    remedy: str = ""
 
     @property
     def errors(self) -> FloatArray:
@@ -150,15 +153,15 @@ class DriveResult:
             return []
         worst = max(missed, key=lambda index: abs(self.arrivals[index].error))
         count = len(self.arrivals)
-        more = (
-            f"correct more often (--corrections, now {self.corrections})"
+        more = self.remedy or (
+            f"correct more often (--corrections, now {self.corrections}), hold longer (--hold)"
             if self.corrections
-            else "correct by the sensor (--corrections)"
+            else "correct by the sensor (--corrections), hold longer (--hold)"
         )
         return [
             f"{len(missed)} of {counted(count, 'target')} ended off by more than "
             f"{self.allowed:.3g}, the error that this model lets expect; the worst is target "
-            f"{worst + 1}, by {self.arrivals[worst].error:+.3g}: {more}, hold longer (--hold), "
+            f"{worst + 1}, by {self.arrivals[worst].error:+.3g}: {more}, "
             "check the conversion of the sensor, or identify this actuator anew"
         ]
 
@@ -388,7 +391,7 @@ class TargetDrive:
     def result(self, points: Sequence[Point]) -> DriveResult:
         """Return what the points so far show."""
         state = self._replayed(points)
-        allowed = max(3 * self.nrmse, _LEAST_ALLOWED) * self._width
+        allowed = max(ALLOWED_ERRORS * self.nrmse, LEAST_ALLOWED) * self._width
         return DriveResult(
             state.offset,
             tuple(state.arrivals),

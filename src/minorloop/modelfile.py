@@ -36,6 +36,10 @@ The other keys of ``model`` depend on its kind. They are the parameters of its c
                                     latent of `HeatedWire`
 ``after-effect``                    plane (the keys of ``preisach`` without a kind), field,
                                     settling, times, creep of `AfterEffect`
+``oscillator``                      mass, damping, stiffness, operator of `Oscillator`:
+                                    ``preisach``, ``prandtl-ishlinskii``, or ``bouc-wen`` with
+                                    alpha, gamma, delta, exponent, or ``duhem`` with levels,
+                                    rising, falling
 ==================================  ==========================================================
 
 The weights of the first two, and those of the creep for each time, are rows up to the diagonal: row
@@ -80,6 +84,7 @@ from minorloop.arrays import as_finite
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.oscillator import Oscillator
 from minorloop.errors import ModelFileError, ParameterError
 from minorloop.files import PathLike, check_name, check_writable, write_atomically
 from minorloop.lab.records import Quantity
@@ -114,7 +119,7 @@ class ModelFile:
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii,
-        Polynomial, Cascade, Linear, HeatedWire or AfterEffect
+        Polynomial, Cascade, Linear, HeatedWire, AfterEffect or Oscillator
         The model.
     input, output : Quantity
         Names and units of its input and output.
@@ -137,6 +142,11 @@ class ModelFile:
     lag_seconds: float = 0.0
 
     @property
+    def has_time(self) -> bool:
+        """Whether the output depends on the times of the inputs; not where only a lag does."""
+        return isinstance(self.model, Cascade | AfterEffect | Oscillator)
+
+    @property
     def operator(self) -> StaticModel:
         """The model, or the operator of one with time: the output for slow inputs.
 
@@ -149,6 +159,11 @@ class ModelFile:
             return self.model.operator  # type: ignore[return-value]
         if isinstance(self.model, AfterEffect):
             return self.model.settled
+        if isinstance(self.model, Oscillator):
+            raise ModelFileError(
+                "the file has an oscillator, whose output depends on all forces before; it can be "
+                "simulated in time, but not inverted: give a file with another model"
+            )
         if isinstance(self.model, Linear | HeatedWire):
             raise ModelFileError(
                 f"the file has a model of kind {self.kind!r}, which minorloop.load reads; give a "
@@ -228,7 +243,7 @@ def save(
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial,
-            Cascade, Linear, HeatedWire, AfterEffect, or the result of an identification
+            Cascade, Linear, HeatedWire, AfterEffect, Oscillator, or the result of an identification
         The model. That of an identification is written with its lag, scores and warnings.
     path : str or path
         The file to write.
@@ -301,7 +316,7 @@ def load(path: PathLike) -> Model:
     Returns
     -------
     Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial, Cascade,
-    Linear, HeatedWire or AfterEffect
+    Linear, HeatedWire, AfterEffect or Oscillator
         Equal to what was saved, to the last bit.
 
     Raises

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from minorloop import modelfile
+from minorloop.dynamics.oscillator import Oscillator
 from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.differential import BoucWen
 from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-1, 1, 5)
@@ -98,3 +100,32 @@ def test_c_is_stepped_at_the_given_interval(creeping, run, refused, tmp_path):
     status, _, _ = run(f"{line} --interval 0.5 --memory 16")
     assert status == 0
     assert "interval of 0.5 s" in (tmp_path / "firmware" / "minorloop.h").read_text()
+
+
+def spoilt(name, change):
+    """The record with other rows, in another file."""
+    rows = change(np.loadtxt("holds.csv", delimiter=",", skiprows=1))
+    header = "time [s],voltage [V],length [um]"
+    np.savetxt(name, rows, "%.17g", ",", header=header, comments="")
+    return f"identify {name} {COLUMNS} --creep spectrum --levels 4"
+
+
+def test_times_that_go_back_are_refused(creeping, refused):
+    line = spoilt("back.csv", lambda rows: rows[np.r_[:50, 40:600]])
+    assert "runs backwards after sample 49" in refused(line)
+
+
+def test_pauses_without_samples_show_creep_if_both_ends_are_read(creeping, answer, refused):
+    place = np.arange(600) % 10
+    line = spoilt("ends.csv", lambda rows: rows[(place == 0) | (place == 9)])
+    found = answer(line)
+    assert found["law"] == "spectrum"
+    assert found["left_out_nrmse"] < 0.005
+    assert "no input is held" in refused(spoilt("last.csv", lambda rows: rows[place == 9]))
+
+
+def test_c_of_an_oscillator_is_refused(refused):
+    plant = Oscillator(1.0, 1.0, 1.0, BoucWen(1.0, 1.0, 1.0))
+    modelfile.save(plant, "vibrating.json")
+    line = "export c vibrating.json --out firmware --interval 0.1"
+    assert "the file has an oscillator" in refused(line)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from minorloop.cli import _calibration
-from minorloop.errors import InstrumentError, ParameterError, SafetyError
+from minorloop.cli._seen import swept_view
+from minorloop.errors import InstrumentError, ParameterError, SafetyError, StoreError
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -22,6 +23,28 @@ from wires import made_up
 VIEW = HeadCalibration(lens=Pinhole(), leds=np.zeros((1, 3)))
 LATER = datetime(2226, 1, 1, tzinfo=UTC)
 IDENTIFY = "head identify --actuator twin:head --noise 0.05 --bands 2 --hold 12 --store runs"
+
+
+class Swept:
+    """A head that counts its sweeps."""
+
+    count = 0
+
+    def survey(self, highest):
+        self.count += 1
+        return HeadCalibration(lens=Pinhole(), leds=np.zeros((3, 3)), lever=highest * 0.02)
+
+
+def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_path):
+    head = Swept()
+    assert swept_view(tmp_path, head, 0.3).lever == pytest.approx(0.006)
+    assert swept_view(tmp_path, head, 0.4).lever == pytest.approx(0.006)
+    assert head.count == 1
+    (tmp_path / "camera.json").write_text('{"lever": 1}')
+    with pytest.raises(StoreError, match=r"is no calibration of a camera .* begin anew"):
+        swept_view(tmp_path, head, 0.4)
+    (tmp_path / "camera.json").rename(tmp_path / "pan-loop.sqlite")
+    assert swept_view(tmp_path, head, 0.4) is None
 
 
 def test_a_head_is_identified_once_and_driven_by_its_file(run):

@@ -36,7 +36,6 @@ def test_conjugate_gradients_reach_the_same_objective(strength, monkeypatch):
     problem = a_problem(14, 500)
     usual = problem.fit(strength)
     monkeypatch.setattr(active_set, "_FACTORISED", 10)
-    monkeypatch.setattr(active_set, "_FACTORISED_SMOOTH", 10)
     monkeypatch.setattr(least_squares, "_LARGE", 20)
     other = problem.fit(strength)
     assert objective(problem, other.x) == pytest.approx(objective(problem, usual.x), rel=1e-7)
@@ -45,7 +44,6 @@ def test_conjugate_gradients_reach_the_same_objective(strength, monkeypatch):
 
 def test_large_signed_fits_reach_it_or_say_that_they_do_not(monkeypatch):
     monkeypatch.setattr(active_set, "_FACTORISED", 10)
-    monkeypatch.setattr(active_set, "_FACTORISED_SMOOTH", 10)
     for seed in (82, 97, 111, 123, 204, 274):
         problem, smoothness = optima.a_problem(seed)
         fit = problem.fit(smoothness)

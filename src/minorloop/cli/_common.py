@@ -373,7 +373,7 @@ def times_of(
     from minorloop.lab.logs import read_times
 
     if column is None:
-        if known.operator is not known.model:
+        if known.has_time:
             raise ParameterError(
                 f"the model has dynamics and needs times; name the column of {file} with --time"
             )

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+import msgspec
+
 from minorloop.cli import _common
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, StoreError
+from minorloop.files import write_atomically
 from minorloop.head.console.settings import is_pipe
 
 if TYPE_CHECKING:
@@ -20,6 +24,45 @@ _PATIENCE = 0.5
 _TIP_SCALE = 0.5
 _EVERY = 4
 """Pictures of the simulated camera: half as wide, and one in four ticks, since each takes time."""
+
+
+def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration | None:
+    """Return the calibration of a head corrected by a sweep, which is kept beside its runs.
+
+    The sweep is carried out once: runs of one folder have the same calibration. Returns None for
+    runs that began without a sweep.
+
+    Parameters
+    ----------
+    store : Path
+        Folder of the runs.
+    head : SeenHead
+        Cold.
+    highest : float
+        Largest current, in A.
+
+    Raises
+    ------
+    StoreError
+        If the kept calibration cannot be read.
+    SignalError
+        As `SeenHead.survey`.
+    """
+    from minorloop.head.procedures.calibration import HeadCalibration
+
+    path = store / "camera.json"
+    if path.exists():
+        try:
+            return HeadCalibration.from_dict(msgspec.json.decode(path.read_bytes()))
+        except ValueError as error:
+            raise StoreError(
+                f"{path} is no calibration of a camera ({error}); remove the folder to begin anew"
+            ) from error
+    if any(store.glob("*.sqlite")):
+        return None
+    view = head.survey(highest)
+    write_atomically(path, msgspec.json.encode(view.to_dict()))
+    return view
 
 
 @contextmanager
@@ -40,7 +83,7 @@ def seen_head(
     camera : str, optional
         Address of its camera; none for the simulated pipe, which has one.
     view : HeadCalibration, optional
-        Of the camera; the simulated pipe knows its own.
+        Of the camera; without it the simulated pipe knows its own.
     specimen, seed : int
         Of a simulated head.
 
@@ -60,7 +103,9 @@ def seen_head(
         tip, known = open_tip(address, specimen=specimen, seed=seed, scale=_TIP_SCALE)
         assert isinstance(tip, SimulatedTip)
         wires = RigWires(rig, tip)
-        yield SeenHead(cast("Actuator", wires), wires.frame, known, expose=tip.expose, every=_EVERY)
+        yield SeenHead(
+            cast("Actuator", wires), wires.frame, view or known, expose=tip.expose, every=_EVERY
+        )
         return
     if camera is None:
         raise ParameterError("give the address of the camera with --camera, such as camera:0")

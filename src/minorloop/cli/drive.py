@@ -62,6 +62,13 @@ def run(
     hold: Annotated[
         float, _common.number_option("Longest hold of a target, in seconds.")
     ] = _common.HOLD,
+    every: Annotated[
+        float | None,
+        _common.number_option(
+            "For a model with after-effect: seconds between inputs. A target is met after the "
+            "first interval, and kept while the output creeps."
+        ),
+    ] = None,
     tolerance: Annotated[
         float | None,
         _common.number_option("Slope of a settled output, in its unit per second, as for run."),
@@ -85,10 +92,13 @@ def run(
     If a target ends further off than the model lets expect, the exit status is 1.
     """
     from minorloop import modelfile
+    from minorloop.delivery import Delivery
     from minorloop.drive import TargetDrive, saturation_of
     from minorloop.lab.run import check_plan
     from minorloop.lab.store import Setup, Store
 
+    if every is not None:
+        _refuse_with_every(corrections, within, absolute, tolerance)
     _common.check_new_store(store)
     _common.check_outputs([store, report], inputs=[model, file], force=force)
     options = _conversion.ConversionOptions(laser, linear, polynomial, table, name, unit)
@@ -99,18 +109,28 @@ def run(
         plant = options.converted(channel)
         names = str(plant.inputs[0]), str(plant.outputs[0])
         _check_units(known, plant)
-        chosen = TargetDrive(
-            known.operator,
-            targets,
-            saturation_of(known.operator, plant.inputs[0]) if saturation is None else saturation,
-            corrections=corrections,
-            within=within,
-            absolute=absolute,
-            nrmse=_error_of(known),
-            written=getattr(plant, "written", float),
-        )
+        first = saturation_of(known.operator, plant.inputs[0]) if saturation is None else saturation
+        shared: dict[str, Any] = {
+            "nrmse": _error_of(known),
+            "written": getattr(plant, "written", float),
+        }
+        chosen: Delivery | TargetDrive
+        if every is None:
+            chosen = TargetDrive(
+                known.operator,
+                targets,
+                first,
+                corrections=corrections,
+                within=within,
+                absolute=absolute,
+                **shared,
+            )
+            plan = chosen.plan(hold, input=names[0], tolerance=tolerance)
+        else:
+            limits = plant.inputs[0].low, plant.inputs[0].high
+            chosen = Delivery(known.model, targets, every, hold, first, *limits, **shared)  # type: ignore[arg-type]
+            plan = chosen.plan(input=names[0])
         chosen.check(plant.inputs[0])
-        plan = chosen.plan(hold, input=names[0], tolerance=tolerance)
         check_plan(plant, plan)
         design = {"drive": chosen.to_json()}
         given = {"noise": noise, **options.for_setup(channel.outputs[0])}
@@ -118,6 +138,23 @@ def run(
         _common.print_warnings(known.warnings)
         with Store.create(store, plan, setup) as opened:
             _carried(plant, opened, as_json, report, force)
+
+
+def _refuse_with_every(
+    corrections: int, within: float, absolute: bool, tolerance: float | None
+) -> None:
+    """Refuse options that a delivery in time does not have."""
+    given = {
+        "--corrections": corrections != 0,
+        "--within": within != 0,
+        "--absolute": absolute,
+        "--tolerance": tolerance is not None,
+    }
+    if named := next((name for name, value in given.items() if value), None):
+        raise ParameterError(
+            f"{named} cannot be combined with --every, which uses no reading and waits for no "
+            "settled output; leave one of them out"
+        )
 
 
 def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
@@ -135,7 +172,8 @@ def _channel(plant: Actuator, input: str) -> Actuator:
 def _error_of(known: ModelFile) -> float:
     """Return the error of a model on held-out data, or on fitted; 0 where it is not known."""
     scores = known.provenance.scores
-    found = [scores.get(name) for name in ("nrmse_holdout", "nrmse_train")]
+    names = ("nrmse_holdout", "nrmse_train", "left_out_nrmse")
+    found = [scores.get(name) for name in names]
     return next((score for score in found if score is not None), 0.0)
 
 
@@ -146,14 +184,16 @@ def _carried(
     report: Path | None = None,
     force: bool = False,
 ) -> None:
+    from minorloop.delivery import Delivery
     from minorloop.drive import TargetDrive
     from minorloop.drive_report import drive_report
 
-    chosen = TargetDrive.from_json(
-        (store.setup.design or {})["drive"],
-        getattr(plant, "written", float),
-        getattr(plant, "covered", ""),
-    )
+    fields, written = (store.setup.design or {})["drive"], getattr(plant, "written", float)
+    chosen: Delivery | TargetDrive
+    if "every" in fields:
+        chosen = Delivery.from_json(fields, written)
+    else:
+        chosen = TargetDrive.from_json(fields, written, getattr(plant, "covered", ""))
     mode = carry_out_levels(plant, store, chosen.choose, None)
     result, figures = chosen.result(store.points()), summary(store)
     warnings = [*result.advice, *run_warnings(plant, figures)]

@@ -142,9 +142,10 @@ def run(
     (model,) = models
     known = modelfile.read(model)
     _common.print_warnings(known.warnings)
-    if memory is not None and not isinstance(known.operator, Preisach):
+    operator = known.operator  # refuses what has none
+    if memory is not None and not isinstance(operator, Preisach):
         raise ParameterError(
-            f"--memory does nothing for a {type(known.operator).__name__}, whose memory has a "
+            f"--memory does nothing for a {type(operator).__name__}, whose memory has a "
             "fixed size; leave it out"
         )
     if interval is not None and not 0 < interval < float("inf"):

@@ -74,7 +74,7 @@ def identify(
     as_json: _common.Json = False,
 ) -> None:
     """Measure both wires of a head, identify and check them; the same command continues it."""
-    from minorloop.cli._seen import seen_head
+    from minorloop.cli._seen import seen_head, swept_view
     from minorloop.connect import is_simulated
     from minorloop.head.console.settings import is_pipe
     from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
@@ -84,16 +84,20 @@ def identify(
     replaces = before is not None and before.identified is not None
     _common.check_outputs([head], force=force or not replaces)
     opened: Any = partial(_common.connected, actuator, specimen=specimen, noise=noise)
-    seen = camera is not None or is_pipe(actuator)
+    pipe = is_pipe(actuator)
+    seen = camera is not None or pipe
+    view = None if before is None or pipe else before.calibration
     if seen:
-        view = None if before is None else before.calibration
         opened = partial(seen_head, actuator, camera, view, specimen=specimen)
     with opened(seed=seed) as plant:
         check_head(plant)
         serial = _serial(plant, serial)
-    if before is not None:
-        replace(before, identified=None).check_fits(serial, head)
-    store.mkdir(parents=True, exist_ok=True)
+        if before is not None:
+            replace(before, identified=None).check_fits(serial, head)
+        store.mkdir(parents=True, exist_ok=True)
+        if seen:
+            view = swept_view(store, plant, highest) or view
+            opened = partial(seen_head, actuator, camera, view, specimen=specimen)
     setup = {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}}
     measurement = HeadMeasurement(
         store,
@@ -104,6 +108,8 @@ def identify(
         is_pipe(actuator) or is_simulated(actuator),
     )
     found = replace(before or HeadFile(serial=serial), identified=measurement.identified())
+    if found.calibration is not None and not pipe:
+        found = replace(found, calibration=view)
     found.check_fits(serial, head)  # old runs may be older than the calibration
     save_head(found, head, force=True)
     _show(found, head, as_json)

@@ -9,11 +9,12 @@ from typing import Annotated, Any
 
 import typer
 
-from minorloop.cli import _after_effect, _common
+from minorloop.cli import _after_effect, _common, _oscillator
 from minorloop.cli._completion import one_of
 from minorloop.cli._data_sheet import DataSheet, numbers_of, write_model
 from minorloop.cli._identification import DYNAMICS, Columns, identified
 from minorloop.cli._identification_output import save_model, show, write_report
+from minorloop.cli._timed import NONE, Outputs, TimedData, refuse_others
 from minorloop.errors import ParameterError
 
 NAME = "identify"
@@ -84,6 +85,29 @@ _Creep = Annotated[
 ]
 _Rate = Annotated[
     bool, typer.Option("--rate", help="Compare viscous relays too; needs --time and two rates.")
+]
+_Oscillator = Annotated[
+    str | None,
+    typer.Option(
+        help="Hysteresis inside a vibrating structure, input force, output displacement: unknown, "
+        "or a model file with a rough oscillator; needs --time.",
+        show_default=False,
+    ),
+]
+_Period = Annotated[
+    int | None,
+    _common.whole_option(
+        "With --oscillator: rows after which the record repeats; the first period is settled."
+    ),
+]
+_Between = Annotated[
+    str | None,
+    typer.Option(
+        help="With --oscillator: force between rows: band (no content above half the sampling "
+        "rate), straight or held.",
+        show_default="band",
+        autocompletion=one_of(_oscillator.BETWEEN),
+    ),
 ]
 _Slope = Annotated[
     bool | None,
@@ -181,6 +205,9 @@ def run(
     dynamics: _Dynamics = "none",
     creep: _Creep = "none",
     rate: _Rate = False,
+    oscillator: _Oscillator = None,
+    period: _Period = None,
+    between: _Between = None,
     slope: _Slope = None,
     signed: _Signed = False,
     smoothness: _Smoothness = "auto",
@@ -221,9 +248,18 @@ def run(
     if field is not None:
         raise ParameterError("--field is given without --from-loop; leave it out")
     _common.check_outputs([save, report], inputs=[file], force=force)
-    if creep != _after_effect.NONE or rate:
-        given = dict(context.params)
-        _after_effect.refuse_others(given)
+    data = TimedData(file, input, output, time, curves, rows)
+    outputs = Outputs(save, report, force, as_json)
+    if oscillator is not None:
+        refuse_others(context.params, _oscillator.TAKEN, "--oscillator")
+        found = {"period": period, "between": between or "band", "skip": skip}
+        _oscillator.run(data, oscillator, found, outputs)
+        return
+    for name, value in (("period", period), ("between", between)):
+        if value is not None:
+            raise ParameterError(f"--{name} is given without --oscillator; leave it out")
+    if creep != NONE or rate:
+        refuse_others(context.params, _after_effect.TAKEN, "--creep or --rate")
         timed = {
             "creep": creep,
             "rate": True if rate else "auto" if creep == "auto" else False,
@@ -235,8 +271,7 @@ def run(
             "start_of_curve": start_of_curve,
             "skip": skip,
         }
-        data = _after_effect.TimedData(file, input, output, time, curves, rows)
-        _after_effect.run(data, timed, save, report, force, as_json)
+        _after_effect.run(data, timed, outputs)
         return
     lag_seconds = None if lag is None else parse_lag(lag)
     options = {

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import are, counted
+from minorloop.cli._completion import one_of
+from minorloop.errors import ParameterError, are, counted
 
 NAME = "simulate"
 EXAMPLE = "minorloop simulate model.json inputs.csv --input voltage --save predicted.csv"
@@ -16,6 +17,7 @@ EXAMPLE = "minorloop simulate model.json inputs.csv --input voltage --save predi
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.dynamics.oscillator import Oscillator
     from minorloop.lab.timebase import TimeCheck
     from minorloop.modelfile import ModelFile
 
@@ -32,6 +34,14 @@ def run(
     ] = None,
     time: _common.Time = None,
     start: _common.Start = "negative",
+    between: Annotated[
+        str | None,
+        typer.Option(
+            help="Force of an oscillator between rows: band, straight or held.",
+            show_default="band",
+            autocompletion=one_of(("band", "straight", "held")),
+        ),
+    ] = None,
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -41,6 +51,7 @@ def run(
     from numpy import nanmax, nanmin
 
     from minorloop import modelfile
+    from minorloop.dynamics.oscillator import Oscillator
 
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
@@ -48,7 +59,16 @@ def run(
         u = _common.read_column(file, column, known.input.unit)
         now(f"simulating {u.size} samples")
         times, check = _common.times_of(known, file, time)
-        y, notes = _across_gaps(known, times, u, start, check)
+        if isinstance(known.model, Oscillator):
+            y = _vibrating(known.model, times, u, start, between)
+            notes = [] if check is None else list(check.notes)
+        elif between is not None:
+            raise ParameterError(
+                f"--between is for oscillators, and {model} has a model of kind {known.kind!r}; "
+                "leave it out"
+            )
+        else:
+            y, notes = _across_gaps(known, times, u, start, check)
         if known.lag_seconds and not times:
             notes.append(
                 f"the lag of {known.lag_seconds:.4g} s counts as {counted(known.lag, 'row')}, "
@@ -60,7 +80,8 @@ def run(
             cells = ["" if isnan(value) else value for value in y.tolist()]
             header = output if known.output != known.input else f"predicted {output}"
             _common.write_csv(save, {**times, str(known.input): u, header: cells}, force=force)
-    _warn_beyond(known, u)
+    if not isinstance(known.model, Oscillator):
+        _warn_beyond(known, u)
     _common.print_warnings(known.warnings)
     least, greatest = nanmin(y), nanmax(y)
     if as_json:
@@ -79,6 +100,22 @@ def run(
         typer.echo(f"written to {save}")
     else:
         typer.echo("nothing was written; --save FILE writes inputs and outputs")
+
+
+def _vibrating(
+    model: Oscillator,
+    times: dict[str, FloatArray],
+    u: FloatArray,
+    start: str,
+    between: str | None,
+) -> FloatArray:
+    """Return the displacements of an oscillator, which is at rest before."""
+    if start != "negative":
+        raise ParameterError(
+            f"--start is {start!r}, and an oscillator begins at rest; leave it out"
+        )
+    t = next(iter(times.values()))
+    return model.simulate(t, u, between=between or "band")  # type: ignore[arg-type]
 
 
 def _simulated(

@@ -304,12 +304,13 @@ class Cascade:
     ) -> CascadeInversion:
         """Return the input with which the output follows a trajectory.
 
-        The inverse of the linear part G differentiates. It is therefore combined with a filter
-        F(s) = 1 / (1 + filter_time s)^r, where r is the relative degree of G, so that F / G is
-        proper. The targets are known in advance: the input is earlier by the dead time and the lag
-        of the filter, so that neither delays the output. With the linear part first, the input of
-        the operator follows the filtered signal that the targets need. Zeros of G that are faster
-        than the filter, such as those of a sampled system, count as dead time.
+        The inverse of the linear part G differentiates. It is therefore combined with a filter F, a
+        low-pass of Butterworth with the corner at 1 / filter_time and as many poles as G has more
+        than zeros, so that F / G is proper. The targets are known in advance: the input is earlier
+        by the dead time and the lag of the filter, so that neither delays the output. With the
+        linear part first, the input of the operator follows the filtered signal that the targets
+        need. Zeros of G that are faster than the filter, such as those of a sampled system, count
+        as dead time.
 
         Parameters
         ----------
@@ -347,7 +348,7 @@ class Cascade:
         seconds = _filter_time(linear, times, self.noise, filter_time)
         # A held input is early by half a sample.
         early = float(np.median(np.diff(times))) / 2 if between == "held" else 0.0
-        inverse, late = filtered_inverse(linear, seconds)
+        inverse, late = filtered_inverse(linear, seconds, flat=True)
         late -= early
         ahead = None if self.ahead is None else _invertible(self.ahead)
         held = before * (1.0 if ahead is None else ahead.dc_gain)
@@ -368,7 +369,7 @@ class Cascade:
             u = inverse.simulate(times, filtered, before=before * gain, between="straight")
         elif ahead is not None:
             before_seconds = _filter_time(ahead, times, self.noise, filter_time)
-            inverse, late = filtered_inverse(ahead, before_seconds)
+            inverse, late = filtered_inverse(ahead, before_seconds, flat=True)
             filtered = np.interp(times + late - early, times, u)
             u = inverse.simulate(times, filtered, before=held, between="straight")
             seconds, lead = max(seconds, before_seconds), lead + late - early
@@ -428,7 +429,8 @@ def _filter_time(linear: Linear, t: FloatArray, noise: float, wanted: float | No
     if linear.relative_degree == 0:
         return 0.0
     if wanted is None:
-        fastest = float(linear.time_constants[-1])
+        # Of a resonance it is the period over 2 pi, not the longer time in which it decays.
+        fastest = 1 / float(np.abs(linear.poles).max())
         smooth = _INTERVALS * float(np.median(np.diff(t)))
         return max(_FILTER_SHARE * fastest, smooth, _time_of_gain(linear, noise))
     seconds = as_finite("filter_time", wanted)
@@ -451,8 +453,12 @@ def _time_of_gain(linear: Linear, least: float) -> float:
     return float(1 / omega[above[-1]]) if above.size else float(times[0])
 
 
-def filtered_inverse(linear: Linear, seconds: float) -> tuple[Linear, float]:
-    """Return F / G, and by how many seconds F and the parts of G that F / G leaves out are late."""
+def filtered_inverse(linear: Linear, seconds: float, *, flat: bool = False) -> tuple[Linear, float]:
+    """Return F / G, and by how many seconds F and the parts of G that F / G leaves out are late.
+
+    F has equal poles, or is ``flat``, a low-pass of Butterworth (Wireless Engineer 7, 1930): nearer
+    to 1 below its corner, but more noise passes near it.
+    """
     zeros = linear.zeros
     slow = np.abs(zeros) * seconds < 1.0
     kept, left_out = (zeros[slow], zeros[~slow]) if seconds else (zeros, zeros[:0])
@@ -463,8 +469,10 @@ def filtered_inverse(linear: Linear, seconds: float) -> tuple[Linear, float]:
             "or on the imaginary axis the inverse grows without bound, so identify with fewer zeros"
         )
     filtered = linear.order - kept.size
-    poles = np.concatenate([kept, np.full(filtered, -1 / seconds if seconds else 0.0)])
+    angles = np.pi * np.arange(1 - filtered, filtered, 2) / (2 * filtered)
+    lowpass = -np.exp(1j * angles if flat else 0 * angles) / seconds
+    poles = np.concatenate([kept, lowpass])
     inverse = Linear.from_poles(poles, linear.poles, dc_gain=1 / linear.dc_gain)
-    # A fast zero at z is a factor 1 - s / z, nearly exp(-s / z).
-    late = linear.delay + filtered * seconds + float((1 / left_out).real.sum())
+    # A fast zero at z is a factor 1 - s / z, nearly exp(-s / z); a pole at p is late by -1 / p.
+    late = linear.delay + float((1 / left_out).real.sum() - (1 / lowpass).real.sum())
     return inverse, late

@@ -10,7 +10,7 @@ radians.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -333,6 +333,21 @@ class Tool:
         way = np.array([*self.slope, 1.0])
         start = pose.to_pipe(np.array(self.offset))
         return meet_wall(start, pose.rotation @ (way / np.linalg.norm(way)), radius)
+
+    def through(self, point: npt.ArrayLike) -> Tool:
+        """Return the tool moved sideways, so that its way leads through a point (3,) in metres."""
+        x, y, z = self.offset
+        u, v, depth = np.asarray(point, dtype=np.float64).tolist()
+        right, down = self.slope
+        x += u - x - right * (depth - z)
+        y += v - y - down * (depth - z)
+        return replace(self, offset=(x, y, z))
+
+    def between(self, other: Tool, share: float) -> Tool:
+        """Return the tool with its offset moved by a share of the way to that of another."""
+        mine, its = np.array(self.offset), np.array(other.offset)
+        x, y, z = (mine + share * (its - mine)).tolist()
+        return replace(self, offset=(x, y, z))
 
     def aim(
         self, mount: Mount, place: npt.ArrayLike, radius: float, guess: npt.ArrayLike

@@ -295,12 +295,33 @@ def take_lower(x, picked, ridge, out):
 
 
 @njit(cache=True, nogil=True)
+def take_columns(x, picked, ridge, out):
+    """Columns ``picked`` of a symmetric x kept in its lower triangle, plus a ridge."""
+    for c in range(picked.size):
+        k = picked[c]
+        for m in range(x.shape[0]):
+            out[m, c] = x[k, m] if m <= k else x[m, k]
+        out[k, c] += ridge
+
+
+@njit(cache=True, nogil=True)
 def add_lower(rows, columns, values, place, out):
     """Add sparse entries, where both ends are picked, to a lower triangle."""
     for e in range(values.size):
         k, m = place[rows[e]], place[columns[e]]
         if k >= m >= 0:
             out[k, m] += values[e]
+
+
+@njit(cache=True, nogil=True)
+def add_columns(rows, columns, values, place, out):
+    """Add sparse entries of a symmetric matrix, its lower triangle, to the columns picked."""
+    for e in range(values.size):
+        k, m = rows[e], columns[e]
+        if place[m] >= 0:
+            out[k, place[m]] += values[e]
+        if k != m and place[k] >= 0:
+            out[m, place[k]] += values[e]
 
 
 @njit(cache=True, nogil=True)

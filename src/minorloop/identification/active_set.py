@@ -10,8 +10,9 @@ not settle. Residuals are computed from A, not from A'A, so that the optimality 
 the squared condition number. The accuracy of the unknowns is; if the rows of A are given,
 `refinement` corrects the unknowns with them.
 
-The free part is factorised while it is small. Beyond that, conjugate gradients on A are cheaper: a
-few hundred steps if a penalty keeps the condition number low.
+The free part is factorised while it is small, and few exchanges update the factor. Beyond that,
+conjugate gradients on A are cheaper: a few hundred steps if a penalty keeps the condition number
+low.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.linalg import LinAlgError, lapack
@@ -27,6 +29,7 @@ from scipy.linalg import LinAlgError, lapack
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import _kernels
 from minorloop.identification.refinement import Preconditioner, Rows, refine
+from minorloop.identification.updated_factor import LEAST, UpdatedFactor
 from minorloop.threads import one_thread
 
 TOLERANCE = 1e-12
@@ -37,8 +40,8 @@ ACCEPTABLE = 1e-6
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
 _OUTER, _PIVOTS, _PATIENCE = 80, 14, 3
 _FIRST_SWEEPS = 5
-_FACTORISED, _FACTORISED_SMOOTH = 4000, 1500
-"""Free unknowns up to which a factorisation is cheaper, without and with a penalty."""
+_FACTORISED = 5100
+"""Free unknowns up to which a factorisation is cheaper."""
 _CG_TOLERANCE, _CG_STEPS = 1e-8, 3000
 """Relative residual and most steps of the conjugate gradients, by trial. A few hundred steps
 are usual. They need not be exact, as the next iteration corrects them."""
@@ -209,6 +212,7 @@ class _Solver(Pivoting):
         self.gram, self.hessian, self.penalty = gram, hessian, penalty
         self.workspace = np.empty(0)
         self.scaling: Preconditioner | None = None
+        self.updated: tuple[float, UpdatedFactor] | None = None
         self.diagonal = gram.diagonal().copy()
         if penalty is not None:
             on = penalty.rows == penalty.columns
@@ -223,10 +227,28 @@ class _Solver(Pivoting):
         picked = np.flatnonzero(free)
         if self._is_large(picked.size):
             return self._conjugate_gradients(downhill, free, ridge)
+        if self.updated is not None and self.updated[0] == ridge:
+            step = self.updated[1].solve(downhill, free, partial(self._columns, ridge))
+            if step is not None:
+                return step
+        self.updated = None
         factor = self._factorise(picked, ridge).factor
+        if picked.size >= LEAST:
+            self.updated = ridge, UpdatedFactor(free, factor)
         found = np.zeros(free.size)
         found[picked], _ = lapack.dpotrs(factor, downhill[picked], lower=0)
         return found
+
+    def _columns(self, ridge: float, which: IntArray) -> FloatArray:
+        """(n, k) columns of the normal equations with a ridge."""
+        columns = np.empty((self.bounded.size, which.size))
+        _kernels.take_columns(self.gram, which, ridge, columns)
+        if self.penalty is not None:
+            place = np.full(self.bounded.size, -1)
+            place[which] = np.arange(which.size)
+            entries = self.penalty
+            _kernels.add_columns(entries.rows, entries.columns, entries.values, place, columns)
+        return columns
 
     def refined(self, found: BoundedSolution, rows: Rows) -> BoundedSolution:
         """Refine the solution, and compute its optimality again."""
@@ -255,11 +277,11 @@ class _Solver(Pivoting):
         return None
 
     def _is_large(self, unknowns: int) -> bool:
-        return unknowns > (_FACTORISED if self.penalty is None else _FACTORISED_SMOOTH)
+        return unknowns > _FACTORISED
 
     def _factorise(self, picked: IntArray, ridge: float) -> Preconditioner:
         """Cholesky factor of the normal equations of some unknowns, with a ridge."""
-        self.scaling = None
+        self.scaling = self.updated = None
         matrix = self._matrix(picked.size)
         _kernels.take_lower(self.gram, picked, ridge, matrix)
         if self.penalty is not None:

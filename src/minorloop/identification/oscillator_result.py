@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -69,6 +70,8 @@ class OscillatorIdentification(NotebookView):
         Parameters that were fitted.
     tried : tuple of TriedLevels
         Numbers of levels that were compared for an unknown law.
+    lag, lag_seconds
+        Lag of the output in rows and in seconds, for model files: none.
     """
 
     model: Oscillator
@@ -76,6 +79,8 @@ class OscillatorIdentification(NotebookView):
     minimum: Minimum
     free: BoolArray
     tried: tuple[TriedLevels, ...] = ()
+    lag: int = 0
+    lag_seconds: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -119,19 +124,30 @@ class OscillatorIdentification(NotebookView):
         return self.record.noise
 
     @property
+    def scores(self) -> Mapping[str, float | None]:
+        """Scores that a model file keeps; the error over the range, and in m."""
+        known = self.record.y[self.record.scored]
+        return {"nrmse": self.error / float(np.ptp(known)), "rms_error": self.error}
+
+    @property
     def converged(self) -> bool:
         """Whether the search ended at a minimum."""
         return self.minimum.converged
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """Why the model is not to be trusted."""
+        if self.converged:
+            return ()
+        return (
+            f"the search has not converged after {self.minimum.steps} steps; give a nearer start, "
+            "or fix parameters that the record does not determine",
+        )
+
+    @property
     def advice(self) -> tuple[str, ...]:
         """What to know about this model, and what to do."""
-        texts = []
-        if not self.converged:
-            texts.append(
-                f"the search has not converged after {self.minimum.steps} steps; give a nearer "
-                "start, or fix parameters that the record does not determine"
-            )
+        texts = list(self.warnings)
         if self.noise and self.error > _BEYOND_NOISE * self.noise:
             texts.append(
                 f"the error is {self.error / self.noise:.2g} times the noise of the record, so the "

@@ -18,6 +18,7 @@ from minorloop.head.procedures.mark import (
 from minorloop.head.procedures.values import Request
 from minorloop.head.twins.pipe import Bore, Pipe
 from minorloop.head.twins.rig import SimulatedTip
+from minorloop.head.vision.new_mark import new_mark
 
 from .fakes import CALIBRATION, MOUNT, Loop, eye
 
@@ -89,6 +90,21 @@ def test_a_mark_is_seen_in_the_next_picture():
     u, v = np.rint(eye().pixel(bench.tip.tool.marks[-1], *bench.angles)).astype(int)
     image = bench.reading(Request(frame=True)).image.astype(float)
     assert image[v, u] < 0.7 * np.median(image[v - 16 : v + 17, u - 16 : u + 17])
+
+
+def test_a_mark_says_where_the_tool_is():
+    bench, state = touched()
+    assert wall_distance(state.mark, bench.tip.tool.marks[-1], 10e-3) < 0.04e-3
+    assert np.hypot(*np.subtract(state.tool.offset, Tool().offset)[:2]) < 0.03e-3
+    image, angles = state.before
+    assert new_mark(eye(), state.mark, (image, angles), (image, angles)) is None
+
+
+def test_a_tool_moves_sideways_through_a_point_and_part_of_the_way():
+    tool = Tool(offset=(0.0, 3e-3, 0.0), slope=(0.0, -0.1))
+    moved = tool.through((0.2e-3, 2.4e-3, 10e-3))
+    assert moved.offset == pytest.approx((0.2e-3, 3.4e-3, 0.0))
+    assert tool.between(moved, 0.5).offset == pytest.approx((0.1e-3, 3.2e-3, 0.0))
 
 
 def test_it_waits_while_it_sees_nothing_and_goes_on_when_it_sees_again():

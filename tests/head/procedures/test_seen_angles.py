@@ -7,7 +7,7 @@ from minorloop.errors import InstrumentError, ParameterError
 from minorloop.head.console.plant import open_plant, open_tip
 from minorloop.head.procedures import seen_angles
 from minorloop.head.procedures.identify import check_head
-from minorloop.head.procedures.seen_angles import SeenHead
+from minorloop.head.procedures.seen_angles import SeenHead, sweep
 from minorloop.head.twins.rig import RigWires
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import run
@@ -41,6 +41,28 @@ def test_it_is_a_head_with_angles_from_its_zero():
     assert record.y[:, -1] == pytest.approx(true, abs=0.8)
     assert record.y[0, -1] > 5.0
     assert seen.why == ""
+
+
+def test_a_sweep_turns_one_axis_after_the_other_and_takes_a_picture_of_each_current():
+    held = []
+    frames = sweep(lambda u, seconds: held.append((*u, seconds)), lambda: len(held), highest=0.2)
+    pan, tilt, seconds = np.array(held).T
+    assert frames == list(range(len(held) + 1))
+    assert 0.18 < pan.max() == tilt.max() <= 0.2
+    assert not (pan * tilt).any()
+    assert pan[-1] == tilt[-1] == 0.0
+    assert (seconds > 0).all()
+
+
+def test_pictures_of_a_twin_that_are_not_taken_take_their_time():
+    tip, _ = open_tip("twin:pipe", scale=0.25)
+    wires = RigWires(open_plant("twin:pipe"), tip)
+    times = []
+    for _ in range(3):
+        for _ in range(4):
+            wires.exchange(np.zeros(2))
+        times.append(wires.frame().t)
+    assert np.diff(times) == pytest.approx([4 * wires.tick] * 2)
 
 
 def test_a_stopped_run_finds_its_zero_again_and_goes_on(tmp_path):

@@ -79,9 +79,23 @@ def test_a_head_that_never_sees_again_cools(control, monkeypatch):
 
 def test_a_circle_about_a_hole_is_scored_where_the_true_axis_meets_the_wall(control, monkeypatch):
     monkeypatch.setattr(head_camera, "WAIT", 6.0)
-    found = run_circle(SEED, control, 8.0, lambda head: PictureSensor(head, SEED, bores=(HOLE,)))
+    found = run_circle(SEED, control, 12.0, lambda head: PictureSensor(head, SEED, bores=(HOLE,)))
     assert found.t[0] > 6.0
     assert np.allclose(np.linalg.norm(found.wanted, axis=1), 1e3 * RADIUS)
     first = np.linalg.norm(found.reached[0] - found.wanted[0])
     assert first < 1.0
     assert WAIT == 15.0
+
+
+def test_a_hold_that_lost_the_view_is_repeated_from_the_one_before():
+    held, seen = [], iter([0.0, np.nan, 1.0, 2.0, 3.0])
+
+    def hold(u, seconds, pictures, *, follow):
+        held.append(float(u[1]))
+        return np.full(2, next(seen))
+
+    found = head_camera._settled(
+        SimpleNamespace(hold=hold), 1, np.array([0.0, 0.1, 0.2]), follow=True
+    )
+    assert held == [0.0, 0.1, 0.0, 0.1, 0.2]
+    assert found[:, 1].tolist() == [0.0, 2.0, 3.0]

@@ -2,7 +2,9 @@
 
 The tool is beside the lens, so that the head turns the tool to the place, not the optical axis.
 Picture and calibration give the pixel at which the tool would meet the wall; the head turns until
-the place, which is tracked, is at that pixel.
+the place, which is tracked, is at that pixel. After the touch the mark is looked for in the
+picture: where it is, less where it was expected, is the error of the tool's calibration, which a
+test mark corrects (`MarkState.tool`).
 """
 
 from __future__ import annotations
@@ -23,8 +25,11 @@ from minorloop.head.procedures.extract import Acquisition, AcquisitionState
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.meter import Metering, MeterState
 from minorloop.head.procedures.values import Procedure, Reading, Request, held_since, passed
+from minorloop.head.vision.calibrated_camera import Image
+from minorloop.head.vision.new_mark import new_mark
 from minorloop.head.vision.recentre import outline_about
-from minorloop.head.vision.tracking import TRACKED, TrackState
+from minorloop.head.vision.sighting import sighted_angles
+from minorloop.head.vision.tracking import TRACKED, Track, TrackState
 
 APPROACH = 0.6
 """Share of the deflection to which the head turns before the servo takes over. The servo then
@@ -35,7 +40,9 @@ NO_CONTACT, UNSTEADY = "no contact", "not steady enough to touch"
 _MOST_LEAN = math.radians(2.0)
 """Largest angle that is added for a head that stays off, as wires do whose model errs."""
 
-MarkStage: TypeAlias = Literal["turn", "meter", "outline", "aim", "near", "contact", "withdraw"]
+MarkStage: TypeAlias = Literal[
+    "back", "turn", "meter", "outline", "aim", "near", "contact", "withdraw"
+]
 
 
 def aim_at(
@@ -79,14 +86,18 @@ class MarkState:
     ``stage`` began at ``since``. ``off`` (2,) is the smoothed distance of that point from where
     the tool would meet the wall, in pixels, and ``lean`` (2,) the angles added to the wanted ones
     to make up for a head that stays off. The point has been there without a break from
-    ``near_since``. ``verdict`` is empty until the end, or says what the touch waits for; ``touch``
-    (2,) is where the point touched by the picture, phi and z in the frame of ``place``.
+    ``near_since``; ``tries`` counts the tries before. ``verdict`` is empty until the end, or says
+    what the touch waits for; ``touch`` (2,) is where the point touched by the picture, phi and z in
+    the frame of ``place``. ``before`` is the last picture before the contact with the angles that
+    it shows, ``contact`` (2,) those at
+    the contact; ``mark`` (2,) is where the mark is by the picture after it, and ``tool`` the tool
+    that would have been expected to touch there, both None if no mark is seen.
     """
 
     place: FloatArray
     gain: float
     beside: FloatArray = field(default_factory=lambda: np.zeros(2))
-    stage: MarkStage = "turn"
+    stage: MarkStage = "back"
     since: float | None = None
     go: GoState | None = None
     meter: MeterState | None = None
@@ -98,7 +109,12 @@ class MarkState:
     off: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
     near_since: float | None = None
     extension: float = 0.0
+    tries: int = 0
     touch: FloatArray | None = None
+    before: tuple[Image, FloatArray] | None = None
+    contact: FloatArray | None = None
+    mark: FloatArray | None = None
+    tool: Tool | None = None
     verdict: str = ""
     done: bool = False
 
@@ -118,6 +134,9 @@ class Marking(Procedure[MarkState]):
         Without a tool the verdict is ``no tool``.
     go : Go
         Of the turn.
+    back : float
+        Angle in radians by which both joints stop short first. A wire that has cooled last would
+        move to and fro about the place, across the dead zone of its loop.
     close : float
         Distance in pixels at which the tool touches: 1 of 640 is 0.03 mm across the way of the
         tool and 0.07 mm along a wall that it meets at 25 degrees.
@@ -129,20 +148,25 @@ class Marking(Procedure[MarkState]):
         Metres behind the expected wall at which there is no contact: as deep as a pit may be.
     share, lean : float
         Weight of a frame in the wanted angles and the distance, and rate in 1/s at which a
-        remaining distance is made up for: as slow as the wires, which settle in some seconds.
+        remaining distance is made up for. Wires settle in some seconds; at 0.4 1/s a wire moved to
+        and fro across its dead zone for as long as the point was aimed.
     patience : float
         Longest duration of a stage in seconds; the tool is withdrawn then.
+    tries : int
+        Times that the tool is turned to the place if the head does not come to rest there.
     """
 
     calibration: HeadCalibration
     go: Go = GO
+    back: float = math.radians(6.0)
     close: float = 1.0
     still: float = 0.44
     gap: float = 1e-3
     beyond: float = 2e-3
     share: float = 0.2
-    lean: float = 0.4
+    lean: float = 0.15
     patience: float = 15.0
+    tries: int = 3
 
     def begin(
         self, place: npt.ArrayLike, gain: float = 1.0, beside: npt.ArrayLike = (0.0, 0.0)
@@ -165,7 +189,7 @@ class Marking(Procedure[MarkState]):
         if tool is None:
             return replace(state, verdict=NO_TOOL, done=True), Request()
         state = replace(state, since=reading.t if state.since is None else state.since)
-        if state.stage == "turn":
+        if state.stage in ("back", "turn"):
             return self._turn(state, tool, reading)
         if state.stage == "meter":
             metering = Metering(calibration=self.calibration)
@@ -175,8 +199,7 @@ class Marking(Procedure[MarkState]):
         if state.stage == "outline":
             return self._outline(state, reading)
         if state.stage == "withdraw":
-            over = reading.extension <= 0.0 or self._late(state, reading)
-            return replace(state, done=over), Request(extension=0.0, angles=state.wanted)
+            return self._withdraw(state, tool, reading)
         return self._aim(state, tool, reading)
 
     def _at(self, state: MarkState, stage: MarkStage, verdict: str = "") -> MarkState:
@@ -186,17 +209,20 @@ class Marking(Procedure[MarkState]):
         return passed(state.since or 0.0, reading.t, self.patience)
 
     def _turn(self, state: MarkState, tool: Tool, reading: Reading) -> tuple[MarkState, Request]:
-        """Turn the tool towards the place by the joints."""
+        """Turn the tool towards the place by the joints, which stop short of it first."""
         if state.go is None:
             target = self._target(state.place, state)
             guess = aim_at(self.calibration, target, reading.place)
             angles = self._angles(tool, target, reading.place, guess)
             if angles is None:
                 return replace(state, verdict=BEYOND, done=True), Request()
-            state = replace(state, go=self.go.begin(angles=angles), wanted=angles)
+            stop = CONE.clip(angles - self.back) if state.stage == "back" else angles
+            state = replace(state, go=self.go.begin(angles=stop), wanted=angles)
         assert state.go is not None
         go, request = self.go.step(state.go, reading)
         state = replace(state, go=go)
+        if go.done and state.stage == "back":
+            return self._at(replace(state, go=None), "turn"), request
         return (self._at(state, "meter") if go.done else state), request
 
     def _outline(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
@@ -224,6 +250,9 @@ class Marking(Procedure[MarkState]):
         """Keep the tool turned to the place; extend it while it is."""
         if self._late(state, reading):
             reason = state.verdict or UNSTEADY
+            aimed = state.stage in ("aim", "near")
+            if reason == UNSTEADY and aimed and state.tries + 1 < self.tries:
+                return self._again(state), Request(extension=0.0)
             return self._at(state, "withdraw", reason), Request(extension=0.0)
         if reading.image is None or state.track is None:
             return state, self._request(state)
@@ -236,7 +265,12 @@ class Marking(Procedure[MarkState]):
             still = replace(state, extension=reading.extension)
             return still, self._request(still)
         state = self._steered(replace(state, verdict=""), tool, seen.place, reading)
-        return self._moved(state, tool, seen.place, reading)
+        return self._moved(state, tool, seen, reading)
+
+    def _again(self, state: MarkState) -> MarkState:
+        """Return the state of another try from short of the place: a wire may come to rest then."""
+        begun = self.begin(state.place, state.gain, state.beside)
+        return replace(begun, tries=state.tries + 1)
 
     def _steered(
         self, state: MarkState, tool: Tool, place: FloatArray, reading: Reading
@@ -260,7 +294,7 @@ class Marking(Procedure[MarkState]):
         return replace(state, wanted=CONE.clip(wanted), lean=lean, off=smooth, near_since=near)
 
     def _moved(
-        self, state: MarkState, tool: Tool, place: FloatArray, reading: Reading
+        self, state: MarkState, tool: Tool, seen: Track, reading: Reading
     ) -> tuple[MarkState, Request]:
         """Extend the tool to the next stop, or touch."""
         mount = self.calibration.mount_at(reading.place)
@@ -274,15 +308,52 @@ class Marking(Procedure[MarkState]):
             state = self._at(replace(state, extension=max(free - self.gap, 0.0)), "near")
         elif state.stage == "near" and still and reading.extension >= state.extension - 1e-4:
             end = min(free + self.beyond, tool.longest)
-            state = self._at(replace(state, extension=end), "contact")
+            assert reading.image is not None
+            before = reading.image, self._sighted(state, seen, reading)
+            state = self._at(replace(state, extension=end, before=before), "contact")
         elif state.stage == "contact" and reading.touching:
             metres = np.array([self.calibration.radius, 1.0])
-            off = (np.array(hit) - self._target(place, state)) * metres
+            off = (np.array(hit) - self._target(seen.place, state)) * metres
             touch = state.place + (state.beside + off) / metres
-            state = self._at(replace(state, touch=touch, extension=0.0), "withdraw", TOUCHED)
+            contact = self._sighted(state, seen, reading)
+            state = replace(state, touch=touch, contact=contact, extension=0.0)
+            state = self._at(state, "withdraw", TOUCHED)
         elif state.stage == "contact" and reading.extension >= state.extension - 1e-6:
             state = self._at(replace(state, extension=0.0), "withdraw", NO_CONTACT)
         return state, self._request(state)
+
+    def _withdraw(
+        self, state: MarkState, tool: Tool, reading: Reading
+    ) -> tuple[MarkState, Request]:
+        """Withdraw the tool, then look for the mark."""
+        late = self._late(state, reading)
+        request = Request(extension=0.0, angles=state.wanted, frame=True)
+        before, contact = state.before, state.contact
+        if late or before is None or contact is None or state.track is None:
+            return replace(state, done=late or reading.extension <= 0.0), request
+        if reading.image is None:
+            return state, request
+        centring = Centring(calibration=self.calibration)
+        seen, track = centring.follow(state.track, reading, reading.image)
+        state = replace(state, track=track)
+        if reading.extension > 0.0 or seen.verdict != TRACKED:
+            return state, request
+        after = reading.image, self._sighted(state, seen, reading)
+        camera = self.calibration.camera_at(reading.place)
+        pan, tilt = contact.tolist()
+        expected = tool.meet(camera.mount, pan, tilt, camera.radius)[:2]
+        mark = new_mark(camera, expected, before, after)
+        if mark is not None:
+            point = wall_point(float(mark[0]), float(mark[1]), camera.radius)
+            learned = tool.through(camera.mount.pose(pan, tilt).to_camera(point))
+            state = replace(state, mark=mark, tool=learned)
+        return replace(state, done=True), request
+
+    def _sighted(self, state: MarkState, seen: Track, reading: Reading) -> FloatArray:
+        """Return the angles (2,) at which the feature is where the picture shows it."""
+        camera = self.calibration.camera_at(reading.place)
+        angles = sighted_angles(camera, state.place, seen.pixel, reading.angles)
+        return reading.angles if angles is None else angles
 
     def _request(self, state: MarkState) -> Request:
         return Request(angles=state.wanted, extension=state.extension, frame=True)

@@ -25,9 +25,13 @@ from minorloop.lab.records import Record, Timing
 from minorloop.lab.wrapped_actuator import WrappedActuator
 
 OUTPUTS = Channel("pan", "deg"), Channel("tilt", "deg")
-_LEAST, _MOST = -6.0, 75.0
-"""Pan and tilt of the joints between which a lost view is looked for, in degrees: the strongest
-head turns by 67."""
+_LEAST, _MOST = -6.0, 90.0
+"""Pan and tilt of the joints between which a lost view is looked for, in degrees: a strong head
+turns by 78, and beyond these angles a picture does not count as seen."""
+_SWEEP = np.concatenate([np.linspace(0.5, 0.95, 45), np.linspace(0.85, 0.3, 30), np.zeros(15)])
+_SLOWLY = 0.8
+"""Shares of the largest current that turn an axis up and down, slowly, and seconds for each: the
+view changes by less than half of a patch from a picture to the next."""
 _STILL, _LONGEST, _MOVED = 5.0, 120.0, 0.1
 """A head is cold that turns less than 0.1 degrees in 5 s; seconds that are waited for that."""
 _PATIENCE = 250
@@ -60,6 +64,30 @@ def refined_view(view: HeadCalibration, frames: Sequence[Frame]) -> HeadCalibrat
         camera_roll=mount.camera_roll,
         straight=(-pan, -tilt),
     )
+
+
+def sweep(
+    hold: Callable[[FloatArray, float], None], picture: Callable[[], Frame], highest: float = 0.4
+) -> list[Frame]:
+    """Turn each axis of a cold head up and down, and return the pictures for `refined_view`.
+
+    Parameters
+    ----------
+    hold : callable
+        Holds two currents (2,) in A for a time in seconds.
+    picture : callable
+        Returns a picture taken now.
+    highest : float
+        Largest current, in A.
+    """
+    frames = [picture()]
+    for axis in range(2):
+        for share in _SWEEP:
+            u = np.zeros(2)
+            u[axis] = share * highest
+            hold(u, _SLOWLY)
+            frames.append(picture())
+    return frames
 
 
 class SeenHead(WrappedActuator):
@@ -142,6 +170,30 @@ class SeenHead(WrappedActuator):
         """Hold two currents for one tick; return pan and tilt in degrees, NaN where not seen."""
         self._hold(u)
         return self._look()
+
+    def survey(self, highest: float = 0.4) -> HeadCalibration:
+        """Turn each axis up and down, and return the calibration corrected by the pictures.
+
+        The head is hot then; open it again to count from the cold head.
+
+        Parameters
+        ----------
+        highest : float
+            Largest current, in A.
+
+        Raises
+        ------
+        SignalError
+            If the pictures do not show the wall, as `refined_view`.
+        InstrumentError
+            If the camera gives no picture.
+        """
+
+        def hold(u: FloatArray, seconds: float) -> None:
+            for _ in range(round(seconds / self.tick)):
+                self._hold(u)
+
+        return refined_view(self._view, sweep(hold, self._taken, highest))
 
     @property
     def why(self) -> str:

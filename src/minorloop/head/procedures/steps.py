@@ -146,18 +146,31 @@ def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
     return findings, hole, again is not None
 
 
+def bring_in_reach(rig: InspectionRig, marking: Marking, where: npt.ArrayLike) -> None:
+    """Let the catheter travel to where the tool reaches phi and z (2,), if it does not from here.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+    marking : Marking
+    where : (2,) array_like
+    """
+    home = rig.place
+    for by in STEPS:
+        place = home + np.array([by, 0.0])
+        if (not by or place[0] >= FIRST) and marking.reaches(where, place):
+            if by:
+                go(rig, place=place)
+            return
+
+
 def touch(rig: InspectionRig, hole: Hole) -> Image:
     """Touch a hole with the point of the tool; return the image after it.
 
     The catheter travels to where the tool reaches it, if it does not from here.
     """
-    marking, home = Marking(calibration=rig.calibration), rig.place
-    for by in STEPS:
-        place = home + np.array([by, 0.0])
-        if place[0] >= FIRST and marking.reaches(hole.place, place):
-            if by:
-                go(rig, place=place)
-            break
+    marking = Marking(calibration=rig.calibration)
+    bring_in_reach(rig, marking, hole.place)
     state = rig.run(marking, marking.begin(hole.place, rig.gain))
     rig.gain = state.gain
     phi, z = np.degrees(hole.place[0]), 1e3 * hole.place[1]

@@ -17,7 +17,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.geometry import Mount
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
-from minorloop.head.procedures.seen_angles import refined_view, seen_by
+from minorloop.head.procedures.seen_angles import refined_view, seen_by, sweep
 from minorloop.head.twins.camera import LENS
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
@@ -42,12 +42,10 @@ _FOCUS = 10e-3
 """Of the lens in metres: the wall ahead of a cold head is at 7 mm, and further for others."""
 _SETTLING = 12
 """Pictures at rest until the gain has settled, and the one after them is that of the angle 0."""
-_WAY, _PAUSE = 12.0, 0.4
-"""Duration in seconds of the way to another angle, three time constants, and time between pictures
-on it: the fastest wire turns 8 degrees in that time, less than half of what is seen."""
-_SWEEP = np.concatenate([np.linspace(0.2, 0.38, 45), np.linspace(0.34, 0.12, 30), np.zeros(15)])
-_SLOWLY = 0.8
-"""Currents in A that turn an axis up and down, slowly, and seconds for each."""
+_WAY = (0.2,) * 15 + (0.6,) * 5 + (2.0,) * 3
+"""Times in seconds between pictures on the way to another angle, of three time constants: the
+fastest wire turns 4 degrees in the shortest, a quarter of what is seen, even if one picture is
+lost; and after the first seconds it is slow."""
 _SEARCH = 40
 """Most pictures at the end of a hold: in 21, angles within the whole reach are tried."""
 Disturbance: TypeAlias = Callable[[int, Frame], Frame | None]
@@ -161,6 +159,11 @@ class PictureSensor:
         self._coming.append(self.latest)
         return self._coming.pop(0)
 
+    def pass_over(self, u: FloatArray) -> None:
+        """Hold two currents for a tick without a picture."""
+        self.rig.exchange(np.append(u, [0.0, 0.0]))
+        self.tip.wait(self.rig.tick)
+
     def look(self) -> FloatArray:
         """Take a picture now, and return the joints (2,) in degrees by it; NaN without."""
         frame: Frame | None = self._frame()
@@ -182,15 +185,7 @@ class PictureSensor:
 
         The head is hot then.
         """
-        frames = [self._frame()]
-        for axis in range(2):
-            for current in _SWEEP:
-                u = np.zeros(2)
-                u[axis] = current
-                self._wait(u, _SLOWLY)
-                frames.append(self._frame())
-                self._gain = LIMITS.gain(self._gain, frames[-1].image)
-        return refined_view(self.view, frames)
+        return refined_view(self.view, sweep(self._wait, self._lit))
 
     def hold(
         self, u: FloatArray, seconds: float, pictures: int, *, follow: bool = False
@@ -211,11 +206,11 @@ class PictureSensor:
             Whether to take pictures on the way too: where the wall has not been seen before, the
             view at the end can only be found from there.
         """
-        way = round(_WAY / _PAUSE) if follow else 0
-        for _ in range(way):
-            self._wait(u, _PAUSE - self.rig.tick)
+        way = _WAY if follow else ()
+        for pause in way:
+            self._wait(u, pause - self.rig.tick)
             self.look()
-        self._wait(u, seconds - _SEARCH * self.rig.tick - way * _PAUSE)
+        self._wait(u, seconds - _SEARCH * self.rig.tick - sum(way))
         good: list[FloatArray] = []
         for _ in range(_SEARCH):
             angles = self.look()
@@ -232,6 +227,12 @@ class PictureSensor:
         self.tip.wait(seconds)
         self.rig.exchange(np.append(u, [0.0, 0.0]))
 
+    def _lit(self) -> Frame:
+        """Take a picture, and set the gain for the next one."""
+        frame = self._frame()
+        self._gain = LIMITS.gain(self._gain, frame.image)
+        return frame
+
     def _frame(self) -> Frame:
         self.tip.expose(LIMITS.exposure, self._gain)
         self.tip.move_to(self.rig.stance())
@@ -240,8 +241,7 @@ class PictureSensor:
     def _zero(self) -> WallState:
         """Take the picture at rest as that of the angles 0."""
         for _ in range(_SETTLING):
-            frame = self._frame()
-            self._gain = LIMITS.gain(self._gain, frame.image)
+            self._lit()
         frame = self._frame()
         _, state = self.eyes.begin(frame.image, self.view.line_of_sight(np.zeros(2)), frame.t)
         return state

@@ -1,4 +1,8 @@
-"""A mark is set beside a hole with the micro-tool, and compared with the truth."""
+"""A mark is set beside a hole with the micro-tool, and compared with the truth.
+
+Before that the tool sets a test mark on the other side of the hole, and its calibration is
+corrected by where the picture shows it.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,7 @@ from minorloop.head.geometry import Mount, wall_distance, wrapped
 from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
 from minorloop.head.procedures.mark import TOUCHED, Marking
 from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.steps import bring_in_reach
 from minorloop.head.procedures.values import Request
 from minorloop.head.studies import scoring
 from minorloop.head.twins.catheter import Catheter
@@ -104,7 +109,13 @@ def run_touch(seed: int, number: int, control: HeadControl) -> Touch:
     )
     rig = InspectionRig(plant, tip, control, calibration)
     place = np.array([hole.phi, hole.z]) + OFF_PLACE * rng.standard_normal(2) / (radius, 1.0)
-    marking = Marking(calibration=calibration)
+    test = Marking(calibration=calibration)
+    metres = np.array([radius, 1.0])
+    bring_in_reach(rig, test, place - beside / metres)
+    tried = rig.run(test, test.begin(place, rig.gain, -beside))
+    tip.tool.marks.clear()
+    marking = Marking(calibration=replace(calibration, tool=tried.tool or calibration.tool))
+    bring_in_reach(rig, marking, place + beside / metres)
     pictures: list[npt.NDArray[np.uint8]] = []
 
     def watch(state: Any) -> None:

@@ -137,9 +137,13 @@ class RigWires:
     def __init__(self, rig: Rig, tip: SimulatedTip) -> None:
         self._rig, self._tip = rig, tip
         self.tick, self.serial = rig.tick, rig.head.serial
+        self._framed = True
 
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold two currents for a tick; nothing is read."""
+        if not self._framed:  # a frame lets the time of the camera pass
+            self._tip.wait(self.tick)
+        self._framed = False
         self._rig.exchange(np.append(u, [0.0, 0.0]))
         return np.empty(0)
 
@@ -150,6 +154,7 @@ class RigWires:
     def frame(self) -> Frame:
         """Return a picture from where the head is now."""
         self._tip.move_to(self._rig.stance())
+        self._framed = True
         return self._tip.frame()
 
 

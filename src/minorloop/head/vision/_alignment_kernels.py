@@ -166,6 +166,45 @@ def align(
 
 
 @njit(cache=True, nogil=True)
+def align_each(
+    image, points, templates, side, lens, rotation, position, turns, moves, steps, scores, normal,
+    turned,
+):  # fmt: skip
+    """Align each patch (P, N) by itself with an image, from a pose, in a number of steps.
+
+    Noise makes the slopes of the image larger than those of the wall, so that one step of
+    Gauss-Newton goes less than half of the way. Fills ``scores`` (P,) and ``normal`` (P, 2, 2) as
+    `align` does, and ``turned`` (P, 2), the turn from the pose at which the patch agrees.
+    """
+    slope, still = np.empty((1, 2)), np.zeros(2)
+    for p in range(points.shape[0]):
+        turned[p] = 0.0
+        for _ in range(steps):
+            a, b = turned[p]
+            align(
+                image,
+                points[p : p + 1],
+                templates[p : p + 1],
+                side,
+                lens,
+                rotation + a * turns[0] + b * turns[1],
+                position + a * moves[0] + b * moves[1],
+                turns,
+                moves,
+                still,
+                scores[p : p + 1],
+                normal[p : p + 1],
+                slope,
+            )
+            n = normal[p]
+            det = n[0, 0] * n[1, 1] - n[0, 1] * n[0, 1]
+            if not det > 0.0:  # also where it is not seen
+                break
+            turned[p, 0] += (n[1, 1] * slope[0, 0] - n[0, 1] * slope[0, 1]) / det
+            turned[p, 1] += (n[0, 0] * slope[0, 1] - n[0, 1] * slope[0, 0]) / det
+
+
+@njit(cache=True, nogil=True)
 def search(image, points, templates, side, lens, rotations, positions, least, found):
     """Fill found (M,) with the mean correlation at poses; with few patches seen it is less."""
     texels = points.shape[1]

@@ -1,4 +1,4 @@
-"""Compiled loops that unroll images and light the wall: arrays in, arrays filled."""
+"""Compiled loops that shrink and unroll images and light the wall: arrays in, arrays filled."""
 
 from __future__ import annotations
 
@@ -6,6 +6,19 @@ import numpy as np
 from numba import njit
 
 _NEAR = 1e-4  # square of 10 mm
+
+
+@njit(cache=True, nogil=True)
+def shrink(fine, coarse):
+    """Fill coarse with means of 2 by 2 pixels of an image; NaN where one of them is."""
+    for i in range(coarse.shape[0]):
+        for j in range(coarse.shape[1]):
+            coarse[i, j] = 0.25 * (
+                fine[2 * i, 2 * j]
+                + fine[2 * i + 1, 2 * j]
+                + fine[2 * i, 2 * j + 1]
+                + fine[2 * i + 1, 2 * j + 1]
+            )
 
 
 @njit(cache=True, nogil=True)

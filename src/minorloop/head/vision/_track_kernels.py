@@ -14,19 +14,6 @@ _WHITE = 250.0
 
 
 @njit(cache=True, nogil=True)
-def shrink(fine, coarse):
-    """Average 2 by 2 texels; NaN where one of them is."""
-    for i in range(coarse.shape[0]):
-        for j in range(coarse.shape[1]):
-            coarse[i, j] = 0.25 * (
-                fine[2 * i, 2 * j]
-                + fine[2 * i + 1, 2 * j]
-                + fine[2 * i, 2 * j + 1]
-                + fine[2 * i + 1, 2 * j + 1]
-            )
-
-
-@njit(cache=True, nogil=True)
 def detail(flat, half, out):
     """Fill out with the logarithm of grey levels less its mean over a box of 2 half + 1 texels.
 
@@ -55,21 +42,43 @@ def detail(flat, half, out):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _sums(area, seen, template, i, j, out):
-    """Sum over one place: texels seen, a, a a, t, t t, a t; unseen texels count as 0."""
-    count, a, aa = np.float32(0), np.float32(0), np.float32(0)
-    t, tt, at = np.float32(0), np.float32(0), np.float32(0)
+def _form_sums(seen, template, i, j, out):
+    """Fill ``out[3:5]`` with the sums of t and t t over the texels of one place that are seen."""
+    t, tt = np.float32(0), np.float32(0)
     for k in range(template.shape[0]):
-        row, known, model = area[i + k], seen[i + k], template[k]
+        known, model = seen[i + k], template[k]
         for m in range(template.shape[1]):
-            value, weight, form = row[j + m], known[j + m], model[m]
-            count += weight
-            a += value
-            aa += value * value
-            t += weight * form
-            tt += weight * form * form
-            at += value * form
-    out[0], out[1], out[2], out[3], out[4], out[5] = count, a, aa, t, tt, at
+            t += known[j + m] * model[m]
+            tt += known[j + m] * model[m] * model[m]
+    out[3], out[4] = t, tt
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _products(area, template, i, out):
+    """Fill ``out`` with the sums of a t over the places of a row, all places at once."""
+    out[:] = 0.0
+    for k in range(template.shape[0]):
+        for m in range(template.shape[1]):
+            row, form = area[i + k, m : m + out.size], template[k, m]
+            for j in range(out.size):
+                out[j] += row[j] * form
+
+
+@njit(cache=True, nogil=True)
+def _boxes(known, filled):
+    """Return the sums (3, H + 1, W + 1) from the corner: of texels seen, a, and a a."""
+    rows, columns = known.shape
+    box = np.zeros((3, rows + 1, columns + 1))
+    for i in range(rows):
+        row = np.zeros(3)
+        for j in range(columns):
+            value = np.float64(filled[i, j])
+            row[0] += known[i, j]
+            row[1] += value
+            row[2] += value * value
+            for c in range(3):
+                box[c, i + 1, j + 1] = box[c, i, j + 1] + row[c]
+    return box
 
 
 @njit(cache=True, nogil=True)
@@ -94,14 +103,30 @@ def correlate(area, template, scores):
                 known[i, j] = 1.0
                 filled[i, j] = area[i, j] - middle
     sums = np.empty(6)
-    whole = template.shape[0] * template.shape[1]
+    rows, columns = template.shape
+    whole = rows * columns
+    box = _boxes(known, filled)
+    t, tt = 0.0, 0.0
+    for i in range(rows):
+        for j in range(columns):
+            t += template[i, j]
+            tt += template[i, j] * template[i, j]
+    products = np.empty(scores.shape[1], np.float32)
     for i in range(scores.shape[0]):
+        _products(filled, template, i, products)
         for j in range(scores.shape[1]):
-            _sums(filled, known, template, i, j, sums)
             scores[i, j] = -1.0
+            for c in range(3):
+                ends = box[c, i + rows, j + columns] - box[c, i, j + columns]
+                sums[c] = ends - box[c, i + rows, j] + box[c, i, j]
             n = sums[0]
             if n < _LEAST_SEEN * whole:
                 continue
+            if n > whole - 0.5:
+                sums[3], sums[4] = t, tt
+            else:
+                _form_sums(known, template, i, j, sums)
+            sums[5] = products[j]
             va = sums[2] - sums[1] * sums[1] / n
             vt = sums[4] - sums[3] * sums[3] / n
             if va > 1e-3 * n * 0.01 and vt > 1e-6 * n:

@@ -27,7 +27,7 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import wall_point
 from minorloop.head.vision import _track_kernels as kernels
 from minorloop.head.vision import frame_checks, wall_views
-from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32, halved
 from minorloop.head.vision.reflectance_map import NO_ANGLE, finite_angles
 from minorloop.head.vision.sighting import sighted_angles
 from minorloop.head.vision.wall_views import SIDE, View
@@ -343,7 +343,7 @@ class PatchTracker:
     def _view(self, image: Image, place: FloatArray, angles: FloatArray) -> View:
         fine = self._area(image, place, angles, SIDE * self._cells * self.texel, self.texel)
         eye = self.camera.mount.pose(*angles.tolist()).position
-        return View(eye, fine, wall_views.shrunk(fine))
+        return View(eye, fine, halved(fine))
 
     def _area(
         self, image: Image, place: FloatArray, angles: FloatArray, size: float, texel: float
@@ -372,7 +372,7 @@ class PatchTracker:
         margin = 2 * round(reach / self.texel / 2) + 2 * _CLOSE
         area = self._area(image, state.home, expected, side + 2 * margin * self.texel, self.texel)
         ways = wall_views.tile_motions(self.camera, state.home, expected, n * self.texel)
-        agreed = wall_views.agree(view, wall_views.shrunk(area), ways, 2 * self.texel)
+        agreed = wall_views.agree(view, halved(area), ways, 2 * self.texel)
         return self._closely(state, view, area, expected, agreed, least)
 
     def _closely(
@@ -439,10 +439,10 @@ class PatchTracker:
         view, step = self._nearest(state, expected)[0], 2 * self.texel
         area = self._area(image, state.home, expected, self._cells * self.texel + 2 * reach, step)
         half = self._cells // 2
-        tile = wall_views.filled(wall_views.shrunk(view.coarse[half : 2 * half, half : 2 * half]))
+        tile = wall_views.filled(halved(view.coarse[half : 2 * half, half : 2 * half]))
         if tile is None:
             return []
-        scores = wall_views.scores_of(wall_views.shrunk(area), tile)
+        scores = wall_views.scores_of(halved(area), tile)
         best = wall_views.best_of(scores)
         if kernels.second(scores, best, 2) > self.alone * best[2] or best[2] < self.again:
             return []

@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, as_finite
+from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
-from minorloop.head.geometry import Pinhole, wall_point, wrapped
 from minorloop.head.vision import _alignment_kernels as kernels
 from minorloop.head.vision import frame_checks
-from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32, halved
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32
+from minorloop.head.vision.patch_pictures import LEVELS, SIDE, PatchPictures, numbers
 from minorloop.head.vision.wall_patches import (
     FEW,
     LATE,
@@ -42,30 +42,17 @@ from minorloop.head.vision.wall_patches import (
     nothing,
 )
 
-_SIDE = 16  # texels along a side of a patch
 _COARSE = 2
 """Texels in one of the search for a lost view, along a side."""
-_LEVELS = 3
-"""Sizes of the picture: whole, half and quarter."""
-_SMALLEST = 6.0
-"""Least width of a patch in the picture, in pixels: fewer show no detail of it."""
-_CELL = 20
-"""Pixels between points of the picture about which new patches are looked for."""
-_MOST, _MOST_KEPT = 28, 1000
-"""Patches that are compared with a picture, the best known first: more do not make the angles
-better, but take time. Patches that are kept: ten for each that the wall within reach has."""
-_POOR = 25
-"""Pictures in a row in which a patch disagrees, after which another may take its place: 1 s."""
 _STEPS = (3, 3, 3)
 """Steps of Gauss-Newton in the whole, half and quarter picture, by trial."""
-_WIDTH = 160.0
-"""Columns of the largest picture that is compared: in more, noise hides the wall."""
 _CLOSE, _FARTHEST = 2e-5, math.radians(3.0)
 """Length of a step after which no other is made, and of the longest step, in radians."""
-_DERIVATIVE = 1e-4
-"""Difference in radians for derivatives of the pose: errors of 1e-8."""
 _ALIKE = 4.0
 """Texels whose noise is alike, since they share pixels."""
+_ONE_IN = 3
+"""A picture is used if one in three of the patches in view agree. Far down the pipe their looks
+change fast, and half of them may not; at wrong angles one in six agrees at most."""
 _HUNT = math.radians(2.0)
 """Distance between angles that are tried for a lost view: those between lead to the same peak."""
 _GOING = 5
@@ -144,6 +131,11 @@ class WallAngles:
         if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
             raise ParameterError(f"angles from {self.low} to {self.high}; give low < high")
 
+    @cached_property
+    def pictures(self) -> PatchPictures:
+        """How patches look in pictures of this camera."""
+        return PatchPictures(self.camera, self.size, self.readout)
+
     def begin(self, image: Image, angles: npt.ArrayLike, t: float = 0.0) -> tuple[Sight, WallState]:
         """Take a picture as that of known angles, such as the head at rest.
 
@@ -165,7 +157,9 @@ class WallAngles:
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
             raise SignalError(f"the first picture is {verdict}; check lights, lens and cable")
         at = np.asarray(angles, dtype=np.float64)
-        patches = self._new(self._pyramid(image), at, self._none, 0.0, np.zeros(2))
+        patches = self.pictures.with_new(
+            self.pictures.pyramid(image), at, self.pictures.none, 0.0, np.zeros(2)
+        )
         if len(patches.sd) < self.fewest:
             raise SignalError(
                 f"the first picture shows {len(patches.sd)} patches of wall with detail, and "
@@ -198,7 +192,7 @@ class WallAngles:
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
             return self._missed(state, verdict)
         state = replace(state, newest=t)
-        pyramid = self._pyramid(image)
+        pyramid = self.pictures.pyramid(image)
         sight, patches = self._found(pyramid, state, self._expected(state, t))
         if sight.verdict != SEEN:
             again, state = self._hunted(pyramid, state)
@@ -231,7 +225,7 @@ class WallAngles:
         patches = state.patches
         if not (np.abs(patches.origins - sight.angles).max(axis=1) < _TURNED).any():
             smear = math.hypot(float(sight.sd.max()), _UNEVEN * float(np.abs(rates).max()))
-            patches = self._new(pyramid, sight.angles, patches, smear, rates)
+            patches = self.pictures.with_new(pyramid, sight.angles, patches, smear, rates)
         return replace(
             state, patches=patches, angles=sight.angles, rates=rates, t=t, missed=0, hunted=0
         )
@@ -240,15 +234,17 @@ class WallAngles:
         self, pyramid: list[Image32], state: WallState, start: FloatArray
     ) -> tuple[Sight, Patches]:
         """Return the angles near others at which the patches agree, and mark those that do not."""
-        patches, chosen = state.patches, self._in_view(state.patches, start)
+        patches, chosen = state.patches, self.pictures.in_view(state.patches, start)
         if chosen.size < self.fewest:
             return nothing(NO_PATCH, 0, int(chosen.size)), patches
         some, angles = patches.of(chosen), start
         weights = np.ones(chosen.size)
-        levels = _LEVELS if state.missed or state.hunted else _LEVELS - 1
+        levels = LEVELS if state.missed or state.hunted else LEVELS - 1
         for level in reversed(range(levels)):
             for _ in range(_STEPS[level]):
-                scores, normal, slope = self._compared(pyramid, level, some, angles, state.rates)
+                scores, normal, slope = self.pictures.compared(
+                    pyramid, level, some, angles, state.rates
+                )
                 known = np.clip(np.nan_to_num(scores, nan=0.0), 0.0, 0.99)
                 noise = 2.0 * _ALIKE / some.points.shape[1] * (1.0 - known)
                 weights = self._weights(scores, normal, noise, some.sd)
@@ -275,7 +271,7 @@ class WallAngles:
         seen = np.isfinite(scores)
         agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
         counts = int(agree.sum()), int(seen.sum())
-        if counts[0] < self.fewest or 2 * counts[0] < counts[1]:
+        if counts[0] < self.fewest or _ONE_IN * counts[0] < counts[1]:
             return nothing(FEW, *counts), patches
         if not np.linalg.eigvalsh(information)[0] > 0:
             return nothing(UNSURE, *counts), patches
@@ -296,61 +292,13 @@ class WallAngles:
         own = 2.0 * noise / np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12)
         return np.asarray(good / (1.0 + sd**2 / own))
 
-    def _compared(
-        self,
-        pyramid: list[Image32],
-        level: int,
-        patches: Patches,
-        angles: FloatArray,
-        rates: FloatArray,
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return scores (P,), normal matrices (P, 2, 2) and slopes (P, 2) at angles."""
-        count = len(patches.sd)
-        scores, normal, slope = np.empty(count), np.empty((count, 2, 2)), np.empty((count, 2))
-        kernels.align(
-            pyramid[level],
-            patches.points,
-            patches.templates[level],
-            _SIDE,
-            _numbers(self._lenses[level]),
-            *self._pose(angles),
-            rates * self.readout / pyramid[level].shape[0],
-            scores,
-            normal,
-            slope,
-        )
-        return scores, normal, slope
-
-    def _pose(self, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return rotation, position, and their derivatives by pan and tilt."""
-        pan, tilt = angles.tolist()
-        h, mount = _DERIVATIVE, self.camera.mount
-        now = mount.pose(pan, tilt)
-        pairs = [
-            (mount.pose(pan + h, tilt), mount.pose(pan - h, tilt)),
-            (mount.pose(pan, tilt + h), mount.pose(pan, tilt - h)),
-        ]
-        turns = np.array([(a.rotation - b.rotation) / (2 * h) for a, b in pairs])
-        moves = np.array([(a.position - b.position) / (2 * h) for a, b in pairs])
-        return np.ascontiguousarray(now.rotation), now.position, turns, moves
-
-    def _in_view(self, patches: Patches, angles: FloatArray) -> npt.NDArray[np.int64]:
-        """Return which patches to compare: in view, not poor, and the best known."""
-        if not self.camera.inside(*angles.tolist()):
-            return np.empty(0, dtype=np.int64)
-        pixels = self.camera.pixel(patches.places, *angles.tolist())
-        lens = self.camera.lens
-        with np.errstate(invalid="ignore"):
-            inside = np.asarray(((pixels > 0) & (pixels < (lens.width, lens.height))).all(axis=1))
-        order = np.lexsort((patches.sd, patches.poor >= _POOR))
-        return np.asarray(order[inside[order]][:_MOST])
-
     def _hunted(
         self, pyramid: list[Image32], state: WallState
     ) -> tuple[tuple[Sight, Patches] | None, WallState]:
         """Try further angles for a lost view, first those of old patches, the nearest first."""
         grid = self._grid
-        apart = np.abs(grid[:, None] - state.patches.origins).max(axis=2).min(axis=1)
+        pan, tilt = (np.abs(grid[:, n, None] - state.patches.origins[:, n]) for n in range(2))
+        apart = np.maximum(pan, tilt).min(axis=1)
         order = np.lexsort((np.hypot(*(grid - state.angles).T), apart > 0.5 * _HUNT))
         near, far = np.split(order, [self.tries // 2])
         first = state.hunted % len(far)
@@ -361,7 +309,7 @@ class WallAngles:
         inside = np.array(across) < self.camera.radius
         patches, found = state.patches, np.empty(len(tried))
         few = slice(None, None, _COARSE)
-        shape = (-1, _SIDE, _SIDE)
+        shape = (-1, SIDE, SIDE)
         points = patches.points.reshape(*shape, 3)[:, few, few].reshape(len(patches.sd), -1, 3)
         templates = patches.templates[-1].reshape(shape)[:, few, few].reshape(len(patches.sd), -1)
         lengths = np.linalg.norm(templates, axis=1, keepdims=True)
@@ -369,8 +317,8 @@ class WallAngles:
             pyramid[-1],
             np.ascontiguousarray(points),
             np.ascontiguousarray(templates / np.maximum(lengths, 1e-9)),
-            _SIDE // _COARSE,
-            _numbers(self._lenses[-1]),
+            SIDE // _COARSE,
+            numbers(self.pictures.lenses[-1]),
             np.array([pose.rotation for pose in poses]),
             np.array([pose.position for pose in poses]),
             2 * self.fewest,
@@ -381,125 +329,6 @@ class WallAngles:
             if found_again[0].verdict == SEEN:
                 return found_again, state
         return None, state
-
-    def _new(
-        self,
-        pyramid: list[Image32],
-        angles: FloatArray,
-        known: Patches,
-        sd: float,
-        rates: FloatArray,
-    ) -> Patches:
-        """Return the known patches, and new ones where the picture shows wall without any."""
-        pan, tilt = angles.tolist()
-        if not self.camera.inside(pan, tilt) or len(known.sd) >= _MOST_KEPT:
-            return known
-        places = self.camera.place(self._cells, pan, tilt)
-        taken = known.places[known.poor < _POOR]
-        places = places[np.isfinite(places).all(axis=1)]
-        places = places[~self._beside(places, taken).any(axis=1)]
-        places = places[self._large(places, pan, tilt)]
-        free = np.ones(len(places), dtype=bool)
-        crowded = self._beside(places, places)
-        for n in range(len(places)):
-            free[n + 1 :] &= ~(free[n] & crowded[n, n + 1 :])
-        middles = places[free]
-        if not len(middles):
-            return known
-        points = wall_point(
-            middles[:, :1] + self._offsets[0] / self.camera.radius,
-            middles[:, 1:] + self._offsets[1],
-            self.camera.radius,
-        )
-        pose = self._pose(angles)
-        templates = np.zeros((_LEVELS, *points.shape[:2]))
-        whole = np.ones(len(middles), dtype=bool)
-        slopes = np.empty((2, points.shape[1]))
-        for level in range(_LEVELS):
-            lens = _numbers(self._lenses[level])
-            shift = rates * self.readout / pyramid[level].shape[0]
-            for n in range(len(middles)):
-                values = templates[level, n]
-                seen = kernels.sample(pyramid[level], points[n], lens, *pose, shift, values, slopes)
-                whole[n] &= seen and kernels.normalise(values, _SIDE) > self._detail
-        return known.with_more(
-            Patches(
-                middles[whole],
-                points[whole],
-                templates[:, whole],
-                np.tile(angles, (int(whole.sum()), 1)),
-                np.full(int(whole.sum()), sd),
-                np.zeros(int(whole.sum()), dtype=np.int64),
-            )
-        )
-
-    def _beside(self, places: FloatArray, others: FloatArray) -> BoolArray:
-        """Return (n, m) which places are beside which others."""
-        x = self.camera.radius * np.abs(wrapped(places[:, None, 0] - others[:, 0]))
-        apart = np.maximum(x, np.abs(places[:, None, 1] - others[:, 1]))
-        return np.asarray(apart < 0.8 * self.size)
-
-    def _large(self, middles: FloatArray, pan: float, tilt: float) -> BoolArray:
-        """Return which patches are large enough in the picture to show detail."""
-        around, along = np.array([self.size / self.camera.radius, 0.0]), np.array([0.0, self.size])
-        ends = [
-            self.camera.pixel(middles + 0.5 * sign * way, pan, tilt)
-            for way in (around, along)
-            for sign in (-1, 1)
-        ]
-        widths = [np.linalg.norm(ends[k + 1] - ends[k], axis=1) for k in (0, 2)]
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.min(widths, axis=0) >= _SMALLEST)
-
-    def _pyramid(self, image: Image) -> list[Image32]:
-        """Return the logarithm of a picture in several sizes."""
-        whole = np.empty(image.shape, dtype=np.float32)
-        kernels.logarithm(np.ascontiguousarray(image), whole)
-        found = [whole]
-        while len(found) < self._skipped + _LEVELS:
-            found.append(halved(found[-1]))
-        return found[self._skipped :]
-
-    @cached_property
-    def _lenses(self) -> list[Pinhole]:
-        return [self.camera.lens.scaled(0.5 ** (self._skipped + n)) for n in range(_LEVELS)]
-
-    @cached_property
-    def _skipped(self) -> int:
-        """How often the largest picture that is compared is halved."""
-        return max(round(math.log2(self.camera.lens.width / _WIDTH)), 0)
-
-    @cached_property
-    def _none(self) -> Patches:
-        texels = _SIDE * _SIDE
-        return Patches(
-            np.empty((0, 2)),
-            np.empty((0, texels, 3)),
-            np.empty((_LEVELS, 0, texels)),
-            np.empty((0, 2)),
-            np.empty(0),
-            np.empty(0, dtype=np.int64),
-        )
-
-    @cached_property
-    def _cells(self) -> FloatArray:
-        """Pixels (n, 2) about which new patches are looked for."""
-        lens = self.camera.lens
-        step = _CELL * lens.width / 320
-        u, v = np.arange(step / 2, lens.width, step), np.arange(step / 2, lens.height, step)
-        return np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-
-    @cached_property
-    def _offsets(self) -> tuple[FloatArray, FloatArray]:
-        """Texels of a patch from its middle, around and along the pipe, in metres."""
-        steps = (np.arange(_SIDE) - 0.5 * (_SIDE - 1)) * self.size / _SIDE
-        around, along = np.meshgrid(steps, steps)
-        return around.ravel(), along.ravel()
-
-    @cached_property
-    def _detail(self) -> float:
-        """Least length of a patch's logarithms: 1.3 % contrast; noise of a grey picture has 1 %."""
-        return 0.013 * _SIDE
 
     @cached_property
     def _grid(self) -> FloatArray:
@@ -517,7 +346,3 @@ def _solved(matrix: FloatArray, slope: FloatArray) -> FloatArray | None:
     if not values[0] > 1e-6 * values[1] > 0:
         return None
     return np.asarray(np.linalg.solve(matrix, slope))
-
-
-def _numbers(lens: Pinhole) -> FloatArray:
-    return np.array([lens.focal, *lens.centre, lens.k1, lens.k2])

@@ -108,13 +108,6 @@ def unrolled(
     return found
 
 
-def shrunk(fine: Image32) -> Image32:
-    """Return means over two by two texels; NaN where one of them is."""
-    coarse = np.empty((fine.shape[0] // 2, fine.shape[1] // 2), dtype=np.float32)
-    kernels.shrink(fine, coarse)
-    return coarse
-
-
 def filled(tile: Image32) -> Image32 | None:
     """Return a tile with unseen texels at the mean; None if too few are seen."""
     if np.isfinite(tile).mean() < _LEAST_SEEN:

@@ -1,0 +1,180 @@
+"""Records with times for ``minorloop identify``, and what is done with a model of one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.errors import ParameterError, RecordError
+
+if TYPE_CHECKING:
+    from minorloop.lab.records import Record
+    from minorloop.report import Report
+
+NONE = "none"
+_DEFAULTS: dict[str, Any] = {
+    "levels": None,
+    "spacing": "uniform",
+    "relay": "bipolar",
+    "diagonal": None,
+    "lag": None,
+    "dynamics": NONE,
+    "creep": NONE,
+    "rate": False,
+    "slope": None,
+    "signed": False,
+    "smoothness": "auto",
+    "prior": None,
+    "noise": None,
+    "sd": None,
+    "mean": "zero",
+    "start": "negative",
+    "holdout": 0.0,
+    "curves": None,
+    "start_of_curve": None,
+    "groups": None,
+    "rank": False,
+    "oscillator": None,
+    "period": None,
+    "between": None,
+}
+"""Options of ``identify`` and their defaults."""
+_DISTRUSTED = 1
+"""Exit status after warnings, as of ``identify``."""
+
+
+@dataclass(frozen=True)
+class TimedData:
+    """Where a record with times is: the file, and the columns of input, output, time and curves."""
+
+    file: Path
+    input: str | None
+    output: str | None
+    time: str | None
+    curves: str | None
+    rows: str | None
+
+    def read(self, options: str) -> tuple[Record, Any]:
+        """Return the rows to be fitted, and the label of the curve of each.
+
+        Raises
+        ------
+        ParameterError
+            If a column is not given, which ``options`` of the command line need.
+        """
+        columns = {"--input": self.input, "--output": self.output, "--time": self.time}
+        if missing := next((name for name, value in columns.items() if value is None), None):
+            raise ParameterError(
+                f"{missing} is missing; {options} needs the columns of input, output and time"
+            )
+        from minorloop.lab.records import Record
+
+        labels = [] if self.curves is None else [self.curves]
+        with _common.working(f"reading {self.file.name}") as now:
+            log = _common.read_log(
+                self.file,
+                str(self.input),
+                str(self.output),
+                self.time,
+                now,
+                labels=labels,
+                needed=True,
+            )
+        if log.check is not None and log.check.jumps.size:
+            raise RecordError(
+                f"column '{self.time}' of {self.file} runs backwards after sample "
+                f"{log.check.jumps[0]}, counted from 0 after the header; give the rows in the "
+                "order of time"
+            )
+        record = log.record
+        part = _common.as_rows(self.rows, len(record))
+        chosen = None if self.curves is None else log.labels[self.curves][part]
+        rows = record.t[part], record.u[part], record.y[part]
+        return Record(*rows, record.input, record.output), chosen
+
+
+def refuse_others(given: Mapping[str, Any], taken: Sequence[str], options: str) -> None:
+    """Refuse options of `identify` that cannot be combined with others.
+
+    Parameters
+    ----------
+    given : mapping
+        All options by name.
+    taken : sequence of str
+        Options that can be combined.
+    options : str
+        What they cannot be combined with, for the message.
+
+    Raises
+    ------
+    ParameterError
+        If another one is not the default.
+    """
+    for name, default in _DEFAULTS.items():
+        if name not in taken and given[name] != default:
+            option = name.replace("_", "-")
+            raise ParameterError(
+                f"--{option} cannot be combined with {options}; leave one of them out"
+            )
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where model and report are written, whether they may replace files, and how to print."""
+
+    save: Path | None
+    report: Path | None
+    force: bool
+    as_json: bool
+
+
+def finish(
+    found: Any,
+    record: Record,
+    file: Path,
+    outputs: Outputs,
+    figures: Mapping[str, Any],
+    title: str,
+    report_of: Callable[[Any, Record, Path], Report],
+) -> None:
+    """Write the model and the report of an identification, and print what was found."""
+    from minorloop import modelfile
+    from minorloop.modelfile import Provenance
+
+    if outputs.save is not None:
+        modelfile.save(
+            found,
+            outputs.save,
+            provenance=Provenance.of(file),
+            input=record.input,
+            output=record.output,
+            force=outputs.force,
+        )
+    if outputs.report is not None:
+        with _common.working("drawing the report"):
+            _common.write_report(
+                lambda: report_of(found, record, file), outputs.report, force=outputs.force
+            )
+    if outputs.as_json:
+        said = {"advice": list(found.advice), "warnings": list(found.warnings)}
+        _common.print_json({**figures, **said})
+    else:
+        rows = [*rows_of(found), ("time", f"{figures['seconds']:.2f} s")]
+        _common.print_table(("", ""), rows, title)
+        _common.print_advice(list(found.advice))
+        for path, what in ((outputs.save, "model"), (outputs.report, "report")):
+            if path is not None:
+                typer.echo(f"{what} written to {path}")
+    if found.warnings:
+        raise typer.Exit(_DISTRUSTED)
+
+
+def rows_of(found: Any) -> list[tuple[str, str]]:
+    """Return the rows of the table of a result, label and value."""
+    lines = str(found).splitlines()
+    return [(line[:24].strip(), line[25:]) for line in lines if not line.startswith("advice: ")]
