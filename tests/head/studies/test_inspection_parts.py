@@ -11,6 +11,7 @@ from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.trace import likely
 from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN
 from minorloop.head.studies import (
+    flooded,
     inspection,
     inspection_report,
     inspection_servo,
@@ -240,6 +241,7 @@ def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
 
     def scan(rig, place, *, shift=0.0):
         shifts.append(shift)
+        rig.say("modality", "the wall answers")
         return None, []
 
     def measure(bursts, probe, place, diameter):
@@ -253,7 +255,8 @@ def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
     after = missions._measured(rig, truth, mission, None)
     assert shifts == [0.0, 0.5]
     assert after.pit.measured
-    assert [step.what for step in rig.log] == ["measure", "measure again"]
+    said = [step.what for step in rig.log]
+    assert said == ["modality", "measure", "modality", "measure again"]
 
 
 def line(z, *, phi=0.0, length=4e-3, contrast=0.5):
@@ -299,10 +302,10 @@ def test_a_pipe_of_a_mission_has_its_crack_within_reach_and_clear_of_the_pit():
 def test_wall_and_water_are_known_with_errors(scene):
     rig, truth = draw_mission(1)
     probe = rig.calibration.probe_at(rig.place)
-    assert probe.thickness != truth.wet.thickness
-    assert probe.thickness == pytest.approx(truth.wet.thickness, rel=0.05)
-    assert probe.temperature != truth.temperature
-    assert probe.temperature == pytest.approx(truth.temperature, abs=1.5)
+    assert probe.thickness != truth.pipe.thickness
+    assert probe.thickness == pytest.approx(truth.pipe.thickness, rel=0.05)
+    assert probe.temperature != truth.water.temperature
+    assert probe.temperature == pytest.approx(truth.water.temperature, abs=1.5)
 
 
 def test_settling_and_losses_of_a_run():
@@ -347,7 +350,7 @@ def test_everything_is_gathered_and_reported(mission):
     }
     study = inspection.InspectionStudy(
         1, servo, dict.fromkeys(RUNS, run),
-        tuple(outcomes), np.full(48, 0.3), kinds, mission, 1.0,
+        tuple(outcomes), np.full(48, 0.3), kinds, mission, flooded.reach_figures(1), 1.0,
     )  # fmt: skip
     runs = [study.figures()] * 2
     found = inspection.gather(runs)

@@ -68,6 +68,6 @@ def test_a_tip_has_echoes_in_water_only_and_the_image_of_a_camera_there():
     np.testing.assert_array_equal(tip.frame().image, camera.frame().image)
     dry = tip.shots(1)[0].trace
     tip.flood(True)
-    tip.move_to((0.31, 0.0, 0.0, 0.0, 0.02, 0.0))
+    tip.move_to((-0.35, 0.0, 0.0, 0.0, 0.02, 0.0))
     wet = tip.shots(1)[0].trace
     assert np.abs(wet[600:]).max() > 3 * np.abs(dry[600:]).max()

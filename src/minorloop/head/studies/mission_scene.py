@@ -20,7 +20,7 @@ from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Crack, Pipe, draw_crack
 from minorloop.head.twins.rig import Rig, SimulatedTip
-from minorloop.head.twins.surroundings import Filling, Sway
+from minorloop.head.twins.surroundings import Filling, Surroundings, Sway
 
 RADIUS = 10e-3
 SWAY = Sway()
@@ -124,7 +124,8 @@ def reachable(rig: InspectionRig, truth: MissionTruth) -> bool:
     """Return whether the wires truly reach a raster in the water. For scoring only."""
     view = rig.calibration
     needs = [view.joints(pair) for pair in RasterScan(calibration=view).needs.T]
-    return scoring.reaches(Head(truth.plant.head.specimen), truth.water, np.array(needs).T)
+    around = truth.water.around(Surroundings())
+    return scoring.reaches(Head(truth.plant.head.specimen), around, np.array(needs).T)
 
 
 def _control(seed: int, head: HeadFile | None) -> HeadControl:

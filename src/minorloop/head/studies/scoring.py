@@ -5,6 +5,7 @@ No estimator and no controller uses it; only a study reads it, after a run.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +19,7 @@ from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore
 from minorloop.head.twins.rig import STRAIGHT, Rig
-from minorloop.head.twins.surroundings import Filling
+from minorloop.head.twins.surroundings import Surroundings
 from minorloop.head.twins.ultrasound import Ultrasound
 from minorloop.head.twins.wire import HIGHEST_CURRENT, HeatedWires
 
@@ -68,25 +69,40 @@ def apart(place: npt.ArrayLike, bore: Bore, radius: float) -> float:
     return float(np.linalg.norm(ends[0] - ends[1]))
 
 
-def reaches(head: Head, water: Filling, needs: FloatArray) -> bool:
-    """Return whether the wires of a head reach all readings between two in water.
+def ends(head: Head, surroundings: Surroundings) -> FloatArray:
+    """Return the least and largest settled angle (axes, 2) of the wires in degrees.
 
     Parameters
     ----------
     head : Head
         A fresh twin; it is used up.
-    water : Filling
+    surroundings : Surroundings
+    """
+    head.surround(surroundings)
+    found = []
+    for current in (HIGHEST_CURRENT, 0.0):
+        head._hold(np.full(2, current), np.array([_SETTLED]))
+        found.append(np.degrees(head._state[:, 3] / head._axes[:, 17]))
+    return np.stack(found[::-1], axis=1)
+
+
+def reaches(head: Head, surroundings: Surroundings, needs: FloatArray) -> bool:
+    """Return whether the wires of a head reach all readings between two.
+
+    Parameters
+    ----------
+    head, surroundings
+        As of `ends`.
     needs : (2, 2) array
         Least and largest reading of each joint, in degrees.
     """
-    head.surround(water.around(head.surroundings))
-    ends = []
-    for current in (HIGHEST_CURRENT, 0.0):
-        head._hold(np.full(2, current), np.array([_SETTLED]))
-        ends.append(np.degrees(head._state[:, 3] / head._axes[:, 17]))
     couple = np.array([[1.0, head._cross[0]], [head._cross[1], 1.0]])
-    own = np.linalg.solve(couple, needs)
-    return bool((own[:, 1] <= ends[0]).all() and (own[:, 0] >= ends[1]).all())
+    least, largest = ends(head, surroundings).T
+    return all(
+        bool(((own >= least) & (own <= largest)).all())
+        for pair in itertools.product(*needs)
+        for own in (np.linalg.solve(couple, np.array(pair)),)
+    )
 
 
 def touch_off(tip: Any, bore: Bore, radius: float) -> float:
