@@ -1,9 +1,14 @@
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from minorloop.head.control.head import head_control
 from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.lab.actuator import Shot
+from wires import identified
 
 from .fakes import CALIBRATION, Loop
 
@@ -110,6 +115,33 @@ def test_the_head_bends_by_little_across_the_pipe(scanned):
     assert (state.targets > least - 0.01).all()
     assert (state.targets < most + 0.01).all()
     assert np.degrees(np.ptp(state.targets, axis=0))[1] < 2.0
+
+
+def control():
+    return head_control("observer", (identified().model,) * 2)
+
+
+def test_what_cold_water_puts_out_of_reach_is_said_before_travel():
+    cold = replace(SCAN, calibration=replace(CALIBRATION, temperature=1.0))
+    state = cold.begin(CENTRE, control=control())
+    words = r"out of reach: (pan|tilt) needs 1\d degrees, has 1\d \(\d to \d+\) in water of 1 C"
+    assert re.fullmatch(words, state.refused)
+    loop = Loop()
+    assert loop.run(cold, state).bursts == ()
+    assert (loop.place == 0.0).all()
+    assert shot_at(loop) == []
+
+
+@pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0, 40.0])
+def test_a_nominal_head_reaches_its_raster_in_water(temperature):
+    warm = replace(SCAN, calibration=replace(CALIBRATION, temperature=temperature))
+    assert warm.out_of_reach(control()) == ""
+    assert not warm.begin(CENTRE, control=control()).done
+
+
+def test_what_hot_wires_do_not_cool_down_to_is_said_too():
+    hot = replace(SCAN, calibration=replace(CALIBRATION, temperature=70.0))
+    assert "stays above" in hot.out_of_reach(control())
 
 
 @pytest.mark.parametrize("start", [-3.0, 0.0, 3.0])

@@ -8,6 +8,7 @@ import pytest
 from minorloop.errors import ModelFileError
 from minorloop.head.geometry import Mount
 from minorloop.head.procedures.head_file import HeadFile
+from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.procedures.trace import likely
 from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN
 from minorloop.head.studies import (
@@ -60,7 +61,7 @@ def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
     after = [what for what in steps if what in order]
     assert after[: len(order)] == order
     assert steps[steps.index("reconstruct") + 1 :] == [
-        "pick", "centre", "focus", "trace", "modality", "measure",
+        "pick", "centre", "focus", "trace", "scan", "modality", "measure",
     ]  # fmt: skip
     figures = mission.figures()
     assert figures["measured"]
@@ -87,6 +88,50 @@ def test_a_mission_traces_its_crack_and_measures_it(mission):
     assert crack.wall.depth[deep] == pytest.approx(crack.found.depth)
     assert np.isnan(crack.wall.depth).any()
     assert mission.ring.patch.z < crack.wall.patch.z
+
+
+@pytest.mark.parametrize("what", ["centre", "touch", "scan"])
+def test_a_pit_counts_as_measured_only_if_every_step_with_it_succeeded(mission, what):
+    failed = LogEntry(0.0, what, "3.1 px from the middle", succeeded=False)
+    one = replace(mission, steps=(*mission.steps, failed))
+    assert one.pit.measured
+    assert not one.figures()["measured"]
+    assert one.figures()["failed"] == (what,)
+    assert one.findings[0].verdict == f"measured, but failed: {what}"
+
+
+def test_a_pit_counts_as_measured_only_within_the_band_and_where_the_tool_touched(mission):
+    wrong = replace(mission.pit, depth=mission.truth.depth + 4 * mission.pit.depth_sd)
+    assert not replace(mission, pit=wrong).figures()["measured"]
+    assert not replace(mission, touch=0.31e-3).figures()["measured"]
+    steps = mission.figures()["steps"]
+    assert ("touch", True) in [(what, succeeded) for _, what, _, succeeded in steps]
+
+
+def test_only_pits_within_reach_count_and_others_must_be_refused(mission):
+    figures = mission.figures()
+    said = figures | {"reachable": False, "refused": True, "measured": False}
+    silent = said | {"refused": False}
+    found = inspection._of_missions([figures, said, silent])
+    assert (found["pits_measured"], found["reachable"]) == (1.0, 1)
+    assert found["unreachable_said"] == 0.5
+    assert found["refused_in_vain"] == 0
+
+
+def test_a_pit_out_of_reach_is_reported_as_such_and_not_scanned(scene, monkeypatch):
+    def scan(rig, place, *, shift=0.0):
+        rig.say("reach", "out of reach: pan needs 15 degrees", succeeded=False)
+        return None, []
+
+    monkeypatch.setattr(missions, "touch", lambda rig, hole: None)
+    monkeypatch.setattr(missions, "scan", scan)
+    rig, truth = draw_mission(1)
+    mission = missions.Mission(1, truth.bore, truth.crack, 0.0, found=thing(0.02))
+    after = missions._measured(rig, truth, mission, None)
+    assert after.finding.verdict == "out of reach"
+    assert after.finding.kind == "hole or pit"
+    assert not after.pit.measured
+    assert after.failed == ("reach",)
 
 
 def test_findings_are_saved_as_meshes_and_a_table(mission, tmp_path):

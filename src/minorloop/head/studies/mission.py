@@ -41,7 +41,15 @@ from minorloop.head.studies.mission_scene import (
     draw_mission,
     reachable,
 )
-from minorloop.head.studies.ultrasonic_scan import drain, fused_wall, ring_of, scan, sweep
+from minorloop.head.studies.ultrasonic_scan import (
+    REFUSED,
+    drain,
+    fused_wall,
+    refused,
+    ring_of,
+    scan,
+    sweep,
+)
 from minorloop.head.twins.pipe import Bore, Crack
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit
 from minorloop.head.ultrasound.profile import Profile
@@ -60,8 +68,6 @@ SAME = 1.0e-3
 """Candidates within this distance in metres are one."""
 AGAIN = "disturbed"
 """Verdict after which a raster is scanned again, displaced by half a pitch."""
-REFUSED = "out of reach"
-"""Verdict of a pit that the probe does not reach in the water."""
 CLAIMED = ("centre", "touch", "reach", "scan")
 """Steps without which a pit does not count as measured."""
 PROMISED = 3.0
@@ -292,7 +298,7 @@ def _measured(
     place = (float(hole.place[0]), float(hole.place[1]))
     one = replace(one, centred=centred_image, touch=off)
     probe, bursts = scan(rig, place)
-    if not rig.log[-1].succeeded and rig.log[-1].what == "reach":
+    if refused(rig):
         steps = (*one.steps, *rig.log[began:])
         return replace(one, pit=PitDepth(REFUSED, *place, hole.diameter), steps=steps)
     pit = measure_pit(bursts, probe, place, hole.diameter)

@@ -34,6 +34,8 @@ from minorloop.head.vision.defects import Hole
 from minorloop.head.vision.reflectance_map import ReflectanceMap
 from minorloop.identification.bands import PER_DEVIATION
 
+REFUSED = "out of reach"
+"""Verdict of a place that the probe does not reach in the water."""
 TURNS, RING_SHOTS = 48, 4
 """Places of the sweep round the pipe for water line and profile, and shots at each."""
 RING, MARGIN = 9.6e-3, 1e-3
@@ -67,6 +69,11 @@ def scan(
     answer = "the wall answers" if coupled else "no echo: camera only"
     rig.say("modality", answer, succeeded=coupled)
     return rig.calibration.probe_at(state.reference), list(bursts)
+
+
+def refused(rig: InspectionRig) -> bool:
+    """Return whether the last scan was refused because the water puts it out of reach."""
+    return rig.log[-1].what == "reach" and not rig.log[-1].succeeded
 
 
 def drain(rig: InspectionRig) -> None:
