@@ -1,12 +1,14 @@
 """Parts of the inspection study on one seed each; the whole is a make target."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from minorloop.errors import ModelFileError
 from minorloop.head.geometry import Mount
+from minorloop.head.procedures import steps
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.procedures.trace import likely
@@ -302,6 +304,20 @@ def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
     assert after.pit.measured
     said = [step.what for step in rig.log]
     assert said == ["modality", "measure", "modality", "measure again"]
+
+
+def test_the_catheter_rolls_to_where_weak_wires_reach_a_place_that_they_would_not_else():
+    rig, _ = draw_mission(1)
+    stroke = np.array([[0.0, 50.0], [0.0, 50.0]])
+    rig.control = SimpleNamespace(reach=lambda wanted: stroke)
+    below, above = np.array([np.pi / 2, 20e-3]), np.array([-np.pi / 2, 20e-3])
+    assert steps._near(rig, below)[1] == 0.0
+    rolled = steps._near(rig, above)
+    wanted = rig.calibration.joints(steps.aim_at(rig.calibration, above, rolled))
+    assert (wanted > 5.0).all()
+    assert (wanted < 20.0).all()
+    stroke[:, 1] = 60.0
+    assert steps._near(rig, above)[1] == 0.0
 
 
 def line(z, *, phi=0.0, length=4e-3, contrast=0.5):

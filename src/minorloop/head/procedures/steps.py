@@ -27,6 +27,9 @@ CENTRED = np.radians(23.0)
 NEAR, FIRST = 6e-3, 1e-3
 """Advance of the near view beyond the place of centring, and least advance of the catheter, in
 metres: drawn back further, its tip sticks."""
+COLD, SPARE = np.radians(135.0), 2.0
+"""Direction in the image of what is on the cold side of both wires, in radians from its x to its y
+axis; and degrees by which a wire must reach farther than a place needs, for tool and overshoot."""
 CENTRED_PX, WITHIN = 2.0, 0.3e-3
 """Farthest distance of a centred point from the middle of the image in pixels, and of a touch from
 its place in metres."""
@@ -86,14 +89,29 @@ def photo(rig: InspectionRig) -> Photo:
 
 def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:
     """Go to where a place is within the cone, turn towards it, and return image and pixel."""
-    ahead = rig.calibration.radius / np.tan(CENTRED)
-    go(rig, place=(max(float(place[1]) - ahead, FIRST), 0.0))
+    go(rig, place=_near(rig, place))
     go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
     meter(rig)
     where = f"phi {np.degrees(wrapped(place[0])):.0f} deg, z {1e3 * place[1]:.1f} mm"
     rig.say("pick", f"{where}, {words}")
     seen = photo(rig)
     return seen.image, seen.pixels(place)
+
+
+def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
+    """Return advance and roll (2,) of the catheter before a place.
+
+    It rolls only if the wires, from a roll of 0, would not turn the head to the place: until the
+    place is where they are cold.
+    """
+    view = rig.calibration
+    ahead = float(place[1]) - view.radius / np.tan(CENTRED)
+    there = np.array([max(ahead, FIRST), 0.0])
+    wanted = view.joints(aim_at(view, place, there))
+    least, most = rig.control.reach(wanted).T
+    if (wanted > most - SPARE).any() or (wanted < least).any():
+        there[1] = float(wrapped(place[0] - COLD - view.roll))
+    return there
 
 
 def centre(rig: InspectionRig, place: FloatArray) -> None:
