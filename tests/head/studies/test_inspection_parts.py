@@ -417,7 +417,7 @@ def test_everything_is_gathered_and_reported(mission):
     found = inspection.gather(runs)
     assert len(claim_table(inspection.CLAIMS, found).rows) == len(inspection.CLAIMS)
     assert found["modality"]["wrong"] == 0
-    assert figure(found, "mission.measured") == figure(found, "mission.crack_found") == 1.0
+    assert figure(found, "mission.measured") == figure(found, "mission.cracks_found") == 1.0
     assert figure(found, "mission.false_cracks") == 0
     page = inspection_report.study_report(study, found, runs).html()
     assert found["detection"]["plain_edge_px_p90"] == 0.3
