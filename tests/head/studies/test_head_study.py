@@ -76,7 +76,7 @@ def test_no_limit_was_exceeded_and_no_alarm_was_false(figures):
     assert figures["limits"]["hottest_C"] <= 150.0
     assert figures["unreachable"]["false_alarms"] == 0
     assert figures["unreachable"]["cases"] == 12
-    assert figures["unreachable"]["detected"] is True
+    assert figures["unreachable"]["detected"] == 1.0
 
 
 def test_the_inverse_operator_makes_control_better(figures):
@@ -107,7 +107,7 @@ def test_medians_add_up_what_must_never_happen(study):
     other["unreachable"]["detected"] = False
     found = head.gather([one, other])
     assert found["limits"]["violations"] == 3
-    assert found["unreachable"]["detected"] is False
+    assert found["unreachable"]["detected"] == 0.5
 
 
 def test_references():

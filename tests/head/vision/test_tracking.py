@@ -230,3 +230,39 @@ def test_one_of_many_equal_spots_is_never_taken_for_another():
         told = AIM + np.array([turn, 0.0])
         track, state = TRACKER.step(state, photograph(*AIM, spots, seed=n), *told)
         assert track.verdict != "tracked" or distance(track, AIM) < 4
+
+
+def test_a_hole_on_brushed_wall_is_tracked_though_its_surroundings_are_alike_along_the_brush():
+    def brushed(phi, z):
+        marks = 0.5 + 0.12 * np.cos(260 * phi) + 0.1 * np.cos(410 * phi + 1) + 0 * z
+        off = np.hypot(10e-3 * (phi - PLACE[0]), z - PLACE[1])
+        return np.where(off < 0.35e-3, 0.3, marks)
+
+    _, state = TRACKER.begin(photograph(*AIM, brushed), CAMERA.pixel(PLACE, *AIM), *AIM)
+    for n in range(1, 4):
+        angles = AIM + 0.01 * n
+        track, state = TRACKER.step(state, photograph(*angles, brushed, seed=n), *angles)
+        assert track.verdict == "tracked"
+        assert distance(track, angles) < 0.5
+
+
+EDGE = AIM + np.array([0.36, 0.0])  # the patch is 10 pixels from the edge of the frame
+
+
+def test_a_lost_patch_is_found_again_only_with_most_of_its_surroundings():
+    _, state = begin()
+    _, state = TRACKER.step(state, np.zeros((480, 640), np.uint8), *AIM)
+    track, _ = TRACKER.step(state, photograph(*EDGE, seed=1), *EDGE)
+    assert track.verdict == "lost"
+    track, _ = TRACKER.step(state, photograph(*AIM, seed=1), *AIM)
+    assert track.verdict == "tracked"
+
+
+def test_a_view_is_kept_only_of_a_patch_whose_surroundings_are_seen():
+    _, state = begin()
+    track, after = replace(TRACKER, fresh=1e-9).step(state, photograph(*EDGE, seed=1), *EDGE)
+    assert track.verdict == "tracked"
+    assert len(after.views) == 1
+    angles = AIM + np.array([0.05, 0.0])
+    _, after = replace(TRACKER, fresh=1e-9).step(state, photograph(*angles, seed=1), *angles)
+    assert len(after.views) == 2

