@@ -47,16 +47,16 @@ _FADE = 0.5  # damping of the drift
 _PLAIN = 1e-3
 """Standard deviation of the details of a patch below which there are none."""
 _CLOSE = 4
-"""Texels about where the surroundings put the patch in which it is searched closely, and beside its
-peak at which this is told from a ridge: 0.2 mm."""
+"""Texels about where the surroundings put the patch in which it is searched closely, and beside
+its peak at which this is told from a ridge: 0.2 mm."""
 _ALIKE = 0.03e-3
-"""Largest distance in metres between a patch and where its surroundings put it, for a new view to be
-kept: a view repeats the error of the match that it is taken from."""
+"""Largest distance in metres between a patch and where its surroundings put it, for a new view to
+be kept: a view repeats the error of the match that it is taken from."""
 _HIDDEN = 0.5
 """Share of its usual correlation below which a patch is hidden, though its surroundings are not."""
 _WHOLE = 0.7
-"""Share of the tiles with which a lost patch is found again, and a view of it kept: part of a regular
-pattern fits often."""
+"""Share of the tiles with which a lost patch is found again, and a view of it kept: part of a
+regular pattern fits often."""
 _USUAL = 0.1
 """Weight of a new frame in the usual correlation: light changes it over some frames."""
 
