@@ -257,7 +257,7 @@ def test_a_lost_patch_is_found_again_only_with_most_of_its_surroundings():
     _, state = begin()
     _, state = TRACKER.step(state, np.zeros((480, 640), np.uint8), *AIM)
     track, _ = TRACKER.step(state, photograph(*EDGE, seed=1), *EDGE)
-    assert track.verdict == "lost"
+    assert track.verdict == "out of view"
     track, _ = TRACKER.step(state, photograph(*AIM, seed=1), *AIM)
     assert track.verdict == "tracked"
 
