@@ -26,11 +26,14 @@ def study():
     shorter = {
         "OPEN_TARGETS": 4, "OLD_TARGETS": 4, "FASTER": (), "STEP_SECONDS": 20.0,
         "FAULT_SECONDS": 18.0, "RAMPS_SECONDS": 60.0, "RAMP_SECONDS": 50.0, "RAMP_AT": 20.0,
-        "RAMP": ramp, "LATER": (1.0,), "LATER_SECONDS": 40.0,
+        "RAMP": ramp, "LATER": (1.0,), "LATER_SECONDS": 40.0, "CIRCLE_WAIT": 10.0, "TURNS": 1,
+        "IMPOSSIBLE_SECONDS": 14.0,
+        "DISTURBED": {what: head.DISTURBED[what] for what in ("ambient 10 C", "convection 90")},
     }  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
         for name, value in shorter.items():
             patch.setattr(head, name, value)
+        patch.setattr(head_report, "DISTURBED", shorter["DISTURBED"])
         patch.setattr(tracking_trials, "WALLS", ("drawn", "repeated"))
         patch.setattr(tracking_trials, "FRAMES", 16)
         patch.setattr(touch_trials, "TOUCHES", 1)

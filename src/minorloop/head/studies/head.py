@@ -80,6 +80,8 @@ RIVALS_CIRCLE = f"circle {PERIODS[1]:g} s"
 """The circle of all controllers, the faster one whose error is limited."""
 CIRCLE_WAIT = 20.0
 """Wait at the first point of a circle in seconds: longer than a step may take to settle."""
+TURNS = 2
+"""Turns of a circle: the first begins from rest, the second shows whether the error stays."""
 OPEN_HOLD, OPEN_TARGETS, OPEN_RANGE = 25.0, 14, (5.0, 50.0)
 """Targets in open loop: hold in s, of more than three time constants; how many, by trial; and range
 in degrees, within the stroke of 57 at least."""
@@ -429,7 +431,7 @@ def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, s
         tried.append(("ambient ramp", name, constant(RAMP_TARGET), RAMP_SECONDS, RAMP))
         for period in (*PERIODS, *FASTER):
             if name == DEFAULT or f"circle {period:g} s" == RIVALS_CIRCLE:
-                way, span = circle(period, before=CIRCLE_WAIT), CIRCLE_WAIT + 2 * period
+                way, span = circle(period, before=CIRCLE_WAIT), CIRCLE_WAIT + TURNS * period
                 tried.append((f"circle {period:g} s", name, way, span, None))
     old = stairs(rng.uniform(*OLD_RANGE, OLD_TARGETS).tolist(), OLD_HOLD)
     for name in OLD:
