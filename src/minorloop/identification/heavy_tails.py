@@ -99,9 +99,8 @@ def _posterior(
     V A' C^-1 y and its covariance V - V A' C^-1 A V.
     """
     gram, slope, square, spent = evidence.information(h)
-    precision = field.precision(h, 1.0)
-    own, cells = precision.own, variances.size
-    given = own[:cells]
+    precision, cells = field.precision(h, 1.0), variances.size
+    own, given = precision.own, precision.own[:cells]
     matrix = gram.copy()
     matrix[np.diag_indices(own.size)] += own
     root = cholesky(matrix)
@@ -109,16 +108,18 @@ def _posterior(
     factors = precision.factors.toarray()
     linked = inverse[:, :cells] @ (given[:, None] * factors)
     of_field = cholesky(precision.field - (given[:, None] * factors).T @ linked[:cells])
-    part = triangular_solve(of_field, linked.T @ slope)
-    mean = inverse @ slope + linked @ triangular_solve(of_field, part, transposed=True)
+    half = triangular_solve(of_field, linked.T @ slope)
+    values = triangular_solve(of_field, half, transposed=True)
+    mean = inverse @ slope + linked @ values
     half = triangular_solve(of_field, (linked[:cells] - factors).T)
     loose = inverse.diagonal()[:cells] + np.einsum("mk,mk->k", half, half)
-    left = (slope - gram @ mean)[:cells]
-    determined = np.clip(variances * given * (1 - given * loose), 0.0, 1.0)
+    share = variances * given
+    own_mean = share * (mean[:cells] - factors @ values)  # A' C^-1 y would be rounding
+    determined = np.clip(share * (1 - given * loose), 0.0, 1.0)
     logarithms = np.log(root.diagonal()).sum() + np.log(of_field.diagonal()).sum()
     spent += 2 * float(logarithms) - precision.logarithm
     return _Round(
         -0.5 * (square - float(slope @ mean) + spent),
-        (variances * left) ** 2 + variances * (1 - determined),
+        own_mean**2 + variances * (1 - determined),
         determined,
     )
