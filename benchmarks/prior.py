@@ -18,8 +18,8 @@ from minorloop.operators.memory import Memory
 PLANES = ("smooth", "two populations", "uniform", "exponential squared", "few relays")
 SIZES, FINE = ((10, 150), (10, 400), (20, 2_000)), ((80, 5_000),)
 """Bands and samples; the last of more bands than single large weights are looked for."""
-SEEDS, NOISE, OTHERS = 20, 3e-3, 1_500
-"""Plants of each kind and size, noise over the range, and inputs that are not fitted."""
+SEEDS, NOISE, OTHERS = 5, 3e-3, 1_500
+"""Plants of each kind, size and kind of inputs, noise over the range, and inputs not fitted."""
 
 
 def rows(quick: bool = False) -> list[Row]:
