@@ -11,6 +11,8 @@ CORE := .venv/.core
 STAMP := .venv/.installed
 LOCK := requirements.lock
 CORE_LOCK := requirements-core.lock
+JUDGE_LOCK := requirements-judge.lock
+SCENES ?= 200
 
 PAGES := src/minorloop/head/console/static/index.html
 # The pages are built where there is a node to build them; without, everything else still works.
@@ -20,7 +22,7 @@ BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo docs pages console screenshots studies test torture check bench figures format lock wheel sdist smoke fuzz clean
+.PHONY: help setup demo docs pages console screenshots studies test torture check bench judge figures format lock wheel sdist smoke fuzz clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -67,6 +69,12 @@ check: setup ## check format, style, types and who imports whom
 bench: setup ## measure speed and accuracy
 	$(BIN)/python -m benchmarks
 
+judge: setup ## SCENES=200 scenes of another renderer, and pits of a wave equation; prints scores. Needs libllvm 17 or newer
+	$(INSTALL) --require-hashes -r $(JUDGE_LOCK)
+	$(BIN)/python -m benchmarks.judge render --count $(SCENES)
+	$(BIN)/python -m benchmarks.judge score --count $(SCENES)
+	$(BIN)/python -m benchmarks.judge sound --count 3
+
 figures: setup ## draw the figures of the README and the docs anew
 	$(BIN)/python examples/docs_figures.py
 	$(BIN)/python examples/readme_figures.py
@@ -82,11 +90,12 @@ format: setup ## format the code and mend what ruff can mend
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --generate-hashes \
   --no-header --no-annotate --no-emit-index-url --no-emit-find-links
 
-lock: ## write both locks anew; UPGRADE="numpy scipy" moves those packages on
+lock: ## write all locks anew; UPGRADE="numpy scipy" moves those packages on
 	@$(UV) --version >/dev/null 2>&1 || { echo "uv is missing; run 'make setup' first, or name one with UV=uv" >&2; exit 1; }
 	$(COMPILE) --group dev --all-extras $(addprefix --upgrade-package ,$(UPGRADE)) --output-file $(LOCK) pyproject.toml
 	$(COMPILE) --group build --constraint $(LOCK) --output-file $(CORE_LOCK) pyproject.toml
-	@! grep -n '://' $(LOCK) $(CORE_LOCK) || { echo "a lock names a download address; it must not" >&2; exit 1; }
+	$(COMPILE) --group judge --constraint $(LOCK) --output-file $(JUDGE_LOCK) pyproject.toml
+	@! grep -n '://' $(LOCK) $(CORE_LOCK) $(JUDGE_LOCK) || { echo "a lock names a download address; it must not" >&2; exit 1; }
 
 wheel: setup $(PAGES) ## build the wheel into dist/, pages included
 	$(BIN)/hatchling build -t wheel

@@ -3,6 +3,9 @@
     python -m benchmarks.detector fit --first 10000 --count 460 > evidence.py
     python -m benchmarks.detector score --first 30000 --count 500
 
+With ``--rendered FOLDER``, scenes of ``python -m benchmarks.judge render`` with seeds from 1000 to
+``--until`` are fitted too.
+
 Each seed gives a scene with a hole and one without, beside saturated glints. A finding within
 0.3 mm of the hole is correct; one farther than 0.8 mm off, or without a hole, is false. Places are
 compared on the map of the camera, which knows the pivot to 0.2 mm and the angles to 0.05 degrees,
@@ -15,6 +18,7 @@ import argparse
 import json
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -31,6 +35,8 @@ FALSE = 0.05
 ASKED = {"switched": 0.0125}
 """False findings an acquisition at the thresholds, where not ``FALSE``: switched lights leave
 evidence to spare, and one set of scenes has twice as many as another."""
+PARTS = 3
+"""Parts of a cross-validation."""
 PENALTY, LEAST_WEIGHT = 1.0, 0.2
 
 
@@ -43,6 +49,7 @@ class Scene:
     inside: str
     found: dict[str, list[tuple[Candidate, np.ndarray]]]
     seconds: dict[str, float]
+    rendered: bool = False
 
 
 def shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFrame]:
@@ -89,6 +96,21 @@ def scene(seed: int, hole: bool, modes: tuple[str, ...]) -> Scene:
     return Scene(place, bore.diameter if bore else 0.0, bore.inside if bore else "", found, seconds)
 
 
+def rendered_scene(drawn: object, radiance: np.ndarray) -> Scene:
+    """Search a scene of the other renderer under switched lights."""
+    from benchmarks.judge.score import frames_of
+
+    camera, frames, place = frames_of(drawn, radiance)
+    wall = lay_flat(frames, camera)
+    objects = candidates(wall) if wall is not None else []
+    places = [wall.window.place(each.x, each.y, camera.radius) for each in objects]
+    hole = drawn.hole
+    size, inside = (1e-3 * hole.mouth, hole.inside) if hole else (0.0, "")
+    return Scene(
+        place, size, inside, {"switched": list(zip(objects, places, strict=True))}, {}, True
+    )
+
+
 def errors(scene: Scene, place: np.ndarray, diameter: float) -> tuple[float, float]:
     """Return the error of a finding in metres, and its relative error of size."""
     turn = 10e-3 * float(wrapped(place[0] - scene.place[0]))
@@ -96,16 +118,20 @@ def errors(scene: Scene, place: np.ndarray, diameter: float) -> tuple[float, flo
     return float(np.hypot(turn, place[1] - scene.place[1])), size
 
 
-def logistic(x: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
-    """Constant and weights of the odds, by Newton's method with a penalty on the weights."""
+def logistic(x: np.ndarray, y: np.ndarray, share: np.ndarray) -> tuple[float, np.ndarray]:
+    """Constant and weights of the odds, by Newton's method with a penalty on the weights.
+
+    ``share`` is how much each row counts.
+    """
     design = np.column_stack([np.ones(len(x)), x])
     penalty = np.diag([0.0] + [PENALTY] * x.shape[1])
     beta = np.zeros(design.shape[1])
-    beta[0] = np.log(max(y.mean(), 1e-6) / (1 - y.mean()))
+    middle = float(np.average(y, weights=share))
+    beta[0] = np.log(max(middle, 1e-6) / (1 - middle))
     for _ in range(60):
         p = 1 / (1 + np.exp(-np.clip(design @ beta, -30, 30)))
-        gradient = design.T @ (p - y) + penalty @ beta
-        curve = (design * (p * (1 - p) + 1e-9)[:, None]).T @ design + penalty
+        gradient = design.T @ (share * (p - y)) + penalty @ beta
+        curve = (design * (share * (p * (1 - p) + 1e-9))[:, None]).T @ design + penalty
         step = np.linalg.solve(curve + 1e-9 * np.eye(len(beta)), gradient)
         beta = beta - step * min(1.0, 2.0 / max(np.abs(step).max(), 1e-9))
         if np.abs(step).max() < 1e-6:
@@ -114,8 +140,13 @@ def logistic(x: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def fit_kind(scenes: list[Scene], mode: str, kind: str) -> tuple[float, dict[str, float]]:
-    """Fit the weights of one kind of candidate; features with small weights are left out."""
-    rows, labels = [], []
+    """Fit the weights of one kind of candidate; features with small weights are left out.
+
+    Scenes of the other renderer count as much together as ours.
+    """
+    rows, labels, shares = [], [], []
+    others = sum(one.rendered for one in scenes)
+    share = {False: 1.0, True: max(len(scenes) - others, 1) / max(others, 1)}
     for one in scenes:
         for candidate, place in one.found[mode]:
             if candidate.kind != kind:
@@ -125,13 +156,14 @@ def fit_kind(scenes: list[Scene], mode: str, kind: str) -> tuple[float, dict[str
             if right or not one.diameter or off > FAR:
                 rows.append(candidate.features)
                 labels.append(float(right))
+                shares.append(share[one.rendered])
     if not labels or sum(labels) < 3:
         return -20.0, {}
-    x, y = np.array(rows), np.array(labels)
+    x, y, counts = np.array(rows), np.array(labels), np.array(shares)
     keep = np.flatnonzero(x.std(axis=0) > 1e-6)
     while True:
         middle, width = x[:, keep].mean(axis=0), x[:, keep].std(axis=0)
-        constant, weights = logistic((x[:, keep] - middle) / width, y)
+        constant, weights = logistic((x[:, keep] - middle) / width, y, counts)
         least = int(np.argmin(np.abs(weights)))
         if abs(weights[least]) >= LEAST_WEIGHT or len(keep) == 1:
             break
@@ -197,16 +229,24 @@ def fit(scenes: list[Scene], modes: tuple[str, ...]) -> tuple[dict, dict, dict]:
     """Return weights, thresholds, and recall on the halves that were not fitted."""
     tables, thresholds, recall = {}, {}, {}
     for mode in modes:
-        false, right = [], []
-        for part in range(2):
+        own = [one for one in scenes if mode in one.found]
+        false: dict[bool, list[float]] = {True: [], False: []}
+        right = []
+        for part in range(PARTS):
             # A seed gives two scenes, one after the other.
-            half = [one for n, one in enumerate(scenes) if n // 2 % 2 == part]
-            other = [one for n, one in enumerate(scenes) if n // 2 % 2 != part]
-            more = judged(other, mode, table_of(half, mode))
-            false, right = false + more[0], right + more[1]
-        thresholds[mode] = threshold_of(false, len(scenes), ASKED.get(mode, FALSE))
+            table = table_of([s for n, s in enumerate(own) if n // 2 % PARTS != part], mode)
+            for which in false:
+                left = [s for n, s in enumerate(own) if n // 2 % PARTS == part]
+                more = judged([s for s in left if s.rendered == which], mode, table)
+                false[which] += more[0]
+                right += more[1]
+        limits = {True: FALSE, False: ASKED.get(mode, FALSE)}
+        thresholds[mode] = max(
+            threshold_of(false[which], sum(s.rendered == which for s in own), limits[which])
+            for which in (True, False)
+        )
         recall[mode] = float(np.mean([best[0] >= thresholds[mode] for best in right]))
-        tables[mode] = table_of(scenes, mode)
+        tables[mode] = table_of(own, mode)
     return tables, thresholds, recall
 
 
@@ -271,10 +311,17 @@ def main() -> None:
     parser.add_argument("--first", type=int, required=True)
     parser.add_argument("--count", type=int, required=True)
     parser.add_argument("--modes", nargs="+", choices=MODES, default=MODES)
+    parser.add_argument("--rendered", type=Path, help="folder of scenes of the other renderer")
+    parser.add_argument("--until", type=int, default=1039, help="last of their seeds from 1000")
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + asked.count)
     modes = tuple(asked.modes)
     scenes = [scene(seed, hole, modes) for seed in seeds for hole in (True, False)]
+    if asked.rendered is not None:
+        from benchmarks.judge.__main__ import rendered
+
+        others = rendered(range(1000, asked.until + 1), asked.rendered)
+        scenes += [rendered_scene(*one) for one in others]
     if asked.what == "fit":
         print(source(*fit(scenes, modes)[:2], asked.first, asked.count), end="")
     else:

@@ -207,6 +207,14 @@ def frozen(values: npt.ArrayLike) -> FloatArray:
     return copy
 
 
+def writable(values: FloatArray) -> FloatArray:
+    """Return the array, or a copy if it is read-only.
+
+    Numba takes seconds to compile a loop anew for read-only arrays.
+    """
+    return np.require(values, requirements="W")
+
+
 def uniform_levels(low: float, high: float, bands: int) -> Levels:
     """Return ``bands + 1`` evenly spaced thresholds from ``low`` to ``high``.
 

@@ -11,8 +11,8 @@ import csv
 import io
 import os
 import re
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -190,6 +190,26 @@ def make_folder(path: PathLike, *, force: bool = False) -> Path:
     except OSError as error:
         raise _refusal(folder, error) from None
     return folder
+
+
+@contextmanager
+def new_folder(path: PathLike) -> Iterator[Path]:
+    """Yield a folder as `make_folder` accepts it; an error that leaves it empty removes it.
+
+    Raises
+    ------
+    OutputError
+        As `make_folder`.
+    """
+    made = [each for each in (Path(path), *Path(path).parents) if not each.exists()]
+    folder = make_folder(path)
+    try:
+        yield folder
+    except BaseException:
+        with suppress(OSError):  # it is not empty
+            for each in made:
+                each.rmdir()
+        raise
 
 
 def write_folder(path: PathLike, files: Mapping[str, str], *, force: bool = False) -> Path:

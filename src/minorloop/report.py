@@ -14,6 +14,7 @@ from minorloop.version import __version__
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.identification.after_effect_result import AfterEffectIdentification
     from minorloop.identification.dynamic_result import DynamicIdentification
     from minorloop.identification.frequency import FrequencyResponse
     from minorloop.identification.result import Identification
@@ -196,6 +197,49 @@ def identification_report(
     report.add("What it looks like", pictures=[Picture(figure, caption)])
     if result.curve_accuracy:
         _add_curves(report, result)
+    return report
+
+
+def after_effect_report(
+    result: AfterEffectIdentification, *, source: str, input_label: str, output_label: str
+) -> Report:
+    """Return a report on a model with time in the plane: what time explains, and by which law.
+
+    Parameters
+    ----------
+    result : AfterEffectIdentification
+        The identification.
+    source : str
+        Name of the record.
+    input_label, output_label : str
+        Name and unit of input and output, such as ``voltage [V]``.
+
+    Returns
+    -------
+    Report
+    """
+    left, without = result.left_out_error, result.without_time
+    share = 1 - (left / without) ** 2 if without else 0.0
+    report = Report(
+        f"{output_label} against {input_label} and time",
+        f"Identified from {int(result.fitted.sum())} rows of {source}. On rows that were left "
+        f"out, the error is {left:.3%} of the range, and {without:.3%} without time: time explains "
+        f"{max(share, 0.0):.0%} of what hysteresis leaves.",
+    )
+    # A dollar in a label does not begin a formula.
+    names = [label.replace("$", r"\$") for label in (input_label, output_label)]
+    labels = dict(zip(("input_label", "output_label"), names, strict=True))
+    report.add(
+        "Result",
+        table=Table(("", ""), result.rows),
+        pictures=[Picture(result.plot(**labels), "Record, loop, residual, and laws compared.")],
+        notes=result.advice,
+    )
+    report.add(
+        "Model",
+        text="The loop of inputs that are held for long, and how the output settles in holds.",
+        pictures=[Picture(result.model.plot(**labels), "Settled loop, and holds on the way down.")],
+    )
     return report
 
 

@@ -3,7 +3,7 @@ import re
 import shutil
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,16 +12,21 @@ import pytest
 
 from minorloop.cli import _calibration
 from minorloop.cli._seen import swept_view
+from minorloop.cli.run import carry_out_levels
 from minorloop.errors import InstrumentError, ParameterError, SafetyError, StoreError
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
-from minorloop.lab.actuator import Frame
+from minorloop.lab.actuator import Channel, Frame
+from minorloop.lab.plan import Plan
+from minorloop.lab.records import Record
+from minorloop.lab.store import Setup, Store
 from wires import made_up
 
 VIEW = HeadCalibration(lens=Pinhole(), leds=np.zeros((1, 3)))
-LATER = datetime(2226, 1, 1, tzinfo=UTC)
+LATER = (datetime.now(UTC) + timedelta(hours=12)).replace(microsecond=0)
+"""After every identification of a test."""
 IDENTIFY = "head identify --actuator twin:head --noise 0.05 --bands 2 --hold 12 --store runs"
 
 
@@ -71,7 +76,7 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
     save_head(later, "head.json", force=True)
     status, _, error = run(f"{IDENTIFY} --head head.json --specimen 1000 --force")
     assert status == 2
-    assert "before its calibration on 2226-01-01 00:00 UTC; identify them again" in error
+    assert f"before its calibration on {LATER:%Y-%m-%d %H:%M} UTC; identify them again" in error
     pytest.importorskip("starlette", reason="needs starlette and uvicorn: minorloop[head]")
     status, _, error = run("console --port 0 --head head.json")
     assert status == 2
@@ -500,5 +505,45 @@ def test_an_inspection_refuses_advances_without_a_catheter(run, inspected):
     status, _, error = run(f"{INSPECT} --advances 0,5")
     assert status == 2
     assert "bench:head.toml has no catheter" in error
-    assert list(Path("found").iterdir()) == []  # the folder can be given again
+    assert not Path("found").exists()
     assert "--advances has -1; give 0 to" in run(f"{INSPECT} --advances -1")[2]
+
+
+def test_a_camera_is_named_only_by_commands_that_read_angles_from_one(run, monkeypatch):
+    monkeypatch.setattr("minorloop.head.vision.video.LiveCamera", Still)
+    save_head(HeadFile(serial="H-07"), "head.json")
+    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+    _, _, error = run("head drive angles.csv --head head.json --actuator twin:ipmc")
+    assert "a camera gives, name it with --camera" in error
+    _, _, error = run("head photograph --camera camera:0 --out new --actuator twin:ipmc")
+    assert "two angles in deg\n" in error
+    assert not Path("new").exists()
+
+
+def test_a_run_that_is_continued_says_what_it_repeats_and_how_to_go_on(tmp_path, capsys):
+    plan = Plan([0.0, 0.1, 0.2], 1.0, sample_interval=0.1, input="current [A]")
+    setup = Setup(address="twin:wire", input="current [A]", output="angle [deg]")
+
+    class Ended:
+        tick, description = 0.1, None
+        inputs, outputs = (Channel("current", "A", 0.0, 0.4),), (Channel("angle", "deg"),)
+        left = 1
+
+        def apply(self, u, duration, interval):
+            if self.left == 0:
+                raise KeyboardInterrupt
+            self.left -= 1
+            t = 0.1 * np.arange(1.0, 11.0)
+            names = ["current [A]"], ["angle [deg]"]
+            return Record(t, np.full(10, float(u)), np.ones(10), *names)
+
+        def safe(self):
+            """Do nothing."""
+
+    with Store.create(tmp_path / "a.sqlite", plan, setup) as store:
+        for _ in range(2):
+            with pytest.raises(KeyboardInterrupt):
+                carry_out_levels(Ended(), store, None, None, again="continue with the same command")
+    said = capsys.readouterr().err
+    assert said.count("1 of 3 levels are kept; continue with the same command") == 2
+    assert said.count("0 A  repeated for 0.2 s, as it was measured before") == 1

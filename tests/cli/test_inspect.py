@@ -1,5 +1,7 @@
 import json
 import math
+import os
+import threading
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -49,13 +51,13 @@ def test_a_folder_gives_a_table_json_marked_pictures_and_a_report(run):
     assert (found["picture"], found["kind"]) == ("a.png", "hole or pit")
     assert found["z [mm]"] == pytest.approx(20.0, abs=0.2)
     assert json.loads(Path("found/findings.json").read_text()) == printed
-    unusable = {"picture": "b.png", "time [s]": 0.04, "verdict": "black"}
+    unusable = {"picture": "b.png", "verdict": "black"}
     assert printed["unusable pictures"] == [unusable]
     table = Path("found/unusable.csv").read_text().splitlines()
-    assert table == ["picture,time [s],verdict", "b.png,0.04,black"]
+    assert table == ["picture,verdict", "b.png,black"]
     header, row = Path("found/findings.csv").read_text().splitlines()
-    assert header.startswith("picture,time [s],kind,phi [deg]")
-    assert row.startswith("a.png,0.0,hole or pit")
+    assert header.startswith("picture,kind,phi [deg]")
+    assert row.startswith("a.png,hole or pit")
     assert [path.name for path in Path("found/pictures").iterdir()] == ["000000.jpg"]
     assert "1 finding in 2 pictures; not usable: black (1)" in Path("found/report.html").read_text()
 
@@ -128,3 +130,59 @@ def test_the_help_shows_the_units_of_the_columns(run):
     assert status == 0
     said = " ".join(out.replace("│", " ").split())
     assert "pan [deg], tilt [deg], and perhaps advance [mm] and roll [deg]" in said
+
+
+def test_a_truncated_picture_is_listed_and_the_others_are_searched(run, pictures, image):
+    _, png = cv2.imencode(".png", image)
+    (pictures / "0.png").write_bytes(png.tobytes()[:200])
+    Path("poses.csv").write_text("pan [deg],tilt [deg]\n" + "24,0\n" * 3)
+    status, out, _ = run(f"inspect pictures {OPTIONS} --poses poses.csv --json")
+    assert status == 0
+    printed = json.loads(out)
+    assert printed["unusable"] == {"not readable": 1, "black": 1}
+    assert [row["picture"] for row in printed["findings"]] == ["a.png"]
+
+
+@pytest.mark.usefixtures("pictures")
+def test_poses_may_come_from_a_pipe(run):
+    os.mkfifo("poses")
+    table = "pan [deg],tilt [deg]\n24,0\n24,0\n"
+    writer = threading.Thread(target=lambda: Path("poses").write_text(table))
+    writer.start()
+    status, out, _ = run(f"inspect pictures {OPTIONS} --poses poses --json")
+    writer.join()
+    assert (status, len(json.loads(out)["findings"])) == (0, 1)
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_command_that_refuses_leaves_no_folder(run):
+    status, _, _ = run("inspect pictures --head none.json --out new/found")
+    assert status == 2
+    assert not Path("new").exists()
+    status, _, error = run("inspect pictures --lens 520 --out new/found")
+    assert (status, "needs the radius" in error) == (2, True)
+    assert not Path("new").exists()
+
+
+@pytest.mark.parametrize("blur", [0.5, 1.0])
+def test_the_diameter_of_a_disc_is_that_of_an_independent_drawing(blur):
+    from minorloop.head.procedures.pictures import PicturePose, inspect_picture
+
+    view = HeadCalibration(lens=LENS, leds=np.zeros((1, 3)), lever=8e-3)
+    pan, tilt, times = math.radians(24.0), math.radians(6.0), 4
+    # Rays of a pinhole on a lever, met with a cylinder; each pixel is the mean of 16 of them.
+    u, v = np.meshgrid(*((np.arange(n * times) + 0.5) / times - 0.5 for n in (640, 480)))
+    x, y = (u - 319.5) / 520.0, (v - 239.5) / 520.0
+    (cp, sp), (ct, st) = ((math.cos(a), math.sin(a)) for a in (pan, tilt))
+    turn = np.array([[cp, sp * st, sp * ct], [0.0, ct, -st], [-sp, cp * st, cp * ct]])
+    dx, dy, dz = (row[0] * x + row[1] * y + row[2] for row in turn)
+    px, py, pz = 8e-3 * turn[:, 2]
+    a, b, c = dx**2 + dy**2, px * dx + py * dy, px**2 + py**2 - 1e-4
+    far = (np.sqrt(b**2 - a * c) - b) / np.maximum(a, 1e-12)
+    phi, z = np.arctan2(py + far * dy, px + far * dx), pz + far * dz
+    near = np.hypot(10e-3 * (phi - 0.05), z - 20e-3) < 0.5e-3
+    fine = np.where(near, 6.0, 120.0 * (1.0 + 0.03 * np.sin(9000.0 * z)))
+    image = cv2.GaussianBlur(fine.reshape(480, times, 640, times).mean(axis=(1, 3)), (0, 0), blur)
+    found = inspect_picture(image.round().astype(np.uint8), view, PicturePose(pan=pan, tilt=tilt))
+    holes = [each for each in found.findings if abs(each.z - 20e-3) < 0.5e-3]
+    assert holes[0].width == pytest.approx(1e-3, rel=0.03)

@@ -112,6 +112,25 @@ def test_viscous_relays_are_found_from_two_rates():
     assert found.model.settling == pytest.approx(0.05, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("field", "settling", "laws"),
+    [(0.03, 30.0, ("thermal", "wide")), (20.0, 0.05, ("viscous",))],  # a wide field can be even
+)
+def test_thresholds_and_creep_are_found_at_once(field, settling, laws):
+    plane = a_plane()
+    truth = AfterEffect(plane, field, settling, [1.0], [0.4 * plane.weights])
+    sweep = np.sin(np.linspace(0, 6 * np.pi, 200)) * np.linspace(1, 0.4, 200)
+    u = np.concatenate([sweep, sweep, holds(1011, 20)[1]])
+    t = np.cumsum(np.repeat([0.02, 0.4, 0.3], 200))
+    y = truth.simulate(t, u) + 1e-3 * np.random.default_rng(1012).normal(size=t.size)
+    found = identify_after_effect(t, u, y, levels=LEVELS, times=[1.0, 5.0])
+    alone = {one.law: one.error for one in found.tried}
+    assert found.law in [f"{law} and spectrum" for law in laws]
+    assert found.left_out_error < 0.1 * min(alone[law] for law in (*laws, "spectrum"))
+    assert found.model.settling == pytest.approx(settling, rel=0.2)
+    assert found.model.monotone
+
+
 def test_curves_begin_anew():
     truth, parts = creeping(), 8
     t, u = holds(1007, parts)
@@ -160,7 +179,7 @@ def test_a_change_within_a_gap_is_a_warning():
     t, u = holds(1009, 10, long=1.0)
     t = t + np.where(np.arange(100) >= 50, 30.0, 0.0)
     found = identify_after_effect(t, u, u, levels=4, creep="none", rate=False)
-    assert "gaps of the times, first from" in found.warnings[0]
+    assert "changes in 1 gap of the times, first from" in found.warnings[0]
 
 
 def test_pauses_of_a_rock_that_were_not_fitted_are_predicted_better_with_time(shared_data):

@@ -139,6 +139,8 @@ async function identify(): Promise<void> {
     lag: lag === "auto" ? lag : Number(lag),
     spacing: value("spacing"),
     dynamics: value("dynamics"),
+    creep: value("creep"),
+    rate: value("rate") === "true",
   });
   const button = byId<HTMLButtonElement>("identify");
   button.disabled = true;

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from minorloop.cli import _common
-from minorloop.cli._timed import Outputs, TimedData, finish, rows_of
+from minorloop.cli._timed import Outputs, TimedData, finish
 
 if TYPE_CHECKING:
     from minorloop.identification import AfterEffectIdentification
@@ -57,27 +57,10 @@ def _figures(found: AfterEffectIdentification, seconds: float) -> dict[str, Any]
 
 
 def report_of(found: AfterEffectIdentification, record: Record, source: Path) -> Report:
-    """Return the report: what time explains, the laws that were compared, and figures."""
-    from minorloop.drawing import draw
-    from minorloop.report import Picture, Report, Table
+    """Return the report of a fit to a record."""
+    from minorloop.report import after_effect_report
 
-    share = 1 - (found.left_out_error / found.without_time) ** 2 if found.without_time else 0.0
-    report = Report(
-        f"{record.output} against {record.input} and time",
-        f"Identified from {int(found.fitted.sum())} rows of {source.name}. On rows that were left "
-        f"out, the error is {found.left_out_error:.3%} of the range, and {found.without_time:.3%} "
-        f"without time: time explains {max(share, 0.0):.0%} of what hysteresis leaves.",
+    labels = str(record.input), str(record.output)
+    return after_effect_report(
+        found, source=source.name, input_label=labels[0], output_label=labels[1]
     )
-    labels = {"input_label": str(record.input), "output_label": str(record.output)}
-    report.add(
-        "Result",
-        table=Table(("", ""), rows_of(found)),
-        pictures=[Picture(draw(found, **labels), "Record, loop, residual, and laws compared.")],
-        notes=found.advice,
-    )
-    report.add(
-        "Model",
-        text="The loop of inputs that are held for long, and how the output settles in holds.",
-        pictures=[Picture(draw(found.model, **labels), "Settled loop, and holds on the way down.")],
-    )
-    return report

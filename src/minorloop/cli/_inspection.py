@@ -49,14 +49,15 @@ def carried_out(
     advances : sequence of float
         In metres.
     """
-    from minorloop.files import make_folder
+    from minorloop.files import new_folder
     from minorloop.head.procedures.head_file import read_head
     from minorloop.head.procedures.inspection import inspect_wall
     from minorloop.head.procedures.rig import rig_at
 
-    serial, folder = read_head(head).serial, make_folder(out)
+    serial = read_head(head).serial
     kept: InspectionFolder | None = None
-    with _common.working("opening the devices", logged=True) as now:
+    opening = _common.working("opening the devices", logged=True)
+    with new_folder(out) as folder, opening as now:
 
         def told(entry: LogEntry) -> None:
             now(f"{entry.what}: {entry.outcome}", kept=entry.what.startswith(_VISITS))

@@ -1,4 +1,4 @@
-"""The head of ``head identify`` whose angles are read from the pictures of a camera."""
+"""The head of ``head identify`` and ``head drive`` whose angles are read from pictures."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.seen_angles import SeenHead
     from minorloop.lab.actuator import Actuator
 
-_PATIENCE = 0.5
-"""Seconds that a camera may take for a picture."""
+_PATIENCE = 0.08
+"""Seconds that a camera may take for a picture: two ticks, in which a current is not changed."""
 _TIP_SCALE = 0.5
 _EVERY = 4
 """Pictures of the simulated camera: half as wide, and one in four ticks, since each takes time."""
@@ -115,10 +115,11 @@ def seen_head(
             "head calibrate first"
         )
     from minorloop.head.vision.video import LiveCamera
+    from minorloop.lab.drivers.parts import WallClock
 
     live = LiveCamera(camera, _PATIENCE)
     try:
         with _common.connected(address) as plant:
-            yield SeenHead(plant, live.frame, view)
+            yield SeenHead(plant, live.frame, view, clock=WallClock())
     finally:
         live.close()

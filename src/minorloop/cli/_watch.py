@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -38,16 +39,26 @@ def watching(
     units = [quantity.unit for quantity in store.outputs]
 
     def log(progress: RunProgress) -> None:
-        if progress.point is not None:
+        if progress.point is not None or _repeats(progress):
             with suppress(OSError):  # the reader of the log may end; the run continues
                 print(_line(progress, units[0], units[1], what), file=sys.stderr, flush=True)
 
     yield log
 
 
+def _repeats(progress: RunProgress) -> bool:
+    """Whether a level of a session before was held again, unmeasured."""
+    return progress.point is None and math.isnan(progress.output)
+
+
 def _line(progress: RunProgress, input_unit: str, output_unit: str, what: Sequence[str]) -> str:
     verdict = progress.point.verdict if progress.point else ""
     level = what[progress.index] if what else f"{progress.input:.6g} {input_unit}"
+    if _repeats(progress):
+        return (
+            f"{progress.index + 1}/{progress.total}  {level}  repeated for {progress.held:.6g} s, "
+            "as it was measured before the run was stopped"
+        )
     return (
         f"{progress.index + 1}/{progress.total}  {level}  "
         f"{progress.output:.6g} {output_unit}  {verdict} after {progress.held:.6g} s"
@@ -73,6 +84,8 @@ def _live(
     def show(progress: RunProgress) -> None:
         level = f"{progress.input:.5g} {store.outputs[0].unit}"
         doing = f"{what[progress.index] if what else level} for {progress.held:.0f} s"
+        if _repeats(progress):
+            doing = f"repeating what was measured: {doing}"
         if progress.point is not None:
             u.append(progress.point.input)
             y.append(progress.point.value)

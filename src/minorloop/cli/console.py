@@ -114,7 +114,7 @@ def run(
     from minorloop.head.console.processes import Serving, supervised
     from minorloop.head.console.tracker import listening_for
 
-    known, interval = _head(plant, specimen, head, camera)
+    known, interval, sensors = _head(plant, specimen, head, camera)
     if camera is not None:
         from minorloop.head.vision.video import check_camera
 
@@ -127,6 +127,7 @@ def run(
         timeout=timeout,
         camera=camera,
         interval=interval,
+        sensors=sensors,
     )
     tracking = None if tracker is None else listening_for(tracker)
     listening = _listen(host, port)
@@ -151,14 +152,14 @@ def run(
 
 def _head(
     plant: str, specimen: int | None, file: Path | None, camera: str | None
-) -> tuple[HeadFile | None, float]:
-    """Return the file of the head at an address, and the tick of the plant; probe the plant."""
+) -> tuple[HeadFile | None, float, bool]:
+    """Return the file of the head at an address, and tick and sensors of the plant; probe it."""
     from minorloop.head.console.plant import head_at, open_plant
     from minorloop.head.console.settings import LoopSettings, is_pipe
 
     if is_pipe(plant):
         known = None if file is None else head_at(plant, specimen, file)[0]
-        return known, LoopSettings.interval
+        return known, LoopSettings.interval, True
     if plant.startswith("twin:"):
         open_plant(plant, specimen=specimen)
     if file is None or camera is None:
@@ -166,11 +167,11 @@ def _head(
             f"--plant {plant} needs --camera, and --head with a file that minorloop head identify "
             "writes; only twin:pipe needs neither"
         )
-    known, interval = head_at(plant, specimen, file)
-    known.control(interval=interval)
+    known, found = head_at(plant, specimen, file)
+    known.control(interval=found.tick)
     if known.calibration is None:
         raise ParameterError(f"{file} has no calibration of the camera; calibrate it first")
-    return known, interval
+    return known, found.tick, found.sensors
 
 
 def _check_pair(certificate: Path, key: Path) -> None:

@@ -26,10 +26,19 @@ _AGAIN = "continue with the same command"
 _MM = 1e-3
 _PATIENCE = 3.0
 """Seconds that a camera may take for a picture."""
+_CAMERA_HELPS = "; for a head whose angles a camera gives, name it with --camera"
 _FARTHEST = 10_000.0
 """Longest advance in mm: a catheter is some metres long."""
 _Camera = Annotated[
     str, typer.Option(show_default=False, help="Address, such as camera:/dev/video2.")
+]
+_Seeing = Annotated[
+    str | None,
+    typer.Option(
+        help="Camera that gives the angles, for a head without sensors at its joints, such as "
+        "camera:0 or camera:http://...; its calibration is that in the file of the head. The "
+        "simulated pipe, twin:pipe, has its own.",
+    ),
 ]
 _File = Annotated[
     Path, typer.Option(show_default=False, help="File of the head, as head identify writes it.")
@@ -59,14 +68,7 @@ def identify(
     highest: Annotated[float, _common.number_option("Largest current, in A.")] = 0.4,
     bands: Annotated[int, _common.whole_option("Bands of the model of each wire.")] = 12,
     hold: Annotated[float, _common.number_option("Longest hold of a current, in s.")] = 40.0,
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            help="Camera that gives the angles, for a head without sensors at its joints, such as "
-            "camera:0 or camera:http://...; its calibration is that in the file of the head. The "
-            "simulated pipe, twin:pipe, has its own.",
-        ),
-    ] = None,
+    camera: _Seeing = None,
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
     seed: _common.Seed = 0,
@@ -90,7 +92,7 @@ def identify(
     if seen:
         opened = partial(seen_head, actuator, camera, view, specimen=specimen)
     with opened(seed=seed) as plant:
-        check_head(plant)
+        check_head(plant, seen=_CAMERA_HELPS)
         serial = _serial(plant, serial)
         if before is not None:
             replace(before, identified=None).check_fits(serial, head)
@@ -159,6 +161,7 @@ def drive(
     pan: Annotated[str, typer.Option(help="Column of the wanted pan, in deg.")] = "pan",
     tilt: Annotated[str, typer.Option(help="Column of the wanted tilt, in deg.")] = "tilt",
     hold: Annotated[float, _common.number_option("Seconds for each target.")] = 8.0,
+    camera: _Seeing = None,
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
     seed: _common.Seed = 0,
@@ -169,6 +172,8 @@ def drive(
     """Bring both axes of a head to targets under control, one row after the other."""
     import numpy as np
 
+    from minorloop.cli._seen import seen_head
+    from minorloop.head.console.settings import is_pipe
     from minorloop.head.procedures.head_file import read_head
     from minorloop.head.procedures.identify import check_head
     from minorloop.head.procedures.steer import steer
@@ -176,10 +181,15 @@ def drive(
     _common.check_outputs([save], inputs=[file, head], force=force)
     known = read_head(head)
     columns = [_common.read_column(file, name, "deg") for name in (pan, tilt)]
-    with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
-        check_head(plant)
+    opened: Any = partial(_common.connected, actuator, noise=noise)
+    seen = camera is not None or is_pipe(actuator)
+    if seen:
+        opened = partial(seen_head, actuator, camera, known.calibration)
+    with opened(specimen=specimen, seed=seed) as plant:
+        check_head(plant, seen=_CAMERA_HELPS)
         known.check_fits(getattr(plant, "serial", None), head)
-        result = steer(plant, known.control(interval=plant.tick), np.column_stack(columns), hold)
+        control = known.control(interval=plant.tick, by_camera=seen)
+        result = steer(plant, control, np.column_stack(columns), hold)
     if save is not None:
         table = {"time [s]": result.t}
         for k, axis in enumerate(("pan", "tilt")):
@@ -274,7 +284,7 @@ def photograph(
 ) -> None:
     """Take pictures for head calibrate, by hand or at several angles of the joints."""
     from minorloop.cli import _photographs
-    from minorloop.files import make_folder
+    from minorloop.files import new_folder
     from minorloop.head.procedures.identify import check_head
     from minorloop.head.vision.video import LiveCamera, check_camera
 
@@ -290,29 +300,30 @@ def photograph(
     if exposure is not None and not 0.01 <= exposure <= 1000:
         raise ParameterError(f"--exposure is {exposure:g}; give 0.01 to 1000 ms")
     check_camera(camera)
-    folder, taken = make_folder(out), 0
-    eye = LiveCamera(camera, patience=_PATIENCE)
-    try:
-        if exposure is not None:
-            if not eye.exposes:
-                raise ParameterError(
-                    f"{camera} does not let its exposure be set from here; set it at the camera, "
-                    "and leave --exposure out"
-                )
-            eye.expose(1e-3 * exposure)
-        if actuator is None:
-            for name in _photographs.by_hand(count, every):
-                _photographs.keep(eye, folder / f"{name}.png")
-                taken += 1
-        else:
-            with _common.connected(actuator) as plant, _common.working("turning") as now:
-                check_head(plant)
-                for name, (pan, tilt) in _photographs.at_angles(plant, highest, steps, hold):
+    taken = 0
+    with new_folder(out) as folder:
+        eye = LiveCamera(camera, patience=_PATIENCE)
+        try:
+            if exposure is not None:
+                if not eye.exposes:
+                    raise ParameterError(
+                        f"{camera} does not let its exposure be set from here; set it at the "
+                        "camera, and leave --exposure out"
+                    )
+                eye.expose(1e-3 * exposure)
+            if actuator is None:
+                for name in _photographs.by_hand(count, every):
                     _photographs.keep(eye, folder / f"{name}.png")
                     taken += 1
-                    now(f"picture {taken} of {steps**2}: pan {pan:.1f}, tilt {tilt:.1f} deg")
-    finally:
-        eye.close()
+            else:
+                with _common.connected(actuator) as plant, _common.working("turning") as now:
+                    check_head(plant)
+                    for name, (pan, tilt) in _photographs.at_angles(plant, highest, steps, hold):
+                        _photographs.keep(eye, folder / f"{name}.png")
+                        taken += 1
+                        now(f"picture {taken} of {steps**2}: pan {pan:.1f}, tilt {tilt:.1f} deg")
+        finally:
+            eye.close()
     if as_json:
         _common.print_json({"folder": str(folder), "pictures": taken})
         return

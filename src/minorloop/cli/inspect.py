@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -27,8 +28,6 @@ EXAMPLE = "minorloop inspect pictures --lens 520 --radius 10 --tilt 20 --out fou
 _SHOWN = 20
 """Findings that are printed, and pictures in the report: those with the most evidence."""
 _POSE = {"pan": "deg", "tilt": "deg", "advance": "mm", "roll": "deg"}
-_UNUSABLE_COLUMNS = ("picture", "time [s]", "verdict")
-"""Of the pictures that could not be searched."""
 _LEFT_OUT = ("time [s]", "u [px]", "v [px]")
 """Columns that a terminal has no room for."""
 _OBLIQUE = (
@@ -84,8 +83,14 @@ def run(
     as_json: _common.Json = False,
 ) -> None:
     """Find holes, pits and cracks in pictures of a pipe, each picture alone."""
-    from minorloop.files import make_folder
-    from minorloop.head.procedures.pictures import inspect_picture, unusable
+    from minorloop.files import new_folder
+    from minorloop.head.procedures.pictures import (
+        DAMAGED,
+        TIME,
+        InspectedPicture,
+        inspect_picture,
+        unusable,
+    )
     from minorloop.head.vision.frame_checks import GOOD
     from minorloop.head.vision.video import frames, names
 
@@ -93,14 +98,18 @@ def run(
         raise ParameterError("give either --head with the file of a head, or --lens and --radius")
     called, view = names(source), None
     known = _poses(poses, pan, tilt)
+    opened = nullcontext(None) if out is None else new_folder(out)
     found: list[InspectedPicture] = []
     best: list[tuple[float, str, Image]] = []
-    folder = None if out is None else make_folder(out) / "pictures"
-    if folder is not None:
-        folder.mkdir()
-    with _discarded_on_error(folder), _common.working(f"inspecting {source}", logged=True) as now:
-        for number, frame in enumerate(frames(source)):
-            view = view or _view(head, lens, radius, lever, frame.image.shape)
+    with (
+        opened as made,
+        _discarded_on_error(made),
+        _common.working(f"inspecting {source}", logged=True) as now,
+    ):
+        folder = None if made is None else made / "pictures"
+        for number, frame in enumerate(frames(source, damaged=True)):
+            if view is None and frame.image.size:
+                view = _view(head, lens, radius, lever, frame.image.shape)
             name = called[number] if called else f"frame {number}"
             pose = next(known, None)
             if pose is None:
@@ -108,39 +117,36 @@ def run(
                     f"{poses} has {counted(number, 'row')}, and there are more pictures; give a "
                     "row for each"
                 )
-            picture = inspect_picture(frame.image, view, pose, name, frame.t)
+            picture = InspectedPicture(name=name, t=frame.t, verdict=DAMAGED)
+            if view is not None:
+                picture = inspect_picture(frame.image, view, pose, name, frame.t)
             found.append(picture)
             now(f"{counted(number + 1, 'picture')} inspected")
             if folder is not None and picture.findings:
+                folder.mkdir(exist_ok=True)
                 marked = _mark(frame.image, picture, folder, number)
                 best = _best([*best, (_weight(picture), name, marked)])
         if not found:
             raise RecordError(f"{source} has no pictures; give a video that has some")
-    rows = [row for picture in found for row in picture.rows()]
-    content = {
-        "pictures": len(found),
-        "unusable": unusable(found),
-        "unusable pictures": [
-            {"picture": each.name, "time [s]": round(each.t, 3), "verdict": each.verdict}
+        if view is None:
+            raise RecordError(f"{source} has no picture that can be read; give others")
+        rows = [row for picture in found for row in picture.rows()]
+        bad = [
+            {"picture": each.name, TIME: round(each.t, 3), "verdict": each.verdict}
             for each in found
             if each.verdict != GOOD
-        ],
-        "findings": rows,
-    }
-    if out is not None:
-        _write(out, rows, content, best, source)
+        ]
+        for row in (*rows, *bad) if called else ():
+            del row[TIME]
+        content = {
+            "pictures": len(found),
+            "unusable": unusable(found),
+            "unusable pictures": bad,
+            "findings": rows,
+        }
+        if out is not None:
+            _write(out, content, best, source, still=bool(called))
     _show(content, out, as_json)
-
-
-@contextmanager
-def _discarded_on_error(folder: Path | None) -> Iterator[None]:
-    """Remove the marked pictures after an error, so that the same command can be given again."""
-    try:
-        yield
-    except BaseException:
-        if folder is not None:
-            shutil.rmtree(folder, ignore_errors=True)
-        raise
 
 
 def _view(
@@ -198,10 +204,11 @@ def _poses(file: Path | None, pan: float, tilt: float) -> Iterator[PicturePose]:
             _check_angle(name, value)
         return repeat(PicturePose(pan=math.radians(pan), tilt=math.radians(tilt)))
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
-    headers = [header for header in read_headers(file) if header in wanted]
-    if not {"pan [deg]", "tilt [deg]"} <= set(headers):
-        raise RecordError(f"{file} has no columns 'pan [deg]' and 'tilt [deg]'; add them")
-    columns = read_columns(file, headers)
+    with _seekable(file) as table:
+        headers = [header for header in read_headers(table) if header in wanted]
+        if not {"pan [deg]", "tilt [deg]"} <= set(headers):
+            raise RecordError(f"{file} has no columns 'pan [deg]' and 'tilt [deg]'; add them")
+        columns = read_columns(table, headers)
     for name in ("pan", "tilt"):
         for row, value in enumerate(columns[f"{name} [deg]"].tolist(), 1):
             _check_angle(f"{name} of row {row} of {file}", value)
@@ -211,6 +218,32 @@ def _poses(file: Path | None, pan: float, tilt: float) -> Iterator[PicturePose]:
     }
     rows = zip(*(values.tolist() for values in scaled.values()), strict=True)
     return iter([PicturePose(**dict(zip(scaled, row, strict=True))) for row in rows])
+
+
+@contextmanager
+def _discarded_on_error(made: Path | None) -> Iterator[None]:
+    """Remove the marked pictures after an error, so that the same command can be given again."""
+    try:
+        yield
+    except BaseException:
+        if made is not None:
+            shutil.rmtree(made / "pictures", ignore_errors=True)
+        raise
+
+
+@contextmanager
+def _seekable(file: Path) -> Iterator[Path]:
+    """Yield a file that can be read twice: a copy of a pipe, as a shell gives for <(...)."""
+    if not file.is_fifo():
+        yield file
+        return
+    from minorloop.lab.text_tables import MAX_BYTES
+
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "poses.csv"
+        with file.open("rb") as pipe:
+            copy.write_bytes(pipe.read(MAX_BYTES + 1))
+        yield copy
 
 
 def _check_angle(name: str, value: float) -> None:
@@ -245,31 +278,32 @@ def _mark(image: Image, picture: InspectedPicture, folder: Path, number: int) ->
 
 
 def _write(
-    out: Path, rows: list[dict[str, Any]], content: dict[str, Any], best: list[Any], source: str
+    out: Path, content: dict[str, Any], best: list[Any], source: str, *, still: bool
 ) -> None:
     from minorloop.files import write_atomically
-    from minorloop.head.procedures.pictures import COLUMNS
+    from minorloop.head.procedures.pictures import COLUMNS, TIME
 
-    table = {name: [row[name] for row in rows] for name in COLUMNS}
+    rows, bad = content["findings"], content["unusable pictures"]
+    columns = [name for name in COLUMNS if name != TIME or not still]
+    table = {name: [row[name] for row in rows] for name in columns}
     _common.write_csv(out / "findings.csv", table, force=False)
-    bad = content["unusable pictures"]
-    listed = {name: [row[name] for row in bad] for name in _UNUSABLE_COLUMNS}
+    names = ("picture", "verdict") if still else ("picture", TIME, "verdict")
+    listed = {name: [row[name] for row in bad] for name in names}
     _common.write_csv(out / "unusable.csv", listed, force=False)
     write_atomically(out / "findings.json", f"{json.dumps(content, indent=1)}\n")
     _common.write_report(
-        lambda: _report(rows, content, best, source), out / "report.html", force=False
+        lambda: _report(columns, content, best, source), out / "report.html", force=False
     )
 
 
 def _report(
-    rows: list[dict[str, Any]], content: dict[str, Any], best: list[Any], source: str
+    columns: Sequence[str], content: dict[str, Any], best: list[Any], source: str
 ) -> Report:
-    from minorloop.head.procedures.pictures import COLUMNS
     from minorloop.report import Picture, Report, Table
 
     report = Report(f"Inspection of {Path(source).name}", _summary(content))
-    cells = [_cells(row, COLUMNS) for row in rows]
-    report.add("Findings", table=Table(COLUMNS, cells))
+    cells = [_cells(row, columns) for row in content["findings"]]
+    report.add("Findings", table=Table(tuple(columns), cells))
     pictures = [Picture(figure_of(marked), name) for _, name, marked in best]
     report.add("Pictures with the most evidence", pictures=pictures)
     return report

@@ -218,7 +218,7 @@ def carry_out_levels(
     chooser: Adaptive | None,
     again: str | None = None,
 ) -> ResumeMode:
-    """Carry out the rest of a run and show its progress; an error says how to continue.
+    """Carry out the rest of a run and show its progress; if it ends, it says how to continue.
 
     ``again`` says how, if not with resume.
     """
@@ -230,6 +230,10 @@ def carry_out_levels(
     try:
         with watching(store, chooser) as watch:
             return carry(plant, store.plan, store, choose=choose, watch=watch)
+    except KeyboardInterrupt:
+        if not store.finished:
+            typer.echo(f"{_kept(store)}; {again}", err=True)
+        raise
     except InstrumentError as error:
         left = "" if store.finished else f"; {again}"
         if isinstance(error, MismatchError):
@@ -237,8 +241,11 @@ def carry_out_levels(
                 "; when that is corrected, begin a new drive with another --store, because to "
                 "resume this one, with what it keeps, gives the same error"
             )
-        kept = f"{len(store)} of {len(store.plan)} levels are kept"
-        raise type(error)(f"{error}; {kept}{left}") from None
+        raise type(error)(f"{error}; {_kept(store)}{left}") from None
+
+
+def _kept(store: Store) -> str:
+    return f"{len(store)} of {len(store.plan)} levels are kept"
 
 
 def print_mode(mode: ResumeMode) -> None:

@@ -1,14 +1,19 @@
 """Compiled steps of Newmark, with Newton in each, for an oscillator with any hysteretic force.
 
 The method is the one with the constants 1/2 and 1/4, which neither damps nor amplifies. ``law`` is
-what a kind of operator needs: its parameters and its memory, which is updated. ``state`` (3,) is
+one of `SlopeLaw`, `PlayLaw` and `PlaneLaw`; its memory is updated. ``state`` (3,) is
 displacement, velocity and acceleration. Other arguments are those of `_oscillator_kernels`.
 """
 
 from __future__ import annotations
 
-from numba import njit
+from typing import NamedTuple
 
+from numba import njit
+from numba.extending import overload
+
+from minorloop.arrays import FloatArray, IntArray
+from minorloop.dynamics._oscillator_kernels import keep
 from minorloop.operators import _differential_kernels as differential
 from minorloop.operators import _kernels as planes
 from minorloop.operators._play_kernels import move
@@ -21,66 +26,100 @@ _FAR = 1e100
 """Displacement from which a simulation counts as unstable; its square is still finite."""
 
 
-def _marching(trial, commit, carry):
-    """Return the compiled loop for one kind of operator."""
+class SlopeLaw(NamedTuple):
+    """A law of differential type: levels and values, and memory (2,), input and output."""
 
-    @njit(cache=True, nogil=True)
-    def run(force, h, mass, damping, spring, law, state, slopes, y_out, gradient):
-        """Fill ``y_out`` and ``gradient``; return whether all displacements are finite."""
-        y, v, a = state
-        quarter = h * h / 4
-        y_out[0] = y
-        if slopes.shape[1] > 0:
-            gradient[0] = slopes[0]
-        for k in range(len(force)):
-            y_free, v_free = y + h * v + quarter * a, v + h / 2 * a
-            for _ in range(_ITERATIONS):
-                y_next, v_next = y_free + quarter * a, v_free + h / 2 * a
-                z, tangent = trial(y_next, law)
-                restoring, stiffness = 0.0, tangent
-                power = 1.0
-                for i in range(spring.size):
-                    stiffness += (i + 1) * spring[i] * power
-                    power *= y_next
-                    restoring += spring[i] * power
-                rest = mass * a + damping * v_next + restoring + z - force[k, 2]
-                change = rest / (mass + damping * h / 2 + stiffness * quarter)
-                a -= change
-                if abs(change) <= _ROUNDING * abs(a) or not abs(y_next) < _FAR:
-                    break
-            y, v = y_free + quarter * a, v_free + h / 2 * a
-            if not abs(y) < _FAR:
-                return False
-            if slopes.shape[1] > 0:
-                carry(y, v, a, h, mass, damping, spring, stiffness, law, slopes)
-                gradient[k + 1] = slopes[0]
-            commit(y, law)
-            y_out[k + 1] = y
-        state[0], state[1], state[2] = y, v, a
-        return True
+    levels: FloatArray
+    values: FloatArray
+    memory: FloatArray
 
-    return run
+
+class PlayLaw(NamedTuple):
+    """Plays (n,): radii, weights, offset, positions, and their derivatives (n, P)."""
+
+    radii: FloatArray
+    weights: FloatArray
+    offset: float
+    positions: FloatArray
+    slopes: FloatArray
+
+
+class PlaneLaw(NamedTuple):
+    """A Preisach plane, its stack, rows in use (1,), and space for a trial."""
+
+    plane: planes.Plane
+    stack: FloatArray
+    rows: IntArray
+    scratch: FloatArray
+    signal: FloatArray
 
 
 @njit(cache=True, nogil=True)
+def march(force, h, mass, damping, spring, law, state, slopes, y_out, gradient):
+    """Fill ``y_out`` and ``gradient``; return whether all displacements are finite."""
+    y, v, a = state
+    quarter = h * h / 4
+    y_out[0] = y
+    keep(slopes, gradient, 0)
+    for k in range(len(force)):
+        y_free, v_free = y + h * v + quarter * a, v + h / 2 * a
+        for _ in range(_ITERATIONS):
+            y_next, v_next = y_free + quarter * a, v_free + h / 2 * a
+            z, tangent = _trial(y_next, law)
+            restoring, stiffness = 0.0, tangent
+            power = 1.0
+            for i in range(spring.size):
+                stiffness += (i + 1) * spring[i] * power
+                power *= y_next
+                restoring += spring[i] * power
+            rest = mass * a + damping * v_next + restoring + z - force[k, 2]
+            change = rest / (mass + damping * h / 2 + stiffness * quarter)
+            a -= change
+            if abs(change) <= _ROUNDING * abs(a) or not abs(y_next) < _FAR:
+                break
+        y, v = y_free + quarter * a, v_free + h / 2 * a
+        if not abs(y) < _FAR:
+            return False
+        if slopes.shape[1] > 0:
+            _carry(y, v, a, h, mass, damping, spring, stiffness, law, slopes)
+            keep(slopes, gradient, k + 1)
+        _commit(y, law)
+        y_out[k + 1] = y
+    state[0], state[1], state[2] = y, v, a
+    return True
+
+
+def _trial(y, law):
+    """Return force and tangent at a displacement; the memory stays as it is."""
+    raise NotImplementedError
+
+
+def _commit(y, law):
+    """Move the memory to a displacement."""
+    raise NotImplementedError
+
+
+def _carry(y, v, a, h, mass, damping, spring, stiffness, law, slopes):
+    """Update the derivatives of the state and of the memory, which has not moved yet."""
+    raise NotImplementedError
+
+
 def _trial_differential(y, law):
-    """Return force and tangent; the law is levels, values, and memory: input and output."""
+    """Return force and tangent."""
     levels, values, memory = law
     z = differential.advance(memory[1], y - memory[0], levels, values)
     side = 1.0 if y >= memory[0] else -1.0
     return z, differential.slope(z, side, differential.piece(z, True, levels), levels, values)[0]
 
 
-@njit(cache=True, nogil=True)
 def _commit_differential(y, law):
     levels, values, memory = law
     memory[1] = differential.advance(memory[1], y - memory[0], levels, values)
     memory[0] = y
 
 
-@njit(cache=True, nogil=True)
 def _trial_plays(y, law):
-    """Return force and tangent; the law is radii, weights, offset, positions and their slopes."""
+    """Return force and tangent."""
     radii, weights, offset, positions, _ = law
     z, tangent = offset, 0.0
     for i in range(radii.size):
@@ -91,12 +130,10 @@ def _trial_plays(y, law):
     return z, tangent
 
 
-@njit(cache=True, nogil=True)
 def _commit_plays(y, law):
     move(y, law[0], law[3])
 
 
-@njit(cache=True, nogil=True)
 def _carry_plays(y, v, a, h, mass, damping, spring, stiffness, law, slopes):
     """Update the derivatives of the state, and those of the plays, from implicit derivatives.
 
@@ -130,12 +167,8 @@ def _carry_plays(y, v, a, h, mass, damping, spring, stiffness, law, slopes):
                 play_slopes[i, j] = slopes[0, j]
 
 
-@njit(cache=True, nogil=True)
 def _trial_preisach(y, law):
-    """Return force and tangent; the law is plane, stack, rows in use, and space for a trial.
-
-    The tangent is that of the chord from the present input.
-    """
+    """Return force and tangent, which is that of the chord from the present input."""
     plane, stack, rows, scratch, signal = law
     top = rows[0] - 1
     for k in range(rows[0]):
@@ -153,18 +186,35 @@ def _trial_preisach(y, law):
     return z, plane.slope + (output - stack[top, planes.OUTPUT]) / (inside - before)
 
 
-@njit(cache=True, nogil=True)
 def _commit_preisach(y, law):
     plane, stack, rows, _, signal = law
     signal[0] = y
     rows[0] = planes.simulate(plane, stack, rows[0], signal[:1], signal[1:])
 
 
-@njit(cache=True, nogil=True)
 def _no_derivatives(y, v, a, h, mass, damping, spring, stiffness, law, slopes):
     """Leave the derivatives as they are: these kinds have none."""
 
 
-march_differential = _marching(_trial_differential, _commit_differential, _no_derivatives)
-march_plays = _marching(_trial_plays, _commit_plays, _carry_plays)
-march_preisach = _marching(_trial_preisach, _commit_preisach, _no_derivatives)
+_KINDS = {
+    SlopeLaw: (_trial_differential, _commit_differential, _no_derivatives),
+    PlayLaw: (_trial_plays, _commit_plays, _carry_plays),
+    PlaneLaw: (_trial_preisach, _commit_preisach, _no_derivatives),
+}
+"""Functions of each kind of law. Numba chooses them by the type; a loop that is made anew for each
+kind would be compiled in every process, because numba finds no closure in its cache."""
+
+
+@overload(_trial)
+def _choose_trial(y, law):
+    return _KINDS[law.instance_class][0]
+
+
+@overload(_commit)
+def _choose_commit(y, law):
+    return _KINDS[law.instance_class][1]
+
+
+@overload(_carry)
+def _choose_carry(y, v, a, h, mass, damping, spring, stiffness, law, slopes):
+    return _KINDS[law.instance_class][2]

@@ -4,6 +4,9 @@ The state is displacement y, velocity v and hysteretic force z. The law of z is 
 `operators._differential_kernels`. A ``plant`` is a tuple of mass, damping, the coefficients (n,) of
 y, y^2, ... in the restoring force, and levels and values of that law. ``force`` (K, 3) is that at
 the beginning, in the middle and at the end of each of K steps of length h.
+
+Numba compiles a function anew for each whole number that is written in its call: `np.int64` hides
+it.
 """
 
 from __future__ import annotations
@@ -36,8 +39,7 @@ def respond(force, h, plant, state, slopes, y_out, gradient):
     wanted = slopes.shape[1] > 0
     stages = np.zeros((5, 3, slopes.shape[1]))
     y_out[0] = now[0]
-    if wanted:
-        gradient[0] = slopes[0]
+    keep(slopes, gradient, 0)
     for k in range(len(force)):
         pulse = (force[k, 0], force[k, 1], force[k, 2], h)
         done = 0.0
@@ -49,12 +51,12 @@ def respond(force, h, plant, state, slopes, y_out, gradient):
             after = _step(now, pulse, done, part, plant, branch)
             if branch[0] * after[1] < 0 and not whole:
                 turned = True
-                part, after = _find(now, after, 1, 0.0, pulse, done, part, plant, branch)
+                part, after = _find(now, after, np.int64(1), 0.0, pulse, done, part, plant, branch)
             up = after[2] > now[2]
             near = corner(branch[1], up, levels)
             if ((after[2] > near) if up else (after[2] < near)) and not whole:
                 turned, edge = False, near
-                part, after = _find(now, after, 2, near, pulse, done, part, plant, branch)
+                part, after = _find(now, after, np.int64(2), near, pulse, done, part, plant, branch)
             if wanted:
                 _carry(now, slopes, stages, pulse, done, part, plant, branch)
             done += part
@@ -68,10 +70,16 @@ def respond(force, h, plant, state, slopes, y_out, gradient):
         y_out[k + 1] = now[0]
         if not (abs(now[0]) < _FAR and abs(now[2]) < _FAR):
             return False
-        if wanted:
-            gradient[k + 1] = slopes[0]
+        keep(slopes, gradient, k + 1)
     state[0], state[1], state[2] = now
     return True
+
+
+@njit(cache=True, nogil=True)
+def keep(slopes, gradient, k):
+    """Copy the derivatives of the displacement; numba takes a second to compile that of a slice."""
+    for j in range(slopes.shape[1]):
+        gradient[k, j] = slopes[0, j]
 
 
 @njit(cache=True, nogil=True)
@@ -85,7 +93,7 @@ def _between(pulse, x):
 def _branch(state, force, plant):
     """Return the direction of the motion that begins at a state, and the piece of its law."""
     y, v, z = state
-    a, _ = _rates(y, v, z, force, plant, (1.0, 0))
+    a, _ = _rates(y, v, z, force, plant, (1.0, np.int64(0)))
     side = 1.0 if v > 0 or (v == 0 and a > 0) else -1.0
     f, _ = slope(z, side, piece(z, True, plant[3]), plant[3], plant[4])
     return side, piece(z, side * f > 0, plant[3])

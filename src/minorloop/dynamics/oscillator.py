@@ -193,26 +193,21 @@ class Motion:
         self.model = model
         operator = model.operator
         self.state = np.zeros(3)
-        self._law: tuple[Any, ...] = ()
-        self._march: Any = None
+        self._law: Any = None
         count = 0
         if isinstance(operator, Differential):
             count = operator.law[1].size
             if newmark:
-                self._march = _newmark_kernels.march_differential
-                self._law = (*operator.law, np.zeros(2))
+                self._law = _newmark_kernels.SlopeLaw(*operator.law, np.zeros(2))
         elif isinstance(operator, PrandtlIshlinskii):
             count = operator.weights.size
-            self._march = _newmark_kernels.march_plays
-        else:
-            self._march = _newmark_kernels.march_preisach
         parameters = 2 + model.stiffness.size + count if gradient else 0
         self.slopes = np.zeros((3, parameters))
         if isinstance(operator, PrandtlIshlinskii):
             n = operator.radii.size
             positions, play_slopes = np.zeros(n), np.zeros((n, parameters))
             law = operator.radii, operator.weights, operator.offset, positions, play_slopes
-            self._law = law
+            self._law = _newmark_kernels.PlayLaw(*law)
         self._begun = False
 
     def run(self, force: FloatArray, step: float, y_out: FloatArray, gradient: FloatArray) -> bool:
@@ -230,7 +225,7 @@ class Motion:
             Receives their derivatives.
         """
         model = self.model
-        if self._march is None:
+        if self._law is None and not isinstance(model.operator, Preisach):
             return bool(
                 _oscillator_kernels.respond(
                     force, step, model.plant, self.state, self.slopes, y_out, gradient
@@ -242,7 +237,7 @@ class Motion:
             self._begin(float(force[0, 0]))
         spring = model.stiffness
         return bool(
-            self._march(
+            _newmark_kernels.march(
                 *(force, step, model.mass, model.damping, spring, self._law),
                 *(self.state, self.slopes, y_out, gradient),
             )
@@ -261,12 +256,12 @@ class Motion:
     def _make_room(self, steps: int) -> None:
         """Give the memory of a Preisach operator room for a reversal in every step."""
         operator = self.model.operator
-        if not self._law:
+        if self._law is None:
             stack, rows = operator.stack("demagnetised", steps)
         else:
-            _, old, used, _, _ = self._law
-            rows = int(used[0])
+            rows = int(self._law.rows[0])
             stack = np.empty((rows + steps + 2, 4))
-            stack[:rows] = old[:rows]
+            stack[:rows] = self._law.stack[:rows]
         count = np.array([rows], dtype=np.int64)
-        self._law = operator.tables, stack, count, np.empty_like(stack), np.zeros(2)
+        law = operator.tables, stack, count, np.empty_like(stack), np.zeros(2)
+        self._law = _newmark_kernels.PlaneLaw(*law)

@@ -7,9 +7,9 @@ searched; for given constants the weights are a least-squares problem with bound
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from minorloop.arrays import (
     as_times,
     as_whole,
     check_option,
+    writable,
 )
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import _after_effect_kernels as _kernels
@@ -44,7 +45,9 @@ from minorloop.threads import one_thread
 Law: TypeAlias = Literal["none", "thermal", "wide", "viscous", "spectrum"]
 """No effect of time; a fluctuation field that is the same everywhere, or that falls towards the
 ends of the levels; viscous relays; creep with a spectrum of time constants."""
-LAWS: tuple[Law, ...] = get_args(Law)
+_AND = " and "
+"""Between two laws at once: a fluctuation field or viscous relays, and a spectrum."""
+_SPECTRUM: Law = "spectrum"
 Pair: TypeAlias = tuple[AfterEffect, AfterEffect]
 CREEP: dict[str, tuple[Law, ...]] = {
     "auto": ("none", "thermal", "wide", "spectrum"),
@@ -119,8 +122,9 @@ def identify_after_effect(
     """Identify a Preisach model and how its output changes with time.
 
     Every law is fitted without a part of the record and scored on it; another law must reduce the
-    error by 2 %. The weights of plane and creep up to each time constant together are not negative,
-    so that the model is monotone and can be inverted.
+    error by 2 %. Where late thresholds and a spectrum each do, both at once are compared too. The
+    weights of plane and creep up to each time constant together are not negative, so that the model
+    is monotone and can be inverted.
 
     Parameters
     ----------
@@ -193,7 +197,7 @@ def identify_after_effect(
     fitted, _ = checks.split(outputs, 0.0, len(coded), skipped)
     known = np.where(fitted, outputs, np.nan)
     spec = PlaneSpec(checks.grid(inputs, known, levels, spacing), "unipolar", diagonal)
-    record = TimedRecord(clock, inputs, outputs, fitted, parts, runs)
+    record = TimedRecord(clock, writable(inputs), outputs, fitted, parts, runs)
     laws = [*CREEP[creep]]
     if _wants_rate(record, rate):
         laws.insert(1, "viscous")
@@ -206,12 +210,26 @@ def identify_after_effect(
     search = _Search(record, spec, spectrum, smoothness)
     with one_thread():
         tried = [search.tried(law, say) for law in laws]
+        tried += [search.tried(law, say, numbers) for law, numbers in _both(tried)]
         best = tried[0]
         for one in tried[1:]:
             if one.error < _BETTER * best.error:
                 best = one
         say(f"fitting all rows with the law {best.law!r}")
         return search.result(best, tried)
+
+
+def _both(tried: Sequence[TriedLaw]) -> list[tuple[str, FloatArray]]:
+    """Return the best law of thresholds and the spectrum at once, if each alone explains something.
+
+    With it come the constants of the former, with which its search begins.
+    """
+    helps = [one for one in tried[1:] if one.error < _BETTER * tried[0].error]
+    thresholds = [one for one in helps if one.law != _SPECTRUM]
+    if not thresholds or len(thresholds) == len(helps):
+        return []
+    best = min(thresholds, key=lambda one: one.error)
+    return [(f"{best.law}{_AND}{_SPECTRUM}", best.numbers)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +363,7 @@ class Weights:
     def variance(self, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
         """Variance (T,) of the output along an input."""
         everywhere = np.ones(t.size, dtype=np.bool_)
-        record = TimedRecord(t, u, u, everywhere, curves)
+        record = TimedRecord(t, writable(u), u, everywhere, curves)
         state, parts = State(self.spec, record, self.constants), []
         for first in range(0, t.size, _BLOCK):
             last = min(first + _BLOCK, t.size)
@@ -380,23 +398,24 @@ class _Search:
         self.penalty = active_set.Sparse(rows, columns, values * spec.bands**2)
 
     def constants(self, law: str, numbers: FloatArray) -> Constants:
-        """Constants of a law from logarithms of its numbers."""
-        none = np.empty(0)
-        if law == "none":
-            return Constants(none, 0.0, none)
-        if law == "spectrum" and self.spectrum is not None:
-            return Constants(none, 0.0, self.spectrum)
+        """Constants of a law, or of one and the spectrum, from logarithms of its numbers."""
+        none = times = np.empty(0)
+        if law.endswith(_SPECTRUM) and self.spectrum is not None:
+            times = self.spectrum
+        law = law.partition(_AND)[0]
+        if law in ("none", _SPECTRUM):
+            return Constants(none, 0.0, times)
         settling, bands = float(np.exp(numbers[0])), self.spec.bands
         if law == "viscous":
-            return Constants(np.full(bands, _LINEAR * self.span), settling, none)
+            return Constants(np.full(bands, _LINEAR * self.span), settling, times)
         field = np.full(bands, float(np.exp(numbers[1])))
         if law == "wide":
             levels = self.spec.levels
             middle = (levels[:-1] + levels[1:] - levels[0] - levels[-1]) / 2
             field /= np.hypot(1.0, middle / np.exp(numbers[2]))
-        return Constants(field, settling, none)
+        return Constants(field, settling, times)
 
-    def guess(self, law: Law) -> FloatArray:
+    def guess(self, law: str) -> FloatArray:
         """First guess of the logarithms of the numbers of a law."""
         steps = self.record.intervals
         settling, field = float(steps.max()), _FIRST_FIELD * self.span
@@ -408,28 +427,28 @@ class _Search:
 
     def normal(self, constants: Constants) -> tuple[Normal, Normal]:
         """Normal equations of the rows that are kept, and of those left out."""
+        from scipy.linalg.blas import dsyrk
+
         record = self.record
         state = State(self.spec, record, constants)
-        sums: list[Normal] = []
+        size = (1 + constants.times.size) * self.spec.cells + 1
+        masks = self.kept, record.left_out
+        grams = [np.zeros((size, size), order="F") for _ in masks]
+        rights = [np.zeros(size) for _ in masks]
         y = (record.y - self.centre) / self.unit
         for first in range(0, y.size, _BLOCK):
             last = min(first + _BLOCK, y.size)
             block = rows_of(self.spec, record, constants, first, last, state)
-            for number, used in enumerate((self.kept, record.left_out)):
+            for used, gram, right in zip(masks, grams, rights, strict=True):
                 picked = used[first:last]
-                a, b = block[picked], y[first:last][picked]
-                one = Normal(a.T @ a, a.T @ b, float(b @ b), b.size)
-                if len(sums) <= number:
-                    sums.append(one)
-                else:
-                    np.add(sums[number].gram, one.gram, out=sums[number].gram)
-                    sums[number] = replace(
-                        sums[number],
-                        right=sums[number].right + one.right,
-                        square=sums[number].square + one.square,
-                        rows=sums[number].rows + one.rows,
-                    )
-        return sums[0], sums[1]
+                a = block[picked]
+                dsyrk(1.0, a.T, beta=1.0, c=gram, overwrite_c=1)
+                right += a.T @ y[first:last][picked]
+        kept, left_out = (
+            Normal(gram.T + np.tril(gram.T, -1).T, right, float(y[used] @ y[used]), int(used.sum()))
+            for used, gram, right in zip(masks, grams, rights, strict=True)
+        )
+        return kept, left_out
 
     def solve(self, normal: Normal, strength: float, guess: FloatArray | None = None) -> FloatArray:
         """Unknowns of least squares; all but the offset are not negative."""
@@ -458,8 +477,13 @@ class _Search:
         )
         return np.asarray(found.z * scale)
 
-    def tried(self, law: Law, say: Callable[[str], None]) -> TriedLaw:
-        """Search the constants of a law on the rows that are kept; its error on those left out."""
+    def tried(
+        self, law: str, say: Callable[[str], None], numbers: FloatArray | None = None
+    ) -> TriedLaw:
+        """Search the constants of a law on the rows that are kept; its error on those left out.
+
+        The search begins at ``numbers``, or at a guess.
+        """
         from scipy.optimize import minimize
 
         say(f"comparing the law {law!r}")
@@ -472,7 +496,7 @@ class _Search:
             last[:] = [self.solve(kept, strength, last[0] if last else None)]
             return float(np.log(max(kept.error(last[0]), _NOISELESS)))
 
-        numbers = self.guess(law)
+        numbers = self.guess(law) if numbers is None else numbers
         if numbers.size:
             simplex = np.vstack([numbers, numbers + _STEP * np.eye(numbers.size)])
             found = minimize(

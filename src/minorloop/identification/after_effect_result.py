@@ -10,7 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform
+from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform, writable
+from minorloop.errors import counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
@@ -142,8 +143,9 @@ class AfterEffectIdentification(NotebookView):
             return ()
         row = int(long[0])
         return (
-            f"the input changes in {long.size} gaps of the times, first from {self.u[row]:.4g} to "
-            f"{self.u[row + 1]:.4g} between {self.t[row]:.6g} and {self.t[row + 1]:.6g} s; it "
+            f"the input changes in {counted(long.size, 'gap')} of the times, first from "
+            f"{self.u[row]:.4g} to {self.u[row + 1]:.4g} between {self.t[row]:.6g} and "
+            f"{self.t[row + 1]:.6g} s; it "
             "counts as changed at the beginning of the gap, so give a row where it really changed",
         )
 
@@ -160,7 +162,7 @@ class AfterEffectIdentification(NotebookView):
             return tuple(said)
         longest = float(np.diff(self.t).max())
         model = self.model
-        if model.settling > longest and self.law != "viscous":
+        if model.settling > longest and not self.law.startswith("viscous"):
             said.append(
                 f"the effective input settles in {model.settling:.3g} s, longer than any interval "
                 f"of {longest:.3g} s; for predictions beyond it, hold a few reversals that long"
@@ -235,7 +237,9 @@ class AfterEffectIdentification(NotebookView):
         """
         return figure_of(self, **options)
 
-    def __str__(self) -> str:
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """What was found, for tables: names and values."""
         rows = [
             ("law", self.law),
             ("error", f"{self.nrmse:.3%} of range"),
@@ -252,7 +256,10 @@ class AfterEffectIdentification(NotebookView):
             rows.append((f"creep, {time:.3g} s", f"{weights.sum() / whole:+.2%} of the weights"))
         for one in self.tried:
             rows.append((f"law {one.law}", f"{one.error:.3%} on rows left out"))
-        text = [f"{name:<24} {value}" for name, value in rows]
+        return rows
+
+    def __str__(self) -> str:
+        text = [f"{name:<24} {value}" for name, value in self.rows]
         return "\n".join([*text, *(f"advice: {said}" for said in self.advice)])
 
     @property
@@ -309,7 +316,7 @@ class AfterEffectIdentification(NotebookView):
 
 def along(model: AfterEffect, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
     """(T,) outputs of a model along curves; see `held` for the intervals."""
-    y, steps = np.empty_like(u), held(t, curves)
+    u, y, steps = writable(u), np.empty_like(u), held(t, curves)
     for first, last in curves.parts(u.size):
         part = slice(first, last)
         stack, rows, creep, _ = model.stack(curves.start, last - first)

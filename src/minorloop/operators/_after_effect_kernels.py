@@ -86,7 +86,8 @@ def simulate(plane, stack, n, creep, intervals, u, y, keep=True):
     """Fill ``y`` (T,) for inputs (T,) that last for ``intervals`` (T,); returns the rows in use.
 
     Unless ``keep``, the state stays as it is, and there is one input. One loop with all arrays in
-    local variables: numba counts references to the arrays of each call.
+    local variables: numba counts references to the arrays of each call, and
+    compiles the loop anew for a ``keep`` that is written in a call: `bool` hides it.
     """
     levels, per_band, buckets, per_unit = (
         plane.levels,
@@ -176,19 +177,19 @@ def aim(plane, stack, n, creep, before, interval, target):
     """
     held, u, y = np.array([interval]), np.empty(1), np.empty(1)
     u[0] = a = min(max(before, plane.levels[0]), plane.levels[-1])
-    simulate(plane, stack, n, creep, held, u, y, False)
+    simulate(plane, stack, n, creep, held, u, y, bool(0))
     fa = y[0] - target
     if fa == 0.0:
         return a
     u[0] = b = plane.levels[0] if fa > 0.0 else plane.levels[-1]
-    simulate(plane, stack, n, creep, held, u, y, False)
+    simulate(plane, stack, n, creep, held, u, y, bool(0))
     fb = y[0] - target
     if fb == 0.0 or (fa > 0.0) == (fb > 0.0):
         return b
     c, fc, share = a, fa, 0.5
     for _ in range(_STEPS):
         u[0] = x = a + share * (b - a)
-        simulate(plane, stack, n, creep, held, u, y, False)
+        simulate(plane, stack, n, creep, held, u, y, bool(0))
         fx = y[0] - target
         if (fx > 0.0) == (fa > 0.0):
             c, fc = a, fa
@@ -214,5 +215,5 @@ def invert(plane, stack, n, creep, before, intervals, targets, u, y):
     for t in range(targets.size):
         u[t] = before = aim(plane, stack, n, creep, before, intervals[t], targets[t])
         one = slice(t, t + 1)
-        n = simulate(plane, stack, n, creep, intervals[one], u[one], y[one], True)
+        n = simulate(plane, stack, n, creep, intervals[one], u[one], y[one], bool(1))
     return n

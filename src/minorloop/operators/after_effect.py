@@ -20,6 +20,7 @@ from minorloop.arrays import (
     as_triangle,
     as_waveform,
     frozen,
+    writable,
 )
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.figures import NotebookView, figure_of
@@ -206,7 +207,7 @@ class AfterEffect(NotebookView):
         SignalError
             If the shapes differ, or times do not increase.
         """
-        inputs = as_samples(u, name="u")
+        inputs = writable(as_samples(u, name="u"))
         times = as_times(t)
         if inputs.shape[-1] != times.size:
             raise SignalError(

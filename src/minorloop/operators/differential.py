@@ -290,7 +290,7 @@ class BoucWen(Differential):
     @cached_property
     def law(self) -> tuple[FloatArray, FloatArray]:
         """Levels and values of the law, as the compiled loops take them."""
-        return np.empty(0), frozen([self.alpha, self.gamma, self.delta, self.exponent])
+        return frozen([]), frozen([self.alpha, self.gamma, self.delta, self.exponent])
 
     @property
     def range(self) -> tuple[float, float]:

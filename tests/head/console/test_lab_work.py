@@ -9,6 +9,7 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.errors import MinorloopError, ParameterError, RecordError
 from minorloop.head.console import lab_work
 from minorloop.lab import columns
+from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -105,6 +106,36 @@ def test_dynamics_are_identified_shown_and_kept(folder, monkeypatch):
     ):
         with pytest.raises(ParameterError, match=said):
             result(folder, levels=5, dynamics="auto", **options)
+
+
+def test_time_in_the_plane_is_identified_shown_and_kept(folder):
+    rng = np.random.default_rng(1000)
+    levels = np.linspace(0, 1, 4)
+    weights = np.tril(rng.uniform(size=(3, 3)))
+    truth = AfterEffect(
+        Preisach(levels, weights, diagonal="reversible"), times=[2.0], creep=[0.3 * weights]
+    )
+    t, u = np.arange(300) * 0.5, np.repeat(rng.uniform(0, 1, 30), 10)
+    table = np.column_stack([t, u, truth.simulate(t, u)])
+    np.savetxt("run.csv", table, delimiter=",", header="t [s],u [V],y [um]", comments="")
+    found = result(folder, time="t", levels=3, creep="spectrum")
+    rows = dict(found["table"])
+    assert rows["law"] == "spectrum"
+    assert any(name.startswith("creep, ") for name in rows)
+    assert (Path(folder) / "report.html").read_text().count("time explains") == 1
+    known = modelfile.read("model.json")
+    assert isinstance(known.model, AfterEffect)
+    (moved,) = lab_work.move(folder, None, 1.0)
+    assert moved["y"] == pytest.approx(known.model.range[1])
+    (inverse,) = lab_work.invert(folder, [0.5 * sum(known.model.range)], "negative")
+    assert inverse["worst"] < 1e-9
+    for options, said in (
+        ({}, "choose the column of time"),
+        ({"time": "t", "dynamics": "auto"}, "choose one"),
+        ({"time": "t", "rate": True}, "which is one rate"),
+    ):
+        with pytest.raises(MinorloopError, match=said):
+            result(folder, levels=3, creep="spectrum", **options)
 
 
 def test_columns_are_described_with_few_points(folder):

@@ -83,7 +83,7 @@ def board(tmp_path):
 
 def test_a_head_on_a_serial_board_is_steered(board):
     address, folder = board
-    assert probed(address) == ("H-01", 0.04, 3)
+    assert probed(address) == ("H-01", 0.04, 3, True)
     plant = open_plant(address)
     pilot = Pilot.__new__(Pilot)  # without the simulated head, which takes seconds
     pilot.now, pilot.seq = 100.0, 0

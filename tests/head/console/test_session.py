@@ -5,7 +5,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from console_rig import AHEAD, PIT, DirectCamera, Pilot, position, right, view
+from console_rig import AHEAD, PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop.head.console import messages
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.procedures.actuator_plant import NO_PROBE
@@ -446,3 +446,51 @@ def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_s
     pilot.session.view = replace(pilot.session.view, tool=None)
     pilot.order(messages.Mark)
     assert b"no micro-tool" in pilot.session.events[-1]
+
+
+class Seeing(ScriptedCamera):
+    """A camera that gives the angles of the plant, once it knows the cold head."""
+
+    def __init__(self):
+        super().__init__()
+        self.zero, self.joints, self.why = False, (0.0, 0.0), ""
+
+    def reports(self):
+        joints = self.joints if self.zero else None
+        return [
+            msgspec.structs.replace(each, joints=joints, unseen=self.why, zero=self.zero)
+            for each in super().reports()
+        ]
+
+
+def test_a_head_without_sensors_waits_for_its_zero_and_goes_by_the_pictures():
+    pilot = Pilot(Seeing())
+    session, camera = pilot.session, pilot.camera
+    session.sensors, session.seen = False, msgspec.structs.replace(session.seen, zero=False)
+    camera.why = "the angles are counted from the cold head; it has to stand still first"
+    exchange = pilot.plant.exchange
+
+    def blind(u):
+        y = exchange(u)
+        camera.joints = tuple(np.degrees(y[:2]).tolist())
+        return np.array([np.nan, np.nan, *y[2:]])
+
+    pilot.plant.exchange = blind
+    pilot.steering(5)
+    assert session.state.mode == "HOLD"
+    assert camera.why in session.state.reason
+    assert all(each.cold for each in camera.requests)
+    camera.zero = True
+    pilot.steering(150)
+    assert session.state.mode == "HEAD"
+    assert not camera.requests[-1].cold
+    assert position(session)[:2] == pytest.approx(np.degrees(session.state.command), abs=1.5)
+    camera.joints = None
+    pilot.plant.exchange = lambda u: np.full(4, np.nan)
+    camera.why = "the picture is saturated"
+    pilot.drive(60)
+    assert session.state.mode == "HOLD"
+    assert "switch LEDs off" in session.state.reason
+    camera.zero = False  # its process was started anew
+    assert not pilot.session.tick(pilot.now).any() or not pilot.session.tick(pilot.now).any()
+    assert "does not know the angles" in session.state.reason

@@ -30,7 +30,7 @@ WIRES = IdentifiedWires(
     stores={"pan-loop.sqlite": "0" * 64},
 )
 VIEW = HeadCalibration(
-    lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.eye(3), radius=9e-3, offset=(1e-4, 0.0)
+    lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=1e-3 * np.eye(3), radius=9e-3, offset=(1e-4, 0.0)
 )
 FOUND = (Measured("focal length", 50.0, 0.1, "px"), Measured("lever", 8.0, 0.02, "mm"))
 HEAD = HeadFile(serial="H-07", identified=WIRES, calibration=VIEW, calibrated=EARLY, measured=FOUND)
@@ -152,3 +152,34 @@ def test_a_bench_with_lines_for_another_number_of_leds_is_refused():
     HeadFile(serial="H").check_lights(0, "head.json")
     with pytest.raises(ModelFileError, match="3 LEDs, and the bench has 2 lines for LEDs; give"):
         HeadFile(serial="H").check_lights(2, "head.json")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (
+            lambda c: c["identified"]["wires"][1].update(lag=1e-9),
+            "the lag of tilt is 1e-09 s; give",
+        ),
+        (
+            lambda c: c["identified"]["wires"][0].update(lag=1e9),
+            "the lag of pan is .* 0.01 to 600 s",
+        ),
+        (
+            lambda c: c["identified"].update(on="2999-01-01T00:00:00Z"),
+            "2999-01-01 00:00 UTC, which",
+        ),
+        (lambda c: c["calibrated"].update(on="2999-01-01T00:00:00Z"), "is in the future; correct"),
+        (
+            lambda c: c["calibrated"]["calibration"].update(lever=float("nan")),
+            "'lever' has the value",
+        ),
+        (lambda c: c["identified"].update(coupling=[[1, float("-inf")], [0, 1]]), "'coupling' has"),
+        (lambda c: c["calibrated"]["calibration"].update(x=1), "unknown key 'x'"),
+    ],
+)
+def test_numbers_and_dates_that_cannot_be_are_refused(path, content, spoil, sentence):
+    spoil(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelFileError, match=sentence):
+        read_head(path)

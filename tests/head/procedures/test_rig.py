@@ -304,7 +304,7 @@ def head_file(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "connect", lambda address: bench)
     monkeypatch.setattr(module, "WallClock", lambda: devices)
     monkeypatch.setattr(module, "LiveCamera", lambda address, patience: devices)
-    monkeypatch.setattr(HeadFile, "control", lambda known, interval: Weak())
+    monkeypatch.setattr(HeadFile, "control", lambda known, **options: Weak())
     file, on = tmp_path / "head.json", datetime(2026, 1, 31, tzinfo=UTC)
     save_head(HeadFile(serial="H-01", calibration=CALIBRATION, calibrated=on), file)
     return devices, closed, file
@@ -350,3 +350,54 @@ def test_one_late_answer_does_not_end_the_start(head_file, monkeypatch):
     fails["open"] = 2
     with pytest.raises(InstrumentError, match="no answer"):
         rig_at("bench:head.toml", "camera:0", file).__enter__()
+
+
+class SeenWires:
+    """Angles of the wires of `Devices`, known after three pictures of the cold head."""
+
+    why = "too dark"
+
+    def __init__(self, devices):
+        self.devices, self.cold, self.lights = devices, [], []
+
+    @property
+    def known(self):
+        return len(self.cold) > 3
+
+    def read(self, frame, *, cold=False):
+        self.cold.append(cold)
+        self.lights.append(self.devices.lights[-1] if self.devices.lights else (True,) * 3)
+        return self.devices.angles.copy() if self.known else np.full(2, np.nan)
+
+
+def test_a_head_without_sensors_goes_by_the_pictures_under_all_lights(monkeypatch):
+    devices = Devices()
+    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+    how = {"tick": 0.04, "lines": devices, "clock": devices}
+    nothing = SimpleNamespace(read=lambda: np.zeros(0))
+    plant = ActuatorPlant(Bench(devices, nothing, currents, [], **how), devices)
+    assert not plant.sensors
+    assert np.isnan(plant.exchange(np.zeros(4))[:2]).all()
+    seen, view = SeenWires(devices), replace(CALIBRATION, latency=0.0)
+    control = Weak()
+    it = InspectionRig(plant, CameraTip(BenchTip(plant), devices, view), control, view, seen=seen)
+    it.begin()
+    assert seen.cold == [True] * 4
+    assert not devices.angles.any()
+    assert it.run(Go(), Go().begin(angles=np.array([0.1, -0.05]))).reached
+    assert it.angles == pytest.approx([0.1, -0.05], abs=0.01)
+    frames = it.run(Acquisition(), Acquisition().begin(1.0)).frames
+    assert [frame.lights for frame in frames] == list(SEQUENCE)
+    assert set(seen.lights) == {(True,) * 3}
+    it._state = HeadState((Axis(), Axis(fault="lost")))
+    with pytest.raises(InstrumentError, match="the camera does not show the angles: too dark"):
+        it.check_sensors()
+
+
+def test_a_head_that_never_stands_still_is_not_begun_with(monkeypatch):
+    it = on_bench(
+        Devices(), seen=SimpleNamespace(known=False, why="3 of 20", read=lambda *_, **__: [0, 0])
+    )
+    monkeypatch.setattr(module, "LONGEST", 0.2)
+    with pytest.raises(InstrumentError, match="does not show the angles: 3 of 20"):
+        it.begin()

@@ -5,10 +5,13 @@ import pytest
 
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.head.console.plant import open_plant, open_tip
+from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures import seen_angles
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.identify import check_head
 from minorloop.head.procedures.seen_angles import SeenHead, sweep
 from minorloop.head.twins.rig import RigWires
+from minorloop.lab.actuator import Channel, Frame
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import run
 from minorloop.lab.single_channel import single_channel
@@ -111,3 +114,84 @@ def test_an_actuator_without_two_currents_is_refused():
     _, view = open_tip("twin:pipe", scale=0.5)
     with pytest.raises(ParameterError, match="a head has two currents in A first"):
         SeenHead(Fibre(), lambda: None, view)
+
+
+class Slow:
+    """Two wires and a camera on one clock; a picture takes three quarters of a tick."""
+
+    tick, inputs, outputs = 0.04, tuple(Channel(f"{n}", "A", 0.0, 0.4) for n in ("pan", "tilt")), ()
+
+    def __init__(self):
+        self.t, self.applied = 0.0, []
+
+    def now(self):
+        return self.t
+
+    def sleep(self, seconds):
+        self.t += seconds
+
+    def at_once(self, u):
+        self.applied.append((self.t, *u))
+        return np.zeros(0)
+
+    exchange = at_once
+
+    def picture(self):
+        self.t += 0.03
+        return Frame(self.t, np.zeros((4, 4), np.uint8))
+
+
+class Angles:
+    """Angles that are known at once."""
+
+    known, why = True, ""
+
+    def __init__(self, view):
+        self.asked = []
+
+    def read(self, frame, *, cold=False):
+        self.asked.append(cold)
+        return np.array([1.0, 2.0])
+
+
+def test_pictures_that_take_time_do_not_make_a_hold_longer_than_its_record_says(monkeypatch):
+    monkeypatch.setattr(seen_angles, "SeenAngles", Angles)
+    devices = Slow()
+    view = HeadCalibration(lens=Pinhole(4, 4, 4.0, (1.5, 1.5)), leds=np.zeros((1, 3)))
+    head = SeenHead(devices, devices.picture, view, clock=devices)
+    began = devices.t
+    record = head.apply(np.array([0.2, 0.0]), 8.0, 0.4)
+    assert devices.t - began == pytest.approx(8.0, abs=0.1)
+    assert record.timing.ended - record.timing.began == pytest.approx(devices.t - began)
+    assert np.diff(record.t) == pytest.approx([0.4] * 19, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("lens", "error", "sentence"),
+    [
+        (Pinhole(), ParameterError, "gives pictures of 4 by 4 pixels .* with 640 by 480"),
+        (Pinhole(4, 4, 4.0, (1.5, 1.5)), InstrumentError, "does not show the angles: .* black"),
+    ],
+)
+def test_a_camera_that_cannot_show_the_angles_is_refused_at_the_start(lens, error, sentence):
+    devices, view = Slow(), HeadCalibration(lens=lens, leds=np.zeros((1, 3)))
+    with pytest.raises(error, match=sentence):
+        SeenHead(devices, devices.picture, view, clock=devices)
+    assert devices.t < 15.0
+    assert not np.array(devices.applied)[:, 1:].any()
+
+
+def test_the_zero_is_looked_for_only_without_current():
+    _, view = open_tip("twin:pipe", scale=0.25)
+    angles = seen_angles.SeenAngles(view)
+    still = Frame(0.0, np.zeros((1, 1), np.uint8))
+    assert np.isnan(angles.read(still)).all()
+    assert seen_angles.unseen(angles.why).endswith("cold head, and it is heated")
+    assert np.isnan(angles.read(still, cold=True)).all()
+    assert "it has to stand still first" in seen_angles.unseen(angles.why)
+
+
+def test_a_saturated_picture_says_to_switch_leds_off():
+    said = seen_angles.unseen("the picture is saturated")
+    assert "switch LEDs off, in the bench file with rest = false" in said
+    assert "check lights, lens and cable" in seen_angles.unseen("the picture is black")

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from minorloop.head.control import by_camera
 from minorloop.head.studies import head_camera
 from minorloop.head.studies.head_camera import HOLE, RADIUS, WAIT, run_circle, seen_control
 from minorloop.head.studies.head_loop import constant, run_loop
@@ -68,7 +69,7 @@ def test_a_head_holds_by_its_model_while_it_sees_nothing_and_goes_on(control):
 
 
 def test_a_head_that_never_sees_again_cools(control, monkeypatch):
-    monkeypatch.setattr(head_camera, "PATIENCE", 50)
+    monkeypatch.setattr(by_camera, "PATIENCE", 50)
     wires = tuple(axis.observer.wire for axis in control.axes)
     short = seen_control("observer", SimpleNamespace(wires=wires, coupling=control.coupling))
     dark = lambda tick, frame: frame if tick < 125 else None  # noqa: E731

@@ -36,6 +36,7 @@ from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.actuator_plant import BenchTip
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.camera_tip import CameraTip
+from minorloop.head.procedures.seen_angles import SeenAngles
 from minorloop.head.procedures.values import Tip
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.candidates import compile_outlines
@@ -76,7 +77,8 @@ def run(
             if settings.camera is not None:
                 camera = LiveCamera(settings.camera)
                 ends.callback(camera.close)
-                perception = Perception(CameraTip(tip, camera, view), view, _in(pool))
+                seen = None if settings.sensors else SeenAngles(view)
+                perception = Perception(CameraTip(tip, camera, view), view, _in(pool), seen)
                 trial = Perception(StillTip(view.lens), view, _in(pool))
             opencv()
         except (MinorloopError, ImportError) as error:

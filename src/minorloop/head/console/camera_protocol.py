@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypeAlias
 import msgspec
 
 from minorloop.head.console.channel import NewestPipe
-from minorloop.head.console.messages import Spot
+from minorloop.head.console.messages import Pair, Spot
 from minorloop.head.console.units import Position
 
 PICTURED = b"p"
@@ -45,6 +45,8 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
     commands : list of CameraCommand
     keep : bool
         Whether pictures are to be sent to the loop, for a recording.
+    cold : bool
+        Whether the head has no current, and had none since it was made safe.
     """
 
     number: int
@@ -53,6 +55,7 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
     stance: tuple[float, ...] = ()
     commands: list[CameraCommand] = []
     keep: bool = False
+    cold: bool = False
 
 
 class CameraReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -69,12 +72,21 @@ class CameraReport(msgspec.Struct, frozen=True, kw_only=True):
         Pixel, diameter in pixels and evidence of candidates, the likeliest first.
     events : list of dict
         Results, each with a ``what``.
+    joints : (float, float), optional
+        Pan and tilt of joints without sensors as the picture shows them, in degrees.
+    unseen : str
+        Why there are none, although the pictures have to give them.
+    zero : bool
+        Whether the picture of the cold head is known, from which they are counted.
     """
 
     number: int
     target: tuple[float, float, float, bool] | None = None
     spots: list[Spot] = []
     events: list[dict[str, Any]] = []
+    joints: Pair | None = None
+    unseen: str = ""
+    zero: bool = True
 
 
 # Made while the module is imported: see `minorloop.head.console.messages`.

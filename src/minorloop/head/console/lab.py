@@ -57,6 +57,8 @@ class _Choice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     relay: Literal["bipolar", "unipolar"] = "bipolar"
     signed: bool = False
     dynamics: Literal["none", "auto"] = "none"
+    creep: Literal["none", "auto", "thermal", "spectrum"] = "none"
+    rate: bool = False
 
 
 class _Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 FIELDS = {
+    "creep": "Creep and after-effect (creep)",
     "curves": "Curves, each with a new memory",
     "diagonal": "Smallest loops (diagonal)",
     "dynamics": "Dead time, poles and creep (dynamics)",
@@ -14,6 +15,7 @@ FIELDS = {
     "lag": "Lag",
     "levels": "Levels",
     "output": "Output (measured)",
+    "rate": "Thresholds that depend on the rate (rate)",
     "rows": "First row” and “Rows up to",
     "skip": "Rows not fitted at the start",
     "slope": "Linear part (slope)",

@@ -24,9 +24,11 @@ from minorloop.files import table_text, write_atomically
 from minorloop.head.console.lab_words import on_page
 from minorloop.head.console.uploads import INPUTS, MODEL, REPORT
 from minorloop.identification import (
+    AfterEffectIdentification,
     DynamicIdentification,
     Identification,
     identify,
+    identify_after_effect,
     identify_dynamics,
 )
 from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
@@ -49,6 +51,8 @@ Reports: TypeAlias = Iterator[dict[str, Any]]
 
 _SHOWN, _PREVIEWED = 2500, 400
 """Points of a curve that are sent to the page."""
+_WITH_TIME = ("diagonal", "spacing", "start", "start_of_curve", "skip")
+"""Options of the page that models with time in the plane have too."""
 # Limits that keep a task within the time and memory of a worker.
 _MOST_LEVELS, _MOST_ROWS, _MOST_COLUMNS, _MOST_TARGETS = 100, 500_000, 100, 10_000
 
@@ -113,6 +117,8 @@ def identify_file(
     curves: str | None = None,
     groups: str | None = None,
     dynamics: str = "none",
+    creep: str = "none",
+    rate: bool = False,
     **options: Any,
 ) -> Reports:
     """Identify a model; report stages, the result, and the end of the report.
@@ -127,6 +133,9 @@ def identify_file(
         Rows to use, counted from 0, ``last`` not included.
     dynamics : {"none", "auto"}
         Whether to identify dead time, poles and creep too; this needs times.
+    creep, rate
+        Laws of time in the plane to compare, as in `minorloop.identify_after_effect`; with
+        ``"none"`` and false, none. They need times.
     **options
         Options of `minorloop.identify`.
     """
@@ -149,6 +158,16 @@ def identify_file(
         labels=list(named.values()),
         sd=deviation_column(headers, find_column(output, headers, source=name)),
     )
+    if creep != "none" or rate:
+        if dynamics != "none":
+            raise ParameterError("dynamics cannot be combined with creep or rate; choose one")
+        taken: dict[str, Any] = {
+            option: log.labels[column][first:last] for option, column in named.items()
+        }
+        taken |= {option: options[option] for option in _WITH_TIME if option in options}
+        taken["levels"] = count
+        yield from _in_time(_part(log.record, first, last), name, creep, rate, taken)
+        return
     beside: dict[str, Any] = {option: log.labels[column] for option, column in named.items()}
     if log.sd is not None:
         beside["noise"] = log.sd
@@ -206,6 +225,43 @@ def _with_dynamics(record: Record, options: dict[str, Any]) -> DynamicIdentifica
     left_out = ("lag", "interval", "start_of_curve", "noise")
     given = {name: value for name, value in options.items() if name not in left_out}
     return identify_dynamics(record.t - record.t[0], record.u, record.y, **given)
+
+
+def _in_time(
+    record: Record, source: str, creep: str, rate: bool, options: dict[str, Any]
+) -> Reports:
+    """Identify a model with time in the plane, as `identify_file`."""
+    if not record.timed:
+        raise ParameterError("creep and rate need times; choose the column of time")
+    yield {"stage": f"comparing laws of time on {int(np.isfinite(record.y).sum())} rows"}
+    began = perf_counter()
+    if options.get("diagonal") == "auto":
+        options["diagonal"] = "reversible"
+    found = identify_after_effect(
+        record.t,
+        record.u,
+        record.y,
+        creep=creep,  # type: ignore[arg-type]
+        rate=True if rate else "auto" if creep == "auto" else False,
+        **options,
+    )
+    seconds = perf_counter() - began
+    modelfile.save(
+        found,
+        MODEL,
+        provenance=modelfile.Provenance.of(Path(source)),
+        input=record.input,
+        output=record.output,
+        force=True,
+    )
+    yield {"result": _shown_in_time(found, record, seconds)}
+    yield {"stage": "drawing the report"}
+    from minorloop.report import after_effect_report
+
+    after_effect_report(
+        found, source=source, input_label=str(record.input), output_label=str(record.output)
+    ).write(REPORT, force=True)
+    yield {"report": True}
 
 
 def _part(record: Record, first: int, last: int | None) -> Record:
@@ -300,6 +356,40 @@ def _shown(
         "choices": [str(choice) for choice in result.choices],
         "advice": list(whole.advice),
         "warnings": list(map(on_page, whole.warnings)),
+    }
+
+
+def _shown_in_time(
+    found: AfterEffectIdentification, record: Record, seconds: float
+) -> dict[str, Any]:
+    """Return what the page shows of a model with time in the plane, with its settled weights."""
+    shown, settled = _few(found.u.size, _SHOWN), found.model.settled
+    y = np.where(found.fitted, found.y, np.nan)[shown]
+    u, fit = _listed(found.u[shown]), _listed(found.prediction[shown])
+    return {
+        "input": str(record.input),
+        "output": str(record.output),
+        "u": u,
+        "y": _listed(y),
+        "fit": fit,
+        "loop": {"u": u, "y": _listed(y), "fit": fit, "joined": shown.size == found.u.size},
+        "rows": record.t[shown].tolist(),
+        "clock": str(record.time),
+        "held": None,
+        "levels": settled.levels.tolist(),
+        "weights": [_listed(row[: k + 1]) for k, row in enumerate(settled.weights)],
+        "range": list(found.model.range),
+        "scores": {
+            "fit": found.nrmse,
+            "lag": 0,
+            "samples": int(found.fitted.sum()),
+            "unknowns": (1 + found.model.times.size) * settled.bands * (settled.bands + 1) // 2,
+            "seconds": seconds,
+        },
+        "table": found.rows,
+        "choices": [],
+        "advice": list(map(on_page, found.advice)),
+        "warnings": list(map(on_page, found.warnings)),
     }
 
 

@@ -90,7 +90,9 @@ def run(
             return
     tracker = None if tracking is None else UdpTracker(tracking)
     config = settings.teleop_config()
-    session = Session(plant, view, control, camera, config, tracker, settings.no_probe)
+    session = Session(
+        plant, view, control, camera, config, tracker, settings.no_probe, settings.sensors
+    )
     loop = _Loop(session, plant, camera, server, settings)
     gc.collect()
     gc.freeze()

@@ -67,7 +67,7 @@ class TickInput:
     clutch : bool
         Whether the clutch is pressed.
     blind : str
-        What to say if the camera gives no pictures; empty if it does.
+        What to say if the camera gives no pictures, or no angles; empty if it does.
     servo : (float, float), optional
         Rates of pan and tilt that centre the target, in rad/s; None while the target is not
         visible.
@@ -162,7 +162,7 @@ def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted
             "mode to continue, or start the console with a longer --timeout"
         )
     if inputs.blind:
-        return f"{inputs.blind}; press a mode when pictures come again"
+        return inputs.blind
     if wanted == "HEAD" and (inputs.pose is None or not inputs.pose_age <= config.gaze.timeout):
         return f"{inputs.lost}; press HEAD to continue"
     entering = inputs.request is not None and state.mode != "TRACK"

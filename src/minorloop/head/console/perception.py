@@ -25,6 +25,7 @@ from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
 from minorloop.head.procedures.meter import LIMITS, Metering
+from minorloop.head.procedures.seen_angles import SeenAngles
 from minorloop.head.procedures.values import (
     ALL_LIGHTS,
     Procedure,
@@ -75,11 +76,20 @@ class Perception:
         Their calibration.
     later : Later
         Runs longer computations.
+    seen : SeenAngles, optional
+        Reads the angles of joints without sensors from the pictures.
     """
 
-    def __init__(self, tip: Tip, view: HeadCalibration, later: Later = at_once) -> None:
+    def __init__(
+        self,
+        tip: Tip,
+        view: HeadCalibration,
+        later: Later = at_once,
+        seen: SeenAngles | None = None,
+    ) -> None:
         self._tip, self.view, self._later = tip, view, later
         self._newest: Callable[[], Frame | None] | None = getattr(tip, "newest", None)
+        self._seen_angles = seen
         self._finder = Finder(view)
         self._centring = Centring(calibration=view)
         self._metering = Metering(calibration=view, seconds=math.inf)
@@ -120,7 +130,7 @@ class Perception:
         tick. While a camera has only pictures of the lights before, the report has what the angles
         give.
         """
-        self._position = request.position
+        self._position, joints = request.position, None
         self._tip.move_to(request.stance)
         for name, numbers in request.commands:
             self._try(self.commands[name], numbers)
@@ -129,6 +139,7 @@ class Perception:
         if (
             not self._busy
             and self._echoes is None
+            and (self._seen_angles is None or self._seen_angles.known)
             and self._finder.at_rest_somewhere_new(request.position)
         ):
             self._find()
@@ -136,6 +147,8 @@ class Perception:
         frame = self._frame(request.number)
         # A simulated camera draws its picture now.
         self.taken = request.t if self._newest is None or frame is None else frame.t
+        if self._seen_angles is not None and frame is not None and self._all_lights:
+            joints = self._joints(self._seen_angles, frame, request.cold)
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
         self._watch_tool()
@@ -144,9 +157,21 @@ class Perception:
         return CameraReport(
             number=request.number,
             target=target,
-            spots=self._finder.shown(request.position),
+            spots=self._finder.shown(self._position),
             events=events,
+            joints=joints,
+            unseen="" if self._seen_angles is None else self._seen_angles.why,
+            zero=self._seen_angles is None or self._seen_angles.known,
         )
+
+    def _joints(self, seen: SeenAngles, frame: Frame, cold: bool) -> tuple[float, float] | None:
+        """Return the angles that a picture shows, which are its position too."""
+        read = seen.read(frame, cold=cold)
+        if not np.isfinite(read).all():
+            return None
+        pan, tilt = self.view.line_of_sight(np.radians(read)).tolist()
+        self._position = pan, tilt, *self._position[2:]
+        return float(read[0]), float(read[1])
 
     def _seen(self, image: Image) -> tuple[float, float, float, bool] | None:
         """Process an image; return the tracked point in it."""

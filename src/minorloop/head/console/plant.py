@@ -11,7 +11,7 @@ import contextlib
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -40,8 +40,17 @@ def reading_at(position: Position, **known: Any) -> Reading:
     return Reading(**{"t": 0.0, **known}, angles=angles, place=place)
 
 
-def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFile, float]:
-    """Return the file of the head at an address, and the tick of its plant in seconds.
+class ProbedPlant(NamedTuple):
+    """What is known of a plant: serial number, tick in seconds, LEDs, and sensors at its joints."""
+
+    serial: str | None
+    tick: float
+    leds: int
+    sensors: bool
+
+
+def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFile, ProbedPlant]:
+    """Return the file of the head at an address, and what is known of its plant.
 
     A head that is not simulated is made safe and read.
 
@@ -58,22 +67,22 @@ def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFil
         from minorloop.head.procedures.head_file import read_head
 
         found = read_head(file)
-        serial, tick, leds = probing.result()
-    found.check_fits(serial, file)
-    found.check_lights(leds, file)
-    return found, tick
+        plant = probing.result()
+    found.check_fits(plant.serial, file)
+    found.check_lights(plant.leds, file)
+    return found, plant
 
 
-def _simulated(address: str, specimen: int | None) -> tuple[str | None, float, int]:
-    """Return serial number, tick and LEDs of the simulated head."""
+def _simulated(address: str, specimen: int | None) -> ProbedPlant:
+    """Return what is known of the simulated head."""
     from minorloop.head.twins.head import Head
 
     head = Head(specimen)
-    return head.serial, head.tick, len(ALL_LIGHTS)
+    return ProbedPlant(head.serial, head.tick, len(ALL_LIGHTS), True)
 
 
-def probed(address: str, specimen: int | None = None) -> tuple[str | None, float, int]:
-    """Return serial number, tick and number of LEDs of a plant, which is made safe and closed.
+def probed(address: str, specimen: int | None = None) -> ProbedPlant:
+    """Return what is known of a plant, which is made safe and closed.
 
     Raises
     ------
@@ -92,7 +101,7 @@ def probed(address: str, specimen: int | None = None) -> tuple[str | None, float
         plant.safe()
         plant.exchange(np.zeros(4))
         plant.safe()
-        return plant.serial, plant.tick, plant.leds
+        return ProbedPlant(plant.serial, plant.tick, plant.leds, plant.sensors)
 
 
 def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:

@@ -78,7 +78,8 @@ def supervised(
     """
     control, calibration = None, None
     if head is not None:
-        control, calibration = head.control(interval=settings.interval), head.calibration
+        control = head.control(interval=settings.interval, by_camera=not settings.sensors)
+        calibration = head.calibration
     parts = [
         Part(name="plant", target=run_plant, args=(settings,), patience=settings.plant_patience),
         Part(name="loop", target=run_loop, args=(settings, tracking, control)),

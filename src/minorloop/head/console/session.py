@@ -31,10 +31,14 @@ from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.mark import Marking, tool_pixel
+from minorloop.head.procedures.seen_angles import unseen
 from minorloop.head.procedures.values import Plant, Reading, held_since, passed
 
 _LOST_TICKS = 3
 """Ticks without a reading after which a sensor counts as lost."""
+_UNSEEN_TICKS = 50
+"""Ticks without angles by the camera after which the head holds: 2 s, more than a search of the
+view under switched lights takes."""
 _STALE_TICKS = 8
 """Ticks after which a report of the camera is too old to steer by."""
 _LONGEST_MEMORY = 40
@@ -65,6 +69,8 @@ class Session:
         Gives the pose of the operator's head instead of the page.
     no_probe : str
         Why no depth can be measured; empty with a probe.
+    sensors : bool
+        Whether the joints have sensors; without them the reports of the camera give the angles.
     """
 
     plant: Plant
@@ -74,6 +80,7 @@ class Session:
     config: TeleopConfig = field(default_factory=TeleopConfig)
     tracker: HeadTracker | None = None
     no_probe: str = ""
+    sensors: bool = True
 
     def __post_init__(self) -> None:
         self.state = TeleopState()
@@ -90,7 +97,8 @@ class Session:
         self._drive: messages.Drive | None = None
         self._drive_at = -math.inf
         self._request: messages.Mode | None = None
-        self.seen = CameraReport(number=0)
+        self.seen = CameraReport(number=0, zero=self.sensors)
+        self._joints: Pair | None = None
         self.scan: ConsoleScan | None = None
         self._commands: list[CameraCommand] = []
         self._centred_at: float | None = None
@@ -166,7 +174,8 @@ class Session:
         self._request = None
         currents = self._currents()
         u = np.concatenate([currents, self.state.rates])
-        self.reading = np.asarray(self.plant.exchange(u), dtype=np.float64)
+        self.reading = np.array(self.plant.exchange(u), dtype=np.float64)
+        self._see_angles()
         self._watch_sensors()
         self.ticks += 1
         commands, self._commands = self._commands, []
@@ -177,6 +186,7 @@ class Session:
                 position=self.position(),
                 stance=self.plant.stance(),
                 commands=commands,
+                cold=self._resting,
             )
         )
         return u
@@ -212,7 +222,8 @@ class Session:
         """Return the `LoopState` of this tick; ``safe_at`` is when the plant was last made safe."""
         drive, axes = self._drive, self._control.axes
         command = to_shown((*(self._stop or self.state.command), *self.state.rates))
-        read = to_shown((*self.view.line_of_sight(self.reading[:2]), *self._known[2:]))
+        joints = (self.reading if self.sensors else self._known)[:2]
+        read = to_shown((*self.view.line_of_sight(joints), *self._known[2:]))
         pan, tilt = (_memory(axis.estimate.wire.tracker) for axis in axes)
         return messages.encode(
             messages.LoopState(
@@ -298,7 +309,7 @@ class Session:
         """Check that pictures come; forget the last report when they fail."""
         missing = (self.ticks - self.seen.number) * self.interval >= self.config.pictures
         if missing:
-            self.seen = CameraReport(number=self.seen.number)
+            self.seen = CameraReport(number=self.seen.number, zero=self.seen.zero)
         elif self._no_pictures and self._pictured:
             self.notice("pictures come again; press a mode to continue")
         self._no_pictures = missing
@@ -306,15 +317,33 @@ class Session:
 
     def _blind(self) -> str:
         """Return why there are no pictures; empty if there are."""
-        if not self._no_pictures:
-            return ""
-        return self.camera.problem or (
-            f"no picture came from the camera for {self.config.pictures:g} s, which a longer "
-            "--timeout of the console allows"
-        )
+        if self._no_pictures:
+            said = self.camera.problem or (
+                f"no picture came from the camera for {self.config.pictures:g} s, which a longer "
+                "--timeout of the console allows"
+            )
+            return f"{said}; press a mode when pictures come again"
+        if not self.seen.zero:
+            return f"{unseen(self.seen.unseen)}; press a mode when they are known"
+        return ""
+
+    def _see_angles(self) -> None:
+        """Take the angles of joints without sensors from the newest report, once.
+
+        A camera process that was started anew does not know the cold head.
+        """
+        if self.sensors:
+            return
+        joints, self._joints = self._joints, None
+        self.reading[:2] = np.nan if joints is None else np.radians(joints)
+        if not self.seen.zero and not self._resting:
+            self.rest(
+                "the camera was started anew and does not know the angles, so that the wires cool; "
+                "press a mode when the head stands still"
+            )
 
     def _take(self, report: CameraReport) -> None:
-        self.seen = report
+        self.seen, self._joints = report, report.joints or self._joints
         for event in report.events:
             kind = event["what"]
             if kind == "notice":
@@ -432,10 +461,14 @@ class Session:
 
     def _watch_sensors(self) -> None:
         lost = bool(np.isnan(self.reading).any())
+        most = _LOST_TICKS if self.sensors else _UNSEEN_TICKS
         self._lost_ticks = self._lost_ticks + 1 if lost else 0
         self._known = np.where(np.isnan(self.reading), self._known, self.reading)
-        if self._lost_ticks >= _LOST_TICKS and self.state.mode != "HOLD":
-            self.hold("a sensor of the catheter was lost; it holds until the sensor is back")
+        if self._lost_ticks >= most and self.state.mode != "HOLD":
+            said = "a sensor of the catheter was lost; it holds until the sensor is back"
+            if not self.sensors:
+                said = f"{unseen(self.seen.unseen)}; press a mode when it does again"
+            self.hold(said)
 
     # --- findings
 

@@ -45,6 +45,8 @@ class LoopSettings:
         Address of the camera, see `minorloop.head.vision.video`; that of the plant without it.
     interval : float
         Tick of the plant in seconds.
+    sensors : bool
+        Whether the joints have sensors; without them the pictures give the angles.
     """
 
     address: str = PIPE
@@ -54,6 +56,7 @@ class LoopSettings:
     timeout: float = 0.1
     camera: str | None = None
     interval: float = 0.04
+    sensors: bool = True
 
     @property
     def patience(self) -> float:

@@ -60,7 +60,8 @@ class ActuatorPlant:
     ----------
     actuator : Actuator
         Two currents in A, two angles in degrees; with a catheter also advance in mm/s and mm and
-        roll in deg/s and deg. Without one, advance and roll stay 0.
+        roll in deg/s and deg. Without one, advance and roll stay 0. Two currents alone are a head
+        without sensors: its angles are NaN, and have to be seen by its camera.
     clock : Clock, optional
         Keeps the ticks: an exchange begins a tick after the one before. Without it the caller does.
 
@@ -72,11 +73,12 @@ class ActuatorPlant:
 
     def __init__(self, actuator: Actuator, clock: Clock | None = None) -> None:
         units = tuple(c.unit for c in actuator.inputs), tuple(c.unit for c in actuator.outputs)
-        if units not in ((_INPUTS[:2], _OUTPUTS[:2]), (_INPUTS, _OUTPUTS)):
+        if units not in ((_INPUTS[:2], ()), (_INPUTS[:2], _OUTPUTS[:2]), (_INPUTS, _OUTPUTS)):
             known = ", ".join(str(channel) for channel in (*actuator.inputs, *actuator.outputs))
             raise ParameterError(
                 f"the actuator has {known}; a head has two currents in A and two angles in deg, "
-                "and perhaps rates of advance and roll in mm/s and deg/s, in mm and deg"
+                "and perhaps rates of advance and roll in mm/s and deg/s, in mm and deg; without "
+                "sensors it has two currents in A alone"
             )
         check_axes(actuator)
         self.actuator, self._clock, self._due = actuator, clock, -math.inf
@@ -102,6 +104,11 @@ class ActuatorPlant:
         return self._count == len(_INPUTS)
 
     @property
+    def sensors(self) -> bool:
+        """Whether the joints have sensors."""
+        return len(self.actuator.outputs) > 0
+
+    @property
     def leds(self) -> int:
         """Number of lines that switch LEDs."""
         return len(self._leds)
@@ -112,7 +119,8 @@ class ActuatorPlant:
         Returns
         -------
         (4,) array
-            Pan and tilt of the joints, advance and roll, in rad and m.
+            Pan and tilt of the joints, advance and roll, in rad and m; NaN for angles without a
+            sensor.
 
         Raises
         ------
@@ -123,7 +131,8 @@ class ActuatorPlant:
         """
         self._wait()
         count, read = self._count, np.zeros(4)
-        read[:count] = self._exchange(np.asarray(u, dtype=np.float64)[:count] / _FACTORS[0][:count])
+        seen = self._exchange(np.asarray(u, dtype=np.float64)[:count] / _FACTORS[0][:count])
+        read[:count] = seen if self.sensors else np.nan
         return np.asarray(read * _FACTORS[1])
 
     def stance(self) -> tuple[float, ...]:

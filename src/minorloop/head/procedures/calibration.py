@@ -19,6 +19,22 @@ from minorloop.head.vision.calibrated_camera import CalibratedCamera
 ROOM_TEMPERATURE = 20.0
 """Assumed temperature of the water in a flooded pipe, in degrees Celsius."""
 _LONGEST_LATENCY = 5.0
+_FARTHEST_LED = 0.05
+"""Metres from the lens to an LED: more than the radius of any pipe that such a head enters by."""
+_TURN = math.pi
+_BOUNDS = {
+    "radius": (1e-4, 1.0, "m"),
+    "thickness": (1e-5, 0.1, "m"),
+    "lever": (0.0, 1.0, "m"),
+    "offset": (-1.0, 1.0, "m"),
+    "temperature": (0.0, 100.0, "degrees Celsius"),
+    "roll": (-_TURN, _TURN, "rad"),
+    "straight": (-_TURN, _TURN, "rad"),
+    "squint": (-_TURN / 2, _TURN / 2, "rad"),
+    "camera_roll": (-_TURN, _TURN, "rad"),
+}
+"""Least and largest values: what pipes and heads can have, and what the command line accepts. They
+refuse millimetres that were entered as metres, and degrees as radians."""
 STRAIGHT = math.radians(30.0)
 """Pan and tilt of the joints at which the camera looks along the pipe, where they are not
 calibrated. A wire pulls in one direction only, so that half of its stroke is on either side."""
@@ -57,8 +73,8 @@ class HeadCalibration:
     Raises
     ------
     ParameterError
-        If the lights are not (N, 3) finite numbers, a length is not positive, or the latency is
-        not 0 to 5 s.
+        If the lights are not (N, 3) finite numbers, or a number is beyond what pipes and heads can
+        have.
     """
 
     lens: Pinhole
@@ -79,9 +95,24 @@ class HeadCalibration:
     def __post_init__(self) -> None:
         if self.leds.ndim != 2 or self.leds.shape[1] != 3 or not np.isfinite(self.leds).all():
             raise ParameterError(f"the leds have shape {self.leds.shape}; give (N, 3) numbers in m")
-        for name in ("radius", "thickness"):
-            if not getattr(self, name) > 0:
-                raise ParameterError(f"{name} is {getattr(self, name)} m; give a positive length")
+        far = np.linalg.norm(self.leds, axis=1).max(initial=0.0)
+        if far > _FARTHEST_LED:
+            raise ParameterError(
+                f"an LED is {far:.4g} m from the lens; give its place in metres, within "
+                f"{_FARTHEST_LED:g} m"
+            )
+        for name, (low, high, unit) in _BOUNDS.items():
+            for value in np.atleast_1d(getattr(self, name)).tolist():
+                if not low <= value <= high:
+                    raise ParameterError(
+                        f"{name} is {value:g} {unit}; give {low:g} to {high:g} {unit}"
+                    )
+        for value, size in zip(self.lens.centre, (self.lens.width, self.lens.height), strict=True):
+            if not 0.0 <= value <= size:
+                raise ParameterError(
+                    f"the principal point of the lens is {list(self.lens.centre)} px; give one in "
+                    f"the image of {self.lens.width} by {self.lens.height} pixels"
+                )
         if not 0.0 <= self.latency <= _LONGEST_LATENCY:
             raise ParameterError(
                 f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY:g} s, one interval "
@@ -100,9 +131,11 @@ class HeadCalibration:
         Raises
         ------
         ValueError
-            If a value is missing, unknown, or of another type.
+            If a value is missing, unknown, of another type, or out of its range.
         """
-        return msgspec.convert(values, cls, dec_hook=lambda kind, value: np.array(value, float))
+        found = msgspec.convert(values, cls, dec_hook=lambda kind, value: np.array(value, float))
+        _refuse_unknown(values, found.to_dict())
+        return found
 
     def joints(self, angles: npt.ArrayLike) -> FloatArray:
         """Return pan and tilt (2,) of the joints in degrees, for a line of sight in radians."""
@@ -137,3 +170,14 @@ class HeadCalibration:
             thickness=self.thickness,
             temperature=self.temperature,
         )
+
+
+def _refuse_unknown(values: dict[str, Any], known: dict[str, Any]) -> None:
+    """Refuse keys that a calibration does not have."""
+    for name, value in values.items():
+        if name not in known:
+            raise ParameterError(
+                f"the calibration has the unknown key {name!r}; there are {', '.join(known)}"
+            )
+        if isinstance(value, dict) and isinstance(known[name], dict):
+            _refuse_unknown(value, known[name])

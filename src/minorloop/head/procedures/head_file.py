@@ -21,9 +21,10 @@ lack ``identified`` or ``calibrated``.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,6 +36,8 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.errors import ModelFileError, ParameterError, counted
 from minorloop.files import PathLike, check_name, check_writable, write_atomically
+from minorloop.head.control.by_camera import camera_control
+from minorloop.head.control.controller import within
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -43,9 +46,15 @@ from minorloop.head.vision.measured import Measured
 from minorloop.version import __version__
 
 FORMAT, VERSION = "minorloop head", 1
+_BYTE, _KEY = re.compile(r"\(byte (\d+)\)"), re.compile(rb'"([^"\\]*)"\s*:')
+_NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|Inf|inf)\b")
 _LARGEST = 2**24
 """Bytes of the largest file: wires of some 500 bands."""
 
+_CLOCKS_DIFFER = timedelta(days=1)
+"""By which the clock of the machine that wrote a file may be ahead."""
+_LAGS = 0.01, 600.0
+"""Least and largest lag of a wire in seconds: the thinnest in water, and rods in still air."""
 Moment = Annotated[datetime, msgspec.Meta(tz=True)]
 
 
@@ -181,12 +190,18 @@ class HeadFile:
                 f"for LEDs; give it the lines led 1 to led {wanted}"
             )
 
-    def control(self, name: str = "observer", **options: Any) -> HeadControl:
+    def control(
+        self, name: str = "observer", *, by_camera: bool = False, **options: Any
+    ) -> HeadControl:
         """Return the control of the head.
 
         Parameters
         ----------
-        name, **options
+        name : str
+            As in `head_control`.
+        by_camera : bool
+            Whether the angles are those of pictures, see `minorloop.head.control.by_camera`.
+        **options
             As in `head_control`.
 
         Raises
@@ -200,7 +215,8 @@ class HeadFile:
                 f"the wires of head {self.serial!r} were not identified; identify them with "
                 "minorloop head identify"
             )
-        return head_control(
+        make = camera_control if by_camera else head_control
+        return make(
             name,
             known.wires,
             coupling=known.coupling,
@@ -252,7 +268,7 @@ def read_head(path: PathLike) -> HeadFile:
     """
     data = _bytes_of(path)
     try:
-        header = msgspec.json.decode(data)
+        header = _decoded(data)
         if not isinstance(header, dict) or header.get("format") != FORMAT:
             raise ParameterError(f"it has no format {FORMAT!r}")
         if header.get("version") != VERSION:
@@ -265,6 +281,12 @@ def read_head(path: PathLike) -> HeadFile:
         identified = None if content.identified is None else _wires(content.identified)
         calibrated = content.calibrated
         view = None if calibrated is None else HeadCalibration.from_dict(calibrated.calibration)
+        for part in (content.identified, calibrated):
+            if part is not None and part.on > datetime.now(UTC) + _CLOCKS_DIFFER:
+                raise ParameterError(
+                    f"it has the date {part.on:%Y-%m-%d %H:%M} UTC, which is in the future; "
+                    "correct it, or the clock of this machine"
+                )
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid file of a head: {reason(error)}") from None
     return HeadFile(
@@ -316,11 +338,26 @@ def save_head(head: HeadFile, path: PathLike, *, force: bool = False) -> None:
     write_atomically(target, f"{layout(content)}\n")
 
 
+def _decoded(data: bytes) -> Any:
+    """Return the object in a file; name the key of a number that JSON does not have."""
+    try:
+        return msgspec.json.decode(data)
+    except msgspec.DecodeError as error:
+        at = _BYTE.search(str(error))
+        before = data[: int(at[1])] if at else b""
+        strange, keys = _NO_NUMBER.match(data, len(before)), _KEY.findall(before)
+        if at is None or strange is None or not keys:
+            raise
+        name, value = keys[-1].decode(errors="replace"), strange[0].decode()
+        raise ParameterError(f"{name!r} has the value {value}; give a number") from None
+
+
 def _wires(part: _Identified) -> IdentifiedWires:
     wires = tuple(build(wire) for wire in part.wires)
-    for wire in wires:
+    for name, wire in zip(("pan", "tilt"), wires, strict=True):
         if not isinstance(wire, HeatedWire):
             raise ParameterError(f"a wire is of kind {kind_of(wire)!r}; it has to be heated-wire")
+        within(f"the lag of {name}", wire.lag, *_LAGS, "s")
     return IdentifiedWires(
         on=part.on,
         wires=wires,

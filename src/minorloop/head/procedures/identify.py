@@ -234,8 +234,14 @@ def _settled(store: Store) -> tuple[FloatArray, FloatArray]:
     return np.array([p.input for p in points]), np.array([p.value for p in points])
 
 
-def check_head(plant: Actuator) -> None:
+def check_head(plant: Actuator, seen: str = "") -> None:
     """Refuse an actuator that is no head.
+
+    Parameters
+    ----------
+    plant : Actuator
+    seen : str
+        End of the sentence on a head without sensors: what else can give its angles.
 
     Raises
     ------
@@ -246,7 +252,6 @@ def check_head(plant: Actuator) -> None:
     if len(plant.inputs) != 2 or units != ["A", "A", "deg", "deg"]:
         known = ", ".join(str(channel) for channel in (*plant.inputs, *plant.outputs))
         raise ParameterError(
-            f"the actuator has {known}; a head has two currents in A and two angles in deg, or, "
-            "with a camera that gives the angles, the currents alone"
+            f"the actuator has {known}; a head has two currents in A and two angles in deg{seen}"
         )
     check_axes(plant)

@@ -26,9 +26,12 @@ from minorloop.head.vision.imaging import opencv
 from minorloop.head.vision.reflectance_map import LitFrame
 
 CRACK = "crack"
+DAMAGED = "not readable"
+"""Verdict of a file that is no image, or only a part of one."""
+TIME = "time [s]"
 COLUMNS = (
     "picture",
-    "time [s]",
+    TIME,
     "kind",
     "phi [deg]",
     "z [mm]",
@@ -38,7 +41,7 @@ COLUMNS = (
     "u [px]",
     "v [px]",
 )
-"""Headers of the table of findings."""
+"""Headers of the table of findings; still pictures have no time."""
 _COLOURS = {UNDECIDED: (0, 160, 255), CRACK: (255, 200, 0)}
 """Blue, green and red of the marks."""
 
@@ -144,6 +147,7 @@ def inspect_picture(
     Parameters
     ----------
     image : (height, width) array of uint8
+        Without pixels if the picture could not be read.
     view : HeadCalibration
         Of the camera.
     pose : PicturePose
@@ -152,6 +156,8 @@ def inspect_picture(
     t : float
         Time in its video, in seconds.
     """
+    if not image.size:
+        return InspectedPicture(name=name, t=t, verdict=DAMAGED)
     camera = view.camera_at((pose.advance, pose.roll))
     lit = (True,) * len(view.leds)
     found = find_holes([LitFrame(image, pose.pan, pose.tilt, lit)], camera, mode=SINGLE)

@@ -29,6 +29,7 @@ from minorloop.head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.camera_tip import CameraTip
 from minorloop.head.procedures.head_file import read_head
+from minorloop.head.procedures.seen_angles import LONGEST, SeenAngles, unknown_zero, unseen
 from minorloop.head.procedures.values import (
     ALL_LIGHTS,
     NOTHING,
@@ -84,6 +85,9 @@ class InspectionRig:
     sensors : bool
         Whether the joints have sensors. Without them the angles are those of the model of the
         wires, and control uses the angles that a procedure estimates from the image.
+    seen : SeenAngles, optional
+        Reads the angles of joints without sensors from each picture under all lights; ``begin``
+        comes first then.
     computing : Executor, optional
         Runs long computations while the loop goes on; without it, they take no time of the loop.
     told : callable, optional
@@ -99,6 +103,7 @@ class InspectionRig:
         *,
         gyroscope: Callable[[], FloatArray] | None = None,
         sensors: bool = True,
+        seen: SeenAngles | None = None,
         computing: Executor | None = None,
         told: Callable[[LogEntry], None] = lambda entry: None,
     ) -> None:
@@ -107,6 +112,8 @@ class InspectionRig:
         self.log: list[LogEntry] = []
         self.gain = 1.0
         self._gyroscope, self._sensors = gyroscope, sensors
+        self._seen = seen
+        self._picture: Image | None = None
         self._computing, self._told = computing, told
         self._ticks = 0
         self._blind_since: float | None = None
@@ -114,7 +121,7 @@ class InspectionRig:
         self._failures = 0
         self._state = control.begin()
         self._commanded = -np.asarray(calibration.straight)
-        self._read = self._known = np.zeros(4)
+        self._read, self._known, self._taken_at = np.zeros(4), np.zeros(4), 0.0
         tip.move_to(plant.stance())
 
     @property
@@ -149,7 +156,7 @@ class InspectionRig:
             If the camera has given no good picture for 5 s, or a device fails again and again.
         """
         self._applied(request)
-        if not request.frame:
+        if not request.frame and self._seen is None:
             self._blind_since = None
         tool = (0.0, False)
         if self.calibration.tool is not None and isinstance(self.tip, ToolTip):
@@ -165,6 +172,21 @@ class InspectionRig:
             extension=tool[0],
             touching=tool[1],
         )
+
+    def begin(self) -> None:
+        """Wait until a head without sensors is cold and stands still: its angles are 0 then.
+
+        Raises
+        ------
+        InstrumentError
+            If it does not, or the camera does not show it.
+        """
+        while self._seen is not None and not self._seen.known:
+            if self.t > LONGEST:
+                raise InstrumentError(unknown_zero(self._seen.why))
+            self._exchanged(np.zeros(4))
+            self._ticks += 1
+            self._watch(cold=True)
 
     def run(
         self, procedure: Procedure[State], state: State, each: Callable[[State], None] | None = None
@@ -218,6 +240,8 @@ class InspectionRig:
         InstrumentError
             If one did; its wire cools.
         """
+        if self._seen is not None and any(axis.fault for axis in self._state.axes):
+            raise InstrumentError(unseen(self._seen.why))
         for name, axis in zip(("pan", "tilt"), self._state.axes, strict=True):
             if axis.fault:
                 raise InstrumentError(f"the sensor of {name} is {axis.fault}; check it")
@@ -228,7 +252,26 @@ class InspectionRig:
         self._told(self.log[-1])
 
     def _image(self) -> Image | None:
-        """Return a picture; None if there is no good one now, for some time."""
+        """Return a picture; None if there is no good one now, for some time.
+
+        Where angles are read from pictures, it is the one that gave them.
+        """
+        if self._seen is None:
+            return self._taken()
+        found, self._picture = self._picture, None
+        return found
+
+    def _watch(self, *, cold: bool = False) -> None:
+        """Take a picture, and read the angles from it if all lights are on."""
+        if self._seen is None:
+            return
+        self._picture = self._taken()
+        self._read[:2] = np.nan
+        if self._picture is not None and self._lights == ALL_LIGHTS:
+            read = self._seen.read(Frame(self._taken_at, self._picture), cold=cold)
+            self._read[:2] = np.radians(read)
+
+    def _taken(self) -> Image | None:
         newest = getattr(self.tip, "newest", None)
         if newest is None:
             return self.tip.frame().image
@@ -239,7 +282,7 @@ class InspectionRig:
         except InstrumentError as error:
             problem = error
         if found is not None:
-            self._blind_since = None
+            self._blind_since, self._taken_at = None, found.t
             return found.image
         self._blind_since = self.t if self._blind_since is None else self._blind_since
         if problem is not None and passed(self._blind_since, self.t, _BLIND):
@@ -257,6 +300,7 @@ class InspectionRig:
         wanted = self.calibration.joints(self._commanded)
         currents, self._state = self.control.step(self._state, wanted, read)
         self._read = self._exchanged(np.concatenate([currents, request.rates]))
+        self._watch()
         self._known = np.where(np.isnan(self._read), self._known, self._read)
         self._ticks += 1
         self.tip.move_to(self.plant.stance())
@@ -264,7 +308,7 @@ class InspectionRig:
     def _applied(self, request: Request) -> None:
         """Set lights, exposure, focus and water as requested."""
         if request.lights is not None:
-            self._lights = request.lights
+            self._lights, self._picture = request.lights, None
         self._insist(lambda: apply_to_tip(self.tip, request))
 
     def _exchanged(self, u: FloatArray) -> FloatArray:
@@ -345,10 +389,14 @@ def rig_at(
         plant = ActuatorPlant(actuator, WallClock())
         known.check_fits(plant.serial, file)
         known.check_lights(plant.leds, file)
-        control = known.control(interval=plant.tick)
+        seen = None if plant.sensors else SeenAngles(view)
+        control = known.control(interval=plant.tick, by_camera=seen is not None)
         tip = CameraTip(BenchTip(plant), pictures, view)
-        rig = InspectionRig(plant, tip, control, view, computing=computing, told=told)
+        rig = InspectionRig(plant, tip, control, view, seen=seen, computing=computing, told=told)
         rig.reading(Request(lights=ALL_LIGHTS))
+        if seen is not None:
+            told(LogEntry(rig.t, "camera", "it gives the angles; the head has to be cold first"))
+        rig.begin()
         rig.look()
         yield rig
 

@@ -1,9 +1,10 @@
 """A head whose angles are read from the pictures of its camera.
 
-A head without sensors at its joints has two currents and a camera. `SeenHead` joins them to an
-actuator with two currents and two angles, so that it is identified as any other. The angles are
-counted from the picture of the cold head, which is taken when the actuator is opened, and so again
-when a stopped run is continued.
+A head without sensors at its joints has two currents and a camera. `SeenAngles` reads the angles
+from its pictures, counted from the picture of the cold head. `SeenHead` joins currents and camera
+to an actuator with two currents and two angles, so that it is identified and driven as any other;
+the picture of the cold head is taken when the actuator is opened, and so again when a stopped run
+is continued.
 """
 
 from __future__ import annotations
@@ -14,13 +15,15 @@ from dataclasses import replace
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import InstrumentError, ParameterError
+from minorloop.errors import InstrumentError, ParameterError, SignalError
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
+from minorloop.head.vision.frame_checks import SATURATED
 from minorloop.head.vision.wall_angles import WallAngles
 from minorloop.head.vision.wall_patches import SEEN, Sight, WallState
 from minorloop.head.vision.wall_refinement import refined
 from minorloop.lab.actuator import Actuator, Channel, Frame, Value
+from minorloop.lab.drivers.parts import Clock
 from minorloop.lab.records import Record, Timing
 from minorloop.lab.wrapped_actuator import WrappedActuator
 
@@ -32,10 +35,14 @@ _SWEEP = np.concatenate([np.linspace(0.5, 0.95, 45), np.linspace(0.85, 0.3, 30),
 _SLOWLY = 0.8
 """Shares of the largest current that turn an axis up and down, slowly, and seconds for each: the
 view changes by less than half of a patch from a picture to the next."""
-_STILL, _LONGEST, _MOVED = 5.0, 120.0, 0.1
+_SETTLING = 1.0
+"""Seconds until the camera has set its exposure to the light."""
+_STILL, LONGEST, _MOVED = 5.0, 120.0, 0.1
 """A head is cold that turns less than 0.1 degrees in 5 s; seconds that are waited for that."""
-_PATIENCE = 250
-"""Pictures in a row without angles after which a run stops: 10 s at 25 in a second."""
+_WAITED = "the angles are counted from the cold head; it has to stand still first"
+_WARM = "the angles are counted from the cold head, and it is heated"
+_PATIENCE = 10.0
+"""Seconds without angles after which a run stops: as long as control goes by its model."""
 
 
 def seen_by(view: HeadCalibration) -> WallAngles:
@@ -90,6 +97,91 @@ def sweep(
     return frames
 
 
+class SeenAngles:
+    """Pan and tilt of the joints by pictures, counted from the picture of the cold head.
+
+    A head is cold that has no current and stands still. Until that is known there are no angles.
+
+    Parameters
+    ----------
+    view : HeadCalibration
+        Of the camera.
+
+    Attributes
+    ----------
+    known : bool
+        Whether the picture of the cold head was found.
+    why : str
+        Why the last picture gave no angles; empty if it did.
+    """
+
+    def __init__(self, view: HeadCalibration) -> None:
+        self._view, self._eyes = view, seen_by(view)
+        self._rest = view.line_of_sight(np.zeros(2))
+        self._state: WallState | None = None
+        self._since: float | None = None
+        self.known, self.why = False, _WAITED
+
+    def read(self, frame: Frame, *, cold: bool = False) -> FloatArray:
+        """Return pan and tilt (2,) in degrees; NaN where the picture does not show them.
+
+        Parameters
+        ----------
+        frame : Frame
+            Under all lights.
+        cold : bool
+            Whether the head has no current.
+        """
+        if not self.known:
+            self._look_for_zero(frame, cold)
+        if not self.known or self._state is None:
+            return np.full(2, np.nan)
+        sight: Sight
+        sight, self._state = self._eyes.step(self._state, frame.image, frame.t)
+        self.why = sight.reason
+        return self._view.joints(sight.angles)
+
+    def _look_for_zero(self, frame: Frame, cold: bool) -> None:
+        """Take the picture of the cold head as that of the angles 0, once it stands still."""
+        if not cold:
+            self._state = self._since = None
+            self.why = _WARM
+            return
+        if self._since is None:
+            self._since, self.why = frame.t, _WAITED
+        passed = frame.t - self._since
+        if self._state is None:
+            if passed >= _SETTLING:
+                self._begin(frame)
+        elif passed >= _STILL:
+            sight, _ = self._eyes.step(self._state, frame.image, frame.t)
+            turned = np.degrees(np.abs(sight.angles - self._rest)).max()
+            self.known = sight.verdict == SEEN and bool(turned < _MOVED)
+            if not self.known:
+                self._begin(frame)
+
+    def _begin(self, frame: Frame) -> None:
+        try:
+            _, self._state = self._eyes.begin(frame.image, self._rest, frame.t)
+        except SignalError as error:
+            self._state, self.why = None, str(error)
+        else:
+            self._since, self.why = frame.t, _WAITED
+
+
+class _Ticks:
+    """The clock of a simulated head: a tick takes its time, and nothing else does."""
+
+    def __init__(self) -> None:
+        self._t = 0.0
+
+    def now(self) -> float:
+        return self._t
+
+    def sleep(self, seconds: float) -> None:
+        self._t += seconds
+
+
 class SeenHead(WrappedActuator):
     """Two currents of an actuator, and the angles that its camera sees.
 
@@ -105,13 +197,16 @@ class SeenHead(WrappedActuator):
         Sets exposure time in s and gain of the camera; without it the camera does so itself.
     every : int
         Ticks from a picture to the next while a current is held.
+    clock : Clock, optional
+        Keeps the ticks, in which pictures are taken and searched; that of a simulated head, in
+        which this takes no time, without it.
 
     Raises
     ------
     ParameterError
-        If the actuator has not two currents.
+        If the actuator has not two currents, or the camera another size than calibrated.
     InstrumentError
-        If the head does not come to rest, or its camera does not show the wall.
+        If the head does not come to rest, or its camera does not show the wall for 10 s.
     """
 
     def __init__(
@@ -122,6 +217,7 @@ class SeenHead(WrappedActuator):
         *,
         expose: Callable[[float, float], None] | None = None,
         every: int = 1,
+        clock: Clock | None = None,
     ) -> None:
         super().__init__(actuator)
         if [channel.unit for channel in actuator.inputs[:2]] != ["A", "A"]:
@@ -130,10 +226,14 @@ class SeenHead(WrappedActuator):
                 f"the actuator has the inputs {known}; a head has two currents in A first"
             )
         self.inputs, self.outputs = tuple(actuator.inputs[:2]), OUTPUTS
-        self._view, self._eyes = view, seen_by(view)
+        self._view, self._angles = view, SeenAngles(view)
         self._picture, self._expose, self._every = picture, expose, every
-        self._gain, self._clock = 1.0, 0.0
-        self._state = self._zero()
+        self._exchange = getattr(actuator, "at_once", actuator.exchange)
+        self._clock: Clock = _Ticks() if clock is None else clock
+        self._began = self._due = self._clock.now()
+        self._gain, self._why = 1.0, ""
+        self._seen_at = self._t
+        self._wait_for_zero()
 
     @property
     def serial(self) -> str | None:
@@ -152,22 +252,29 @@ class SeenHead(WrappedActuator):
             If the camera does not show the angles for 10 s.
         """
         count = max(round(duration / sample_interval), 1)
-        began, t, y = self._clock, np.empty(count), np.empty((2, count))
+        began, t, y = self._t, np.empty(count), np.empty((2, count))
         for k in range(count):
             due = began + duration * (k + 1) / count
-            ticks = max(round((due - self._clock) / self.tick), 1)
+            ticks = max(round((due - self._t) / self.tick), 1)
             for left in reversed(range(ticks)):
                 self._hold(u)
                 if left % self._every == 0:
                     angles = self._look()
-            t[k], y[:, k] = self._clock, self._known(u, angles)
+            y[:, k] = self._known(u, angles)
+            t[k] = self._t
         held = np.tile(np.asarray(u, dtype=np.float64)[:, None], count)
         names = [str(each) for each in self.inputs], [str(each) for each in self.outputs]
-        timing = Timing(began=began, ended=self._clock, uncertainty=0.5 * self.tick)
+        timing = Timing(began=began, ended=self._t, uncertainty=0.5 * self.tick)
         return Record(t, held, y, *names, timing=timing)
 
     def exchange(self, u: Value) -> FloatArray:
-        """Hold two currents for one tick; return pan and tilt in degrees, NaN where not seen."""
+        """Hold two currents for one tick; return pan and tilt in degrees, NaN where not seen.
+
+        Raises
+        ------
+        InstrumentError
+            If the camera does not show the angles for 10 s.
+        """
         self._hold(u)
         return self._look()
 
@@ -200,58 +307,84 @@ class SeenHead(WrappedActuator):
         """Why the last picture did not show the angles; empty if it did."""
         return self._why
 
+    @property
+    def _t(self) -> float:
+        """Seconds since the head was opened."""
+        return self._clock.now() - self._began
+
     def _hold(self, u: Value) -> None:
+        """Hold two currents until the end of a tick, which begins at the end of the last one."""
         every = np.zeros(len(self._actuator.inputs))
         every[:2] = u
-        self._actuator.exchange(every)
-        self._clock += self.tick
+        self._exchange(every)
+        now = self._clock.now()
+        self._due = max(self._due + self.tick, now)
+        self._clock.sleep(self._due - now)
 
     def _known(self, u: Value, angles: FloatArray) -> FloatArray:
         """Return angles, of later pictures if this one does not show them."""
-        for _ in range(_PATIENCE):
-            if np.isfinite(angles).all():
-                return angles
-            self._hold(u)
-            angles = self._look()
-        raise InstrumentError(
-            f"the camera does not show the angles: {self._why}; check lights, lens and cable"
-        )
+        while not np.isfinite(angles).all():
+            angles = self.exchange(u)
+        return angles
 
-    def _look(self) -> FloatArray:
+    def _look(self, *, cold: bool = False) -> FloatArray:
+        angles = np.full(2, np.nan)
         try:
             frame = self._taken()
         except InstrumentError as error:
             self._why = str(error)
-            return np.full(2, np.nan)
-        sight: Sight
-        sight, self._state = self._eyes.step(self._state, frame.image, frame.t)
-        self._why = sight.reason
-        return self._view.joints(sight.angles)
+        else:
+            angles = self._angles.read(frame, cold=cold)
+            self._why = self._angles.why
+        if cold or np.isfinite(angles).all():
+            self._seen_at = self._t
+        elif self._t - self._seen_at > _PATIENCE:
+            raise InstrumentError(unseen(self._why))
+        return angles
 
     def _taken(self) -> Frame:
         if self._expose is not None:
             self._expose(LIMITS.exposure, self._gain)
-        frame = self._picture()
+        frame, lens = self._picture(), self._view.lens
+        height, width = frame.image.shape
+        if (height, width) != (lens.height, lens.width):
+            raise ParameterError(
+                f"the camera gives pictures of {width} by {height} pixels and was calibrated with "
+                f"{lens.width} by {lens.height}; set its size, or calibrate it again"
+            )
         self._gain = LIMITS.gain(self._gain, frame.image)
         return frame
 
-    def _zero(self) -> WallState:
-        """Take the picture of the cold head as that of the angles 0, once it stands still."""
-        self._why, cold = "", np.zeros(len(self.inputs))
-        rest = self._view.line_of_sight(np.zeros(2))
-        ticks = round(_STILL / self.tick)
-        for _ in range(round(_LONGEST / _STILL)):
-            for _ in range(ticks):
-                self._hold(cold)
-                frame = self._taken()
-            _, state = self._eyes.begin(frame.image, rest, frame.t)
-            for _ in range(ticks):
-                self._hold(cold)
-                frame = self._taken()
-            sight, _ = self._eyes.step(state, frame.image, frame.t)
-            if sight.verdict == SEEN and np.degrees(np.abs(sight.angles - rest)).max() < _MOVED:
-                return state
-        raise InstrumentError(
-            f"the head without current still moves after {_LONGEST:g} s; let it cool, and check "
-            "that nothing else moves before the camera"
+    def _wait_for_zero(self) -> None:
+        """Wait until the head without current stands still."""
+        cold, shown_at = np.zeros(2), self._t
+        while not self._angles.known:
+            if self._t > LONGEST or self._t - shown_at > _PATIENCE:
+                raise InstrumentError(unknown_zero(self._why))
+            self._hold(cold)
+            self._look(cold=True)
+            if self._why == _WAITED:
+                shown_at = self._t
+
+
+def unseen(why: str) -> str:
+    """Return the sentence on a camera that does not show the angles, with what to do."""
+    if why in (_WAITED, _WARM):
+        return why
+    advice = "check lights, lens and cable"
+    if SATURATED in why:
+        advice = (
+            "switch LEDs off, in the bench file with rest = false for their lines, or shorten the "
+            "exposure"
         )
+    return f"the camera does not show the angles: {why}; {advice}"
+
+
+def unknown_zero(why: str) -> str:
+    """Return the sentence on a head whose zero was not found in time."""
+    if why != _WAITED:
+        return unseen(why)
+    return (
+        f"the head without current still moves after {LONGEST:g} s; let it cool, and check that "
+        "nothing else moves before the camera"
+    )

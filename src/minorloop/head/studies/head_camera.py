@@ -16,19 +16,19 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, Levels
 from minorloop.dynamics.heated_wire import HeatedWire
-from minorloop.head.control.head import HeadControl, head_control
+from minorloop.head.control.by_camera import AGE, camera_control
+from minorloop.head.control.head import HeadControl
 from minorloop.head.control.heating import (
     HeatedIdentification,
     identify_coupling,
     identify_heating,
     moving_levels,
 )
-from minorloop.head.control.sensing import SensorWatch
 from minorloop.head.geometry import wall_point
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.studies.head_loop import TICK, HeadRun, constant, run_loop
 from minorloop.head.studies.head_static import BANDS, COMMAND, CURRENT, FIRST_LOOP, HOLD, STEP
-from minorloop.head.studies.picture_sensor import AGE, PictureSensor
+from minorloop.head.studies.picture_sensor import PictureSensor
 from minorloop.head.studies.scoring import places_seen, true_pixel
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore
@@ -40,16 +40,11 @@ LAWS = ("observer", "internal_model", "adaptive", "feedforward_pi", "model_refer
 """Laws that run on pictures, the first two on every step."""
 STEPS, STEP_SECONDS = (20.0, 30.0, 40.0), 20.0
 """Steps of the paper in degrees, and their duration: more than twice as long as one may take."""
-PATIENCE = 250
-"""Pictures in a row without angles after which the wires cool: for 10 s the head goes by its model,
-whose error grows by a few degrees in that time."""
-JUMP = 60.0
-"""Largest plausible difference between two readings in degrees: a view that was lost is found again
-wherever the head is, and the pictures themselves say whether it is."""
 QUIET: dict[str, Any] = {"dead_band": 0.02, "learning": 15.0, "steepness": 0.7}
 """Options of the observer: the angles of pictures have a noise of 0.01 degrees, a fifth of that of
 sensors at the joints, so that smaller differences count, and faster, which needs less power for a
-small error to stay calm. By trial on the seeds 1000, 1002 and 1008."""
+small error to stay calm. By trial on the seeds 1000, 1002 and 1008, whose pictures have one age; on
+devices, where it varies, such a loop oscillates by some degrees."""
 AGAIN = 3
 """Times that a hold is repeated from the one before if the view was lost on a way that no picture
 had shown before: the wire forgets that it went back."""
@@ -227,11 +222,8 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray) -> CameraSt
 
 def seen_control(name: str, seen: SeenWires) -> HeadControl:
     """Return the control of a head by its camera: a late sensor, which may miss some pictures."""
-    watch = SensorWatch(patience=PATIENCE, jump=JUMP)
-    options: dict[str, Any] = QUIET if name in ("observer", "adaptive") else {}
-    return head_control(
-        name, seen.wires, coupling=seen.coupling, delay=AGE, sensor=watch, **options
-    )
+    options = QUIET if name in ("observer", "adaptive") else {}
+    return camera_control(name, seen.wires, coupling=seen.coupling, **options)
 
 
 def _camera(

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from minorloop.head.control.by_camera import AGE
 from minorloop.head.studies.head_camera import LAWS, RADIUS, STEPS, CameraStudy
 from minorloop.head.studies.head_loop import HeadRun
-from minorloop.head.studies.picture_sensor import AGE, DROPPED
+from minorloop.head.studies.picture_sensor import DROPPED
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.drawing import new_figure
 

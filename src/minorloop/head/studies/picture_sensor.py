@@ -14,6 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.head.control.by_camera import AGE
 from minorloop.head.geometry import Mount
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
@@ -27,9 +28,6 @@ from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.wall_patches import SEEN, Sight, WallState
 from minorloop.lab.actuator import Frame
 
-AGE = 2
-"""Age in ticks of the pictures that a loop acts on: one to two frames, and those that come sooner
-wait, since a law has one delay."""
 DROPPED = 0.02
 """Share of the pictures that do not arrive: some of a long cable, chosen without a measurement."""
 FOCAL, CENTRE, ANGLE, LENGTH, GAUGE = 0.003, 1.0, math.radians(0.3), 0.1e-3, 20e-6

@@ -21,6 +21,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from minorloop.connect import factory
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.head.vision.calibrated_camera import Image
@@ -74,7 +76,7 @@ def open_module(name: str) -> FrameSource:
     return made
 
 
-def frames(address: str) -> Iterator[Frame]:
+def frames(address: str, *, damaged: bool = False) -> Iterator[Frame]:
     """Yield every picture of a folder, a video, or a single image, one after the other.
 
     Parameters
@@ -82,11 +84,14 @@ def frames(address: str) -> Iterator[Frame]:
     address : str
         Times begin at 0: those in the video, by its rate if it has none, or 0.04 s for each image
         of a folder.
+    damaged : bool
+        Whether an image that cannot be read is yielded as one without pixels.
 
     Raises
     ------
     ParameterError
-        If it is neither a folder with images nor a video that can be read.
+        If it is neither a folder with images nor a video that can be read, or an image cannot be
+        read.
     """
     target = _target(address)
     if not isinstance(target, Path):
@@ -95,7 +100,7 @@ def frames(address: str) -> Iterator[Frame]:
     if not images:
         yield from _video(target)
     for number, path in enumerate(images):
-        yield Frame(number / _RATE, _image(path))
+        yield Frame(number / _RATE, _image(path, damaged))
 
 
 def names(address: str) -> list[str]:
@@ -314,9 +319,14 @@ def _images(target: Path) -> list[Path]:
     return [target] if target.suffix.lower() in IMAGES else []
 
 
-def _image(path: Path) -> Image:
+def _image(path: Path, damaged: bool) -> Image:
     cv2 = opencv()
-    found = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    try:
+        found = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:  # it claims to be too large
+        found = None
+    if found is None and damaged:
+        return np.empty((0, 0), np.uint8)
     if found is None:
         raise ParameterError(f"{path} cannot be read as an image; repair it or take it away")
     image: Image = found

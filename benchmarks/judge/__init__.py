@@ -1,0 +1,1 @@
+"""Independent judges of the head: a renderer and a wave equation."""

@@ -1,0 +1,90 @@
+"""Pass rendered acquisitions through the hole finder, and compare its findings with the truth."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.judge.camera import RenderedCamera, calibrated, metered
+from benchmarks.judge.scenes import Scene, wall
+from minorloop.head.geometry import wrapped
+from minorloop.head.procedures.extract import acquire
+from minorloop.head.studies.detection import FAR, NEAR, wilson
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.head.vision.defects import LEAST_EVIDENCE, SWITCHED, Hole, find_holes
+from minorloop.head.vision.frame_checks import GOOD
+from minorloop.head.vision.reflectance_map import LitFrame
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One acquisition, what was found in it, and where the truth is on the map of the camera."""
+
+    scene: Scene
+    camera: CalibratedCamera
+    frames: tuple[LitFrame, ...]
+    truth: np.ndarray
+    verdict: str
+    holes: tuple[Hole, ...]
+
+    def off(self, hole: Hole) -> float:
+        """Return the distance of a finding from the place, in metres."""
+        around = self.camera.radius * float(wrapped(hole.place[0] - self.truth[0]))
+        return math.hypot(around, hole.place[1] - self.truth[1])
+
+    @property
+    def right(self) -> Hole | None:
+        """The strongest finding that is at the hole, however weak."""
+        if self.scene.hole is None:
+            return None
+        return next((hole for hole in self.holes if self.off(hole) < NEAR), None)
+
+    @property
+    def wrong(self) -> list[Hole]:
+        """False findings, however weak."""
+        return [hole for hole in self.holes if self.scene.hole is None or self.off(hole) > FAR]
+
+
+def frames_of(
+    scene: Scene, radiance: np.ndarray
+) -> tuple[CalibratedCamera, tuple[LitFrame, ...], np.ndarray]:
+    """Return the calibrated camera, an acquisition, and the true place (2,) on its map."""
+    rendered = RenderedCamera(scene, radiance)
+    camera, angles = calibrated(scene)
+    frames = acquire(rendered, angles, gain=metered(rendered))
+    truth = camera.place(scene.pixels(wall(*map(np.array, scene.place))), scene.pan, scene.tilt)
+    return camera, frames, truth
+
+
+def tried(scene: Scene, radiance: np.ndarray) -> Trial:
+    """Return the findings in a scene."""
+    camera, frames, truth = frames_of(scene, radiance)
+    found = find_holes(frames, camera, least=-math.inf)
+    return Trial(scene, camera, frames, truth, found.verdict, found.holes)
+
+
+def figures(trials: Sequence[Trial], least: float | None = None) -> dict[str, Any]:
+    """Return the figures of acquisitions."""
+    least = LEAST_EVIDENCE[SWITCHED] if least is None else least
+    holes = [trial for trial in trials if trial.scene.hole is not None]
+    hits = [t for t in holes if t.right is not None and t.right.evidence >= least]
+    false = sum(hole.evidence >= least for trial in trials for hole in trial.wrong)
+    refused = Counter(trial.verdict for trial in trials if trial.verdict != GOOD)
+    off = [1e3 * t.off(t.right) for t in hits]
+    size = [abs(1e3 * t.right.diameter / t.scene.hole.mouth - 1) for t in hits]
+    return {
+        "scenes": len(trials),
+        "holes": len(holes),
+        "recall": len(hits) / len(holes) if holes else math.nan,
+        "recall_interval": wilson(len(hits), len(holes)) if holes else (math.nan, math.nan),
+        "false_per_acquisition": false / max(len(trials), 1),
+        "refused": dict(refused),
+        "centre_mm_median": float(np.median(off)) if off else math.nan,
+        "centre_mm_p90": float(np.quantile(off, 0.9)) if off else math.nan,
+        "size_within_15pct": float(np.mean(np.array(size) < 0.15)) if size else math.nan,
+    }

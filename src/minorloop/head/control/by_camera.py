@@ -1,0 +1,36 @@
+"""Control of a head by its camera alone: its angles are late, and sometimes missing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from minorloop.dynamics.heated_wire import HeatedWire
+from minorloop.head.control.head import HeadControl, head_control
+from minorloop.head.control.sensing import SensorWatch
+
+AGE = 2
+"""Age in ticks of the pictures that a loop acts on: one to two frames, and those that come sooner
+wait, since a law has one delay."""
+PATIENCE = 250
+"""Pictures in a row without angles after which the wires cool: for 10 s the head goes by its model,
+whose error grows by a few degrees in that time."""
+JUMP = 60.0
+"""Largest plausible difference between two readings in degrees: a view that was lost is found again
+wherever the head is, and the pictures themselves say whether it is."""
+
+
+def camera_control(name: str, wires: tuple[HeatedWire, ...], **options: Any) -> HeadControl:
+    """Return the control of a head by its camera.
+
+    Parameters
+    ----------
+    name, wires, **options
+        As of `minorloop.head.control.head.head_control`.
+
+    Raises
+    ------
+    ParameterError
+        As `minorloop.head.control.head.head_control`.
+    """
+    watch = SensorWatch(patience=PATIENCE, jump=JUMP)
+    return head_control(name, wires, **{"delay": AGE, "sensor": watch, **options})
