@@ -100,15 +100,20 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
     from minorloop.head.twins.catheter import Catheter
     from minorloop.head.twins.head import Head
     from minorloop.head.twins.rig import Rig, SimulatedTip
+    from minorloop.head.twins.surroundings import Filling
 
+    probe = dict(scene.settings)
+    water = Filling(level=scene.pipe.water, temperature=probe.pop("temperature"))
+    plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed), flooded=water)
     tip = SimulatedTip(
         replace(scene.pipe, water=None),
         mount=Mount(offset=scene.mount.offset),
         specimen=seed,
         seed=seed,
         optics=LENS.scaled(_SMALL),
-        flooded=scene.pipe,
-        probe=scene.settings,
+        flooded=water,
+        probe=probe,
+        flow=plant.flood,
     )
     view = HeadCalibration(
         lens=tip.camera.calibration,
@@ -117,7 +122,6 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
         thickness=scene.probe.thickness,
         temperature=scene.probe.temperature,
     )
-    plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed))
     camera = DirectCamera(Perception(tip, view))
     session = Session(plant, view, head_of("twin:pipe", seed), camera)
     # In the study the calibration of the mount has an error, which shifts the place by the camera.

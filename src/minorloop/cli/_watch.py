@@ -47,8 +47,11 @@ def watching(
 
 
 def _repeats(progress: RunProgress) -> bool:
-    """Whether a level of a session before was held again, unmeasured."""
-    return progress.point is None and math.isnan(progress.output)
+    """Whether a level of a session before was held again, unmeasured.
+
+    A sine that begins has no output yet either, and has not been held.
+    """
+    return progress.point is None and progress.held > 0 and math.isnan(progress.output)
 
 
 def _line(progress: RunProgress, input_unit: str, output_unit: str, what: Sequence[str]) -> str:

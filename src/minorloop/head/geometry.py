@@ -194,7 +194,10 @@ class Probe:
     Parameters
     ----------
     squint : float
-        Angle of the beam off the optical axis, towards the x axis of the camera, in radians.
+        Angle of the beam off the optical axis, in radians.
+    azimuth : float
+        Side of the camera to which the beam points, from its x axis towards its y axis, in
+        radians.
     face : float
         From the pivot to the face of the disc along the beam, in metres.
     aperture : float
@@ -205,15 +208,18 @@ class Probe:
     Raises
     ------
     ParameterError
-        If the squint is not between 0 and a right angle, or a length not positive.
+        If the squint is not between 0 and a right angle, the azimuth not finite, or a length not
+        positive.
 
     Notes
     -----
-    With the default squint of 72 degrees the beam is normal to the wall at a pan of 18 degrees: a
-    raster needs 5 degrees more, and a weak head reaches 23. The default face leaves 8 mm of water.
+    With the default squint and azimuth the beam is normal to the wall at a pan of -20 degrees: on
+    the side where the wires are coldest, since water cools them so much that they reach little
+    more. The default face leaves 8 mm of water.
     """
 
-    squint: float = float(np.radians(72.0))
+    squint: float = float(np.radians(70.0))
+    azimuth: float = float(np.pi)
     face: float = 2e-3
     aperture: float = 5e-3
     focus: float = 8e-3
@@ -221,6 +227,7 @@ class Probe:
     def __post_init__(self) -> None:
         if not 0 < self.squint < np.pi / 2:
             raise ParameterError(f"squint {self.squint} rad; give an angle between 0 and pi/2")
+        as_finite("azimuth", self.azimuth)
         if not (self.face > 0 and self.aperture > 0 and self.focus > 0):
             raise ParameterError(
                 f"a probe with its face at {self.face} m, aperture {self.aperture} m and focus "
@@ -241,7 +248,26 @@ class Probe:
         ParameterError
             If there are none; turn the roll of the mount towards the point then.
         """
-        way = mount.way_to(point)
+        return self._turned(mount, mount.way_to(point))
+
+    def moved(self, mount: Mount, pan: float, tilt: float, other: Mount) -> tuple[float, float]:
+        """Return pan and tilt that give, at another roll of the mount, the beam of these angles.
+
+        Raises
+        ------
+        ParameterError
+            If there are none.
+        """
+        along = self.beam(mount, pan, tilt)[1]
+        return self._turned(other, along @ rotation_z(other.roll))
+
+    def perpendicular(self, mount: Mount, tilt: float) -> float:
+        """Return the pan at which, with a tilt, the beam is at a right angle to the pipe."""
+        x, _, z = rotation_x(tilt) @ mount.camera @ self._direction
+        return float(np.arctan2(np.copysign(1.0, x) * z, abs(x)))
+
+    def _turned(self, mount: Mount, way: FloatArray) -> tuple[float, float]:
+        """Return pan and tilt that send the beam along a (3,) direction of the base."""
         found = turned_onto(mount.camera @ self._direction, way)
         if found is None:
             off = np.degrees(np.arcsin(way[1] / np.linalg.norm(way)))
@@ -254,7 +280,9 @@ class Probe:
     @property
     def _direction(self) -> FloatArray:
         """(3,) direction of the beam in the camera."""
-        return np.array([np.sin(self.squint), 0.0, np.cos(self.squint)])
+        side = np.array([np.cos(self.azimuth), np.sin(self.azimuth), 0.0])
+        axis = np.array([0.0, 0.0, 1.0])
+        return np.asarray(np.sin(self.squint) * side + np.cos(self.squint) * axis)
 
 
 @dataclass(frozen=True)

@@ -65,13 +65,14 @@ def matern_slopes(x, y, at_x, at_y, correlation, weight):
 def add_covariance(correlation, size, nugget, at, out):
     """Add a covariance to rows and columns ``at`` (K,) of ``out``.
 
-    It is the sum of the correlation (K, K), a constant part and an independent part, times sizes.
+    It is the sum of the correlation (K, K), a constant part and an independent part of variances
+    ``nugget`` (K,), times sizes.
     """
     for i in range(size.size):
         line = out[at[i]]
         for j in range(size.size):
             line[at[j]] += size[i] * (correlation[i, j] + 1.0) * size[j]
-        line[at[i]] += size[i] * nugget * size[i]
+        line[at[i]] += size[i] * nugget[i] * size[i]
 
 
 @njit(cache=True, nogil=True)

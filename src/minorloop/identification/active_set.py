@@ -91,6 +91,7 @@ def solve(
     penalty: Sparse | None = None,
     guess: FloatArray | None = None,
     rows: Rows | None = None,
+    say: Callable[[str], None] = lambda stage: None,
 ) -> BoundedSolution:
     """Find the unknowns that meet the optimality conditions.
 
@@ -112,6 +113,8 @@ def solve(
         Start of the iteration.
     rows : Rows, optional
         Rows of A and y, then those of the penalty, for the refinement.
+    say : callable
+        Called with the state of the search.
 
     Returns
     -------
@@ -119,6 +122,7 @@ def solve(
         The best one found, converged or not.
     """
     solver = _Solver(gram, gradient, hessian, bounded, scale, penalty)
+    solver.say = say
     with one_thread(len(gram)):
         found = solver.run(solver.first_guess() if guess is None else guess)
         return found if rows is None else solver.refined(found, rows)
@@ -135,6 +139,7 @@ class Pivoting(ABC):
     ) -> None:
         self.gradient, self.bounded, self.scale = gradient, bounded, scale
         self.factorisations = 0
+        self.say: Callable[[str], None] = lambda stage: None
 
     @abstractmethod
     def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
@@ -151,6 +156,7 @@ class Pivoting(ABC):
                 best = BoundedSolution(z, kkt, self.factorisations)
             if kkt <= TOLERANCE or (kkt > best.kkt and ridge <= _LEAST_RIDGE):
                 break
+            self.say(f"{np.count_nonzero(free):,} of {free.size:,} unknowns are not zero")
             trial, settled, pivots = self._pivot(z, gradient, free, ridge)
             if not settled:
                 if ridge >= _MOST_RIDGE:

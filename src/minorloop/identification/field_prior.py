@@ -133,7 +133,7 @@ class FieldPrior:
     def widened(self, least: FloatArray) -> FieldPrior:
         """Return the prior with these least (K,) standard deviations of irreversible weights."""
         wide = copy(self)
-        wide.plane = PlanePrior(self.plane.spec, least)
+        wide.plane = PlanePrior(self.plane.spec, least, self.plane.independent)
         return wide
 
     def precision(self, h: Hyperparameters, variance: float) -> FieldPrecision:
@@ -142,8 +142,8 @@ class FieldPrior:
 
         plane, field = self.plane, self._at(h)
         bulk, reversible = plane.deviations(h)
-        loose = bulk**2 * (1.0 + h.nugget - field.bulk_kept)
-        loose[plane.diagonal] += reversible**2 * (1.0 + h.nugget - field.reversible_kept)
+        loose = plane.nugget_variances(h) + bulk**2 * (1.0 - field.bulk_kept)
+        loose[plane.diagonal] += reversible**2 * (1.0 - field.reversible_kept)
         given = variance / np.maximum(loose, _LEAST_DEVIATION**2)
         shares = bulk[:, None] * self._share, reversible[:, None] * self._part
         factor = np.append(*shares)

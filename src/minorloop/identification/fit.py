@@ -180,7 +180,7 @@ def identify(
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
     apart = group if group is not None or not chosen.fold.size else chosen.fold
     options = FitOptions(smoothness, prior, sensor, mean, grouped=group is not None)
-    found = fit_plane(spec, record, delay, options, apart)
+    found = fit_plane(spec, record, delay, options, apart, say)
     if automatic and prior == "auto":
         if found.posterior is not None:
             say("comparing the prior with smoothing")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -274,31 +275,37 @@ def fit_plane(
     lag: int,
     options: FitOptions,
     labels: IntArray | None = None,
+    say: Callable[[str], None] = lambda stage: None,
 ) -> FittedPlane:
     """Fit with the prior or with smoothness, again where a model error adds to the noise."""
-    found = _fit_once(spec, record, lag, options, labels)
+    found = _fit_once(spec, record, lag, options, labels, say)
     better = record.with_model_error(found)
-    return found if better is record else _fit_once(spec, better, lag, options, labels)
+    return found if better is record else _fit_once(spec, better, lag, options, labels, say)
 
 
 def _fit_once(
-    spec: PlaneSpec, record: FitRecord, lag: int, options: FitOptions, labels: IntArray | None
+    spec: PlaneSpec,
+    record: FitRecord,
+    lag: int,
+    options: FitOptions,
+    labels: IntArray | None,
+    say: Callable[[str], None],
 ) -> FittedPlane:
     regression = record.regression(spec, lag, labels)
     if options.prior == "gaussian":
         return _fit_with_prior(regression, record, lag, options)
     if options.prior == "none" or options.smoothness != "auto":
-        return _smooth(regression, record, options)
+        return _smooth(regression, record, options, say)
     if not _takes_prior(regression):
         smooth = options if spec.bands <= MOST_DENSE else replace(options, smoothness=0.0)
-        return _smooth(regression, record, smooth)
+        return _smooth(regression, record, smooth, say)
     found = _fit_with_prior(regression, record, lag, options)
     samples = regression.matrix.measurements
     off = np.sqrt(regression.squared_error(found.x) / samples)
     close = off <= _NOISELESS * np.ptp(regression.y) or are_few(spec, samples)
     if samples < spec.unknowns or not close:
         return found
-    plain = _smooth(regression, record, replace(options, smoothness=0.0))
+    plain = _smooth(regression, record, replace(options, smoothness=0.0), say)
     return plain if reproduces(regression.matrix, plain.x, regression.y) else found
 
 
@@ -332,8 +339,13 @@ def fit_smooth(
     return _smooth(record.regression(spec, lag, labels), record, options)
 
 
-def _smooth(regression: Regression, record: FitRecord, options: FitOptions) -> FittedPlane:
-    problem = Problem(regression.matrix, regression.y, record.signed)
+def _smooth(
+    regression: Regression,
+    record: FitRecord,
+    options: FitOptions,
+    say: Callable[[str], None] = lambda stage: None,
+) -> FittedPlane:
+    problem = Problem(regression.matrix, regression.y, record.signed, say)
     fit = problem.fit(options.smoothness)
     return FittedPlane(
         fit.x, fit.kkt, regression, record.fitted, options, fit.smoothness, converged=fit.converged

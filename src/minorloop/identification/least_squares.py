@@ -11,7 +11,7 @@ levels: levels that are dense where relays switch make the plane smooth in these
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, counted
 from minorloop.identification import _kernels, active_set, interior_point
 from minorloop.identification.design_matrix import (
     MOST_DENSE,
@@ -75,12 +75,13 @@ class FittedUnknowns:
 class Problem:
     """Least-squares problem: ``matrix`` of M samples, and outputs ``y`` (M,).
 
-    ``signed`` allows negative weights and slope.
+    ``signed`` allows negative weights and slope; ``say`` is called with what is done next.
     """
 
     matrix: DesignMatrix
     y: FloatArray
     signed: bool = False
+    say: Callable[[str], None] = lambda stage: None
 
     def fit(self, smoothness: float | Literal["auto"]) -> FittedUnknowns:
         """Fit with a given smoothness, or the one that predicts held-out segments best."""
@@ -124,7 +125,7 @@ class Problem:
 
     def coarser(self) -> Problem:
         """Problem of the same samples with every other threshold."""
-        return Problem(self.matrix.coarser(), self.y, self.signed)
+        return Problem(self.matrix.coarser(), self.y, self.signed, self.say)
 
     def _fit_chosen(self) -> FittedUnknowns:
         """Choose the strength on held-out segments, from weak to strong; then fit all samples.
@@ -226,6 +227,7 @@ class _System:
     def _unscaled_gram(self) -> FloatArray:
         """Gram matrix; of many samples, that of all less that of the few left out."""
         matrix, whole = self.problem.matrix, self._whole
+        self.problem.say(f"summing {counted(self.y.size, 'sample')} over pairs of weights")
         if whole is None or self.weight.size <= _MANY:
             return matrix.gram(self.weight)
         gram = whole.gram.copy()
@@ -235,6 +237,7 @@ class _System:
     def solve(self, strength: float, guess: FloatArray | None = None) -> FittedUnknowns:
         """Fit with a smoothness, starting from a guess of the unknowns if there is one."""
         matrix, spec = self.problem.matrix, self.problem.matrix.spec
+        self.problem.say(f"solving for {counted(spec.cells, 'weight')}, smoothness {strength:g}")
         if strength == 0:
             found = self._solve_sparse()
             if found.kkt <= _ENOUGH or spec.bands > MOST_DENSE:
@@ -278,6 +281,7 @@ class _System:
             penalty=penalty if strength else None,
             guess=None if guess is None else self._scaled(guess),
             rows=whole if slope is None else None,
+            say=self.problem.say,
         )
         # Computed from the rows alone, without the rounding of the normal equations.
         z = solution.z

@@ -51,6 +51,9 @@ _FURTHEST_HEAVY = 5.0
 """Bounds of the search, in spreads from the centre."""
 _ITERATIONS = 60
 """Most steps of the search, which takes 11 to 22 for 12 to 56 holds."""
+_STARTS, _STEEP = 3, 1.0
+"""Most searches one after the other, and slope of the cost, or distance from the bounds, from which
+another one begins where the last ended: after a poor first step a search may stop anywhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +188,16 @@ def search(
     options: Any = {"maxiter": _ITERATIONS, "ftol": 1e-7}
 
     def best_from(begin: FloatArray) -> Any:
-        begin = np.clip(begin, *np.transpose(bounds))
-        return minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        low, high = np.transpose(bounds)
+        for _ in range(_STARTS):
+            begin = np.clip(begin, low, high)
+            answer = minimize(
+                cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options
+            )
+            begin = answer.x
+            if np.abs(begin - np.clip(begin - answer.jac, low, high)).max() < _STEEP:
+                break
+        return answer
 
     answer = best_from(centres if guess is None else _as_theta(guess, noise))
     found = _as_hyper(answer.x, noise)

@@ -69,10 +69,18 @@ class PlanePrior:
         The unknowns, (n,): K packed weights, offset, slope.
     least : (K,) array, optional
         Least standard deviations of the irreversible weights, in ranges of the output.
+    independent : (K,) array, optional
+        Variances of the independent parts of the weights, over those of the nugget; 1 if not given.
     """
 
-    def __init__(self, spec: PlaneSpec, least: FloatArray | None = None) -> None:
+    def __init__(
+        self,
+        spec: PlaneSpec,
+        least: FloatArray | None = None,
+        independent: FloatArray | None = None,
+    ) -> None:
         self.spec, self.least = spec, least
+        self.independent = np.ones(spec.cells) if independent is None else independent
         self.grid = (spec.levels - spec.levels[0]) / (spec.levels[-1] - spec.levels[0])
         middle, width = (self.grid[1:] + self.grid[:-1]) / 2, np.diff(self.grid)
         i, j = np.tril_indices(spec.bands)
@@ -92,6 +100,13 @@ class PlanePrior:
         if self.least is not None:
             bulk = np.maximum(bulk, self.least)
         return bulk, self._unit * h.reversible * self._width
+
+    def nugget_variances(self, h: Hyperparameters) -> FloatArray:
+        """(K,) variances of the independent parts of the weights."""
+        bulk, reversible = self.deviations(h)
+        squares = bulk**2
+        squares[self.diagonal] += reversible**2
+        return h.nugget * self.independent * squares
 
     @property
     def level_deviations(self) -> FloatArray:
@@ -114,9 +129,11 @@ class PlanePrior:
         covariance = np.zeros((n, n))
         correlation = self._correlation(h.along, h.across)
         size = bulk / scale[:cells]
-        _kernels.add_covariance(correlation, size, h.nugget, np.arange(cells), covariance)
+        nugget = h.nugget * self.independent
+        _kernels.add_covariance(correlation, size, nugget, np.arange(cells), covariance)
         correlation, size = self._reversible_correlation(h), reversible / scale[self.diagonal]
-        _kernels.add_covariance(correlation, size, h.nugget, self.diagonal, covariance)
+        nugget = nugget[self.diagonal]
+        _kernels.add_covariance(correlation, size, nugget, self.diagonal, covariance)
         covariance[np.arange(cells, n), np.arange(cells, n)] = 1.0
         return covariance
 
@@ -134,8 +151,9 @@ class PlanePrior:
         bulk, reversible = self.deviations(h)
         weighted = bulk[:, None] * weight[:cells, :cells] * bulk
         correlation = self._correlation(h.along, h.across)
-        nugget = h.nugget * float(np.trace(weighted))
-        each = np.sum(weighted * (correlation + 1.0), axis=1) + h.nugget * weighted.diagonal()
+        loose = h.nugget * self.independent * weighted.diagonal()
+        nugget = float(loose.sum())
+        each = np.sum(weighted * (correlation + 1.0), axis=1) + loose
         along, across = _kernels.matern_slopes(
             self.along, self.across, h.along, h.across, correlation, weighted
         )
@@ -147,7 +165,7 @@ class PlanePrior:
         along += _kernels.matern_slopes(
             self.middle, self._none, h.along, 1.0, correlation, weighted
         )[0]
-        own = h.nugget * float(np.trace(weighted))
+        own = float(h.nugget * self.independent[self.diagonal] @ weighted.diagonal())
         by_reversible = 2 * (float(np.sum(weighted * (correlation + 1.0))) + own)
         by_bulk = 2 * float(each.sum())
         return np.array([by_decay, along, across, by_bulk, by_reversible, 0.0, nugget + own])

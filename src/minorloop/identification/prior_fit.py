@@ -17,6 +17,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.heavy_tails import ROUGH, independent_variances
 from minorloop.identification.likelihood import (
     MOST_SEARCH_BANDS,
     Evidence,
@@ -261,21 +262,30 @@ def _fit_many(
     def mean_square(x: FloatArray) -> float:
         return float(weight @ (scaled - matrix.forward(x)) ** 2 / weight.sum()) + within
 
-    def with_variance_of_residuals(h: Hyperparameters) -> tuple[Hyperparameters, float]:
+    def with_variance_of_residuals(h: Hyperparameters) -> Hyperparameters:
         system, count = system_at(h), float(weight.sum())
-        left, determined = mean_square(system.mean) * count, system.determined
-        return with_residual_variance(h, left, count - determined, known), determined
+        left = mean_square(system.mean) * count
+        return with_residual_variance(h, left, count - system.determined, known)
 
-    if small is matrix:
-        determined = system_at(h).determined
-    else:
-        h, _ = with_variance_of_residuals(h)
+    if small is not matrix:
+        h = with_variance_of_residuals(h)
         h = _with_best_nugget(h, lambda h: system_at(h).likelihood)
-        h, determined = with_variance_of_residuals(h)
+        h = with_variance_of_residuals(h)
+    normal = None
+    if h.nugget >= ROUGH and spec.cells <= MOST_DENSE_CELLS:
+        evidence = Evidence.of_many(matrix, scaled, weight, within)
+        independent, rise = independent_variances(evidence, h)
+        if independent is not None:
+            normal = system_at(h).likelihood + rise
+            system_at = systems(matrix, scaled, weight, signed, mean, independent)
+            if small is not matrix:
+                h = with_variance_of_residuals(h)
+    determined = system_at(h).determined
     leave_one_out = None
     if y.size <= MOST_SCREENED and (weight > 0).all():
         leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
     h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
+    likelihood = likelihood if normal is None else normal
     switched = matrix.column_squares(weight)[1][: spec.cells]
     system = with_open_cells(system, spec, x + mean, switched)
     posterior = system.posterior(unit, round(weight.sum()), determined)

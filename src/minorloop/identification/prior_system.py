@@ -144,7 +144,7 @@ class _DenseSystem(PriorSystem):
         return np.asarray(np.einsum("mn,mn->m", half, half))
 
     def widened(self, least: FloatArray) -> Self:
-        plane = PlanePrior(self._plane.spec, least)
+        plane = PlanePrior(self._plane.spec, least, self._plane.independent)
         return type(self)(plane, self._evidence, self._h, self._signed, self._centre)
 
     def posterior(self, unit: float, samples: int, determined: float) -> DensePosterior:
@@ -273,6 +273,7 @@ def systems(
     weight: FloatArray,
     signed: bool,
     centre: FloatArray | None = None,
+    independent: FloatArray | None = None,
 ) -> Callable[[Hyperparameters], PriorSystem]:
     """Normal equations of many samples for any hyperparameters, sparse where that is quicker.
 
@@ -288,13 +289,15 @@ def systems(
         Let weights and slope be negative.
     centre : (n,) array, optional
         Mean of the prior; zero if not given.
+    independent : (K,) array, optional
+        Variances of the independent parts of the weights, over those of the nugget.
 
     Raises
     ------
     ParameterError
         If the plane is too fine for dense matrices and the record does not suit sparse ones.
     """
-    plane, cells = PlanePrior(matrix.spec), matrix.spec.cells
+    plane, cells = PlanePrior(matrix.spec, independent=independent), matrix.spec.cells
     centre = np.zeros(matrix.spec.unknowns) if centre is None else centre
     if cells >= _LEAST_SPARSE and _few_reversals(matrix):
         field = FieldPrior(plane)

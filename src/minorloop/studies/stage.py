@@ -71,7 +71,7 @@ CLAIMS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Tracked:
+class FollowedSine:
     """A sine that was followed twice.
 
     Parameters
@@ -100,7 +100,7 @@ class StageStudy:
         Operator with dynamics, of the whole record.
     slow : Identification
         Operator of the slowest sine.
-    tracked : dict of Tracked
+    tracked : dict of FollowedSine
         By frequency in Hz.
     seconds : float
         Seconds of the identification with dynamics.
@@ -109,7 +109,7 @@ class StageStudy:
     seed: int
     found: DynamicIdentification
     slow: Identification
-    tracked: dict[int, Tracked]
+    tracked: dict[int, FollowedSine]
     seconds: float
 
     def figures(self) -> dict[str, Any]:
@@ -193,7 +193,7 @@ def times(u: FloatArray) -> FloatArray:
 
 def _tracked(
     stage: Stage, found: DynamicIdentification, slow: Identification, frequency: int
-) -> Tracked:
+) -> FollowedSine:
     """Drive the stage along one sine with both inverses; errors are without noise of a sensor."""
     wanted, rising = targets(frequency, float(found.model.operator.simulate([0.0])[0]))
     inputs = (
@@ -201,7 +201,7 @@ def _tracked(
         slow.model.invert(wanted, unreachable="clip").u,
     )
     errors = [(stage.positions(np.clip(u, 0.0, VOLTAGE), 0.0) - wanted)[rising:] for u in inputs]
-    return Tracked(wanted[rising:], errors[0], errors[1])
+    return FollowedSine(wanted[rising:], errors[0], errors[1])
 
 
 def _rms(error: FloatArray) -> float:

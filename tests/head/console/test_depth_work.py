@@ -12,16 +12,16 @@ from minorloop.head.ultrasound.pits import PitDepth
 
 def fitted(flooded):
     """Reports of the fit of a raster over the pit, with the head exactly at its targets."""
-    place = PIT[1], PIT[0]
     probe, known = tip()
     probe.flood(flooded)
-    echoes = ScanEchoes(known, 1, PIT[:2], PIT[2])
-    targets = RasterScan(calibration=known).targets(PIT[:2], np.array(place))
-    for pan, tilt in targets.tolist():
-        here = (pan, tilt, *place)
+    echoes, scan = ScanEchoes(known, 1, PIT[:2], PIT[2]), RasterScan(calibration=known)
+    step = scan.pitch / known.radius
+    advance, roll = scan.rolled(PIT[0] - 2.5 * step, (PIT[1], 0.0)).tolist()
+    for k, (pan, tilt) in enumerate(scan.targets(PIT[:2], (advance, roll)).tolist()):
+        here = (pan, tilt, advance, roll + k // scan.points * step)
         probe.move_to(request(here).stance)
         echoes.fire(probe, here, (pan, tilt))
-    return list(depth_work.depth(**echoes.job((0.0, 0.0, *place))))
+    return list(depth_work.depth(**echoes.job()))
 
 
 def test_the_echoes_of_a_scan_give_depth_map_and_mesh():

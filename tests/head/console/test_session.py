@@ -318,6 +318,18 @@ def test_a_head_without_a_probe_says_so_and_does_not_scan():
     assert LoopSettings().no_probe == ""
 
 
+def test_a_scan_that_cold_water_puts_out_of_reach_is_not_begun():
+    pilot = Pilot().following((319.5, 239.5))
+    pilot.camera.events = [EXTRACTED]
+    pilot.drive(2)
+    pilot.session.view = replace(pilot.session.view, temperature=1.0)
+    pilot.order(messages.Scan)
+    pilot.drive(2)
+    assert (pilot.session.state.mode, pilot.session.scan) == ("TRACK", None)
+    assert "out of reach: " in sent(pilot.session, "notice")[-1]["text"]
+    assert "begin_scan" not in pilot.camera.commands
+
+
 def test_a_scan_returns_home_and_its_depth_is_added_to_the_finding():
     pilot = scanning(stick=(1.0, 0.3))
     home = pilot.session.state.command, *position(pilot.session)[2:]

@@ -48,6 +48,12 @@ def test_an_ambient_that_is_too_cold_is_diagnosed_within_ten_seconds():
     assert "unreachable: ambient too cold" in str(verdict)
 
 
+def test_a_target_that_is_a_little_out_of_reach_is_found_while_the_wire_still_moves():
+    verdict, after = watched(29.2, ambient=-16.0, seconds=16.0)  # it would end at 24.7 degrees
+    assert verdict.reason == "ambient too cold"
+    assert after < 16.0
+
+
 @pytest.mark.parametrize("reference", [10.0, 30.0, 50.0])
 @pytest.mark.parametrize(
     "surroundings", [{}, {"ambient": 10}, {"ambient": 40}, {"cooling": 1.2}, {"cooling": 0.8}]

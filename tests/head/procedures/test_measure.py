@@ -6,7 +6,7 @@ from minorloop.lab.actuator import Shot
 from .fakes import CALIBRATION
 
 EAR = CALIBRATION.probe_at((12e-3, 0.2))
-AIM = np.array([0.3, 0.0])
+AIM = np.array([-0.35, 0.0])
 
 
 def silent(count=4):

@@ -1,7 +1,14 @@
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from minorloop.head.control.head import head_control
+from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.scan import RasterScan
+from minorloop.lab.actuator import Shot
+from wires import identified
 
 from .fakes import CALIBRATION, Loop
 
@@ -12,6 +19,18 @@ SCAN = RasterScan(calibration=CALIBRATION)
 def shot_at(loop):
     """Pan and tilt of the requested bursts."""
     return [tuple(request.angles) for request in loop.asked if request.shots]
+
+
+def spots_of(shift, onward=1):
+    """Places (N, 2) of the targets about the centre, in metres, for a catheter that rolls."""
+    first = SCAN.rolled(CENTRE[0] - 0.08 * onward, (CENTRE[1], 0.0))
+    step = onward * SCAN.pitch / CALIBRATION.radius
+    rows = SCAN.targets(CENTRE, first, shift, onward).reshape(SCAN.points, SCAN.points, 2)
+    spots = [
+        CALIBRATION.probe_at((first[0], first[1] + n * step)).spots(row)
+        for n, row in enumerate(rows)
+    ]
+    return (np.concatenate(spots)[:, :2] - CENTRE) * (CALIBRATION.radius, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +75,8 @@ def test_a_scan_goes_home_where_there_is_one(scanned):
 
 
 def test_the_raster_is_displaced_by_a_share_of_its_pitch():
-    place = (CENTRE[1], CENTRE[0] - 0.3)
-    spots = [
-        CALIBRATION.probe_at(place).spots(SCAN.targets(CENTRE, place, shift))
-        for shift in (0.0, 0.5)
-    ]
-    moved = (spots[1] - spots[0])[:, :2] * (CALIBRATION.radius, 1.0)
-    assert moved == pytest.approx(0.5 * SCAN.pitch)
+    spots = [spots_of(shift) for shift in (0.0, 0.5)]
+    assert spots[1] - spots[0] == pytest.approx(0.5 * SCAN.pitch)
 
 
 def test_a_place_out_of_reach_is_not_scanned():
@@ -72,10 +86,73 @@ def test_a_place_out_of_reach_is_not_scanned():
     assert not len(state.targets)
 
 
-def test_the_shorter_way_round_is_taken():
-    loop = Loop(place=(CENTRE[1], 3.0))
+@pytest.mark.parametrize("onward", [1, -1])
+def test_the_catheter_rolls_on_from_row_to_row_until_the_raster_is_covered(onward):
+    steps = SCAN.pitch * (np.arange(SCAN.points) - 0.5 * (SCAN.points - 1))
+    spots = spots_of(0.0, onward)
+    assert sorted(spots[:, 0]) == pytest.approx(np.repeat(steps, SCAN.points), abs=1e-9)
+    assert sorted(spots[:, 1]) == pytest.approx(np.repeat(steps, SCAN.points), abs=1e-9)
+    assert onward * (spots[-1, 0] - spots[0, 0]) > 0
+
+
+def test_a_burst_holds_at_the_reference_although_the_catheter_has_rolled():
+    rng = np.random.default_rng(1)
+    shots = [Shot(0.0, 1e-3 * rng.standard_normal(2000), 1e-8) for _ in range(4)]
+    place, reference = np.array([CENTRE[1], 0.2]), np.array([CENTRE[1], 0.28])
+    seen = SCAN.perpendicular + np.array([0.03, -0.01])
+    burst = SCAN.burst(shots, seen, seen, place, reference, first=False)
+    there, here = (
+        CALIBRATION.probe_at(at).spots(angles)
+        for at, angles in ((reference, burst.angles), (place, seen))
+    )
+    assert there == pytest.approx(here, abs=1e-9)
+    assert abs(burst.angles[1] - seen[1]) > 0.1
+
+
+def test_the_head_bends_by_little_across_the_pipe(scanned):
+    _, state = scanned
+    least, most = SCAN.needs.T
+    assert (state.targets > least - 0.01).all()
+    assert (state.targets < most + 0.01).all()
+    assert np.degrees(np.ptp(state.targets, axis=0))[1] < 2.0
+
+
+def control():
+    return head_control("observer", (identified().model,) * 2)
+
+
+def test_what_cold_water_puts_out_of_reach_is_said_before_travel():
+    cold = replace(SCAN, calibration=replace(CALIBRATION, temperature=1.0))
+    state = cold.begin(CENTRE, control=control())
+    words = r"out of reach: (pan|tilt) needs 1\d degrees, has 1\d \(\d to \d+\) in water of 1 C"
+    assert re.fullmatch(words, state.refused)
+    loop = Loop()
+    assert loop.run(cold, state).bursts == ()
+    assert (loop.place == 0.0).all()
+    assert shot_at(loop) == []
+
+
+@pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0, 40.0])
+def test_a_nominal_head_reaches_its_raster_in_water(temperature):
+    warm = replace(SCAN, calibration=replace(CALIBRATION, temperature=temperature))
+    assert warm.out_of_reach(control()) == ""
+    assert not warm.begin(CENTRE, control=control()).done
+
+
+def test_what_hot_wires_do_not_cool_down_to_is_said_too():
+    hot = replace(SCAN, calibration=replace(CALIBRATION, temperature=70.0))
+    assert "stays above" in hot.out_of_reach(control())
+
+
+@pytest.mark.parametrize("start", [-3.0, 0.0, 3.0])
+def test_the_shorter_way_round_is_taken(start):
+    place = SCAN.rolled(-2.5, (CENTRE[1], start))
+    assert abs(place[1] - start) <= np.pi
+    (spot,) = CALIBRATION.probe_at(place).spots(SCAN.perpendicular)
+    assert wrapped(spot[0] + 2.5) == pytest.approx(0.0, abs=1e-4)
+    loop = Loop(place=(CENTRE[1], start))
     loop.run(SCAN, SCAN.begin((-2.5, CENTRE[1])))
-    assert loop.place[1] == pytest.approx(2 * np.pi - 2.8, abs=0.01)
+    assert loop.place[1] == pytest.approx(place[1], abs=0.1)
 
 
 def test_a_burst_that_is_never_fired_is_skipped():

@@ -1,16 +1,20 @@
 """Parts of the inspection study on one seed each; the whole is a make target."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from minorloop.errors import ModelFileError
 from minorloop.head.geometry import Mount
+from minorloop.head.procedures import steps
 from minorloop.head.procedures.head_file import HeadFile
+from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.procedures.trace import likely
 from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN
 from minorloop.head.studies import (
+    flooded,
     inspection,
     inspection_report,
     inspection_servo,
@@ -59,7 +63,7 @@ def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
     after = [what for what in steps if what in order]
     assert after[: len(order)] == order
     assert steps[steps.index("reconstruct") + 1 :] == [
-        "pick", "centre", "focus", "trace", "modality", "measure",
+        "pick", "centre", "focus", "trace", "scan", "modality", "measure",
     ]  # fmt: skip
     figures = mission.figures()
     assert figures["measured"]
@@ -86,6 +90,50 @@ def test_a_mission_traces_its_crack_and_measures_it(mission):
     assert crack.wall.depth[deep] == pytest.approx(crack.found.depth)
     assert np.isnan(crack.wall.depth).any()
     assert mission.ring.patch.z < crack.wall.patch.z
+
+
+@pytest.mark.parametrize("what", ["centre", "touch", "scan"])
+def test_a_pit_counts_as_measured_only_if_every_step_with_it_succeeded(mission, what):
+    failed = LogEntry(0.0, what, "3.1 px from the middle", succeeded=False)
+    one = replace(mission, steps=(*mission.steps, failed))
+    assert one.pit.measured
+    assert not one.figures()["measured"]
+    assert one.figures()["failed"] == (what,)
+    assert one.findings[0].verdict == f"measured, but failed: {what}"
+
+
+def test_a_pit_counts_as_measured_only_within_the_band_and_where_the_tool_touched(mission):
+    wrong = replace(mission.pit, depth=mission.truth.depth + 4 * mission.pit.depth_sd)
+    assert not replace(mission, pit=wrong).figures()["measured"]
+    assert not replace(mission, touch=0.31e-3).figures()["measured"]
+    steps = mission.figures()["steps"]
+    assert ("touch", True) in [(what, succeeded) for _, what, _, succeeded in steps]
+
+
+def test_only_pits_within_reach_count_and_others_must_be_refused(mission):
+    figures = mission.figures()
+    said = figures | {"reachable": False, "refused": True, "measured": False}
+    silent = said | {"refused": False}
+    found = inspection._of_missions([figures, said, silent])
+    assert (found["pits_measured"], found["reachable"]) == (1.0, 1)
+    assert found["unreachable_said"] == 0.5
+    assert found["refused_in_vain"] == 0
+
+
+def test_a_pit_out_of_reach_is_reported_as_such_and_not_scanned(scene, monkeypatch):
+    def scan(rig, place, *, shift=0.0):
+        rig.say("reach", "out of reach: pan needs 15 degrees", succeeded=False)
+        return None, []
+
+    monkeypatch.setattr(missions, "touch", lambda rig, hole: None)
+    monkeypatch.setattr(missions, "scan", scan)
+    rig, truth = draw_mission(1)
+    mission = missions.Mission(1, truth.bore, truth.crack, 0.0, found=thing(0.02))
+    after = missions._measured(rig, truth, mission, None)
+    assert after.finding.verdict == "out of reach"
+    assert after.finding.kind == "hole or pit"
+    assert not after.pit.measured
+    assert after.failed == ("reach",)
 
 
 def test_findings_are_saved_as_meshes_and_a_table(mission, tmp_path):
@@ -240,6 +288,7 @@ def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
 
     def scan(rig, place, *, shift=0.0):
         shifts.append(shift)
+        rig.say("modality", "the wall answers")
         return None, []
 
     def measure(bursts, probe, place, diameter):
@@ -253,7 +302,22 @@ def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
     after = missions._measured(rig, truth, mission, None)
     assert shifts == [0.0, 0.5]
     assert after.pit.measured
-    assert [step.what for step in rig.log] == ["measure", "measure again"]
+    said = [step.what for step in rig.log]
+    assert said == ["modality", "measure", "modality", "measure again"]
+
+
+def test_the_catheter_rolls_to_where_weak_wires_reach_a_place_that_they_would_not_else():
+    rig, _ = draw_mission(1)
+    stroke = np.array([[0.0, 50.0], [0.0, 50.0]])
+    rig.control = SimpleNamespace(reach=lambda wanted: stroke)
+    below, above = np.array([np.pi / 2, 20e-3]), np.array([-np.pi / 2, 20e-3])
+    assert steps._near(rig, below)[1] == 0.0
+    rolled = steps._near(rig, above)
+    wanted = rig.calibration.joints(steps.aim_at(rig.calibration, above, rolled))
+    assert (wanted > 5.0).all()
+    assert (wanted < 20.0).all()
+    stroke[:, 1] = 60.0
+    assert steps._near(rig, above)[1] == 0.0
 
 
 def line(z, *, phi=0.0, length=4e-3, contrast=0.5):
@@ -299,10 +363,10 @@ def test_a_pipe_of_a_mission_has_its_crack_within_reach_and_clear_of_the_pit():
 def test_wall_and_water_are_known_with_errors(scene):
     rig, truth = draw_mission(1)
     probe = rig.calibration.probe_at(rig.place)
-    assert probe.thickness != truth.wet.thickness
-    assert probe.thickness == pytest.approx(truth.wet.thickness, rel=0.05)
-    assert probe.temperature != truth.temperature
-    assert probe.temperature == pytest.approx(truth.temperature, abs=1.5)
+    assert probe.thickness != truth.pipe.thickness
+    assert probe.thickness == pytest.approx(truth.pipe.thickness, rel=0.05)
+    assert probe.temperature != truth.water.temperature
+    assert probe.temperature == pytest.approx(truth.water.temperature, abs=1.5)
 
 
 def test_settling_and_losses_of_a_run():
@@ -347,13 +411,13 @@ def test_everything_is_gathered_and_reported(mission):
     }
     study = inspection.InspectionStudy(
         1, servo, dict.fromkeys(RUNS, run),
-        tuple(outcomes), np.full(48, 0.3), kinds, mission, 1.0,
+        tuple(outcomes), np.full(48, 0.3), kinds, mission, flooded.reach_figures(1), 1.0,
     )  # fmt: skip
     runs = [study.figures()] * 2
     found = inspection.gather(runs)
     assert len(claim_table(inspection.CLAIMS, found).rows) == len(inspection.CLAIMS)
     assert found["modality"]["wrong"] == 0
-    assert figure(found, "mission.measured") == figure(found, "mission.crack_found") == 1.0
+    assert figure(found, "mission.measured") == figure(found, "mission.cracks_found") == 1.0
     assert figure(found, "mission.false_cracks") == 0
     page = inspection_report.study_report(study, found, runs).html()
     assert found["detection"]["plain_edge_px_p90"] == 0.3

@@ -7,7 +7,8 @@ from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Pipe
-from minorloop.head.twins.rig import STRAIGHT, Rig, SimulatedTip, Sway
+from minorloop.head.twins.rig import STRAIGHT, Rig, SimulatedTip
+from minorloop.head.twins.surroundings import FULL, Filling, Sway
 
 
 def test_the_camera_looks_along_the_pipe_when_the_joints_are_in_their_middle():
@@ -67,6 +68,33 @@ def test_a_tip_has_echoes_in_water_only_and_the_image_of_a_camera_there():
     np.testing.assert_array_equal(tip.frame().image, camera.frame().image)
     dry = tip.shots(1)[0].trace
     tip.flood(True)
-    tip.move_to((0.31, 0.0, 0.0, 0.0, 0.02, 0.0))
+    tip.move_to((-0.35, 0.0, 0.0, 0.0, 0.02, 0.0))
     wet = tip.shots(1)[0].trace
     assert np.abs(wet[600:]).max() > 3 * np.abs(dry[600:]).max()
+
+
+def test_water_cools_the_wires_and_sways_the_head_until_it_is_drained():
+    flooded = Filling(level=FULL * 10e-3, temperature=10.0, sway=Sway())
+    rig = Rig(Head(), Catheter(), flooded=flooded)
+
+    def pan(seconds):
+        for _ in range(round(seconds / rig.tick)):
+            angles = rig.exchange(np.array([0.38, 0.0, 0.0, 0.0]))
+        return np.degrees(angles[0])
+
+    warm = pan(25.0)
+    rig.flood(True)
+    assert rig.sway == flooded.sway
+    assert pan(25.0) < warm - 10.0
+    rig.flood(False)
+    assert rig.sway is None
+    assert pan(25.0) == pytest.approx(warm, abs=1.0)
+
+
+def test_a_tip_tells_the_plant_when_the_pipe_is_flooded():
+    rig = Rig(flooded=Filling(level=FULL * 10e-3, temperature=10.0))
+    tip = SimulatedTip(Pipe.draw(1), flow=rig.flood)
+    tip.flood(True)
+    assert rig.head.surroundings.ambient == 10.0
+    tip.flood(False)
+    assert rig.head.surroundings.ambient == 20.0

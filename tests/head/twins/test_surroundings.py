@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop.head.twins.surroundings import Cooling, Course, Surroundings, convection
+from minorloop.head.twins.surroundings import Cooling, Course, Filling, Surroundings, convection
 
 
 @pytest.mark.parametrize(
@@ -103,3 +103,29 @@ def test_refuses_an_unknown_medium_and_an_impossible_pressure():
         convection("oil")
     with pytest.raises(ParameterError, match=r"pressure is 1\.0 Pa"):
         convection("air", pressure=1.0)
+
+
+def test_water_and_gas_of_a_pipe_set_ambient_and_convection():
+    load = Surroundings(load=1e-3)
+    wet = Filling(level=-5e-3, temperature=12.0, sleeve=1.04).around(load)
+    assert (wet.ambient, wet.load) == (12.0, 1e-3)
+    assert wet.convection == pytest.approx(1.04 * convection("flooded, sleeved"))
+    low = Filling(level=5e-3, temperature=12.0).around(load)
+    assert low.convection == convection("air")  # the wires are about the axis, above the water
+    gas = Filling(gas="forced gas", pressure=2e5).around(load)
+    assert gas.convection == convection("forced gas", pressure=2e5)
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"temperature": 120.0}, r"temperature of the filling is 120 .* \[0, 95\]"),
+        ({"sleeve": 3.0}, r"convection of the sleeve is 3; it must stay in \[0.5, 2\]"),
+        ({"gas": "flooded"}, "gas"),
+        ({"pressure": 1.0}, "pressure is 1.0 Pa"),
+        ({"level": np.nan}, "level of the water is nan"),
+    ],
+)
+def test_refuses_a_filling_that_is_none(options, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        Filling(**options)

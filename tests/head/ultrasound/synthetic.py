@@ -10,7 +10,7 @@ from minorloop.head.ultrasound.pit_model import PitModel
 from minorloop.head.ultrasound.pits import raster
 from minorloop.head.ultrasound.spectra import Spectra
 
-PROBE = CalibratedProbe(Probe(), Mount(advance=20e-3))
+PROBE = CalibratedProbe(Probe(), Mount(roll=-np.pi, advance=20e-3))
 CENTRE = (0.0, 20e-3)
 
 

@@ -28,8 +28,8 @@ def test_it_is_reciprocal_with_its_own_table():
 
 def test_a_wall_beside_the_beam_has_no_echo():
     field = sound_field(PROBE)
-    origin, axis = PROBE.beams([[np.radians(25.0), 0.0]])
-    spots = PROBE.spots([[np.radians(25.0), 0.0]])
+    origin, axis = PROBE.beams([[np.radians(-25.0), 0.0]])
+    spots = PROBE.spots([[np.radians(-25.0), 0.0]])
     heard = field.wall(origin, axis, spots[:, 2].copy(), spots[:, :2].copy(), 10e-3)
     beside = spots[:, :2] + [[0.0, 6e-3]]
     unheard = field.wall(origin, axis, spots[:, 2].copy(), beside, 10e-3)

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import wall_point
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.tracking import PatchTracker
 
-from .walls import CAMERA, photograph
+from .walls import CAMERA, photograph, texture
 
 PLACE = np.array([0.5, 20e-3])
 AIM = np.array(CAMERA.mount.aim(wall_point(*PLACE, 10e-3)))
@@ -230,3 +231,42 @@ def test_one_of_many_equal_spots_is_never_taken_for_another():
         told = AIM + np.array([turn, 0.0])
         track, state = TRACKER.step(state, photograph(*AIM, spots, seed=n), *told)
         assert track.verdict != "tracked" or distance(track, AIM) < 4
+
+
+def test_a_hole_has_a_place_of_its_own_on_a_blurred_wall_that_varies_slowly_along_the_pipe():
+    def wall(phi, z):
+        around, along = phi - PLACE[0], z - PLACE[1]
+        marks = texture(PLACE[0] + 2 * around, PLACE[1] + 0.6 * along)
+        return np.where(np.hypot(10e-3 * around, along) < 0.3e-3, marks - 0.4, marks)
+
+    def blurred(angles, seed):
+        image = gaussian_filter(photograph(*angles, wall, noise=0.0).astype(float), 3.0)
+        image += 1.5 * np.random.default_rng(seed).standard_normal(image.shape)
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    _, state = TRACKER.begin(blurred(AIM, 0), CAMERA.pixel(PLACE, *AIM), *AIM)
+    track, _ = TRACKER.step(state, blurred(AIM + 0.01, 1), *(AIM + 0.01))
+    assert track.verdict == "tracked"
+    assert distance(track, AIM + 0.01) < 0.5
+
+
+EDGE = AIM + np.array([0.36, 0.0])  # the patch is 10 pixels from the edge of the frame
+
+
+def test_a_lost_patch_is_found_again_only_with_most_of_its_surroundings():
+    _, state = begin()
+    _, state = TRACKER.step(state, np.zeros((480, 640), np.uint8), *AIM)
+    track, _ = TRACKER.step(state, photograph(*EDGE, seed=1), *EDGE)
+    assert track.verdict == "out of view"
+    track, _ = TRACKER.step(state, photograph(*AIM, seed=1), *AIM)
+    assert track.verdict == "tracked"
+
+
+def test_a_view_is_kept_only_of_a_patch_whose_surroundings_are_seen():
+    _, state = begin()
+    track, after = replace(TRACKER, fresh=1e-9).step(state, photograph(*EDGE, seed=1), *EDGE)
+    assert track.verdict == "tracked"
+    assert len(after.views) == 1
+    angles = AIM + np.array([0.05, 0.0])
+    _, after = replace(TRACKER, fresh=1e-9).step(state, photograph(*angles, seed=1), *angles)
+    assert len(after.views) == 2

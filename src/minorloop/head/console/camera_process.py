@@ -102,7 +102,8 @@ def _tip(
         if calibration is None:
             raise ParameterError("the camera is not calibrated; give the file of the head")
         return BenchTip(RemoteWires(plant)), calibration
-    tip, own = open_tip(settings.address, specimen=settings.specimen, seed=settings.seed)
+    flow = RemoteWires(plant).flood
+    tip, own = open_tip(settings.address, specimen=settings.specimen, seed=settings.seed, flow=flow)
     return tip, calibration or own
 
 

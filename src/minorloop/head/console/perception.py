@@ -417,7 +417,7 @@ class Perception:
         """Hand the echoes over to be fitted, and end the scan."""
         if self._echoes is None:
             raise SignalError("no scan is on")
-        self.jobs.append(self._echoes.job(self._position))
+        self.jobs.append(self._echoes.job())
         self._end_scan()
 
     def _end_scan(self) -> None:

@@ -24,8 +24,11 @@ from minorloop.head.procedures.actuator_plant import ActuatorPlant
 from minorloop.head.procedures.values import ALL_LIGHTS, Plant, Reading, Tip
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.head_file import HeadFile
+    from minorloop.head.twins.surroundings import Filling
 
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""
@@ -118,11 +121,17 @@ def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> P
     from minorloop.head.twins.head import Head
     from minorloop.head.twins.rig import Rig
 
-    return Rig(Head(specimen, 0.05, seed, delay=0.04), Catheter(specimen, 0.02, seed))
+    head = Head(specimen, 0.05, seed, delay=0.04)
+    return Rig(head, Catheter(specimen, 0.02, seed), flooded=_water())
 
 
 def open_tip(
-    address: str, *, specimen: int | None = None, seed: int = 0, scale: float = 1.0
+    address: str,
+    *,
+    specimen: int | None = None,
+    seed: int = 0,
+    scale: float = 1.0,
+    flow: Callable[[bool], None] | None = None,
 ) -> tuple[Tip, HeadCalibration]:
     """Return camera and probe of the plant at an address, and their calibration.
 
@@ -133,6 +142,8 @@ def open_tip(
         Of the simulated specimen, and of its noise and its pipe.
     scale : float
         Of the image; small images are drawn faster.
+    flow : callable, optional
+        Called when the pipe is flooded or drained, with a flag: ``flood`` of the plant.
 
     Raises
     ------
@@ -142,7 +153,7 @@ def open_tip(
     if not is_pipe(address):
         raise ParameterError(f"{address!r} has no camera; give one, or {PIPE}, which has")
     from minorloop.head.geometry import Mount
-    from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
+    from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.twins.camera import LENS
     from minorloop.head.twins.rig import SimulatedTip
     from minorloop.head.twins.ultrasound import compile_echoes
@@ -151,16 +162,23 @@ def open_tip(
     rng = np.random.default_rng([seed, 41])
     offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
     known = np.array(offset) + rng.normal(0.0, _MOUNT, 2)
-    pipe = _pipe(seed)
-    mount = Mount(offset=offset)
-    tip = SimulatedTip(pipe, mount=mount, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
+    pipe, water = _pipe(seed), _water()
+    tip = SimulatedTip(
+        pipe,
+        mount=Mount(offset=offset),
+        specimen=specimen,
+        seed=seed,
+        optics=LENS.scaled(scale),
+        flooded=water,
+        flow=flow,
+    )
     view = HeadCalibration(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
         offset=(float(known[0]), float(known[1])),
         radius=pipe.radius + float(rng.normal(0.0, _RADIUS)),
         thickness=pipe.thickness * float(rng.uniform(1 - _THICKNESS, 1 + _THICKNESS)),
-        temperature=ROOM_TEMPERATURE + float(rng.normal(0.0, _TEMPERATURE)),
+        temperature=water.temperature + float(rng.normal(0.0, _TEMPERATURE)),
         tool=tip.tool.calibration,
     )
     return tip, view
@@ -176,6 +194,15 @@ def _actuator_plant(address: str, specimen: int | None = None, seed: int = 0) ->
         raise ParameterError(
             f"there is nothing to steer at {address!r}: {error}; {PIPE} is always there"
         ) from None
+
+
+def _water() -> Filling:
+    """Return what fills the simulated pipe when it is flooded."""
+    from minorloop.head.procedures.calibration import ROOM_TEMPERATURE
+    from minorloop.head.twins.pipe import Pipe
+    from minorloop.head.twins.surroundings import FULL, Filling
+
+    return Filling(level=FULL * Pipe.radius, temperature=ROOM_TEMPERATURE)
 
 
 def _pipe(seed: int) -> Any:

@@ -13,6 +13,7 @@ from minorloop.head.console.camera_protocol import CameraCommand
 from minorloop.head.console.messages import Pair
 from minorloop.head.console.plant import reading_at
 from minorloop.head.console.units import Position
+from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.scan import RasterScan, ScanState
 
@@ -56,11 +57,21 @@ class ScanRequest:
 
 
 def begin_scan(
-    number: int, centre: Pair, diameter: float, view: HeadCalibration, home: Position
+    number: int,
+    centre: Pair,
+    diameter: float,
+    view: HeadCalibration,
+    home: Position,
+    control: HeadControl | None = None,
 ) -> ConsoleScan:
-    """Return a scan about phi and z; in the end the head returns to ``home``."""
+    """Return a scan about phi and z; in the end the head returns to ``home``.
+
+    With the control of the head, a scan that is out of reach in the water is done at once.
+    """
     back = reading_at(home)
-    state = RasterScan(calibration=view).begin(centre, home=(back.place, back.angles))
+    state = RasterScan(calibration=view).begin(
+        centre, home=(back.place, back.angles), control=control
+    )
     return ConsoleScan(number=number, diameter=diameter, state=state)
 
 

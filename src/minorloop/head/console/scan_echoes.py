@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from minorloop.arrays import FloatArray
 from minorloop.head.console.messages import Pair
 from minorloop.head.console.units import Position
 from minorloop.head.procedures.calibration import HeadCalibration
-from minorloop.head.procedures.measure import burst_of
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.values import Tip
 from minorloop.head.ultrasound.echoes import Burst
@@ -30,6 +30,8 @@ class ScanEchoes:
     def __init__(self, view: HeadCalibration, finding: int, centre: Pair, diameter: float) -> None:
         self._view, self._finding = view, finding
         self._centre, self._diameter = centre, diameter
+        self._scan = RasterScan(calibration=view)
+        self._reference: FloatArray | None = None
         self.bursts: list[Burst] = []
 
     def fire(self, tip: Tip, position: Position, wanted: Pair) -> str:
@@ -37,17 +39,21 @@ class ScanEchoes:
 
         ``wanted`` is the pan and tilt that the scan requested, in rad.
         """
-        shots, probe = tip.shots(RasterScan.shots), self._view.probe_at(position[2:])
-        burst = burst_of(shots, position[:2], wanted, probe, first=not self.bursts)
+        shots, place, first = tip.shots(self._scan.shots), position[2:], not self.bursts
+        if self._reference is None:
+            self._reference = self._scan.rolled(self._centre[0], place)
+        burst = self._scan.burst(shots, position[:2], wanted, place, self._reference, first=first)
         self.bursts.append(burst)
         return burst.verdict
 
-    def job(self, position: Position) -> dict[str, Any]:
+    def job(self) -> dict[str, Any]:
         """Return the arguments of `minorloop.head.console.depth_work.depth`."""
         return {
             "finding": self._finding,
             "bursts": self.bursts,
-            "probe": self._view.probe_at(position[2:]),
+            "probe": self._view.probe_at(
+                (0.0, 0.0) if self._reference is None else self._reference
+            ),
             "centre": self._centre,
             "diameter": self._diameter,
         }

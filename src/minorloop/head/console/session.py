@@ -506,8 +506,12 @@ class Session:
         # The head returns to where it was commanded, the catheter to where it was measured.
         home = *self.state.command, *self.position()[2:]
         hole = in_si(found)
-        self.scan = begin_scan(found.number, (hole.phi, hole.z), hole.width, self.view, home)
-        self._request = "SCAN"
+        place = hole.phi, hole.z
+        scan = begin_scan(found.number, place, hole.width, self.view, home, self.control)
+        if scan.state.refused:
+            self.notice(f"finding {found.number} is {scan.state.refused}")
+            return
+        self.scan, self._request = scan, "SCAN"
 
     def _scan_tick(self) -> tuple[Pair, Pair] | None:
         """Return the angles and rates of the scan; it advances only while its mode is on."""

@@ -160,15 +160,18 @@ class HeadControl:
             states.append(after)
         return current, HeadState(tuple(states))
 
-    def reach(self, reference: npt.ArrayLike) -> FloatArray:
+    def reach(self, reference: npt.ArrayLike, ends: npt.ArrayLike | None = None) -> FloatArray:
         """Return the least and largest readings (axes, 2) with the other axes where they belong.
 
         Parameters
         ----------
         reference : (axes,) array_like
             Wanted readings in degrees, which say where the other wires are.
+        ends : (axes, 2) array_like, optional
+            Least and largest angle of each wire; those in the surroundings of the identification
+            without it.
         """
-        ends = np.array([axis.reach for axis in self.axes])
+        ends = np.array([axis.reach for axis in self.axes]) if ends is None else np.asarray(ends)
         wanted = _numbers(reference, len(self.axes))
         own = np.clip(self._undo @ wanted, ends[:, 0], ends[:, 1])
         return np.asarray(ends + (self._mixing @ own)[:, np.newaxis])

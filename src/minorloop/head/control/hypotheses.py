@@ -31,8 +31,9 @@ _STEPS = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)
 """Steps of an even sequence in the unit cube: powers of the root of x**4 = x + 1."""
 _TABLE = 257
 """Points of the table of the rising branch."""
-_MODEL_ERROR, _MOST_MISS = 1.0, 5.0
-"""Standard deviation of the model's error in degrees; errors beyond 5 of them count as 5."""
+_MODEL_ERROR, _MOST_MISS = 0.7, 5.0
+"""Standard deviation of the model's error in degrees, about twice that of the best hypothesis on
+cold wires; errors beyond 5 of them count as 5."""
 _DECORRELATION, _MEMORY = 0.5, 6.0
 """Seconds between independent errors, and after which errors are forgotten."""
 _LIKELY, _BESIDE = (15.0, 0.7), (5.0, 0.07)

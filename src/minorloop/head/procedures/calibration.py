@@ -128,11 +128,15 @@ class HeadCalibration:
     def from_dict(cls, values: dict[str, Any]) -> HeadCalibration:
         """Return the calibration that `to_dict` gave these values.
 
+        A probe without an azimuth is of a file before there was one: it was on the x axis.
+
         Raises
         ------
         ValueError
             If a value is missing, unknown, of another type, or out of its range.
         """
+        if isinstance(values.get("probe"), dict):
+            values = {**values, "probe": {"azimuth": 0.0, **values["probe"]}}
         found = msgspec.convert(values, cls, dec_hook=lambda kind, value: np.array(value, float))
         _refuse_unknown(values, found.to_dict())
         return found

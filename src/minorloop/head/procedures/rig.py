@@ -67,11 +67,12 @@ _BY_ITSELF = (
 
 @dataclass(frozen=True)
 class LogEntry:
-    """Entry of a log: the time in seconds, the action, and its result."""
+    """Entry of a log: the time in seconds, the action, its result, and whether it succeeded."""
 
     t: float
     what: str
     outcome: str
+    succeeded: bool = True
 
 
 class InspectionRig:
@@ -236,6 +237,13 @@ class InspectionRig:
             self._tick(NOTHING)
         return found.result()
 
+    @property
+    def trouble(self) -> str:
+        """Why the wires do not reach their targets; empty if they do."""
+        found = zip(("pan", "tilt"), self._state.axes, strict=True)
+        each = [f"{name}: {axis.unreachable}" for name, axis in found if axis.unreachable]
+        return "; ".join(each)
+
     def check_sensors(self) -> None:
         """Refuse to go on with a sensor that failed.
 
@@ -250,9 +258,9 @@ class InspectionRig:
             if axis.fault:
                 raise InstrumentError(f"the sensor of {name} is {axis.fault}; check it")
 
-    def say(self, what: str, outcome: str) -> None:
+    def say(self, what: str, outcome: str, *, succeeded: bool = True) -> None:
         """Add an entry to the log."""
-        self.log.append(LogEntry(self.t, what, outcome))
+        self.log.append(LogEntry(self.t, what, outcome, succeeded))
         self._told(self.log[-1])
 
     def _image(self) -> Image | None:

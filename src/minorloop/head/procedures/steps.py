@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.geometry import wrapped
+from minorloop.head.geometry import wall_distance, wrapped
 from minorloop.head.procedures.centre import NOT_IN_VIEW, CentreState, Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
 from minorloop.head.procedures.go import GO
-from minorloop.head.procedures.mark import APPROACH, Marking, aim_at
+from minorloop.head.procedures.mark import APPROACH, TOUCHED, Marking, aim_at
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
@@ -26,6 +27,12 @@ CENTRED = np.radians(23.0)
 NEAR, FIRST = 6e-3, 1e-3
 """Advance of the near view beyond the place of centring, and least advance of the catheter, in
 metres: drawn back further, its tip sticks."""
+COLD, SPARE = np.radians(135.0), 2.0
+"""Direction in the image of what is on the cold side of both wires, in radians from its x to its y
+axis; and degrees by which a wire must reach farther than a place needs, for tool and overshoot."""
+CENTRED_PX, WITHIN = 2.0, 0.3e-3
+"""Farthest distance of a centred point from the middle of the image in pixels, and of a touch from
+its place in metres."""
 STEPS = (0.0, -3e-3, 3e-3, -6e-3, 6e-3)
 """Travels in metres from which a tool reaches what the camera has in its middle. The tool is 3.5 mm
 beside the lens, which is 8 mm along a wall that it meets at 25 degrees."""
@@ -82,14 +89,29 @@ def photo(rig: InspectionRig) -> Photo:
 
 def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:
     """Go to where a place is within the cone, turn towards it, and return image and pixel."""
-    ahead = rig.calibration.radius / np.tan(CENTRED)
-    go(rig, place=(max(float(place[1]) - ahead, FIRST), 0.0))
+    go(rig, place=_near(rig, place))
     go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
     meter(rig)
     where = f"phi {np.degrees(wrapped(place[0])):.0f} deg, z {1e3 * place[1]:.1f} mm"
     rig.say("pick", f"{where}, {words}")
     seen = photo(rig)
     return seen.image, seen.pixels(place)
+
+
+def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
+    """Return advance and roll (2,) of the catheter before a place.
+
+    It rolls only if the wires, from a roll of 0, would not turn the head to the place: until the
+    place is where they are cold.
+    """
+    view = rig.calibration
+    ahead = float(place[1]) - view.radius / np.tan(CENTRED)
+    there = np.array([max(ahead, FIRST), 0.0])
+    wanted = view.joints(aim_at(view, place, there))
+    least, most = rig.control.reach(wanted).T
+    if (wanted > most - SPARE).any() or (wanted < least).any():
+        there[1] = float(wrapped(place[0] - COLD - view.roll))
+    return there
 
 
 def centre(rig: InspectionRig, place: FloatArray) -> None:
@@ -102,10 +124,12 @@ def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
     """Log the distance from the middle; turn by the joints if the place is not in view."""
     if state.verdict == NOT_IN_VIEW:
         go(rig, angles=aim_at(rig.calibration, state.place, rig.place))
-        rig.say(step, "not whole in view; turned there by the joints alone")
+        words = "not whole in view; turned there by the joints alone"
+        rig.say(step, words, succeeded=False)
     else:
         lens = rig.calibration.lens
-        rig.say(step, f"{state.error:.1f} px from the middle of {lens.width} by {lens.height}")
+        words = f"{state.error:.1f} px from the middle of {lens.width} by {lens.height}"
+        rig.say(step, words, succeeded=state.error <= CENTRED_PX)
 
 
 def focus(rig: InspectionRig) -> None:
@@ -135,7 +159,8 @@ def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
     again = nearest(findings.holes, picked.place, rig.calibration.radius)
     hole = again or picked
     words = "seen again from nearer" if again else "not seen again; the first view counts"
-    rig.say("extract", f"{1e3 * hole.diameter:.2f} mm across, {words}")
+    size = f"{1e3 * hole.diameter:.2f} mm across"
+    rig.say("extract", f"{size}, {words}", succeeded=again is not None)
     return findings, hole, again is not None
 
 
@@ -167,5 +192,9 @@ def touch(rig: InspectionRig, hole: Hole) -> Image:
     state = rig.run(marking, marking.begin(hole.place, rig.gain))
     rig.gain = state.gain
     phi, z = np.degrees(hole.place[0]), 1e3 * hole.place[1]
-    rig.say("touch", f"phi {phi:.1f} deg, z {z:.2f} mm: {state.verdict}")
+    off = math.inf
+    if state.verdict == TOUCHED and state.touch is not None:
+        off = float(wall_distance(state.touch, hole.place, rig.calibration.radius))
+    words = state.verdict if off < WITHIN or math.isinf(off) else f"{1e3 * off:.2f} mm beside"
+    rig.say("touch", f"phi {phi:.1f} deg, z {z:.2f} mm: {words}", succeeded=off <= WITHIN)
     return photo(rig).image

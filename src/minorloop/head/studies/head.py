@@ -80,6 +80,8 @@ RIVALS_CIRCLE = f"circle {PERIODS[1]:g} s"
 """The circle of all controllers, the faster one whose error is limited."""
 CIRCLE_WAIT = 20.0
 """Wait at the first point of a circle in seconds: longer than a step may take to settle."""
+TURNS = 2
+"""Turns of a circle: the first begins from rest, the second shows whether the error stays."""
 OPEN_HOLD, OPEN_TARGETS, OPEN_RANGE = 25.0, 14, (5.0, 50.0)
 """Targets in open loop: hold in s, of more than three time constants; how many, by trial; and range
 in degrees, within the stroke of 57 at least."""
@@ -197,7 +199,13 @@ CLAIMS = (
     Claim("angles of pictures: rms [deg]", "camera.reading_rms_deg", "not given"),
     Claim("aged wires: rms [deg]", "aged.observer_rms_deg", "left open"),
     Claim("the same, adaptive: rms [deg]", "aged.adaptive_rms_deg", "left open"),
-    Claim("out of reach: always found", "unreachable.detected", "left open", least=1),
+    Claim(
+        "out of reach: specimens where all were found",
+        "unreachable.detected",
+        "left open",
+        least=0.98,
+        percent=True,
+    ),
     Claim("the same: after [s]", "unreachable.after_s", "left open", most=10),
     Claim("false alarms in all other runs", "unreachable.false_alarms", "left open", most=0),
     Claim("limits exceeded, all runs", "limits.violations", "not studied", most=0),
@@ -356,11 +364,13 @@ def run_study(seed: int) -> HeadStudy:
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return medians over specimens, but sums of violations and of false alarms.
 
-    What the camera sees is scored over all points, touches and pictures.
+    Of the targets out of reach it is the share of specimens in which all of them were found. What
+    the camera sees is scored over all points, touches and pictures.
     """
     found = medians([{k: v for k, v in run.items() if k != "sight"} for run in runs])
     found |= gather_sight([run["sight"] for run in runs])
-    found["unreachable"]["detected"] = all(run["unreachable"]["detected"] for run in runs)
+    detected = [run["unreachable"]["detected"] for run in runs]
+    found["unreachable"]["detected"] = float(np.mean(detected))
     found["unreachable"]["after_max_s"] = max(run["unreachable"]["after_s"] for run in runs)
     for part, key in (("unreachable", "false_alarms"), ("limits", "violations")):
         found[part][key] = sum(run[part][key] for run in runs)
@@ -421,7 +431,7 @@ def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, s
         tried.append(("ambient ramp", name, constant(RAMP_TARGET), RAMP_SECONDS, RAMP))
         for period in (*PERIODS, *FASTER):
             if name == DEFAULT or f"circle {period:g} s" == RIVALS_CIRCLE:
-                way, span = circle(period, before=CIRCLE_WAIT), CIRCLE_WAIT + 2 * period
+                way, span = circle(period, before=CIRCLE_WAIT), CIRCLE_WAIT + TURNS * period
                 tried.append((f"circle {period:g} s", name, way, span, None))
     old = stairs(rng.uniform(*OLD_RANGE, OLD_TARGETS).tolist(), OLD_HOLD)
     for name in OLD:

@@ -77,7 +77,7 @@ def _summary(seed: int, figures: Mapping[str, Any], runs: Sequence[Mapping[str, 
     """Return the first paragraph."""
     many, found, missions = len(runs) > 1, figures["detection"], figures["mission"]
     of = missions["of"]
-    measured, cracks = (round(missions[key] * of) for key in ("measured", "crack_found"))
+    measured, cracks = (round(missions[key] * of) for key in ("measured", "cracks_found"))
     return (
         f"Servo, finding, tracking, depth and fusion on {specimens(runs)} "
         f"with {'pipes of their own' if many else 'a pipe of its own'}; figures are drawn "
@@ -161,12 +161,16 @@ def _add_detection(
 
 def _add_mission(report: Report, mission: Mission) -> None:
     """Add the steps of a mission, its pit, its cracks, and the map once round the pipe."""
-    rows = [(f"{step.t:.0f} s", step.what, step.outcome) for step in mission.log]
+    rows = [
+        (f"{step.t:.0f} s", step.what, step.outcome, "" if step.succeeded else "failed")
+        for step in mission.log
+    ]
     report.add(
         "A mission without an operator",
         text="The six steps of the paper's section 5.2, with the two that it announces; then the "
-        "lines that were seen on the way are visited.",
-        table=Table(("time", "step", "outcome"), rows),
+        "lines that were seen on the way are visited. Before all that, whether the probe is within "
+        "reach in the water.",
+        table=Table(("time", "step", "outcome", ""), rows),
     )
     if mission.wall is None or mission.pit is None:
         report.add("No pit", text=nothing_found(mission))
@@ -176,7 +180,7 @@ def _add_mission(report: Report, mission: Mission) -> None:
             "The pit",
             text="The outline is that of the image and of the echoes together, the depth that of "
             "the joint fit spread by the footprints of the beams; the rim is the least sure.",
-            table=finding_rows(finding_of(mission.pit)),
+            table=finding_rows(mission.finding or finding_of(mission.pit)),
             pictures=[Picture(draw_finding(mission.wall), words)],
         )
     _add_cracks(report, mission)
@@ -221,11 +225,7 @@ def save_beside(study: InspectionStudy, folder: Path) -> list[Path]:
 
 def nothing_found(mission: Mission) -> str:
     """Return a sentence on why a mission has no pit."""
-    why = (
-        "nothing round was seen"
-        if mission.pit is None
-        else f"verdict of the echoes: {mission.pit.verdict}"
-    )
+    why = "nothing round was seen" if mission.pit is None else f"verdict: {mission.pit.verdict}"
     return (
         f"The mission of seed {mission.seed} ended without the depth of a pit ({why}); no mesh of "
         "one is written."

@@ -33,7 +33,8 @@ from minorloop.head.twins.camera import LENS
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Pipe
-from minorloop.head.twins.rig import Rig, SimulatedTip, Sway
+from minorloop.head.twins.rig import Rig, SimulatedTip
+from minorloop.head.twins.surroundings import Sway
 from minorloop.head.vision.hold import PointHold
 from minorloop.head.vision.tracking import TRACKED
 

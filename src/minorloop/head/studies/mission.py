@@ -8,7 +8,7 @@ run in a real inspection.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,9 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
+from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.steps import (
+    WITHIN,
     centre,
     extract,
     focus,
@@ -32,9 +34,22 @@ from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
 from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of
 from minorloop.head.studies import mission_cracks, scoring
 from minorloop.head.studies.mission_cracks import SeenCrack
-from minorloop.head.studies.mission_scene import RADIUS, MissionTruth, distance, draw_mission
-from minorloop.head.studies.touch_trials import WITHIN
-from minorloop.head.studies.ultrasonic_scan import drain, fused_wall, ring_of, scan, sweep
+from minorloop.head.studies.mission_scene import (
+    RADIUS,
+    MissionTruth,
+    distance,
+    draw_mission,
+    reachable,
+)
+from minorloop.head.studies.ultrasonic_scan import (
+    REFUSED,
+    drain,
+    fused_wall,
+    refused,
+    ring_of,
+    scan,
+    sweep,
+)
 from minorloop.head.twins.pipe import Bore, Crack
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit
 from minorloop.head.ultrasound.profile import Profile
@@ -53,6 +68,11 @@ SAME = 1.0e-3
 """Candidates within this distance in metres are one."""
 AGAIN = "disturbed"
 """Verdict after which a raster is scanned again, displaced by half a pitch."""
+CLAIMED = ("centre", "touch", "reach", "scan")
+"""Steps without which a pit does not count as measured."""
+PROMISED = 3.0
+"""Most standard deviations by which the depth of a pit may be wrong, and count as measured: the
+90 % band is scored by its coverage, and excludes one in ten."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +112,12 @@ class Mission:
     touch : float
         Distance from the true centre at which the tool came to the wall, in m; infinite without a
         contact.
+    off : float
+        Distance of the true centre from the middle of the image when centred, in pixels.
+    steps : tuple of LogEntry
+        Those with this pit.
+    reachable : bool
+        Whether the wires truly reach the raster in the water. For scoring only.
     """
 
     seed: int
@@ -111,28 +137,56 @@ class Mission:
     water: WaterLine | None = None
     cracks: tuple[SeenCrack, ...] = ()
     touch: float = np.nan
+    off: float = np.nan
+    steps: tuple[LogEntry, ...] = ()
+    reachable: bool = True
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Steps with the pit that failed, of those without which it is not measured."""
+        return tuple(one.what for one in self.steps if one.what in CLAIMED and not one.succeeded)
+
+    @property
+    def finding(self) -> Finding | None:
+        """The pit, or what may be one, with a verdict that names what failed; None for a mark."""
+        if self.pit is None:
+            return None
+        found = finding_of(self.pit)
+        if self.failed and self.pit.verdict != REFUSED:
+            found = replace(found, verdict=f"{found.verdict}, but failed: {', '.join(self.failed)}")
+        return None if found.kind == "mark" else found
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings of the table: the pit, or what may be one, and cracks."""
-        pits = () if self.pit is None else (finding_of(self.pit),)
-        return (
-            *(one for one in pits if one.kind != "mark"),
-            *(crack.finding for crack in self.cracks),
-        )
+        pits = () if self.finding is None else (self.finding,)
+        return (*pits, *(crack.finding for crack in self.cracks))
 
     def figures(self) -> dict[str, Any]:
         """Return errors of the result; NaN where nothing was found."""
         place = width = depth = np.nan
+        promised = False
         if self.pit is not None:
             place = 1e3 * scoring.apart((self.pit.phi, self.pit.z), self.truth, RADIUS)
             width = 100 * abs(self.pit.diameter / self.truth.diameter - 1)
             depth = 1e3 * abs(self.pit.depth - self.truth.depth)
+            promised = depth <= 1e3 * PROMISED * self.pit.depth_sd
         return {
             "found": self.found is not None,
             # What was measured elsewhere is not the pit.
-            "measured": self.pit is not None and self.pit.measured and place < 1e3 * SAME,
+            "measured": self.pit is not None
+            and self.pit.measured
+            and place < 1e3 * SAME
+            and promised
+            and self.touch <= WITHIN
+            and not self.failed,
             "touched": self.touch <= WITHIN,
+            "promised": promised,
+            "failed": self.failed,
+            "centred_px": self.off,
+            "reachable": self.reachable,
+            "refused": any(one.what == "reach" and not one.succeeded for one in self.log),
+            "steps": [astuple(one) for one in self.log],
             "seconds": self.log[-1].t,
             "touch_mm": 1e3 * self.touch,
             "position_mm": place,
@@ -165,7 +219,11 @@ def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
         Of the head of this seed, which is identified without it.
     """
     (rig, truth), seen = draw_mission(seed, head), Overview()
-    mission = Mission(seed, truth.bore, truth.crack, float(truth.wet.water or 0.0))
+    mission = Mission(seed, truth.bore, truth.crack, float(truth.water.level or 0.0))
+    mission = replace(mission, reachable=reachable(rig, truth))
+    said = RasterScan(calibration=rig.calibration).out_of_reach(rig.control)
+    water = f"the probe is within reach in water of {rig.calibration.temperature:.0f} C"
+    rig.say("reach", said or water, succeeded=not said)
     best = _examined(rig, truth, mission, seen)
     if best.pit is None:
         rig.say("end of pits", "no pit that echoes confirm was found; no depth is given")
@@ -216,11 +274,15 @@ def _approached(
     rig: InspectionRig, mission: Mission, hole: Hole
 ) -> tuple[Mission, bool, ReflectanceMap | None]:
     """Pick, centre, focus and extract; return whether it is seen again, and the near view."""
+    began = len(rig.log)
     first, pixel = pick(rig, hole.place, f"evidence {hole.evidence:+.1f}")
     centre(rig, hole.place)
+    off = scoring.off_middle(rig.tip, mission.truth)
     focus(rig)
     near, found, again = extract(rig, hole)
-    return replace(mission, near=near, first=first, pixel=pixel, found=found), again, near.wall
+    steps = tuple(rig.log[began:])
+    one = replace(mission, near=near, first=first, pixel=pixel, found=found, off=off, steps=steps)
+    return one, again, near.wall
 
 
 def _measured(
@@ -230,10 +292,15 @@ def _measured(
     hole = one.found
     if hole is None:
         return one
+    began = len(rig.log)
     centred_image = touch(rig, hole)
     off = scoring.touch_off(rig.tip, truth.bore, RADIUS)
     place = (float(hole.place[0]), float(hole.place[1]))
+    one = replace(one, centred=centred_image, touch=off)
     probe, bursts = scan(rig, place)
+    if refused(rig):
+        steps = (*one.steps, *rig.log[began:])
+        return replace(one, pit=PitDepth(REFUSED, *place, hole.diameter), steps=steps)
     pit = measure_pit(bursts, probe, place, hole.diameter)
     rig.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
     if pit.verdict == AGAIN:
@@ -241,7 +308,7 @@ def _measured(
         other = measure_pit(others, probe, place, hole.diameter)
         rig.say("measure again", f"{other.bursts} of {len(others)} places; {other.verdict}")
         pit, bursts = (other, others) if other.measured else (pit, bursts)
-    one = replace(one, centred=centred_image, touch=off, pit=pit)
+    one = replace(one, pit=pit, steps=(*one.steps, *rig.log[began:]))
     if np.isfinite(pit.depth):
         wall = fused_wall(bursts, probe, pit, hole, view)
         profile, water = sweep(rig, place)

@@ -23,7 +23,7 @@ from minorloop.head.procedures.trace import (
 from minorloop.head.reconstruction.depth_map import DepthMap
 from minorloop.head.reconstruction.findings import Finding
 from minorloop.head.studies.mission_scene import RADIUS
-from minorloop.head.studies.ultrasonic_scan import drain, scan
+from minorloop.head.studies.ultrasonic_scan import REFUSED, drain, refused, scan
 from minorloop.head.twins.pipe import Crack
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_depth, crack_finding, crack_map
 from minorloop.head.vision.cracks import TracedCrack
@@ -87,10 +87,13 @@ def examined(rig: InspectionRig, trace: TracedCrack, views: int) -> SeenCrack | 
     words = f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest"
     rig.say("trace", f"a crack, {words}")
     probe, bursts = scan(rig, (float(where[0]), float(where[1])))
-    drain(rig)
-    found = crack_depth(bursts, probe, best.places, width)
-    deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
-    rig.say("measure", f"{found.verdict}{deep}")
+    if refused(rig):
+        found = CrackDepth(REFUSED)
+    else:
+        drain(rig)
+        found = crack_depth(bursts, probe, best.places, width)
+        deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
+        rig.say("measure", f"{found.verdict}{deep}")
     patch = patch_about(course.places, rig.calibration.radius)
     wall = crack_map(course.places, width, found, tuple(where.tolist()), patch)
     return SeenCrack(best, course, where, width, found, photo, wall)

@@ -13,17 +13,23 @@ from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.studies import scoring
 from minorloop.head.studies.inspection_servo import wires_of
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Crack, Pipe, draw_crack
-from minorloop.head.twins.rig import Rig, SimulatedTip, Sway
+from minorloop.head.twins.rig import Rig, SimulatedTip
+from minorloop.head.twins.surroundings import Filling, Surroundings, Sway
 
 RADIUS = 10e-3
 SWAY = Sway()
 """Motion of the base of the head in the flow of the water."""
 OFF_THICKNESS, OFF_TEMPERATURE = 0.01, 0.3
 """Standard deviations of the known wall thickness, relative, and water temperature, in degrees."""
+TEMPERATURES, OFF_SLEEVE = (10.0, 40.0), 0.04
+"""Range of the temperature of the water, in degrees Celsius, and largest share by which the
+convection of a sleeve differs from nominal: that of a bore which is 10 % wider or narrower."""
 CRACKED, CLEAR = (18e-3, 31e-3), 3e-3
 """Range of cracks along the pipe, and least distance from the pit, in metres."""
 
@@ -37,10 +43,10 @@ class MissionTruth:
     bore : Bore
         The pit.
     crack : Crack
-    wet : Pipe
-        The flooded pipe.
-    temperature : float
-        Of the water, in degrees Celsius.
+    pipe : Pipe
+        Without water.
+    water : Filling
+        Of the flooded pipe.
     plant : Rig
         Head and catheter.
     offset : (float, float)
@@ -49,8 +55,8 @@ class MissionTruth:
 
     bore: Bore
     crack: Crack
-    wet: Pipe
-    temperature: float
+    pipe: Pipe
+    water: Filling
     plant: Rig
     offset: tuple[float, float]
 
@@ -82,31 +88,44 @@ def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig
     crack = crack_beside(bore, np.random.default_rng([seed, 35]))
     dry = replace(Pipe.draw(seed), bores=(bore,), cracks=(crack,))
     wet = [bore.phi, *(phi for phi, _ in crack.points)]
-    flooded = replace(dry, water=_level(wet, np.random.default_rng([seed, 32])))
+    level = _level(wet, np.random.default_rng([seed, 32]))
     x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
     known_x, known_y = (np.array([x, y]) + rng.normal(0, 0.05e-3, 2)).tolist()
     about = np.random.default_rng([seed, 33])
-    warm = float(about.uniform(12, 30))
-    plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed), seed=seed)
+    flooded = Filling(
+        level=level,
+        temperature=float(about.uniform(*TEMPERATURES)),
+        sleeve=float(about.uniform(1 - OFF_SLEEVE, 1 + OFF_SLEEVE)),
+        sway=SWAY,
+    )
+    head_twin = Head(seed, 0.05, seed, delay=0.04)
+    plant = Rig(head_twin, Catheter(seed, 0.02, seed), flooded=flooded, seed=seed)
     tip = SimulatedTip(
         dry,
         mount=Mount(offset=(x, y)),
         specimen=seed,
         seed=seed,
         flooded=flooded,
-        probe={"temperature": warm},
-        flow=lambda on: setattr(plant, "sway", SWAY if on else None),
+        flow=plant.flood,
     )
     calibration = HeadCalibration(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
         offset=(known_x, known_y),
-        thickness=flooded.thickness * float(1 + OFF_THICKNESS * about.normal()),
-        temperature=warm + OFF_TEMPERATURE * float(about.normal()),
+        thickness=dry.thickness * float(1 + OFF_THICKNESS * about.normal()),
+        temperature=flooded.temperature + OFF_TEMPERATURE * float(about.normal()),
         tool=tip.tool.calibration,
     )
     rig = InspectionRig(plant, tip, control, calibration, gyroscope=plant.gyroscope)
-    return rig, MissionTruth(bore, crack, flooded, warm, plant, (x, y))
+    return rig, MissionTruth(bore, crack, dry, flooded, plant, (x, y))
+
+
+def reachable(rig: InspectionRig, truth: MissionTruth) -> bool:
+    """Return whether the wires truly reach a raster in the water. For scoring only."""
+    view = rig.calibration
+    needs = [view.joints(pair) for pair in RasterScan(calibration=view).needs.T]
+    around = truth.water.around(Surroundings())
+    return scoring.reaches(Head(truth.plant.head.specimen), around, np.array(needs).T)
 
 
 def _control(seed: int, head: HeadFile | None) -> HeadControl:

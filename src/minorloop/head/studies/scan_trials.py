@@ -24,7 +24,8 @@ from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.studies import scoring
 from minorloop.head.twins.camera import LENS
 from minorloop.head.twins.pipe import Bore, Pipe, draw_pit
-from minorloop.head.twins.rig import GYROSCOPE_NOISE, Sway
+from minorloop.head.twins.rig import GYROSCOPE_NOISE
+from minorloop.head.twins.surroundings import Sway
 from minorloop.head.twins.ultrasound import Ultrasound
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe
@@ -220,7 +221,7 @@ def scan(trial: ScanTrial) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
         reading = _reading(trial, request.shots, joints, place, begin)
         state, request = scanning.step(state, reading)
         trial.twin.wait(_TICK)
-    return scanning.calibration.probe_at(place), state.bursts
+    return scanning.calibration.probe_at(state.reference), state.bursts
 
 
 def _calibration(probe: CalibratedProbe) -> HeadCalibration:

@@ -5,6 +5,7 @@ No estimator and no controller uses it; only a study reads it, after a run.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -15,10 +16,15 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import Mount, Pinhole, Tool, meet_wall, wall_point, wrapped
 from minorloop.head.twins.camera import Camera
+from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore
 from minorloop.head.twins.rig import STRAIGHT, Rig
+from minorloop.head.twins.surroundings import Surroundings
 from minorloop.head.twins.ultrasound import Ultrasound
-from minorloop.head.twins.wire import HeatedWires
+from minorloop.head.twins.wire import HIGHEST_CURRENT, HeatedWires
+
+_SETTLED = 60.0
+"""Seconds after which a wire has settled: 15 of its lags."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +69,52 @@ def apart(place: npt.ArrayLike, bore: Bore, radius: float) -> float:
     return float(np.linalg.norm(ends[0] - ends[1]))
 
 
+def ends(head: Head, surroundings: Surroundings) -> FloatArray:
+    """Return the least and largest settled angle (axes, 2) of the wires in degrees.
+
+    Parameters
+    ----------
+    head : Head
+        A fresh twin; it is used up.
+    surroundings : Surroundings
+    """
+    head.surround(surroundings)
+    found = []
+    for current in (HIGHEST_CURRENT, 0.0):
+        head._hold(np.full(2, current), np.array([_SETTLED]))
+        found.append(np.degrees(head._state[:, 3] / head._axes[:, 17]))
+    return np.stack(found[::-1], axis=1)
+
+
+def reaches(head: Head, surroundings: Surroundings, needs: FloatArray) -> bool:
+    """Return whether the wires of a head reach all readings between two.
+
+    Parameters
+    ----------
+    head, surroundings
+        As of `ends`.
+    needs : (2, 2) array
+        Least and largest reading of each joint, in degrees.
+    """
+    couple = np.array([[1.0, head._cross[0]], [head._cross[1], 1.0]])
+    least, largest = ends(head, surroundings).T
+    return all(
+        bool(((own >= least) & (own <= largest)).all())
+        for pair in itertools.product(*needs)
+        for own in (np.linalg.solve(couple, np.array(pair)),)
+    )
+
+
 def touch_off(tip: Any, bore: Bore, radius: float) -> float:
     """Return how far from a bore the tool last came to the wall, in metres; infinite if never."""
     touches = tip.tool.touches
     return apart(touches[-1], bore, radius) if touches else math.inf
+
+
+def off_middle(tip: Any, bore: Bore) -> float:
+    """Return the distance of a bore from the middle of the image, in pixels."""
+    middle = np.array([tip.camera._optics.width, tip.camera._optics.height]) / 2 - 0.5
+    return float(np.linalg.norm(true_pixel(tip.camera, bore.phi, bore.z) - middle))
 
 
 def true_tool(tip: Any) -> Tool:

@@ -21,7 +21,7 @@ from minorloop.head.procedures.meter import LIMITS
 from minorloop.head.studies import scoring
 from minorloop.head.twins.camera import LENS, Camera
 from minorloop.head.twins.pipe import Bore, Dirt, Pipe
-from minorloop.head.twins.rig import Sway
+from minorloop.head.twins.surroundings import Sway
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.tracking import TRACKED, PatchTracker
 

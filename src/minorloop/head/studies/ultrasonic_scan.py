@@ -28,12 +28,14 @@ from minorloop.head.reconstruction.depth_map import (
 from minorloop.head.studies.mission_scene import RADIUS
 from minorloop.head.ultrasound.echoes import Burst, average
 from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.ultrasound.pits import PitDepth, raster
+from minorloop.head.ultrasound.pits import PitDepth
 from minorloop.head.ultrasound.profile import Profile, centred, joined, wall_profile
 from minorloop.head.vision.defects import Hole
 from minorloop.head.vision.reflectance_map import ReflectanceMap
 from minorloop.identification.bands import PER_DEVIATION
 
+REFUSED = "out of reach"
+"""Verdict of a place that the probe does not reach in the water."""
 TURNS, RING_SHOTS = 48, 4
 """Places of the sweep round the pipe for water line and profile, and shots at each."""
 RING, MARGIN = 9.6e-3, 1e-3
@@ -55,10 +57,23 @@ def scan(
         Displacement of the raster in pitches, in both directions.
     """
     scanning = RasterScan(calibration=rig.calibration)
-    bursts = rig.run(scanning, scanning.begin(place, shift=shift)).bursts
+    begun = scanning.begin(place, shift=shift, control=rig.control)
+    if begun.refused:
+        rig.say("reach", begun.refused, succeeded=False)
+        return rig.calibration.probe_at(rig.place), []
+    state, late = rig.run(scanning, begun), rig.trouble
+    bursts, planned = state.bursts, scanning.points**2
+    words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
+    rig.say("scan", words, succeeded=len(bursts) == planned and not late)
     coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
-    rig.say("modality", "the wall answers" if coupled else "no echo: camera only")
-    return rig.calibration.probe_at(rig.place), list(bursts)
+    answer = "the wall answers" if coupled else "no echo: camera only"
+    rig.say("modality", answer, succeeded=coupled)
+    return rig.calibration.probe_at(state.reference), list(bursts)
+
+
+def refused(rig: InspectionRig) -> bool:
+    """Return whether the last scan was refused because the water puts it out of reach."""
+    return rig.log[-1].what == "reach" and not rig.log[-1].succeeded
 
 
 def drain(rig: InspectionRig) -> None:
@@ -81,8 +96,7 @@ def fused_wall(
 
 def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
     """Roll the catheter once round, and measure profile and water line."""
-    probe = rig.calibration.probe_at(rig.place)
-    go(rig, angles=raster(probe, place, points=1)[0])
+    go(rig, angles=RasterScan(calibration=rig.calibration).perpendicular)
     profiles = []
     for k in range(TURNS):
         go(rig, place=(rig.place[0], np.radians(-180.0 + 360.0 * k / TURNS)))

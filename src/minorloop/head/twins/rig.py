@@ -10,65 +10,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError
 from minorloop.head.geometry import Mount, Pinhole
 from minorloop.head.twins.camera import LENS, Camera
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Pipe
+from minorloop.head.twins.surroundings import FULL, Filling, Sway
 from minorloop.head.twins.tool import MicroTool
 from minorloop.head.twins.ultrasound import Ultrasound
 from minorloop.lab.actuator import Frame, Shot
 
 STRAIGHT = math.radians(30.0)
 """Pan and tilt of the joints of a head that looks along the pipe."""
-MOST_SWAY = math.radians(10.0)
 GYROSCOPE_NOISE = math.radians(0.05)
 """Standard deviation of the gyroscope in the base."""
 _UNITS = np.array([math.radians(1.0), math.radians(1.0), 1e-3, math.radians(1.0)])
 """Units of the channels of head and catheter: degrees, mm and degrees."""
-_FULL = 0.9999  # height of the water in a full pipe, as a share of the radius
 
 Stance: TypeAlias = tuple[float, float, float, float, float, float]
 """True pan and tilt, their rates, advance and roll."""
-
-
-@dataclass(frozen=True)
-class Sway:
-    """Motion of the base of the head in a flow, one sine for each axis.
-
-    Parameters
-    ----------
-    amplitude : float
-        In radians, up to 10 degrees.
-    pan, tilt : float
-        Frequencies in Hz.
-
-    Raises
-    ------
-    ParameterError
-        If the amplitude is out of its range.
-    """
-
-    amplitude: float = math.radians(1.0)
-    pan: float = 0.3
-    tilt: float = 0.23
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.amplitude <= MOST_SWAY:
-            raise ParameterError(f"a sway of {self.amplitude} rad; give 0 to {MOST_SWAY:.3f}")
-
-    def at(self, t: float) -> FloatArray:
-        """Return pan and tilt (2,) at a time in seconds."""
-        phases = 2 * math.pi * t * np.array([self.pan, self.tilt])
-        return np.asarray(self.amplitude * np.sin(phases))
 
 
 class Rig:
@@ -81,7 +48,9 @@ class Rig:
     catheter : Catheter, optional
         Nominal, with a noise of 0.02 mm and degrees, without it.
     sway : Sway, optional
-        Of the base of the head; none without it.
+        Of the base of the head while the pipe is not flooded; none without it.
+    flooded : Filling, optional
+        Of the pipe after ``flood``; without it, that changes nothing.
     seed : int
         Of the noise of the gyroscope.
     """
@@ -92,9 +61,11 @@ class Rig:
         catheter: Catheter | None = None,
         *,
         sway: Sway | None = None,
+        flooded: Filling | None = None,
         seed: int = 0,
     ) -> None:
         self.head, self.sway = head or Head(noise=0.05, delay=0.04), sway
+        self._flooded, self._drained = flooded, (self.head.surroundings, sway)
         self.catheter = catheter or Catheter(noise=0.02)
         self.tick = self.head.tick
         self._gyro = np.random.default_rng([seed, 34])
@@ -122,6 +93,14 @@ class Rig:
         """Let the wires cool and stop the catheter."""
         self.head.safe()
         self.catheter.safe()
+
+    def flood(self, on: bool) -> None:
+        """Let water in, which cools the wires and sways the head from now on, or out again."""
+        around, sway = self._drained
+        if on and self._flooded is not None:
+            around, sway = self._flooded.around(around), self._flooded.sway
+        self.head.surround(around)
+        self.sway = sway
 
     def gyroscope(self) -> FloatArray:
         """Return the measured turn (2,) of the base; zeros without sway."""
@@ -194,12 +173,12 @@ class SimulatedTip:
         Seed of their noise.
     optics : Pinhole, optional
         Of the camera; its own without it.
-    flooded : Pipe, optional
-        The pipe after ``flood``, for the probe; the same pipe full of water without it.
+    flooded : Filling, optional
+        Of the pipe after ``flood``, for the probe; full of water of 20 degrees without it.
     probe : mapping, optional
         Further options of `Ultrasound`.
     flow : callable, optional
-        Called when the pipe is flooded or emptied, with a flag, such as to change the sway.
+        Called when the pipe is flooded or emptied, with a flag, such as ``flood`` of a `Rig`.
     """
 
     def __init__(
@@ -210,7 +189,7 @@ class SimulatedTip:
         specimen: int | None = None,
         seed: int = 0,
         optics: Pinhole = LENS,
-        flooded: Pipe | None = None,
+        flooded: Filling | None = None,
         probe: Mapping[str, Any] | None = None,
         flow: Callable[[bool], None] | None = None,
     ) -> None:
@@ -218,12 +197,18 @@ class SimulatedTip:
         self.pipe = pipe
         self.camera = Camera(pipe, self._mount, optics, specimen=specimen, seed=seed)
         self.tool = MicroTool(pipe, self._mount, specimen=specimen)
-        full = flooded or replace(pipe, water=-_FULL * pipe.radius)
+        water = flooded or Filling(level=FULL * pipe.radius)
         self._probe_of = {
             wet: partial(
-                Ultrasound, filled, self._mount, specimen=specimen, seed=seed, **(probe or {})
+                Ultrasound,
+                filled,
+                self._mount,
+                specimen=specimen,
+                seed=seed,
+                temperature=water.temperature,
+                **(probe or {}),
             )
-            for wet, filled in ((False, pipe), (True, full))
+            for wet, filled in ((False, pipe), (True, replace(pipe, water=water.level)))
         }
         self._probes: dict[bool, Ultrasound] = {}
         self._wet, self._framed = False, True

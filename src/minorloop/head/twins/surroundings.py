@@ -1,4 +1,4 @@
-"""Surroundings of a wire over time: ambient, convection, load.
+"""Surroundings of a wire over time, and what fills a pipe, from which they follow.
 
 The operator of the head does not know them; a study sets them to disturb the head.
 """
@@ -6,7 +6,7 @@ The operator of the head does not know them; a study sets them to disturb the he
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 
 import numpy as np
 
@@ -30,6 +30,9 @@ _GIVEN_RISE = 50.0
 """Rise of the temperature of a wire, in K, at which its convection is given: it then moves."""
 MOST_LOAD = 4e-3
 """Largest torque on a joint, in N m: the preload of the weakest spring still holds it."""
+MOST_SWAY = math.radians(10.0)
+FULL = -0.9999
+"""Height of the water in a full pipe, in radii; y points down."""
 
 
 @dataclass(frozen=True)
@@ -210,6 +213,95 @@ class Surroundings:
         if len(each) != axes:
             raise ParameterError(f"there are {len(each)} loads; give one, or {axes}, one an axis")
         return np.array([_as_course(load).numbers for load in each])
+
+
+@dataclass(frozen=True)
+class Sway:
+    """Motion of the base of the head in a flow, one sine for each axis.
+
+    Parameters
+    ----------
+    amplitude : float
+        In radians, up to 10 degrees.
+    pan, tilt : float
+        Frequencies in Hz.
+
+    Raises
+    ------
+    ParameterError
+        If the amplitude is out of its range.
+    """
+
+    amplitude: float = math.radians(1.0)
+    pan: float = 0.3
+    tilt: float = 0.23
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.amplitude <= MOST_SWAY:
+            raise ParameterError(f"a sway of {self.amplitude} rad; give 0 to {MOST_SWAY:.3f}")
+
+    def at(self, t: float) -> FloatArray:
+        """Return pan and tilt (2,) at a time in seconds."""
+        phases = 2 * math.pi * t * np.array([self.pan, self.tilt])
+        return np.asarray(self.amplitude * np.sin(phases))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Filling:
+    """What fills a pipe: gas, and under a level water.
+
+    All else follows from it: ambient and convection of the wires, speed of sound, sway.
+
+    Parameters
+    ----------
+    level : float, optional
+        Height of the water's surface in metres, with y pointing down from the axis; a pipe without
+        it is dry.
+    temperature : float
+        Of water and gas, in degrees Celsius, from 0 to 95.
+    gas : str
+        ``air`` (still) or ``forced gas``.
+    pressure : float
+        Of the gas, in Pa, as in `convection`.
+    sleeve : float
+        Convection of this head's wires in their sleeves under water, over that of `convection`:
+        0.5 to 2.
+    sway : Sway, optional
+        Motion of the base of the head in the flow; none without it.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of its range.
+    """
+
+    level: float | None = None
+    temperature: float = 20.0
+    gas: str = "air"
+    pressure: float = ATMOSPHERE
+    sleeve: float = 1.0
+    sway: Sway | None = None
+
+    def __post_init__(self) -> None:
+        _check("temperature of the filling", self.temperature, 0.0, 95.0, "degrees Celsius")
+        _check("convection of the sleeve", self.sleeve, 0.5, 2.0, "")
+        check_option("gas", self.gas, ("air", "forced gas"))
+        convection(self.gas, pressure=self.pressure)
+        if self.level is not None:
+            as_finite("level of the water", self.level)
+
+    def around(self, other: Surroundings) -> Surroundings:
+        """Return other surroundings of wires with ambient and convection of this filling.
+
+        The wires lie about the axis of the pipe, sleeved: they are in water where the axis is.
+        """
+        wet = self.level is not None and self.level < 0
+        film = (
+            self.sleeve * convection("flooded, sleeved")
+            if wet
+            else convection(self.gas, pressure=self.pressure)
+        )
+        return replace(other, ambient=self.temperature, convection=film)
 
 
 def convection(medium: str, *, pressure: float = ATMOSPHERE) -> float:

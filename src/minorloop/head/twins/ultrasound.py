@@ -11,6 +11,7 @@ in its near field, where an echo is an integral over the wall. A loop is::
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -381,7 +382,7 @@ def _specimen(
     settings["skew"] = rng.uniform(-0.3, 0.3)
     settings["steel"] *= rng.uniform(0.99, 1.01)
     settings["loss"] = rng.uniform(0.5, 1.0)
-    true = Probe(probe.squint, probe.face, probe.aperture, probe.focus * rng.uniform(0.98, 1.02))
+    true = replace(probe, focus=probe.focus * rng.uniform(0.98, 1.02))
     off = np.radians(rng.normal(0.0, 0.1, 2))
     return settings, true, (float(off[0]), float(off[1]))
 

@@ -97,9 +97,7 @@ class HeatedWires(SimulatedAxes):
         for name, value in (("ageing", self.ageing), ("drift", self.drift)):
             if not 0 <= value <= 1:
                 raise ParameterError(f"{name} is {value}; give 0 to 1, a share of a wire's life")
-        self._around = self.surroundings.courses()
-        self._loads = self.surroundings.loads(len(self.outputs))
-        self._cooling = self.surroundings.cooling_numbers()
+        self.surround(self.surroundings)
         self._age = np.array([self.ageing, self.drift / 3600.0])
         super().__init__(
             specimen,
@@ -111,6 +109,19 @@ class HeatedWires(SimulatedAxes):
             substeps=substeps,
             log_truth=log_truth,
         )
+
+    def surround(self, surroundings: Surroundings) -> None:
+        """Replace the surroundings from now on, such as when a pipe is flooded.
+
+        Parameters
+        ----------
+        surroundings : Surroundings
+            Over the clock of the twin, which goes on.
+        """
+        self.surroundings = surroundings
+        self._around = surroundings.courses()
+        self._loads = surroundings.loads(len(self.outputs))
+        self._cooling = surroundings.cooling_numbers()
 
     def reset(self) -> None:
         """Go back to the start: cold wires, clock at 0, the noise from its beginning."""

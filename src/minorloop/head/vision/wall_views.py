@@ -164,7 +164,7 @@ def agree(view: View, area: Image32, ways: FloatArray, cell: float) -> Agreement
     i, j = (np.clip(round(k), 0, margin) for k in (best[1], best[0]))
     seen = float(np.mean(maps[:, i, j] > -1.0))
     other = float(kernels.second(votes, best, _NEAR))
-    return Agreement(shift, float(best[2]), other, seen, _drop(votes, best))
+    return Agreement(shift, float(best[2]), other, seen, drop_of(votes, best, _STEP))
 
 
 def tile_motions(
@@ -195,11 +195,11 @@ def tile_motions(
     return np.where(np.isfinite(ways), ways, np.eye(2))
 
 
-def _drop(votes: FloatArray, best: FloatArray) -> float:
-    """Return the least share by which votes fall on both sides of their peak."""
+def drop_of(votes: FloatArray, best: FloatArray, step: int) -> float:
+    """Return the least share by which votes fall on both sides of their peak, some cells away."""
     i, j, n = round(best[1]), round(best[0]), votes.shape[0]
     drops = []
-    for di, dj in ((0, _STEP), (_STEP, 0), (_STEP, _STEP), (_STEP, -_STEP)):
+    for di, dj in ((0, step), (step, 0), (step, step), (step, -step)):
         ends = [(i + s * di, j + s * dj) for s in (-1, 1)]
         beside = [votes[p, q] for p, q in ends if 0 <= p < n and 0 <= q < n]
         drops.append(1.0 - max(beside, default=best[2]) / best[2] if best[2] > 0 else 0.0)

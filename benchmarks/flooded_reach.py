@@ -1,0 +1,68 @@
+"""``python -m benchmarks.flooded_reach``: reach of simulated heads in water, for alternatives.
+
+Angles of single wires at full current around which there is more or less gas, and the share of
+heads that reach a raster by a probe on either side, with rows that are bent or rolled.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+import numpy as np
+
+from minorloop.head.geometry import Probe
+from minorloop.head.studies import scoring
+from minorloop.head.studies.flooded import TEMPERATURES, needed
+from minorloop.head.twins.head import Head
+from minorloop.head.twins.surroundings import Surroundings, convection
+from minorloop.head.twins.wire import DIAMETER
+
+GAS = 0.026
+"""Conductivity of air, in W/(m K)."""
+WIDER = 2.5e-3
+"""Radius of a tube of gas around a wire that the head still has room for, in metres."""
+FILMS = {
+    "no sleeve": convection("flooded"),
+    "sleeve": convection("flooded, sleeved"),
+    "tube of gas, radius 2.5 mm": GAS / (0.5 * DIAMETER * math.log(WIDER / (0.5 * DIAMETER))),
+    "still air, not water": convection("air"),
+}
+HEADS = {
+    "72 deg to the warm side, rows bent": Probe(squint=math.radians(72.0), azimuth=0.0),
+    "70 deg to the cold side, rows bent": Probe(),
+    "70 deg to the cold side, rows rolled": None,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--specimens", type=int, default=24)
+    parser.add_argument("--seed", type=int, default=1000, help="of the first specimen")
+    chosen = parser.parse_args()
+    seeds = range(chosen.seed, chosen.seed + chosen.specimens)
+
+    from rich.console import Console
+    from rich.table import Table
+
+    columns = [f"{temperature:.0f} C" for temperature in TEMPERATURES]
+    angles = Table("wires", *columns, title="largest angle of a wire, median (least) [deg]")
+    shares = Table("wires", "probe", "needs [deg]", *columns, title="heads that reach a raster [%]")
+    for name, film in FILMS.items():
+        around = [Surroundings(ambient=t, convection=film) for t in TEMPERATURES]
+        ends = np.array([[scoring.ends(Head(seed), one) for seed in seeds] for one in around])
+        largest = ends[..., 1].reshape(len(around), -1)
+        angles.add_row(name, *(f"{np.median(one):.0f} ({one.min():.0f})" for one in largest))
+        for probe, head in HEADS.items():
+            needs = needed(head)
+            reached = [
+                100 * np.mean([scoring.reaches(Head(seed), one, needs) for seed in seeds])
+                for one in around
+            ]
+            each = ", ".join(f"{low:.0f} to {high:.0f}" for low, high in needs)
+            shares.add_row(name, probe, each, *(f"{share:.0f}" for share in reached))
+    Console(width=120).print(angles, shares)
+
+
+if __name__ == "__main__":
+    main()
