@@ -22,7 +22,8 @@ wherever the head is, and the pictures themselves say whether it is."""
 LEAD = 6.0
 """Most degrees by which a wanted angle is ahead of the newest one of a picture, for a camera that
 may give fewer pictures than the loop has ticks. A head that is not seen stops within them, where it
-is found again; one that is seen turns by up to 15 degrees a second."""
+is found again. The wires of `examples/simulated_board.py` turn by 55 degrees in 8 s so, and in 5 s
+without."""
 
 
 def camera_control(name: str, wires: tuple[HeatedWire, ...], **options: Any) -> HeadControl:
