@@ -18,7 +18,6 @@ ELSEWHERE = {
     "head/console/admission.py": "head/console/test_server.py",
     "head/console/identified_head.py": "head/console/test_loop.py",
     "head/console/scan_echoes.py": "head/console/test_depth_work.py",
-    "head/control/by_camera.py": "head/studies/test_head_camera.py",
     "head/control/head.py": "head/control/test_head_control.py",
     "head/control/transient.py": "head/control/test_heating.py",
     "head/procedures/calibrate.py": "cli/test_head.py",
