@@ -65,6 +65,20 @@ def number_option(help: str, *, panel: str | None = None) -> Any:
     return typer.Option(parser=number, metavar="X", help=help, rich_help_panel=panel)
 
 
+def seconds_option(help: str, *, panel: str | None = None) -> Any:
+    """Return an option for a positive number of seconds; others are refused wherever it counts."""
+    return typer.Option(
+        parser=number, metavar="X", help=help, rich_help_panel=panel, callback=_positive
+    )
+
+
+def _positive(param: typer.CallbackParam, value: float | None) -> float | None:
+    if value is not None and not 0 < value < float("inf"):
+        option = str(param.name).replace("_", "-")
+        raise ParameterError(f"--{option} is {value:g}; give a positive number of seconds")
+    return value
+
+
 def plain(help: str) -> str:
     """Return a help text whose square brackets, as of units, are shown and not taken as markup."""
     return help.replace("[", r"\[")

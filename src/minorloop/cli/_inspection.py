@@ -278,12 +278,20 @@ def summary(content: dict[str, Any]) -> str:
     return f"{said}; no depth without a probe; the head {safe}"
 
 
-def check_usable(content: dict[str, Any]) -> None:
-    """End with status 1 if no view could be searched: nothing found says nothing then."""
-    if sum(content["unusable"].values()) == content["views"]:
+def check_usable(content: dict[str, Any], what: str = "view") -> None:
+    """End with status 1 if no view could be searched: nothing found says nothing then.
+
+    Parameters
+    ----------
+    content : dict
+        Numbers of views and of those that are not usable, with the reason.
+    what : str
+        ``view`` or ``picture``.
+    """
+    if sum(content["unusable"].values()) == content[f"{what}s"]:
         typer.echo(
-            "warning: no view could be searched, so that the wall was not inspected; check the "
-            "camera, its exposure and the LEDs",
+            f"warning: no {what} could be searched, so that the wall was not inspected; check the "
+            "camera, its exposure and the light",
             err=True,
         )
         raise typer.Exit(1)

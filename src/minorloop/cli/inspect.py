@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._inspection import check_usable
 from minorloop.errors import OutputError, ParameterError, RecordError, counted
 
 if TYPE_CHECKING:
@@ -82,7 +83,10 @@ def run(
     ] = None,
     as_json: _common.Json = False,
 ) -> None:
-    """Find holes, pits and cracks in pictures of a pipe, each picture alone."""
+    """Find holes, pits and cracks in pictures of a pipe, each picture alone.
+
+    The exit status is 1 if no picture could be searched.
+    """
     from minorloop.files import new_folder
     from minorloop.head.procedures.pictures import (
         DAMAGED,
@@ -147,6 +151,7 @@ def run(
         if out is not None:
             _write(out, content, best, source, still=bool(called))
     _show(content, out, as_json)
+    check_usable(content, "picture")
 
 
 def _view(
