@@ -16,7 +16,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, as_pair, as_times, as_whole, check_option
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.dynamics.sampling import Interpolation, Stage, checked_stages, even_interval
-from minorloop.errors import ParameterError, SignalError, are, counted
+from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.levenberg_marquardt import Minimum
 from minorloop.identification.mean_period import mean_period
 from minorloop.identification.oscillator_result import OscillatorIdentification, TriedLevels
@@ -141,14 +141,18 @@ def _record(
     if period is not None:
         mean = mean_period(forces, outputs, as_whole("period", period, 2))
         forces, outputs, noise, unsettled = mean.u, mean.y, mean.noise, mean.unsettled
-    known = np.isfinite(outputs)
-    scored = known.copy()
+    scored = np.isfinite(outputs)
+    if not scored.any():
+        raise SignalError(
+            f"no displacement of {outputs.size} is measured, all are NaN; give numbers where one is"
+        )
+    last = int(np.flatnonzero(scored)[-1])
     scored[: as_whole("skip", skip, 0)] = False
     if not scored.any():
         raise SignalError(
-            f"no sample counts: of {outputs.size}, {counted(int(known.sum()), 'displacement')} "
-            f"{are(int(known.sum()))} measured and skip={skip} leaves out the first {skip}; give "
-            "measured displacements behind them, or a smaller skip"
+            f"no sample counts: skip is {skip}, and the last measured displacement of "
+            f"{'a period' if period is not None else 'the record'} is sample {last}, counted from "
+            "0; give a smaller skip"
         )
     if not np.ptp(outputs[scored]) or not np.ptp(forces):
         raise SignalError(
