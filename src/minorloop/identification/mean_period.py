@@ -8,14 +8,17 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import SignalError
+from minorloop.identification.output_error import correlation_time
 
 _BEGINNING = 0.1
 """Share of a period, and of a record, at the beginning of which a transient shows most."""
 _FEWEST = 48
-"""Samples of a beginning at least: by chance, the scatter of so many is twice that of as many more
-once in 500,000 records."""
+"""Samples of a beginning at least, so that its scatter is known to a tenth."""
 _UNSETTLED = 2.0
-"""Ratio of the scatter at the beginning to that of what follows from which it is no noise."""
+"""Ratio of the scatter at the beginning to that of what follows from which it matters."""
+_CHANCE = 0.01
+"""Probability with which noise may count as a motion that has not settled: a period that is left
+out by chance costs little, one that has not settled spoils the model."""
 _SAME = 1e-6
 """Difference of periods over their range that counts as none, as in the simulation of a period."""
 
@@ -90,7 +93,7 @@ def _early(size: int) -> int:
 def _differs(first: FloatArray, later: FloatArray) -> bool:
     """Whether a period differs at its beginning from the later ones more than these do.
 
-    Where there is only one later period: more than in its second half.
+    Where there is only one later period: more than in the second half.
     """
     early = _early(first.size)
     number = np.isfinite(later).sum(axis=0)
@@ -98,17 +101,31 @@ def _differs(first: FloatArray, later: FloatArray) -> bool:
     mean = np.nansum(later, axis=0) / np.maximum(number, 1)
     # Of noise alone, the difference has this standard deviation over that of a sample.
     difference = (first - mean) / np.sqrt(1 + 1 / np.maximum(number, 1))
-    begins, ends = (np.flatnonzero(part) for part in np.split(known, [early]))
+    begins = np.flatnonzero(known[:early])
     if not begins.size:
         return False
     found = _rms(difference[begins])
     if later.shape[0] > 1:
-        scatter = _scatter(later[:, :early])
+        others = (later - mean)[:, :early]
+        scatter, free = _scatter(later[:, :early]), int(np.maximum(number[:early] - 1, 0).sum())
     else:
-        ends = ends[ends >= first.size // 2 - early] + early
-        scatter = _rms(difference[ends]) if ends.size else None
+        others = difference[None, first.size // 2 :]
+        free = int(np.isfinite(others).sum())
+        scatter = _rms(others[np.isfinite(others)]) if free else None
     least = _SAME * float(np.ptp(mean[number > 0]))
-    return scatter is not None and found > max(_UNSETTLED * scatter, least)
+    return scatter is not None and found > max(_limit(others, early, free) * scatter, least)
+
+
+def _limit(others: FloatArray, early: int, free: int) -> float:
+    """Return the ratio to the scatter of ``others`` (P, N) that noise alone hardly exceeds.
+
+    Of ``early`` samples to ``free`` degrees of freedom, fewer where the noise is correlated.
+    """
+    from scipy.special import fdtri  # scipy.stats takes a second to import
+
+    each = correlation_time([np.nan_to_num(one) for one in others])
+    ratio = fdtri(max(early / each, 1.0), max(free / each, 1.0), 1 - _CHANCE)
+    return max(_UNSETTLED, float(np.sqrt(ratio)))
 
 
 def _average(outputs: FloatArray) -> tuple[FloatArray, float | None]:
