@@ -25,7 +25,7 @@ def test_periods_that_differ_by_noise_all_count(turns):
 
 @pytest.mark.parametrize("turns", [3, 4])
 def test_a_drift_is_seldom_an_unsettled_motion(turns):
-    """A scatter of correlated samples is uncertain; without that, 23 of these 80 periods were taken."""
+    """A scatter of correlated samples is uncertain; without that, 23 of these 80 were taken."""
     count = 0
     for seed in range(1000, 1040):
         white = np.random.default_rng(seed).normal(size=turns * PERIOD + 3000)

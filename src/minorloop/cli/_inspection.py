@@ -278,25 +278,6 @@ def summary(content: dict[str, Any]) -> str:
     return f"{said}; no depth without a probe; the head {safe}"
 
 
-def check_usable(content: dict[str, Any], what: str = "view") -> None:
-    """End with status 1 if no view could be searched: nothing found says nothing then.
-
-    Parameters
-    ----------
-    content : dict
-        Numbers of views and of those that are not usable, with the reason.
-    what : str
-        ``view`` or ``picture``.
-    """
-    if sum(content["unusable"].values()) == content[f"{what}s"]:
-        typer.echo(
-            f"warning: no {what} could be searched, so that the wall was not inspected; check the "
-            "camera, its exposure and the light",
-            err=True,
-        )
-        raise typer.Exit(1)
-
-
 def show(content: dict[str, Any], out: Path) -> None:
     """Print the findings."""
     if content["findings"]:

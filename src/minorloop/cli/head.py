@@ -247,6 +247,7 @@ def inspect(
     kept. Without a probe no depth is measured. The exit status is 1 if no view could be searched.
     """
     from minorloop.cli import _inspection
+    from minorloop.cli.inspect import check_usable
 
     places = _common.numbers("advances", advances, range(1, 1001), "advances in mm")
     for place in places:
@@ -257,7 +258,7 @@ def inspect(
         _common.print_json(content)
     else:
         _inspection.show(content, out)
-    _inspection.check_usable(content)
+    check_usable(content)
 
 
 @app.command(

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._inspection import check_usable
 from minorloop.errors import OutputError, ParameterError, RecordError, counted
 
 if TYPE_CHECKING:
@@ -152,6 +151,25 @@ def run(
             _write(out, content, best, source, still=bool(called))
     _show(content, out, as_json)
     check_usable(content, "picture")
+
+
+def check_usable(content: dict[str, Any], what: str = "view") -> None:
+    """End with status 1 if no view could be searched: nothing found says nothing then.
+
+    Parameters
+    ----------
+    content : dict
+        Numbers of views and of those that are not usable, with the reason.
+    what : str
+        ``view`` or ``picture``.
+    """
+    if sum(content["unusable"].values()) == content[f"{what}s"]:
+        typer.echo(
+            f"warning: no {what} could be searched, so that the wall was not inspected; check the "
+            "camera, its exposure and the light",
+            err=True,
+        )
+        raise typer.Exit(1)
 
 
 def _view(
