@@ -269,12 +269,28 @@ class WaterLine:
         return under
 
 
+def coupled_at(
+    phi: npt.ArrayLike, radius: float, *, face: float | None = None, offset: float = 0.0
+) -> FloatArray:
+    """Return the height, as y, below which water reaches both wall and probe.
+
+    Parameters
+    ----------
+    phi, radius, face, offset
+        As of `find_water`.
+    """
+    down = np.sin(np.asarray(phi, dtype=np.float64))
+    wall: FloatArray = radius * down
+    return wall if face is None else np.asarray(np.minimum(wall, offset + face * down))
+
+
 def find_water(
     phi: npt.ArrayLike,
     detected: Sequence[bool] | BoolArray,
     radius: float,
     *,
     face: float | None = None,
+    offset: float = 0.0,
 ) -> WaterLine:
     """Find the water line from where a sweep round the pipe gave echoes.
 
@@ -300,8 +316,7 @@ def find_water(
     -----
     The height with the fewest contradictions: a lost echo does not move it.
     """
-    up = np.sin(np.asarray(phi, dtype=np.float64).ravel())
-    y = np.where(up > 0, radius if face is None else face, radius) * up
+    y = coupled_at(phi, radius, face=face, offset=offset).ravel()
     wet = np.asarray(detected, dtype=bool).ravel()
     if y.size != wet.size:
         raise SignalError(f"{y.size} places and {wet.size} echoes; give one flag for each place")
