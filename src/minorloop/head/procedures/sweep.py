@@ -23,7 +23,6 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.values import Procedure, Reading, Request, passed
-from minorloop.head.reconstruction.depth_map import Patch
 from minorloop.head.ultrasound.c_scan import SweptBurst, beam_width
 from minorloop.head.ultrasound.echoes import average
 
@@ -154,13 +153,6 @@ class Sweep(Procedure[SweepState]):
         refused = "" if control is None else scan.out_of_reach(control)
         cycle = around * (1 / self.rate + 1 / self.fastest) + 2 * self.turning
         return SweepState(phi=phi, z=z, cycle=cycle, refused=refused, done=bool(refused))
-
-    def patch(self, state: SweepState) -> Patch:
-        """Return the texels of the area of a sweep."""
-        (first, last), (low, high), radius = state.phi, state.z, self.calibration.radius
-        patch = Patch(first, low, 1, 1, radius)
-        columns = int((last - first) * radius / patch.step) + 1
-        return replace(patch, rows=int((high - low) / patch.step) + 1, columns=columns)
 
     def _next(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
         if reading.shots:

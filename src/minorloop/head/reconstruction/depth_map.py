@@ -69,6 +69,12 @@ class Patch:
         count = 2 * half + 1
         return cls(phi - half * step / radius, z - half * step, count, count, radius, step)
 
+    @classmethod
+    def ring(cls, low: float, high: float, *, radius: float = 10e-3, step: float = STEP) -> Patch:
+        """Return the patch once round the pipe between two z; its seam is at the top."""
+        rows, columns = int((high - low) / step) + 1, int(2 * np.pi * radius / step)
+        return cls(-np.pi / 2, low, rows, columns, radius, step)
+
     @property
     def places(self) -> FloatArray:
         """Phi and z (rows, columns, 2) of the texels."""

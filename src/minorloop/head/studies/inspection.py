@@ -26,6 +26,7 @@ from minorloop.head.studies.flooded import TEMPERATURES, reach_figures
 from minorloop.head.studies.inspection_servo import Scene, ServoRun, servo_figures
 from minorloop.head.studies.mission import Mission, run_mission
 from minorloop.head.studies.scan_trials import ScoredScan
+from minorloop.head.studies.sweep_trials import ScoredSweep, c_scan_figures, run_sweep
 from minorloop.head.twins.pipe import Bore
 from minorloop.studies.claims import Claim, medians
 
@@ -39,7 +40,7 @@ _PLAIN_SHARE = 4
 """Scenes with a hole for each plain scene, by trial."""
 _WARM = 20.0
 """Temperature of the water in degrees Celsius from which on most heads must reach a raster."""
-_SCORED = ("outcomes", "edges", "scored")
+_SCORED = ("outcomes", "edges", "scored", "sweep")
 
 CLAIMS = (
     Claim("servo with angle sensor: to 2 px [s]", "servo.settle_s_with_sensor", "shown", most=8),
@@ -176,6 +177,27 @@ CLAIMS = (
     Claim("cracks found that have a depth", "mission.crack_measured", "announced", percent=True),
     Claim("of those, depth error, median [mm]", "mission.crack_depth_error_mm", "-"),
     Claim("mission: seconds of the head", "mission.seconds", "-"),
+    Claim(
+        "sweep: pits found, from 0.8 mm wide and 0.3 mm deep",
+        "cscan.recall",
+        "-",
+        least=0.95,
+        percent=True,
+        count="cscan.pits",
+    ),
+    Claim(
+        "sweep: false finds a cm2", "cscan.false_per_cm2", "-", most=0.05, count="cscan.area_cm2"
+    ),
+    Claim("sweep: finds of the wrong kind", "cscan.wrong_kind", "-"),
+    Claim("sweep: parts of cracks of 0.1 to 0.3 mm found", "cscan.cracks_found", "-", percent=True),
+    Claim("sweep: bias of depths [um]", "cscan.depth_bias_um", "-"),
+    Claim("sweep: deviation of depths [um]", "cscan.depth_sd_um", "-"),
+    Claim("sweep: diameter over the true one, median", "cscan.size_ratio", "-"),
+    Claim("sweep: place of pits, 90th percentile [mm]", "cscan.place_mm", "-"),
+    Claim("sweep: bands of 90 % cover", "cscan.coverage", "-", percent=True),
+    Claim("sweep: gaps in the flooded part", "cscan.gap_share", "-", percent=True),
+    Claim("sweep: water line, worst error [mm]", "cscan.water_mm", "-"),
+    Claim("sweep: seconds of the head a cm2", "cscan.seconds_per_cm2", "-"),
     Claim("processor time of a specimen [s]", "seconds", "-"),
 )
 
@@ -202,6 +224,7 @@ class InspectionStudy:
     edges: FloatArray
     scored: dict[str, tuple[ScoredScan, ...]]
     mission: Mission
+    sweep: ScoredSweep
     reach: dict[str, float]
     seconds: float
 
@@ -213,6 +236,7 @@ class InspectionStudy:
             "edges": self.edges,
             "scored": self.scored,
             "mission": self.mission.figures(),
+            "sweep": self.sweep,
             "reach": self.reach,
             "seconds": self.seconds,
         }
@@ -249,6 +273,7 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
         edges=np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]),
         scored=_scored_scans(FIRST_SCAN + (scans + 4) * seed, scans),
         mission=run_mission(seed),
+        sweep=run_sweep(seed),
         reach=reach_figures(seed),
         seconds=time.process_time() - began,
     )
@@ -286,6 +311,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "scans": len(kinds["hole"]) + len(kinds["dry"]),
         },
         "mission": _of_missions([run["mission"] for run in runs]),
+        "cscan": c_scan_figures([run["sweep"] for run in runs]),
         "reach": {
             key: float(np.mean([run["reach"][key] for run in runs])) for key in runs[0]["reach"]
         },

@@ -22,6 +22,7 @@ from minorloop.head.studies.mission_report import (
     finding_rows,
     save_mission,
 )
+from minorloop.head.studies.sweep_report import draw_pipe_map, finds_table
 from minorloop.head.ultrasound.crack_depth import MEASURED
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Picture, Report, Table
@@ -70,6 +71,15 @@ def study_report(
         pictures=[Picture(draw_depths(runs), "Depths of all specimens, less the true ones.")],
     )
     _add_mission(report, study.mission)
+    report.add(
+        "A sweep of a partly flooded pipe",
+        text="The catheter rolls while the probe fires, line after line, and no camera is used. A "
+        "step between neighbouring echoes that is steeper than a smooth wall can be is the edge of "
+        "a pit. What is drained is seen by the camera; between the water line and the height at "
+        "which the probe gets under water nothing is.",
+        table=finds_table(study.sweep.fused),
+        pictures=[Picture(draw_pipe_map(study.sweep.fused), "One map of the pipe, unrolled.")],
+    )
     return report
 
 

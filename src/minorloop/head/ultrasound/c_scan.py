@@ -40,11 +40,14 @@ bursts."""
 _RINGING = 0.15
 """Least amplitude of the echo of a surface over that of a plain wall. What the back of a steel wall
 returns is (1 - R^2) / R = 0.13 of it, with R that of steel in water."""
+_WET = 0.5
+"""Least amplitude of the strongest echo over that of a plain wall where the beam is under water: at
+the line, half of it is."""
 _SURE = 6.0
 """Standard deviations of the map from which on something is no texture of the wall."""
 _FEWEST = 3
 """Fewest bursts on a surface: fewer are outliers."""
-_FLOOR_SD = 20e-6
+_FLOOR_SD = 12e-6
 """Error of a depth by the envelope alone, in metres, from sweeps of the twin."""
 _LOST = 0.3
 """Least share of the echo of the wall that a crack takes."""
@@ -215,11 +218,11 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     it is the floor of a pit. A crack takes from the echo of a wall that is flat beside it.
     """
     echoes, width = wall_echoes(swept, probe), beam_width(probe)
-    head = {"face": probe.transducer.face, "offset": probe.mount.offset[1]}
+    face, offset = probe.transducer.face, probe.mount.offset[1]
     phi = echoes.spots[:, 0]
-    water = find_water(phi, echoes.strongest > 0.5, probe.radius, **head)
+    water = find_water(phi, echoes.strongest > _WET, probe.radius, face=face, offset=offset)
     water = replace(water, sd=float(np.hypot(water.sd, _PLACE_SD)))
-    wet = coupled_at(phi, probe.radius, **head) > water.height
+    wet = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
     used = np.flatnonzero(wet & np.isfinite(echoes.amplitude))
     flooded = water.wet(patch.places[..., 0], probe.radius)
     noise = _spread(echoes.depth[used]), _spread(echoes.amplitude[used])
@@ -295,9 +298,7 @@ def _strongest(one: SweptBurst, speed: float) -> tuple[float, float, float, Floa
     return place * step - distance, height, height / max(noise, 1e-12), loud
 
 
-def _amplitude_at(
-    one: SweptBurst, loud: FloatArray | None, distance: float, speed: float
-) -> float:
+def _amplitude_at(one: SweptBurst, loud: FloatArray | None, distance: float, speed: float) -> float:
     """Return the greatest amplitude within a pulse of a distance; NaN without an envelope."""
     if loud is None:
         return np.nan
@@ -308,8 +309,7 @@ def _amplitude_at(
 
 @dataclass(frozen=True, eq=False)
 class _Bursts:
-    """Where the bursts of a sweep are: points (N, 2) on the flat wall, and the nearest to each
-    texel, -1 in a gap."""
+    """Points (N, 2) of bursts on the flat wall, and the nearest to each texel, -1 in a gap."""
 
     points: FloatArray
     nearest: Indices
