@@ -269,9 +269,10 @@ class WaterLine:
     sd: float
     wrong: float
 
-    def wet(self, phi: npt.ArrayLike, radius: float) -> BoolArray:
-        """Return whether the wall at phi is under water."""
-        under: BoolArray = radius * np.sin(np.asarray(phi, dtype=np.float64)) > self.height
+    def wet(self, phi: npt.ArrayLike, radius: float, *, margin: float = 0.0) -> BoolArray:
+        """Return whether the wall at phi is under water, by a margin in metres."""
+        y = radius * np.sin(np.asarray(phi, dtype=np.float64))
+        under: BoolArray = y > self.height + margin
         return under
 
 

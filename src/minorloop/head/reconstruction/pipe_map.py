@@ -51,7 +51,8 @@ def pipe_map(scan: CScan, views: Sequence[FloatArray]) -> PipeMap:
 
     Notes
     -----
-    Under water a picture is refracted, so that the camera counts above the water line only. Views
+    Under water a picture is refracted, so that the camera counts above the water line only. Echoes
+    reach above it by the width of the beam, so that both sources meet there. Views
     under other lights differ by a constant, which is that of their medians.
     """
     patch = scan.wall.patch

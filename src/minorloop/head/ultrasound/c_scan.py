@@ -141,7 +141,7 @@ class CScan:
         the water.
     amplitude, amplitude_sd : (rows, columns) arrays
         Of the echo at the distance of the wall, as a share of that of a plain wall; NaN in gaps and
-        above the water.
+        more than the width of the beam above the water.
     gap : (rows, columns) array of bool
         Flooded texels farther than the width of the beam from every burst.
     water : WaterLine
@@ -232,7 +232,9 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     if used.size >= _FEWEST:
         off, found = cKDTree(points[used]).query(_flat(patch.places, patch), k=_FEWEST)
         three, near = used[found], off[..., 0] < width
-    first, mapped = three[..., 0], near & flooded
+    # A beam that is partly above the line still has an echo.
+    first = three[..., 0]
+    mapped = near & water.wet(patch.places[..., 0], probe.radius, margin=-width)
     depth = np.where(mapped, echoes.depth[first], np.nan)
     seen = np.isfinite(depth)
     # The three nearest bursts differ where the exact place matters, as at a rim.
@@ -247,7 +249,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     if np.isfinite(probe.transducer.focus):
         steepest = 0.5 * probe.transducer.aperture / probe.transducer.focus
         floors = _floors(echoes.depth, used, on, (steepest, noise[0]))
-        clear = used[probe.radius * np.sin(phi[used]) > water.height + 2 * width]
+        clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
         finds = _finds(_slender(echoes, clear, on, noise[1]), floors, on)
     loud_sd = np.where(mapped, loud_sd, np.nan)
     return CScan(wall, loud, loud_sd, flooded & ~near, water, finds, noise)
