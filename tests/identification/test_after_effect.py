@@ -3,8 +3,16 @@ import pytest
 from benchmarks.after_effect import SKIP, read_runs
 
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification.after_effect import identify_after_effect
-from minorloop.identification.after_effect_result import AfterEffectIdentification
+from minorloop.identification.after_effect import (
+    Constants,
+    State,
+    TimedRecord,
+    identify_after_effect,
+    rows_of,
+)
+from minorloop.identification.after_effect_result import AfterEffectIdentification, along
+from minorloop.identification.curves import as_curves
+from minorloop.identification.design_matrix import PlaneSpec, pack
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 
@@ -129,6 +137,25 @@ def test_thresholds_and_creep_are_found_at_once(field, settling, laws):
     assert found.left_out_error < 0.1 * min(alone[law] for law in (*laws, "spectrum"))
     assert found.model.settling == pytest.approx(settling, rel=0.2)
     assert found.model.monotone
+
+
+@pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
+@pytest.mark.parametrize(("field", "settling"), [(0.03, 30.0), (20.0, 0.5), (0.0, 0.0)])
+def test_rows_of_the_design_matrix_are_the_operator(diagonal, field, settling):
+    plane = a_plane()
+    plane = Preisach(LEVELS, plane.weights, 0.3, "unipolar", diagonal)
+    creep = [0.4 * plane.weights, -0.2 * plane.weights]
+    model = AfterEffect(plane, field, settling, [0.5, 5.0], creep)
+    t, u = holds(1013, 6)
+    curves = as_curves(np.repeat([0, 1], t.size // 2), t.size, "demagnetised", None)
+    record = TimedRecord(t, u, u, np.ones(t.size, dtype=bool), curves)
+    spec = PlaneSpec(LEVELS, "unipolar", diagonal)
+    constants = Constants(model.field, settling, model.times)
+    rows = rows_of(spec, record, constants, 0, t.size, State(spec, record, constants))
+    weights = np.array([plane.weights, *creep])
+    found = weights if settling else np.cumsum(weights, axis=0)
+    unknowns = np.append(np.concatenate([pack(one) for one in found]), plane.offset)
+    np.testing.assert_allclose(rows @ unknowns, along(model, t, u, curves), rtol=0, atol=1e-12)
 
 
 def test_curves_begin_anew():

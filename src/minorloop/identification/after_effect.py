@@ -18,7 +18,6 @@ from minorloop.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
-    Levels,
     as_times,
     as_whole,
     check_option,
@@ -123,8 +122,8 @@ def identify_after_effect(
 
     Every law is fitted without a part of the record and scored on it; another law must reduce the
     error by 2 %. Where late thresholds and a spectrum each do, both at once are compared too. The
-    weights of plane and creep up to each time constant together are not negative, so that the model
-    is monotone and can be inverted.
+    weights of plane and creep up to each time constant together are not negative, with both at once
+    each of them, so that the model is monotone and can be inverted.
 
     Parameters
     ----------
@@ -308,10 +307,14 @@ def rows_of(
     part = slice(first, last)
     state.count = _kernels.fill(
         spec.levels,
+        state.marks,
         spec.diagonal == "uniform",
-        state.v[part],
+        state.x[part],
+        state.targets[part],
         record.u[part],
-        -np.expm1(-record.intervals[part, None] / constants.times),
+        record.intervals[part],
+        constants.settling,
+        constants.times,
         record.begins[part],
         state.reset,
         state.extrema,
@@ -327,25 +330,20 @@ class State:
     """State of the rows of a design matrix between blocks."""
 
     def __init__(self, spec: PlaneSpec, record: TimedRecord, constants: Constants) -> None:
-        blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)))
-        self.reset = np.array(blank.memory(record.curves.start).extrema)
-        self.extrema = np.empty(self.reset.size + record.u.size + 2)
+        levels = spec.levels
+        blank = Preisach(levels, np.zeros((spec.bands, spec.bands)))
+        reset = np.array(blank.memory(record.curves.start).extrema)
+        self.extrema = np.empty(reset.size + record.u.size + 2)
         self.count = 0
         self.late = np.zeros((1 + constants.times.size, spec.cells))
-        self.v = effective(spec.levels, record, constants, float(self.reset[-1]))
-
-
-def effective(
-    levels: Levels, record: TimedRecord, constants: Constants, reset: float
-) -> FloatArray:
-    """(T,) effective input along a record."""
-    if constants.settling == 0:
-        return record.u
-    marks = np.concatenate([[0.0], np.cumsum(np.diff(levels) / constants.field)])
-    x = np.interp(record.u, levels, marks)
-    lost = -np.expm1(-record.intervals / constants.settling)
-    _kernels.follow(marks, lost, record.begins, float(np.interp(reset, levels, marks)), x)
-    return np.asarray(np.interp(x, marks, levels))
+        self.marks, self.reset, self.x, self.targets = levels, reset, record.u, record.u
+        if constants.settling > 0:
+            self.marks = np.concatenate([[0.0], np.cumsum(np.diff(levels) / constants.field)])
+            self.reset = np.interp(reset, levels, self.marks)
+            self.targets = np.interp(record.u, levels, self.marks)
+            self.x = self.targets.copy()
+            lost = -np.expm1(-record.intervals / constants.settling)
+            _kernels.follow(self.marks, lost, record.begins, float(self.reset[-1]), self.x)
 
 
 @dataclass(frozen=True, eq=False)
@@ -555,15 +553,15 @@ class _Search:
     def model(self, tried: TriedLaw, numbers: FloatArray, x: FloatArray) -> AfterEffect:
         """Operator of the unknowns of a fit."""
         constants, spec = self.constants(tried.law, numbers), self.spec
-        sums = [unpack(one) for one in (x[:-1] * self.unit).reshape(-1, spec.cells)]
+        found = np.array([unpack(one) for one in (x[:-1] * self.unit).reshape(-1, spec.cells)])
         plane = Preisach(
             spec.levels,
-            sums[0],
+            found[0],
             offset=float(x[-1] * self.unit + self.centre),
             relay=spec.relay,
             diagonal=spec.diagonal,
         )
-        creep = np.diff(np.array(sums), axis=0)
+        creep = found[1:] if constants.settling > 0 else np.diff(found, axis=0)
         return AfterEffect(plane, constants.field, constants.settling, constants.times, creep)
 
     def directions(self, best: TriedLaw, x: FloatArray) -> tuple[Pair, ...]:
