@@ -98,6 +98,36 @@ def test_a_fluctuation_field_is_found():
     np.testing.assert_allclose(prediction.y, y, atol=5e-3 * np.ptp(y))
 
 
+def reversals(pauses, seed):
+    """Curves after each pause at 8 reversals, 0.2 s a row, as t, u and label of the curve."""
+    rng = np.random.default_rng(seed)
+    steps, u, label = [], [], []
+    for pause in pauses:
+        for low in np.linspace(0.6, -0.8, 8) + 0.05 * rng.random():
+            rise = np.arange(low + 0.1, 0.9, 0.1)
+            steps += [500.0, pause + 0.2, *np.full(rise.size, 0.2)]
+            u += [low, low, *rise]
+            label += [len(label) and label[-1] + 1] * (2 + rise.size)
+    return np.cumsum(steps), np.array(u), np.array(label)
+
+
+def test_a_settling_time_that_two_pauses_do_not_determine_is_in_bands_and_advice():
+    truth = AfterEffect(a_plane(), 0.02, 1e4)
+    t, u, label = reversals((0.0, 50.0), 1020)
+    y = along(truth, t, u, as_curves(label, t.size, "positive", None))
+    y += 0.1 * np.random.default_rng(1021).normal(size=y.size)
+    found = identify_after_effect(
+        t, u, y, levels=LEVELS, creep="thermal", rate=False, curves=label, start="positive"
+    )
+    t, u, label = reversals((350.0, 1500.0), 1022)
+    wanted = along(truth, t, u, as_curves(label, t.size, "positive", None))
+    assert found.predict(t, u, bands=0.9, curves=label).covers(wanted) >= 0.85
+    far = [one.settling for one, likely in found.settlings if likely > 0.1]
+    assert max(far) > 1e4 > 1e3 > min(far)
+    # The pause between curves, of 500 s, is not a hold.
+    assert "and no hold is longer than 50.4 s" in str(found)
+
+
 def test_a_record_without_effect_of_time_keeps_the_plane():
     truth = a_plane()
     t, u = holds()
