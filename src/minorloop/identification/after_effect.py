@@ -660,15 +660,13 @@ class _Search:
                 numbers[0] += np.log(factor)
                 if not least < np.exp(numbers[0]) < longest:
                     break
-                numbers += (
-                    field
-                    * minimize_scalar(
-                        lambda shift, numbers=numbers: error(numbers + shift * field),
-                        bounds=(-_APART, _APART),
-                        method="bounded",
-                        options={"maxiter": _REFITS},
-                    ).x
+                nearest = minimize_scalar(
+                    lambda shift, numbers=numbers: error(numbers + shift * field),
+                    bounds=(-_APART, _APART),
+                    method="bounded",
+                    options={"maxiter": _REFITS},
                 )
+                numbers += nearest.x * field
                 error(numbers)
                 model = self.model(best, numbers, last[0])
                 worse = self.squares(model) - squares
