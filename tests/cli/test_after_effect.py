@@ -112,7 +112,24 @@ def spoilt(name, change):
 
 def test_times_that_go_back_are_refused(creeping, refused):
     line = spoilt("back.csv", lambda rows: rows[np.r_[:50, 40:600]])
-    assert "runs backwards after sample 49" in refused(line)
+    assert "column 'time [s]' of back.csv runs backwards in row 52; give the" in refused(line)
+    line = spoilt("later.csv", lambda rows: rows[np.r_[:500, 499:600]])
+    assert "'time [s]' of later.csv has the same time in row 502 as before" in refused(line)
+
+
+def test_the_row_of_a_time_that_repeats_counts_as_in_the_file(creeping, refused, run):
+    """Comments, a row of units, and rows without an input from another logger count too."""
+    rows = np.loadtxt("holds.csv", delimiter=",", skiprows=1)
+    lines = [",".join(f"{value:.17g}" for value in row) for row in rows]
+    lines = [line for row in lines for line in (row, f"{float(row.split(',')[0]) + 0.5},,")]
+    time = lines[98].split(",")[0]
+    lines[99:101] = (f"{time},{line.partition(',')[2]}" for line in lines[99:101])
+    text = ["# of the bench", "time,voltage,length", "s,V,um", *lines, ""]
+    with open("merged.csv", "w") as file:
+        file.write("\n".join(text))
+    line = f"identify merged.csv {COLUMNS} --creep spectrum --levels 4"
+    assert "of merged.csv has the same time in row 104 as before it" in refused(line)
+    assert run(f"{line} --rows 51:550")[0] == 0
 
 
 def test_pauses_without_samples_show_creep_if_both_ends_are_read(creeping, answer, refused):

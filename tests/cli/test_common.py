@@ -160,3 +160,24 @@ def test_a_table_is_written_and_read_back():
     assert Path("new.csv").read_text(encoding="utf-8").splitlines()[0] == '"a, b [µm]",n'
     with pytest.raises(OutputError, match="exists already"):
         _common.write_csv(Path("new.csv"), {"a": [1]}, force=False)
+
+
+@pytest.mark.parametrize("value", ["-3", "0", "nan", "inf"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "invert model.json targets.csv --target length --hold",
+        "drive model.json targets.csv --target length --actuator twin:ipmc --store s --every",
+        "drive model.json targets.csv --target length --actuator twin:ipmc --store s --hold",
+        "export c model.json --out c --patience",
+        "export board model.json --out c --interval",
+        "plan decaying --low -1 --high 1 --input u --hold",
+        "plan sines --frequencies 1 --amplitudes 1 --preamble -1 --input u --tick",
+        "run --actuator twin:ipmc --plan plan.csv --store s --shortest",
+        "run --actuator twin:ipmc --plan plan.csv --store s --interval",
+    ],
+)
+def test_seconds_that_are_not_positive_are_refused(refused, line, value):
+    option = line.split()[-1]
+    said = refused(f"{line} {value}")
+    assert said == f"error: {option} is {value}; give a positive number of seconds\n"

@@ -103,7 +103,7 @@ def test_a_table_that_ends_too_early_says_what_it_covers(run):
     ("option", "said"),
     [
         ("--linear 0,3", "--linear is '0,3', whose gain is 0"),
-        ("--hold -3", "hold is -3 s (--hold); give a positive number of seconds"),
+        ("--hold -3", "--hold is -3; give a positive number of seconds"),
     ],
 )
 def test_options_that_cannot_be_are_refused_by_their_names(option, said, refused):

@@ -91,6 +91,7 @@ def test_refuses_unusable_linear_parts(refused, tmp_path, content, message):
         ("export c model.json --out model.json", "is a file"),
         ("export c model.json plays.json --out a", "c takes one model file, and there are 2"),
         (f"{LINE} --rate 3", "--rate does nothing for c"),
+        (f"{LINE} --rate 0", "--rate does nothing for c"),
         ("export board model.json --out a --firmware", "--firmware does nothing for board"),
         ("export board model.json --out a --patience 0.001", "patience is 0.001 s"),
         ("export board model.json --out a --interval 0.0105", "interval is 0.0105 s"),

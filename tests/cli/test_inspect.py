@@ -76,8 +76,9 @@ def test_a_head_has_the_lens_and_a_file_the_poses(run):
 
 @pytest.mark.usefixtures("pictures")
 def test_a_wall_that_is_too_far_away_is_said_to_be(run):
-    status, out, _ = run("inspect pictures/a.png --lens 520 --radius 400")
-    assert status == 0
+    status, out, error = run("inspect pictures/a.png --lens 520 --radius 400")
+    assert status == 1
+    assert "no picture could be searched, so that the wall was not inspected" in error
     assert "0 findings in 1 picture; not usable: no wall in view (1)" in out
     assert "check that --pan" in out
 

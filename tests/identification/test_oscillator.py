@@ -128,6 +128,39 @@ def test_a_record_from_rest_with_gaps_is_enough():
     assert found.error == pytest.approx(NOISE, rel=0.1)
 
 
+@pytest.mark.parametrize("turns", [2, 4])
+def test_a_period_from_rest_is_left_out(turns):
+    """With it the damping was 34 % wrong, and the error below what counted as noise."""
+    u, t = np.tile(multisine(1000), turns), np.arange(turns * PERIOD) / 750
+    y = PLANT.simulate(t, u) + 1e-7 * np.random.default_rng(1001).normal(size=t.size)
+    found = identify_oscillator(t, u, y, PLANT, period=PERIOD)
+    assert found.record.unsettled == 1
+    assert found.advice[0].startswith("the first period differs from the later ones")
+    assert (np.abs(found.parameters - TRUE) < 4 * found.sd).all()
+    assert found.error < 1e-7
+
+
+def test_an_error_of_the_integration_is_no_lack_of_the_model(settled):
+    t, u, _ = settled
+    y = np.tile(PLANT.simulate(t[:PERIOD], u[:PERIOD], periodic=True, substeps=16), TURNS)
+    found = identify_oscillator(
+        t, u, y * (1 + 1e-15 * (np.arange(t.size) < PERIOD)), PLANT, period=PERIOD
+    )
+    assert found.noise > 0
+    assert not found.advice
+
+
+def test_a_record_that_begins_in_motion_has_advice():
+    t = np.arange(2 * PERIOD) / 750
+    u = np.tile(multisine(1000), 2)
+    y = PLANT.simulate(t, u) + 1e-6 * np.random.default_rng(1001).normal(size=t.size)
+    rest, moving = slice(0, 800), slice(200, None)
+    begins = identify_oscillator(t[rest], u[rest], y[rest], PLANT)
+    assert not begins.advice
+    found = identify_oscillator(t[moving], u[moving], y[moving], PLANT)
+    assert "times as large at the beginning of the record as later" in found.advice[0]
+
+
 def test_a_model_that_lacks_something_says_so(settled):
     begin = Oscillator(2.0, 10.0, 1e5, BoucWen(1e-3, 0.0, 0.0))
     fixed = ("alpha", "gamma", "delta", "exponent")
@@ -144,6 +177,10 @@ def test_bad_records_and_starts_say_what_to_do(settled):
         identify_oscillator(t, u, y, good, period=256)
     with pytest.raises(SignalError, match="force or displacement is constant"):
         identify_oscillator(t, u, np.zeros_like(y), good, period=PERIOD)
+    with pytest.raises(SignalError, match="no sample counts: skip is 2048, and the last"):
+        identify_oscillator(t, u, y, good, skip=2048)
+    with pytest.raises(SignalError, match="no displacement of 512 is measured"):
+        identify_oscillator(t, u, np.full_like(y, np.nan), good, period=PERIOD)
     with pytest.raises(SignalError, match="give evenly spaced times"):
         identify_oscillator(np.where(t > 1, t + 0.1, t), u, y, good)
     with pytest.raises(SignalError, match="20 samples count for 7 parameters"):

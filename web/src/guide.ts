@@ -103,5 +103,6 @@ const SCANNING: Record<string, string> = {
   travel: "The catheter brings the probe to the finding.",
   turn: "Turning the beam to the first point.",
   points: "Measuring, point by point.",
+  roll: "The catheter rolls to the next row of points.",
   back: "Going back to where you looked from.",
 };

@@ -25,7 +25,7 @@ from minorloop.errors import (
 )
 
 if TYPE_CHECKING:
-    from minorloop.arrays import FloatArray
+    from minorloop.arrays import FloatArray, IntArray
     from minorloop.lab.actuator import Actuator
     from minorloop.lab.logs import Log
     from minorloop.lab.timebase import TimeCheck
@@ -63,6 +63,20 @@ def whole_option(help: str, *, panel: str | None = None) -> Any:
 def number_option(help: str, *, panel: str | None = None) -> Any:
     """Return an option for a number, whose help is in the panel of that title."""
     return typer.Option(parser=number, metavar="X", help=help, rich_help_panel=panel)
+
+
+def seconds_option(help: str, *, panel: str | None = None) -> Any:
+    """Return an option for a positive number of seconds; others are refused wherever it counts."""
+    return typer.Option(
+        parser=number, metavar="X", help=help, rich_help_panel=panel, callback=_positive
+    )
+
+
+def _positive(param: typer.CallbackParam, value: float | None) -> float | None:
+    if value is not None and not 0 < value < float("inf"):
+        option = str(param.name).replace("_", "-")
+        raise ParameterError(f"--{option} is {value:g}; give a positive number of seconds")
+    return value
 
 
 def plain(help: str) -> str:
@@ -389,12 +403,63 @@ def times_of(
             )
         return {}, None
     quantity, check = read_times(file, column)
-    if check.jumps.size:
-        raise RecordError(
-            f"column '{column}' of {file} runs backwards after sample {check.jumps[0]}, "
-            "counted from 0 after the header; give the rows in the order of time"
-        )
+    check_order(file, column, check, strictly=known.has_time)
     return {str(quantity): check.t}, check
+
+
+def check_order(
+    file: Path,
+    column: str,
+    check: TimeCheck,
+    *,
+    strictly: bool = True,
+    part: slice = slice(None),
+    rows: IntArray | None = None,
+) -> None:
+    """Refuse times that run backwards; the message has the row of the file.
+
+    Parameters
+    ----------
+    file : path
+        The file.
+    column : str
+        Column of time.
+    check : TimeCheck
+        What was found in it.
+    strictly : bool
+        Whether times that repeat are refused too.
+    part : slice
+        Samples that are used.
+    rows : (T,) array of int, optional
+        Rows of the file that the samples are, counted from 0; all if not given.
+
+    Raises
+    ------
+    RecordError
+        If they do.
+    """
+    import numpy as np
+
+    from minorloop.lab.columns import find_column, read_headers, row_number
+
+    back = np.zeros(check.t.size - 1, dtype=np.bool_)
+    back[check.jumps] = True
+    wrong = back | (np.diff(check.t) <= 0) if strictly else back.copy()
+    used = range(check.t.size)[part]
+    wrong[: used.start] = wrong[used.stop - 1 :] = False
+    if not wrong.any():
+        return
+    step = int(np.argmax(wrong))
+    row = row_number(file, step + 1 if rows is None else int(rows[step + 1]))
+    where = f"column '{find_column(column, read_headers(file), source=file)}' of {file}"
+    if back[step]:
+        raise RecordError(
+            f"{where} runs backwards in row {row}; give the rows in the order of time"
+        )
+    raise RecordError(
+        f"{where} has the same time in row {row} as before it; leave one of the rows out, or "
+        "write more digits"
+    )
 
 
 def as_rows(text: str | None, total: int) -> slice:

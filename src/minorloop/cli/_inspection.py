@@ -278,17 +278,6 @@ def summary(content: dict[str, Any]) -> str:
     return f"{said}; no depth without a probe; the head {safe}"
 
 
-def check_usable(content: dict[str, Any]) -> None:
-    """End with status 1 if no view could be searched: nothing found says nothing then."""
-    if sum(content["unusable"].values()) == content["views"]:
-        typer.echo(
-            "warning: no view could be searched, so that the wall was not inspected; check the "
-            "camera, its exposure and the LEDs",
-            err=True,
-        )
-        raise typer.Exit(1)
-
-
 def show(content: dict[str, Any], out: Path) -> None:
     """Print the findings."""
     if content["findings"]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
     from minorloop.lab.records import Record
@@ -85,14 +85,10 @@ class TimedData:
                 labels=labels,
                 needed=True,
             )
-        if log.check is not None and log.check.jumps.size:
-            raise RecordError(
-                f"column '{self.time}' of {self.file} runs backwards after sample "
-                f"{log.check.jumps[0]}, counted from 0 after the header; give the rows in the "
-                "order of time"
-            )
         record = log.record
         part = _common.as_rows(self.rows, len(record))
+        assert log.check is not None
+        _common.check_order(self.file, str(self.time), log.check, part=part, rows=log.rows)
         chosen = None if self.curves is None else log.labels[self.curves][part]
         rows = record.t[part], record.u[part], record.y[part]
         return Record(*rows, record.input, record.output), chosen

@@ -60,11 +60,11 @@ def run(
     name: _conversion.Name = None,
     unit: _conversion.Unit = None,
     hold: Annotated[
-        float, _common.number_option("Longest hold of a target, in seconds.")
+        float, _common.seconds_option("Longest hold of a target, in seconds.")
     ] = _common.HOLD,
     every: Annotated[
         float | None,
-        _common.number_option(
+        _common.seconds_option(
             "For a model with after-effect: seconds between inputs. A target is met after the "
             "first interval, and kept while the output creeps."
         ),

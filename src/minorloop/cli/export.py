@@ -87,7 +87,7 @@ def run(
     ] = False,
     interval: Annotated[
         float | None,
-        _common.number_option(
+        _common.seconds_option(
             "Seconds between calls of a model with dynamics; for fmu also the step recommended to "
             "simulators; for board between steps of its feedforward, 0.04 if not given."
         ),
@@ -102,7 +102,7 @@ def run(
     ] = None,
     patience: Annotated[
         float | None,
-        _common.number_option(
+        _common.seconds_option(
             "Seconds without a question after which the board goes to its safe inputs; 1 if not "
             "given.",
             panel=_FOR_BOARD,
@@ -125,7 +125,7 @@ def run(
         "--name": None if name == "minorloop" else name,
     }
     for option in _WITHOUT_EFFECT[target]:
-        if given[option] not in (None, False):
+        if given[option] is not None and given[option] is not False:
             raise ParameterError(f"{option} does nothing for {target}; leave it out")
     if first is not None and linear is None:
         raise ParameterError("--first does nothing without --linear; leave it out")
@@ -148,8 +148,6 @@ def run(
             f"--memory does nothing for a {type(operator).__name__}, whose memory has a "
             "fixed size; leave it out"
         )
-    if interval is not None and not 0 < interval < float("inf"):
-        raise ParameterError(f"--interval is {interval:g}; give a positive number of seconds")
     part, order = _dynamics(known, model, linear, first, interval)
     timed = isinstance(known.model, AfterEffect)
     if interval is not None and part is None and target == "c" and not timed:

@@ -80,7 +80,7 @@ def run(
     ] = False,
     patience: Annotated[
         float,
-        _common.number_option("Seconds to wait for a worker of the cluster or for its scheduler."),
+        _common.seconds_option("Seconds to wait for a worker of the cluster or for its scheduler."),
     ] = 60.0,
     as_json: _common.Json = False,
 ) -> None:

@@ -67,7 +67,7 @@ def identify(
     ] = None,
     highest: Annotated[float, _common.number_option("Largest current, in A.")] = 0.4,
     bands: Annotated[int, _common.whole_option("Bands of the model of each wire.")] = 12,
-    hold: Annotated[float, _common.number_option("Longest hold of a current, in s.")] = 40.0,
+    hold: Annotated[float, _common.seconds_option("Longest hold of a current, in s.")] = 40.0,
     camera: _Seeing = None,
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
@@ -160,7 +160,7 @@ def drive(
     actuator: _common.Address,
     pan: Annotated[str, typer.Option(help="Column of the wanted pan, in deg.")] = "pan",
     tilt: Annotated[str, typer.Option(help="Column of the wanted tilt, in deg.")] = "tilt",
-    hold: Annotated[float, _common.number_option("Seconds for each target.")] = 8.0,
+    hold: Annotated[float, _common.seconds_option("Seconds for each target.")] = 8.0,
     camera: _Seeing = None,
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
@@ -247,6 +247,7 @@ def inspect(
     kept. Without a probe no depth is measured. The exit status is 1 if no view could be searched.
     """
     from minorloop.cli import _inspection
+    from minorloop.cli.inspect import check_usable
 
     places = _common.numbers("advances", advances, range(1, 1001), "advances in mm")
     for place in places:
@@ -257,7 +258,7 @@ def inspect(
         _common.print_json(content)
     else:
         _inspection.show(content, out)
-    _inspection.check_usable(content)
+    check_usable(content)
 
 
 @app.command(

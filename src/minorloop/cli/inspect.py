@@ -82,7 +82,10 @@ def run(
     ] = None,
     as_json: _common.Json = False,
 ) -> None:
-    """Find holes, pits and cracks in pictures of a pipe, each picture alone."""
+    """Find holes, pits and cracks in pictures of a pipe, each picture alone.
+
+    The exit status is 1 if no picture could be searched.
+    """
     from minorloop.files import new_folder
     from minorloop.head.procedures.pictures import (
         DAMAGED,
@@ -147,6 +150,26 @@ def run(
         if out is not None:
             _write(out, content, best, source, still=bool(called))
     _show(content, out, as_json)
+    check_usable(content, "picture")
+
+
+def check_usable(content: dict[str, Any], what: str = "view") -> None:
+    """End with status 1 if no view could be searched: nothing found says nothing then.
+
+    Parameters
+    ----------
+    content : dict
+        Numbers of views and of those that are not usable, with the reason.
+    what : str
+        ``view`` or ``picture``.
+    """
+    if sum(content["unusable"].values()) == content[f"{what}s"]:
+        typer.echo(
+            f"warning: no {what} could be searched, so that the wall was not inspected; check the "
+            "camera, its exposure and the light",
+            err=True,
+        )
+        raise typer.Exit(1)
 
 
 def _view(

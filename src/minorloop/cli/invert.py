@@ -35,7 +35,7 @@ def run(
     start: _common.Start = "negative",
     hold: Annotated[
         float | None,
-        _common.number_option(
+        _common.seconds_option(
             "Seconds to hold each input: --save then writes a plan for run, saturation first."
         ),
     ] = None,
@@ -70,7 +70,7 @@ def run(
         notes += _ahead(result)
         if save is not None:
             columns: dict[str, Any] = {
-                **({} if hold else times),
+                **({} if hold is not None else times),
                 **known.inverse_columns(targets, result),
             }
             if hold is not None:
@@ -127,7 +127,7 @@ def _ends_of_holds(known: ModelFile, hold: float, count: int) -> dict[str, Float
 
     from minorloop.operators.after_effect import AfterEffect
 
-    if not isinstance(known.model, AfterEffect) or not 0 < hold < float("inf"):
+    if not isinstance(known.model, AfterEffect):
         return {}
     return {"time [s]": hold * arange(1.0, count + 1)}
 
@@ -136,8 +136,6 @@ def _as_plan(
     known: ModelFile, columns: dict[str, Any], start: str, hold: float
 ) -> dict[str, list[Any]]:
     """Return the columns with holds, after a first row that saturates the actuator."""
-    if not (0 < hold < float("inf")):
-        raise ParameterError(f"--hold is {hold:g}; give a positive number of seconds")
     levels = getattr(known.operator, "levels", None)
     if levels is None or start == "demagnetised":
         raise ParameterError(

@@ -58,7 +58,9 @@ def run(
     ] = None,
     hold: Annotated[
         float,
-        _common.number_option("Seconds to hold each input; of sines, the preamble and the offset."),
+        _common.seconds_option(
+            "Seconds to hold each input; of sines, the preamble and the offset."
+        ),
     ] = _common.HOLD,
     input: Annotated[
         str, typer.Option(help="Header of the column of the input: its name and unit.")
@@ -92,7 +94,7 @@ def run(
     ] = None,
     tick: Annotated[
         float | None,
-        _common.number_option(
+        _common.seconds_option(
             "Sines: tick of the bench in seconds; frequencies are rounded to whole ticks."
         ),
     ] = None,
@@ -112,8 +114,6 @@ def run(
         return
     if low is None or high is None:
         raise ParameterError(f"Missing option '--{'low' if low is None else 'high'}'")
-    if not 0 < hold < float("inf"):
-        raise ParameterError(f"--hold is {hold}; give a positive number of seconds")
     check_name("--input", input)
     if input == _HOLD:
         raise ParameterError(f"--input is {_HOLD!r}, the header of hold times; give another name")

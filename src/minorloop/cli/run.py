@@ -76,11 +76,11 @@ def run(
     ] = None,
     shortest: Annotated[
         float | None,
-        _common.number_option("Shortest hold in seconds; a quarter of the longest if not given."),
+        _common.seconds_option("Shortest hold in seconds; a quarter of the longest if not given."),
     ] = None,
     interval: Annotated[
         float | None,
-        _common.number_option(
+        _common.seconds_option(
             "Seconds between samples; if not given, 1/200 of the shortest hold, or what the meter "
             "needs."
         ),
@@ -99,7 +99,7 @@ def run(
         ),
     ] = None,
     hold: Annotated[
-        float | None, _common.number_option("Adaptive: longest hold in seconds, 200 if not given.")
+        float | None, _common.seconds_option("Adaptive: longest hold in seconds, 200 if not given.")
     ] = None,
     low: Annotated[
         float | None, _common.number_option("Adaptive: least input; the limit if not given.")

@@ -16,6 +16,7 @@ from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.leave_out import NORMAL_GROUPS
+from minorloop.identification.long_intervals import isolated_long
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators.after_effect import AfterEffect, State
 from minorloop.operators.inversion import Inversion, Unreachable
@@ -26,10 +27,8 @@ _BINS = 60
 `minorloop.identification.leave_out`."""
 _FEW = 1e-12
 """Weight of rows below which none is near."""
-_GAP = 5.0
-"""Intervals over the median one from which a change of the input needs a row of its own."""
 _CHANGE = 0.01
-"""Change of the input over its range that counts then."""
+"""Change of the input over its range that needs a row of its own in a gap of the times."""
 _CREEPS = 0.98
 """Ratio of the left-out errors with and without time above which time explains nothing."""
 
@@ -142,10 +141,9 @@ class AfterEffectIdentification(NotebookView):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Why the model is not to be trusted."""
-        steps = np.diff(self.t)
         moved = np.abs(np.diff(self.u)) > _CHANGE * float(np.ptp(self.u))
         moved[self.curves.begins[1:] - 1] = False
-        long = np.flatnonzero((steps > _GAP * float(np.median(steps))) & moved)
+        long = np.flatnonzero(isolated_long(np.diff(self.t)) & moved)
         if not long.size:
             return ()
         row = int(long[0])

@@ -13,11 +13,12 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, as_pair, as_times, as_whole, check_option
+from minorloop.arrays import BoolArray, as_pair, as_times, as_whole, check_option
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.dynamics.sampling import Interpolation, Stage, checked_stages, even_interval
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.levenberg_marquardt import Minimum
+from minorloop.identification.mean_period import mean_period
 from minorloop.identification.oscillator_result import OscillatorIdentification, TriedLevels
 from minorloop.identification.simulation_error import (
     OscillatorRecord,
@@ -79,7 +80,8 @@ def identify_oscillator(
         record supports. Nothing else is assumed.
     period : int, optional
         Samples after which force and displacement repeat, if the record is one of whole periods
-        of the settled response; periods are averaged. If not given, the record begins at rest.
+        of the settled response; periods are averaged, without first ones that differ from the
+        others as an unsettled motion does. If not given, the record begins at rest.
     between : {"band", "straight", "held"}
         Force between samples, as in `Oscillator.simulate`.
     substeps : int
@@ -127,7 +129,7 @@ def _record(
     stages: Sequence[Stage],
     skip: int,
 ) -> OscillatorRecord:
-    """Return the record, averaged over its periods."""
+    """Return the record, averaged over its settled periods."""
     times, (forces, outputs) = as_times(t), as_pair(u, y)
     if forces.shape != times.shape:
         raise SignalError(f"t has shape {times.shape} and u {forces.shape}; give one of each")
@@ -135,46 +137,40 @@ def _record(
     count = as_whole("substeps", substeps, 1)
     filters = checked_stages(stages, count)
     interval = even_interval(times)
-    noise = None
+    noise, unsettled = None, 0
     if period is not None:
-        forces, outputs, noise = _averaged(forces, outputs, as_whole("period", period, 2))
+        mean = mean_period(forces, outputs, as_whole("period", period, 2))
+        forces, outputs, noise, unsettled = mean.u, mean.y, mean.noise, mean.unsettled
     scored = np.isfinite(outputs)
+    if not scored.any():
+        raise SignalError(
+            f"no displacement of {outputs.size} is measured, all are NaN; give numbers where one is"
+        )
+    last = int(np.flatnonzero(scored)[-1])
     scored[: as_whole("skip", skip, 0)] = False
-    if not scored.any() or not np.ptp(outputs[scored]) or not np.ptp(forces):
+    if not scored.any():
+        raise SignalError(
+            f"no sample counts: skip is {skip}, and the last measured displacement of "
+            f"{'a period' if period is not None else 'the record'} is sample {last}, counted from "
+            "0; give a smaller skip"
+        )
+    if not np.ptp(outputs[scored]) or not np.ptp(forces):
         raise SignalError(
             "force or displacement is constant over the samples that count; give a record in "
             "which both move"
         )
     return OscillatorRecord(
-        forces, outputs, interval, period is not None, noise, between, count, filters, scored
+        forces,
+        outputs,
+        interval,
+        period is not None,
+        noise,
+        between,
+        count,
+        filters,
+        scored,
+        unsettled,
     )
-
-
-def _averaged(
-    u: FloatArray, y: FloatArray, period: int
-) -> tuple[FloatArray, FloatArray, float | None]:
-    """Return one period of force and displacement, and the standard deviation of the latter."""
-    turns, rest = divmod(u.size, period)
-    if rest or not turns:
-        raise SignalError(
-            f"the record has {u.size} samples, which is not a whole number of periods of {period}; "
-            "cut it, or leave period out"
-        )
-    forces, outputs = u.reshape(turns, period), y.reshape(turns, period)
-    apart = np.abs(forces - forces.mean(axis=0)).max()
-    if apart > 0.01 * np.ptp(u):
-        raise SignalError(
-            f"the force differs between periods of {period} samples by {apart / np.ptp(u):.1%} of "
-            "its range; give its period in samples, or leave period out"
-        )
-    known = np.isfinite(outputs)
-    number = known.sum(axis=0)
-    mean = np.where(number > 0, np.nansum(outputs, axis=0) / np.maximum(number, 1), np.nan)
-    spare = int(np.sum(number[number > 1] - 1))
-    if not spare:
-        return forces.mean(axis=0), mean, None
-    squares = np.where(known, (outputs - mean) ** 2, 0.0)[:, number > 1]
-    return forces.mean(axis=0), mean, float(np.sqrt(squares.sum() / spare / turns))
 
 
 def _from_start(

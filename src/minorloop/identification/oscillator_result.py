@@ -13,6 +13,7 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.levenberg_marquardt import Minimum
+from minorloop.identification.mean_period import larger_beginning
 from minorloop.identification.output_error import correlation_time
 from minorloop.identification.simulation_error import (
     OscillatorRecord,
@@ -25,6 +26,11 @@ _BEYOND_NOISE = 1.1
 is only noise is as large with a probability below 1 %."""
 _UNCERTAIN = 0.5
 """Standard deviation over the value of a parameter from which it counts as not determined."""
+_SMALL = 1e-3
+"""Error over the standard deviation of the displacement below which its course is no matter: an
+initial motion would leave more."""
+_INTEGRATED = 1e-5
+"""The same below which it may be the error of the integration, about 4e-6 with five steps."""
 
 
 @dataclass(frozen=True)
@@ -147,10 +153,11 @@ class OscillatorIdentification(NotebookView):
     @property
     def advice(self) -> tuple[str, ...]:
         """What to know about this model, and what to do."""
-        texts = list(self.warnings)
-        if self.noise and self.error > _BEYOND_NOISE * self.noise:
+        texts = [*self.warnings, *self._of_the_beginning()]
+        beyond = self.error / self.noise if self.noise and self._share > _INTEGRATED else 0.0
+        if beyond > _BEYOND_NOISE:
             texts.append(
-                f"the error is {self.error / self.noise:.2g} times the noise of the record, so the "
+                f"the error is {beyond:.2g} times the noise of the record, so the "
                 "model lacks something; try start='unknown', or a stiffness of higher degree"
             )
         share = self.sd / np.maximum(np.abs(self.parameters), np.finfo(float).tiny)
@@ -161,6 +168,28 @@ class OscillatorIdentification(NotebookView):
                 "more frequencies, or fix them"
             )
         return tuple(texts)
+
+    @property
+    def _share(self) -> float:
+        """Error over the standard deviation of the displacement."""
+        return self.error / float(np.std(self.record.y[self.record.scored]))
+
+    def _of_the_beginning(self) -> list[str]:
+        """Return what to know about a record that does not begin as it goes on."""
+        if left := self.record.unsettled:
+            first = "first period differs" if left == 1 else f"first {left} periods differ"
+            return [
+                f"the {first} from the later ones more than these from each other, as a motion "
+                f"does that has not settled; {'it is' if left == 1 else 'they are'} left out"
+            ]
+        ratio = larger_beginning(self.minimum.residuals)
+        if self.record.periodic or not ratio or self._share < _SMALL:
+            return []
+        return [
+            f"the error is {ratio:.2g} times as large at the beginning of the record as later, as "
+            "where the structure moved before; begin at rest, give a period if the record "
+            "repeats, or leave the beginning out of the error with skip (--skip)"
+        ]
 
     @property
     def rows(self) -> list[tuple[str, str]]:

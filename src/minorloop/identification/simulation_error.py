@@ -73,6 +73,8 @@ class OscillatorRecord:
         Filters of the converter.
     scored : (T,) array of bool
         Samples whose error counts.
+    unsettled : int
+        Periods at the beginning that are not in the mean, because the motion had not settled.
     """
 
     u: FloatArray
@@ -84,6 +86,7 @@ class OscillatorRecord:
     substeps: int
     stages: Sequence[tuple[int, FloatArray]]
     scored: BoolArray
+    unsettled: int = 0
 
     @property
     def step(self) -> float:

@@ -137,6 +137,22 @@ def read_table(
     return columns, {name: found.joined() for name, found in texts.items()}
 
 
+def row_number(path: PathLike, index: int) -> int:
+    """Return the number in the file of a row of data, as in the messages of `read_columns`.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    index : int
+        Row of data, counted from 0; its values are elements ``index`` of the columns.
+    """
+    if is_sheet(path):
+        return read_sheet(path).numbers[index]
+    with opened(path) as table:
+        return table.number(index)
+
+
 def read_each(path: PathLike) -> list[FloatArray | RecordError]:
     """Return all columns of a file, gaps allowed; in place of unusable ones, the error.
 

@@ -58,6 +58,8 @@ class Log:
         Standard deviation of each output, NaN where it is not known; None if none is.
     of_file : tuple of str
         What was found in the file itself, one sentence each.
+    rows : (T,) array of int, optional
+        Rows of the file that the samples are, counted from 0; None if they are all.
     """
 
     record: Record
@@ -65,6 +67,7 @@ class Log:
     labels: Mapping[str, Labels] = field(default_factory=dict)
     sd: FloatArray | None = None
     of_file: tuple[str, ...] = ()
+    rows: IntArray | None = None
 
     @classmethod
     def of_points(cls, record: Record, sd: Sequence[float] | None) -> Log:
@@ -277,7 +280,7 @@ def read_log(
         names = [*wanted, *deviations]
         return read_table(path, names, labels, gaps=gaps, dates=dates, progress=progress)
 
-    said = _of_file(path)
+    said, kept = _of_file(path), None
     try:
         columns, texts = read(output, *deviations)
     except SparseColumnError:
@@ -288,6 +291,7 @@ def read_log(
         measured = np.isfinite(columns[output])
         if 2 * np.count_nonzero(measured) > measured.size - np.count_nonzero(measured):
             rows &= measured  # the output is read about as often as the input
+        kept = np.flatnonzero(rows)
         columns = {name: values[rows] for name, values in columns.items()}
         texts, said = {name: values[rows] for name, values in texts.items()}, (*said, filled)
     u, y = columns[input], columns[output]
@@ -297,7 +301,8 @@ def read_log(
         return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise, said)
     clock, check = _checked(columns[time], names[2])
     check = with_lost_rows(check, u)
-    return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise, said)
+    record = Record(check.t, u, y, names[0], names[1], time=clock)
+    return Log(record, check, texts, noise, said, kept)
 
 
 def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatArray, str]:

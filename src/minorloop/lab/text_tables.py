@@ -124,6 +124,14 @@ class TextTable:
             read += len(block)
             self.progress(f"{min(read / size, 1):.0%}")
 
+    def number(self, index: int) -> int:
+        """Return the number in the file of a row of data, of those that are not read yet."""
+        for rows, numbers in self._rows(self.text, self.first):
+            if index < len(rows):
+                return numbers[index]
+            index -= len(rows)
+        raise IndexError(f"row {index} of {self.file}")
+
     def _numbers(self, block: str) -> FloatArray | None:
         """Return a block of plain numbers, (rows, columns); None if it is anything else."""
         try:

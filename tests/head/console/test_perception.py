@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from console_rig import PIT, request, tip, towards, view
+from minorloop.errors import InstrumentError
 from minorloop.head.console.perception import Perception
 
 
@@ -73,6 +74,22 @@ def test_during_a_scan_a_live_camera_is_watched_and_a_simulated_one_draws_what_i
     assert shown == (list(range(101, 111)) if live else [105, 110])
     camera.tick(request(there(), ("end_scan", []), number=111))
     assert camera.shown
+
+
+def test_a_scan_that_cannot_be_flooded_or_is_not_on_gives_no_echoes():
+    own = tip()[0]
+
+    def fails(on):
+        raise InstrumentError("the pump is off")
+
+    own.flood = fails
+    camera = Perception(own, view())
+    begun = camera.tick(request(there(), ("begin_scan", [1.0, *PIT[:2], PIT[2]])))
+    fired = camera.tick(request(there(), ("fire", [0.0, 0.0])))
+    assert [each["text"] for each in events([begun, fired], "unscanned")] == [
+        "the pump is off",
+        "the camera was started anew",
+    ]
 
 
 @pytest.mark.parametrize("pixel", [(1.0, 1.0), (639.0, 479.0)])

@@ -330,6 +330,15 @@ def test_a_scan_that_cold_water_puts_out_of_reach_is_not_begun():
     assert "begin_scan" not in pilot.camera.commands
 
 
+def test_a_scan_without_echoes_is_ended_with_its_cause():
+    pilot = scanning()
+    pilot.camera.events = [{"what": "unscanned", "text": "the pump is off"}]
+    pilot.drive(2)
+    assert (pilot.session.state.mode, pilot.session.scan) == ("HOLD", None)
+    assert "no echoes: the pump is off;" in pilot.session.state.reason
+    assert pilot.camera.commands[-1] == "end_scan"
+
+
 def test_a_scan_returns_home_and_its_depth_is_added_to_the_finding():
     pilot = scanning(stick=(1.0, 0.3))
     home = pilot.session.state.command, *position(pilot.session)[2:]

@@ -403,12 +403,17 @@ class Perception:
     def _begin_scan(self, finding: float, phi: float, z: float, diameter: float) -> None:
         """Flood the pipe for a scan about a finding."""
         self._abort()
-        self._tip.flood(True)
+        try:
+            self._tip.flood(True)
+        except MinorloopError as error:
+            self._report("unscanned", text=str(error))
+            return
         self._echoes = ScanEchoes(self.view, int(finding), (phi, z), diameter)
 
     def _fire(self, pan: float, tilt: float) -> None:
         """Fire at a point of the scan, which was requested at a pan and tilt."""
         if self._echoes is None:
+            self._report("unscanned", text="the camera was started anew")
             return
         verdict = self._echoes.fire(self._tip, self._position, (pan, tilt))
         self._report("burst", count=len(self._echoes.bursts), verdict=verdict)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from minorloop.errors import MissingExtraError
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.channel import NewestPipe
-from minorloop.head.console.settings import LoopSettings, is_pipe
+from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import Part, ProcessHandle, Supervisor
 
 if TYPE_CHECKING:
@@ -27,10 +27,14 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.head_file import HeadFile
 
-PIPES = (("loop", "plant"), ("loop", "camera"), ("loop", "server"), ("camera", "server"))
-"""Processes that have a pipe to each other."""
-_LINES = ("plant", "camera")
-"""The pipe for lights and pump of a bench."""
+PIPES = (
+    ("loop", "plant"),
+    ("loop", "camera"),
+    ("loop", "server"),
+    ("camera", "server"),
+    ("plant", "camera"),
+)
+"""Processes that have a pipe to each other; that of plant and camera is for lights and pump."""
 
 for _name in ("starlette", "uvicorn"):
     if find_spec(_name) is None:
@@ -86,8 +90,7 @@ def supervised(
         Part(name="camera", target=run_camera, args=(settings, calibration), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
     ]
-    pipes = PIPES if is_pipe(settings.address) else (*PIPES, _LINES)
-    supervisor = Supervisor(parts, pipes, notify=notify)
+    supervisor = Supervisor(parts, PIPES, notify=notify)
     try:
         with _ended_by_signals():
             supervisor.start()

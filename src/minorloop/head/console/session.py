@@ -359,6 +359,8 @@ class Session:
                 self._extracted(event)
             elif kind == "burst" and self.scan is not None:
                 self.scan = replace(self.scan, fired=True)
+            elif kind == "unscanned" and self.state.mode == "SCAN":
+                self.hold(f"there are no echoes: {event['text']}; press a mode to continue")
             elif kind in ("touched", "no contact"):
                 self._end_mark(f"the tool was withdrawn: {kind}")
             elif kind == "found":
