@@ -42,7 +42,7 @@ def test_a_pit_is_found_while_the_head_sways_and_the_catheter_sticks(run):
     figures = c_scan_figures([run[0]])
     assert figures["recall"] == 1.0
     assert figures["false_per_cm2"] == figures["wrong_kind"] == 0
-    assert abs(figures["depth_bias_um"]) < 40
+    assert abs(figures["depth_bias_um"]) < 30
     assert figures["size_ratio"] == pytest.approx(1.0, abs=0.25)
     assert figures["place_mm"] < 0.3
 

@@ -15,6 +15,8 @@ from minorloop.head.ultrasound.field import CalibratedProbe
 PROBE = CalibratedProbe(Probe(), Mount())
 BOTTOM, Z, STEP, NOISE = math.pi / 2, 20e-3, 10e-9, 0.02
 PATCH = Patch.around(BOTTOM, Z, size=4e-3)
+COSINE = 1 - 0.25 * math.atan(2.5 / 8) ** 2
+"""Of the way of the waves of a focused beam to the axis, in the mean."""
 _PULSE = Pulse().samples(STEP)
 
 
@@ -22,7 +24,7 @@ def trace(depth, share, rng):
     """An echo of the wall with a share, and of a floor with the rest."""
     samples = NOISE * rng.standard_normal(2048)
     for beyond, part in ((0.0, share), (depth, 1 - share)):
-        at = round(2 * (8e-3 + beyond) / PROBE.speed / STEP)
+        at = round(2 * (8e-3 + COSINE * beyond) / PROBE.speed / STEP)
         samples[at - len(_PULSE) // 2 : at + len(_PULSE) // 2 + 1] += part * _PULSE
     return samples
 
@@ -163,7 +165,7 @@ def test_without_a_lens_there_is_a_map_but_no_finds():
     assert beam_width(disc) == disc.transducer.aperture
     found = c_scan(swept(round_pit(0.5e-3)), disc, PATCH)
     assert found.finds == ()
-    assert np.nanmax(found.wall.depth) == pytest.approx(0.5e-3, abs=20e-6)
+    assert np.nanmax(found.wall.depth) == pytest.approx(0.5e-3 * COSINE, abs=20e-6)
 
 
 def test_the_beam_is_as_wide_as_its_focus_allows():

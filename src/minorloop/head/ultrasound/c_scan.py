@@ -21,6 +21,7 @@ from minorloop.head.reconstruction.depth_map import (
     WaterLine,
     coupled_at,
     find_water,
+    unseen_map,
 )
 from minorloop.head.reconstruction.findings import Finding
 from minorloop.head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched, vertex
@@ -47,7 +48,7 @@ _SURE = 6.0
 """Standard deviations of the map from which on something is no texture of the wall."""
 _FEWEST = 3
 """Fewest bursts on a surface: fewer are outliers."""
-_FLOOR_SD = 12e-6
+_FLOOR_SD = 6e-6
 """Error of a depth by the envelope alone, in metres, from sweeps of the twin."""
 _LOST = 0.3
 """Least share of the echo of the wall that a crack takes."""
@@ -173,10 +174,9 @@ class WallEchoes:
     depth : (N,) array
         Of the strongest echo below the wall, in metres; NaN without one that a surface can return.
     amplitude : (N,) array
-        Of the echo at the distance of the wall, over the usual one; NaN for a burst with a verdict.
+        Of the echo at the distance of the wall, over the usual one; NaN if the trace is too short.
     strongest, snr : (N,) arrays
-        Amplitude of the strongest echo over the usual one, and over noise; 0 for a burst with a
-        verdict.
+        Amplitude of the strongest echo over the usual one, and over noise.
     """
 
     spots: FloatArray
@@ -217,42 +217,53 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     is an edge. Edges divide the bursts into surfaces; a surface that lies deeper than those around
     it is the floor of a pit. A crack takes from the echo of a wall that is flat beside it.
     """
-    echoes, width = wall_echoes(swept, probe), beam_width(probe)
-    face, offset = probe.transducer.face, probe.mount.offset[1]
-    phi = echoes.spots[:, 0]
+    heard = [one for one in swept if not one.burst.verdict and np.isfinite(one.spot).all()]
+    echoes, width = wall_echoes(heard, probe), beam_width(probe)
+    face, offset, phi = probe.transducer.face, probe.mount.offset[1], echoes.spots[:, 0]
     water = find_water(phi, echoes.strongest > _WET, probe.radius, face=face, offset=offset)
     water = replace(water, sd=float(np.hypot(water.sd, _PLACE_SD)))
-    wet = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
-    used = np.flatnonzero(wet & np.isfinite(echoes.amplitude))
-    flooded = water.wet(patch.places[..., 0], probe.radius)
+    coupled = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
+    used = np.flatnonzero(coupled & np.isfinite(echoes.amplitude))
     noise = _spread(echoes.depth[used]), _spread(echoes.amplitude[used])
+    around = patch.places[..., 0]
+    flooded = water.wet(around, probe.radius) | np.isnan(water.height)
     points = _flat(echoes.spots, patch)
-    near = np.zeros(flooded.shape, dtype=bool)
-    three = np.zeros((*flooded.shape, _FEWEST), dtype=np.intp)
-    if used.size >= _FEWEST:
-        off, found = cKDTree(points[used]).query(_flat(patch.places, patch), k=_FEWEST)
-        three, near = used[found], off[..., 0] < width
+    if used.size < _FEWEST:
+        blank = np.full(flooded.shape, np.nan)
+        return CScan(unseen_map(patch), blank, blank, flooded, water, (), noise)
+    off, found = cKDTree(points[used]).query(_flat(patch.places, patch), k=_FEWEST)
+    three, near = used[found], off[..., 0] < width
     # A beam that is partly above the line still has an echo.
-    first = three[..., 0]
-    mapped = near & water.wet(patch.places[..., 0], probe.radius, margin=-width)
-    depth = np.where(mapped, echoes.depth[first], np.nan)
-    seen = np.isfinite(depth)
-    # The three nearest bursts differ where the exact place matters, as at a rim.
-    scatter = np.nan_to_num(echoes.depth[three].std(axis=-1), nan=_BEYOND)
-    timing = _JITTER / np.maximum(echoes.snr[first], 1.0) * probe.speed / 2
-    sd = np.where(seen, np.sqrt(scatter**2 + timing**2 + noise[0] ** 2), np.inf)
-    wall = DepthMap(patch, depth, sd, np.where(seen, ECHOES, UNSEEN).astype(np.uint8))
-    loud = np.where(mapped, echoes.amplitude[first], np.nan)
-    loud_sd = np.hypot(echoes.amplitude[three].std(axis=-1), noise[1])
-    on = _Bursts(points, np.where(near, first, -1), patch, width)
+    mapped = near & water.wet(around, probe.radius, margin=-width)
     finds: tuple[Find, ...] = ()
     if np.isfinite(probe.transducer.focus):
+        on = _Bursts(points, np.where(near, three[..., 0], -1), patch, width)
         steepest = 0.5 * probe.transducer.aperture / probe.transducer.focus
         floors = _floors(echoes.depth, used, on, (steepest, noise[0]))
         clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
         finds = _finds(_slender(echoes, clear, on, noise[1]), floors, on)
+    timing = _JITTER / np.maximum(echoes.snr, 1.0) * probe.speed / 2
+    wall = _depth_map(echoes.depth, np.hypot(timing, noise[0]), three, mapped, patch)
+    loud = np.where(mapped, echoes.amplitude[three[..., 0]], np.nan)
+    loud_sd = np.hypot(echoes.amplitude[three].std(axis=-1), noise[1])
     loud_sd = np.where(mapped, loud_sd, np.nan)
     return CScan(wall, loud, loud_sd, flooded & ~near, water, finds, noise)
+
+
+def _depth_map(
+    depth: FloatArray, sd: FloatArray, three: Indices, mapped: BoolArray, patch: Patch
+) -> DepthMap:
+    """Return the depth of the nearest of three bursts, and how sure it is.
+
+    The three differ where the exact place matters, as at a rim.
+    """
+    own = np.where(mapped, depth[three[..., 0]], np.nan)
+    seen = np.isfinite(own)
+    scatter = np.nan_to_num(depth[three].std(axis=-1), nan=_BEYOND)
+    floor = np.where(np.abs(own) > _PULSE, _FLOOR_SD, 0.0)
+    total = np.sqrt(scatter**2 + sd[three[..., 0]] ** 2 + floor**2)
+    total = np.where(seen, total, np.inf)
+    return DepthMap(patch, own, total, np.where(seen, ECHOES, UNSEEN).astype(np.uint8))
 
 
 def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEchoes:
@@ -260,7 +271,9 @@ def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEcho
 
     Notes
     -----
-    The distance of the wall is that of `centred`: a misplaced pivot is no depth.
+    The distance of the wall is that of `centred`: a misplaced pivot is no depth. The waves of a
+    focused beam go down at angles t up to arctan(D / 2F), and delay by 2 d cos(t) / c; the mean
+    over the disc is 1 - t^2 / 4.
     """
     spots = np.array([one.spot for one in swept]).reshape(-1, 3)
     heard = [_strongest(one, probe.speed) for one in swept]
@@ -280,15 +293,14 @@ def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEcho
     ).reshape(-1)
     usual = float(np.median(loudest[found])) if found.any() else 1.0
     clear = found & (loudest >= _RINGING * usual)
-    depth = np.where(clear, depth - wave, np.nan)
+    steepest = np.arctan(0.5 * probe.transducer.aperture / probe.transducer.focus)
+    depth = np.where(clear, (depth - wave) / (1 - 0.25 * steepest**2), np.nan)
     return WallEchoes(spots[:, :2], depth, wall / usual, loudest / usual, snr)
 
 
 def _strongest(one: SweptBurst, speed: float) -> tuple[float, float, float, FloatArray | None]:
     """Return depth, amplitude and ratio to noise of the strongest echo, and the envelope."""
     burst, distance = one.burst, float(one.spot[2])
-    if burst.verdict or not np.isfinite(one.spot).all():
-        return np.nan, 0.0, 0.0, None
     loud = np.abs(matched(burst.trace, burst.sample_interval, Pulse()))
     step = 0.5 * speed * burst.sample_interval
     first, last = (int((distance + side) / step) for side in (-_BEFORE, _BEYOND))
