@@ -28,8 +28,6 @@ from minorloop.head.ultrasound.echoes import average
 
 SweepStage: TypeAlias = Literal["travel", "run up", "line", "return"]
 STUCK = "the catheter does not follow"
-_PULSES = 1e-3
-"""Seconds between the shots of a burst."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -38,10 +36,11 @@ class SweepState:
 
     ``phi`` and ``z`` are the ends of the area, ``phi`` growing beyond pi where needed; ``rolls``
     those of a line, as the catheter measures them. ``go`` is the state of the way there. The line
-    began at ``since``; ``pace`` is the rate of advance. The last burst was requested at the roll
-    ``fired``; ``last`` is time and place (2,) of the last reading. ``bursts`` are all that were
-    fired; ``lines`` have ended. ``refused`` says why a sweep was not begun, ``trouble`` why it
-    ended early.
+    began at ``since`` and takes ``cycle`` seconds with the way back; ``pace`` is the rate of
+    advance. The last burst was requested at the roll ``fired``; ``last`` is time and place (2,) of
+    the last reading, ``moved`` of the last one at which the catheter had moved on. ``bursts`` are
+    all that were fired; ``lines`` have ended. ``refused`` says why a sweep was not begun,
+    ``trouble`` why it ended early.
     """
 
     phi: tuple[float, float]
@@ -54,6 +53,7 @@ class SweepState:
     cycle: float = 0.0
     fired: float = math.nan
     last: tuple[float, FloatArray] = field(default_factory=lambda: (0.0, np.full(2, np.nan)))
+    moved: tuple[float, FloatArray] = field(default_factory=lambda: (0.0, np.full(2, np.nan)))
     bursts: tuple[SweptBurst, ...] = ()
     lines: int = 0
     progress: float = 0.0
@@ -86,8 +86,9 @@ class Sweep(Procedure[SweepState]):
         Rate of advance in m/s on that way.
     turning : float
         Seconds of a turn back, until friction lets the tip follow, for the first guess of the pace.
-    patience : float
-        Cycles of a line after which the sweep ends.
+    stalled : float
+        Seconds without a move after which the sweep ends. To break away from friction takes 2.5 s
+        on the way to the first line, and half a second of a turn.
     go : Go
         Of the way there.
     """
@@ -101,7 +102,7 @@ class Sweep(Procedure[SweepState]):
     run_up: float = 1e-3
     hurry: float = 0.8e-3
     turning: float = 0.5
-    patience: float = 3.0
+    stalled: float = 4.0
     go: Go = GO
 
     @property
@@ -161,34 +162,38 @@ class Sweep(Procedure[SweepState]):
         return replace(state, last=(reading.t, reading.place)), request
 
     def _moved(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
-        advance, roll = reading.place.tolist()
         if state.stage == "travel":
             return self._travel(state, reading)
-        late = passed(state.since, reading.t, self.patience * state.cycle)
-        if late:
+        since, place = state.moved
+        off = np.hypot(*((reading.place - place) * (1.0, self.calibration.radius)))
+        if not off < 0.5 * self.pitch:  # the first time there is nothing to compare with
+            state = replace(state, moved=(reading.t, reading.place))
+        elif passed(since, reading.t, self.stalled):
             return replace(state, trouble=STUCK, done=True), Request()
-        if state.stage == "run up":
-            if advance < state.z[0]:
-                return state, self._rates(self.hurry, 0.0)
-            return self._line(state, reading)
-        start, end = state.rolls
-        if state.stage == "return":
-            if roll > start:
-                return state, self._rates(state.pace, -self.fastest)
-            return self._line(state, reading)
-        if roll >= end:
-            along = (advance - state.z[0]) / (state.z[1] - state.z[0])
-            state = replace(
-                state, stage="return", lines=state.lines + 1, progress=min(max(along, 0.0), 1.0)
-            )
-            if advance >= state.z[1]:
-                return replace(state, progress=1.0, done=True), Request()
+        advance, roll = reading.place.tolist()
+        if state.stage == "run up" and advance < state.z[0]:
+            return state, self._rates(self.hurry, 0.0)
+        if state.stage == "return" and roll > state.rolls[0]:
             return state, self._rates(state.pace, -self.fastest)
-        moved = abs(roll - state.fired) * self.calibration.radius
-        fire = not moved < 0.5 * self.pitch  # the first time there is nothing to compare with
-        if fire:
-            state = replace(state, fired=roll)
-        return state, self._rates(state.pace, self.rate, shots=self.shots if fire else 0)
+        if state.stage != "line":
+            return self._begun(state, reading)
+        return self._fired(state, roll) if roll < state.rolls[1] else self._ended(state, advance)
+
+    def _fired(self, state: SweepState, roll: float) -> tuple[SweepState, Request]:
+        """Roll on, and fire if the spot has moved."""
+        off = abs(roll - state.fired) * self.calibration.radius
+        if off < 0.5 * self.pitch:
+            return state, self._rates(state.pace, self.rate)
+        return replace(state, fired=roll), self._rates(state.pace, self.rate, shots=self.shots)
+
+    def _ended(self, state: SweepState, advance: float) -> tuple[SweepState, Request]:
+        """Return to the start of the next line, or end behind the last one."""
+        low, high = state.z
+        share = float(np.clip((advance - low) / (high - low), 0.0, 1.0))
+        state = replace(state, stage="return", lines=state.lines + 1, progress=share)
+        if share == 1.0:
+            return replace(state, done=True), Request()
+        return state, self._rates(state.pace, -self.fastest)
 
     def _travel(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
         """Go to before the first line, and let the water in."""
@@ -204,9 +209,9 @@ class Sweep(Procedure[SweepState]):
         state = replace(state, go=go)
         if not go.done:
             return state, request
-        return replace(state, stage="run up", since=reading.t), Request(water=True)
+        return replace(state, stage="run up"), Request(water=True)
 
-    def _line(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
+    def _begun(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
         """Begin a line, at the pace that brings the next one to its place."""
         cycle = state.cycle if state.lines == 0 else reading.t - state.since
         due = state.z[0] + (state.lines + 1) * self.pitch - float(reading.place[0])
@@ -222,7 +227,7 @@ class Sweep(Procedure[SweepState]):
     def _burst(self, state: SweepState, reading: Reading) -> SweptBurst:
         """Return the burst of a reading, at the place in its middle."""
         (before, place), count = state.last, len(reading.shots)
-        half = 0.5 * _PULSES * (count - 1)
+        half = 0.5 * (reading.shots[-1].t - reading.shots[0].t)
         rate = (reading.place - place) / max(reading.t - before, 1e-3)
         here = reading.place + half * np.nan_to_num(rate)
         sight = reading.line_of_sight
