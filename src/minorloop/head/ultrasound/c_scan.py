@@ -231,7 +231,8 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     if used.size < _FEWEST:
         blank = np.full(flooded.shape, np.nan)
         return CScan(unseen_map(patch), blank, blank, flooded, water, (), noise)
-    off, found = cKDTree(points[used]).query(_flat(patch.places, patch), k=_FEWEST)
+    tree = cKDTree(points[used])
+    off, found = map(np.asarray, tree.query(_flat(patch.places, patch), k=_FEWEST))
     three, near = used[found], off[..., 0] < width
     # A beam that is partly above the line still has an echo.
     mapped = near & water.wet(around, probe.radius, margin=-width)
