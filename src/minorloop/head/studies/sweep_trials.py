@@ -52,7 +52,7 @@ _SWAY, _PHASES = Sway(), 1e3
 _SETTLE = 0.03e-3
 """Motion in metres within which the twin's echo is not computed again: an eighth of the beam."""
 _UNITS = np.array([1e-3, math.radians(1.0)])
-_RING, _VIEWS, _FROM = math.radians(25.0), 8, 2.5e-3
+_RING, _VIEWS, _FROM = math.radians(25.0), 8, 4.5e-3
 """Deflection of the views of the camera in radians, their number, and the advance in metres from
 which they show the swept part."""
 
