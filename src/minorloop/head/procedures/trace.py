@@ -14,7 +14,7 @@ from minorloop.head.reconstruction.depth_map import Patch
 from minorloop.head.vision.cracks import TracedCrack, trace_cracks
 from minorloop.head.vision.defects import Findings
 
-AGAIN = {"high": 0.25, "low": 0.12}
+AGAIN = {"least": -2.0}
 """Lower heights of a ridge, used if the usual ones do not show a known course again."""
 BESIDE, SHARED = 0.6e-3, 0.5
 """Two courses are one if they are nearer than this, in metres, over this share of the shorter."""
@@ -27,7 +27,7 @@ TEXEL, MARGIN = 0.05e-3, 0.6e-3
 """Size of a texel of the map of a crack, and margin about the crack, in metres."""
 
 
-def traces_of(found: Findings, radius: float, **heights: float) -> tuple[TracedCrack, ...]:
+def traces_of(found: Findings, radius: float, **least: float) -> tuple[TracedCrack, ...]:
     """Trace cracks in an acquisition, except at the rims of holes.
 
     Parameters
@@ -36,13 +36,13 @@ def traces_of(found: Findings, radius: float, **heights: float) -> tuple[TracedC
         The acquisition.
     radius : float
         Of the pipe, in metres.
-    **heights
+    **least
         ``high`` and ``low`` of `trace_cracks`.
     """
     if found.wall is None:
         return ()
     holes = [(float(h.place[0]), float(h.place[1]), h.diameter) for h in found.holes]
-    return trace_cracks(found.wall.brightest, found.wall.window, radius, apart=holes, **heights)
+    return trace_cracks(found.wall.stack, found.wall.window, radius, apart=holes, **least)
 
 
 def traced_again(found: Findings, course: FloatArray, radius: float) -> tuple[TracedCrack, ...]:
