@@ -8,8 +8,9 @@ with holes. Of a crack counts what this map shows.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.trace import between, traces_of
 from minorloop.head.studies import scoring
+from minorloop.head.studies.crack_scans import scanned_depth
 from minorloop.head.studies.crack_scenes import FINE, CrackView, draw_crack_view, fine_course
 from minorloop.head.studies.detection import misjudged, shots, wilson
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Window
@@ -53,6 +55,10 @@ class CrackOutcome:
         Relative error of the length, and error of the median width in metres; NaN if not found.
     false : int
         Number of false findings.
+    scan : str
+        Verdict of the scan across it; empty without one.
+    depth_error : float
+        Of the depth by the scan, in metres; NaN without one.
     """
 
     seed: int
@@ -62,6 +68,8 @@ class CrackOutcome:
     length_error: float
     width_error: float
     false: int
+    scan: str = ""
+    depth_error: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +114,35 @@ def search_cracks(seed: int, crack: bool) -> CrackSearch:
     return CrackSearch(view, camera, frames, traces, found, course, widths)
 
 
-def score_cracks(seed: int, crack: bool) -> CrackOutcome:
-    """Search one scene, and compare with the truth."""
-    return outcome_of(seed, search_cracks(seed, crack))
+def score_cracks(seed: int, crack: bool, *, scan: bool = False) -> CrackOutcome:
+    """Search one scene, scan across the crack that was found, and compare with the truth."""
+    search = search_cracks(seed, crack)
+    outcome = outcome_of(seed, search)
+    if not (scan and outcome.found):
+        return outcome
+    best = max((trace for trace, _ in _right(search)), key=lambda trace: trace.length)
+    found = scanned_depth(seed, search.view.pipe.cracks, best, _true_places(search, best))
+    error = found.depth - search.view.pipe.cracks[0].depth
+    return replace(outcome, scan=found.verdict, depth_error=error)
+
+
+def _true_places(search: CrackSearch, traced: TracedCrack) -> FloatArray:
+    """Return the places (N, 2) of the wall that are at the pixels of a trace."""
+    view, camera = search.view, search.camera
+    pixels = camera.pixel(traced.places, view.pan, view.tilt)
+    true = replace(camera, lens=scoring.true_lens(view.camera), mount=view.mount)
+    return true.place(pixels, view.pan, view.tilt)
+
+
+def _right(search: CrackSearch) -> list[tuple[TracedCrack, BoolArray]]:
+    """Return the traces on the crack, and which of their places are on it."""
+    right = []
+    for trace in search.traces if len(search.course) else ():
+        off = between(trace.places, search.course, search.camera.radius)
+        near: BoolArray = off.min(axis=1) < SAME
+        if near.mean() >= SHARE:
+            right.append((trace, near))
+    return right
 
 
 def outcome_of(seed: int, search: CrackSearch) -> CrackOutcome:
@@ -118,11 +152,7 @@ def outcome_of(seed: int, search: CrackSearch) -> CrackOutcome:
         return CrackOutcome(
             seed, 0.0, False, (math.nan, math.nan), math.nan, math.nan, len(search.traces)
         )
-    right = []
-    for trace in search.traces:
-        near = between(trace.places, course, radius).min(axis=1) < SAME
-        if near.mean() >= SHARE:
-            right.append((trace, near))
+    right = _right(search)
     drawn = np.zeros(len(course), dtype=bool)
     for trace, _ in right:
         drawn |= between(trace.places, course, radius).min(axis=0) < SAME
@@ -149,6 +179,8 @@ def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
     """Return recall by width, false findings per acquisition, and errors of what was found."""
     cracks = [one for one in outcomes if one.width > 0]
     found = [one for one in cracks if one.found]
+    scans = [one for one in found if one.scan]
+    deep = [1e3 * abs(one.depth_error) for one in scans if math.isfinite(one.depth_error)]
     figures: dict[str, Any] = {
         "scenes": len(cracks),
         "false_per_acquisition": sum(one.false for one in outcomes) / max(len(outcomes), 1),
@@ -157,6 +189,11 @@ def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
         "width_error_um": _median([1e6 * abs(one.width_error) for one in found]),
         "course_traced": _median([one.shares[0] for one in found]),
         "trace_right": _median([one.shares[1] for one in found]),
+        "scans": len(scans),
+        "depth_share": len(deep) / len(scans) if scans else math.nan,
+        "depth_error_mm": _median(deep),
+        "depth_error_mm_worst": max(deep, default=math.nan),
+        "verdicts": dict(Counter(one.scan for one in scans)),
     }
     for name, low, high in (
         ("100um", WIDE, math.inf),

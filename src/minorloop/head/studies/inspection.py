@@ -36,8 +36,9 @@ FIRST_SCENE, SCENES, FIRST_PLAIN, FIRST_CRACK = 50_000, 4, 2_000_000, 3_000_000
 FIRST_SCAN, SCANS = 60_000, 6
 """Seeds of the scored scenes; numbers of scenes with and without a hole or a crack, and of
 flat pits, for each specimen."""
-_PLAIN_SHARE = 4
-"""Scenes with a hole for each plain scene, by trial."""
+_PLAIN_SHARE, _SCANNED = 4, 4
+"""Scenes with a hole for each plain scene, and cracks for each one that is scanned: by trial. A
+scan takes five times as long as a scene."""
 _WARM = 20.0
 """Temperature of the water in degrees Celsius from which on most heads must reach a raster."""
 _SCORED = ("outcomes", "cracks", "edges", "scored")
@@ -111,6 +112,16 @@ CLAIMS = (
     Claim("cracks: width error, median [um]", "cracks.width_error_um", "-", most=15),
     Claim("cracks: share of the course traced", "cracks.course_traced", "-", percent=True),
     Claim("cracks: share of the trace on the course", "cracks.trace_right", "-", percent=True),
+    Claim(
+        "cracks found that have a depth by a scan",
+        "cracks.depth_share",
+        "announced",
+        least=0.6,
+        percent=True,
+        count="cracks.scans",
+        enough=20,
+    ),
+    Claim("of those, depth error, median [mm]", "cracks.depth_error_mm", "-", most=0.1),
     Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
     Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
     Claim("depth: bias [um]", "depth.bias_um", "announced", least=-10, most=10),
@@ -260,7 +271,7 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
         Of head, pipe, camera, probe and noise.
     scenes : int
         Number of scenes with a hole, without, with a crack and without, for the scores of
-        detection; plain edges on a quarter as many.
+        detection; plain edges on a quarter as many, and scans across a quarter of the cracks.
     scans : int
         Number of pits with a flat floor for the score of depths and bands; the last has the size
         for the score of fusion.
@@ -280,7 +291,7 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
         runs=runs,
         outcomes=tuple(outcomes),
         cracks=tuple(
-            score_cracks(FIRST_CRACK + seed * scenes + k, crack)
+            score_cracks(FIRST_CRACK + seed * scenes + k, crack, scan=k % _SCANNED == 0)
             for k in range(scenes)
             for crack in (True, False)
         ),

@@ -7,6 +7,7 @@ share that a flank takes depends on the light.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,14 @@ from scipy import ndimage
 from minorloop.arrays import FloatArray
 from minorloop.head.vision.calibrated_camera import Image32
 
-LEAST_EVIDENCE = 1.0
-"""Evidence above which a line counts as a crack."""
+LEAST_EVIDENCE = 0.3
+"""Evidence above which a line counts as a crack: 0.04 false findings an acquisition of the scenes
+of the fit."""
+ALONG = (8.29, -3.5, 7.66, 2.93, -7.52, -0.77, 0.25, 0.85, 0.13)
+WHOLE = (-9.12, 0.99, 0.93, 2.11)
+"""Constant and weights of the features of places along a line, and of a whole line, by logistic
+regression on scenes 1000 to 1039 and 2000 to 2039 of `minorloop.head.studies.crack_scenes`, each
+with and without a crack; by ``python -m benchmarks.cracks fit``."""
 _DARK = 0.93
 """Share of the light of the wall that a crack takes."""
 _SIDE, _CORE = 14, 9
@@ -98,13 +105,10 @@ def _off(taken: FloatArray, off: FloatArray) -> FloatArray:
     return shifted
 
 
-_ALONG = (6.617, -2.373, 5.856, 4.949, -5.972, -0.754, 0.226, 0.863, -0.164)
-"""Constant and weights of the features along a line."""
-_WHOLE = (0.0, 1.0, 0.0, 0.0, 0.0)
-"""Constant and weights of the features of a whole line."""
 FEATURES = ("net", "peak", "sharp", "bright", "spread", "uneven", "bent", "along")
-_LIKELY = -1.0
-"""Evidence above which a part of a course may be that of a crack, by trial."""
+_LIKELY, _BELOW = -1.0, 5.0
+"""Evidence above which a part of a course may be that of a crack, and how far below the surest
+tenth of the course: by trial. A path may go on from a wide crack along a scratch."""
 _BRIDGED = 8
 """Texels of little evidence that are bridged within a course, by trial."""
 
@@ -142,29 +146,30 @@ def features_of(found: Profiles) -> FloatArray:
     )
 
 
-def evidence_along(found: Profiles) -> FloatArray:
+def evidence_along(found: Profiles, weights: Sequence[float] = ALONG) -> FloatArray:
     """Return the evidence (N,) of each place of a line, linear in its features."""
-    each = _ALONG[0] + features_of(found) @ np.array(_ALONG[1:])
+    each = weights[0] + features_of(found) @ np.array(weights[1:])
     even: FloatArray = ndimage.gaussian_filter1d(each, _EVEN, mode="nearest")
     return even
 
 
-def likely_parts(found: Profiles) -> list[FloatArray]:
+def likely_parts(found: Profiles, weights: Sequence[float] = ALONG) -> list[FloatArray]:
     """Return the parts (N, 2) of a course that may be those of a crack."""
-    likely = np.pad(evidence_along(found) > _LIKELY, _BRIDGED)
-    likely = ndimage.binary_closing(likely, np.ones(_BRIDGED + 1))[_BRIDGED:-_BRIDGED]
+    along = evidence_along(found, weights)
+    likely = np.pad(along > max(_LIKELY, np.quantile(along, 0.9) - _BELOW), _BRIDGED)
+    likely = ndimage.binary_closing(likely, np.ones(_BRIDGED + 1, dtype=bool))[_BRIDGED:-_BRIDGED]
     labels, _ = ndimage.label(likely)
     return [found.course[part] for (part,) in ndimage.find_objects(labels)]
 
 
-def whole_features(found: Profiles) -> FloatArray:
-    """Return the features of a whole line."""
-    along = evidence_along(found)
+def whole_features(found: Profiles, weights: Sequence[float] = ALONG) -> FloatArray:
+    """Return the features of a whole line: means of limited evidence, and its length."""
+    along = evidence_along(found, weights)
     return np.array(
-        [np.clip(along, -2, 3).mean(), np.clip(along,-2,6).mean(), np.quantile(along, 0.25), np.log(found.length)]
+        [np.clip(along, -2, 3).mean(), np.clip(along, -2, 6).mean(), np.log(found.length)]
     )
 
 
 def crack_evidence(found: Profiles) -> float:
     """Return the logarithm of the odds that a line is a crack, linear in its features."""
-    return float(_WHOLE[0] + whole_features(found) @ np.array(_WHOLE[1:]))
+    return float(WHOLE[0] + whole_features(found) @ np.array(WHOLE[1:]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 
@@ -16,6 +17,9 @@ _TOUCHING = 4.0
 """Gap in texels below which the way between two ends has no direction."""
 _HEADING = 8
 """Texels whose chord is the heading of an end."""
+_TIP = 12
+"""Most texels, 0.6 mm, by which an end is extended: the tip of a crack is too faint to be judged,
+but goes on from where it is not."""
 
 
 def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
@@ -39,6 +43,20 @@ def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
             owner[number] = first
         chains[second] = []
     return [_concatenated(courses, chain) for chain in chains if chain]
+
+
+def extended(course: FloatArray, dark: npt.NDArray[np.bool_]) -> FloatArray:
+    """Return a course (N, 2) extended straight from both ends while texels are dark."""
+    return _extended(_extended(course, dark)[::-1], dark)[::-1]
+
+
+def _extended(course: FloatArray, dark: npt.NDArray[np.bool_]) -> FloatArray:
+    way = course[-1] - course[-1 - min(_HEADING, len(course) - 1)]
+    steps = course[-1] + np.arange(1, _TIP + 1)[:, None] * way / max(float(np.hypot(*way)), 1e-9)
+    i, j = np.rint(steps).astype(int).T
+    inside = (i >= 0) & (i < dark.shape[0]) & (j >= 0) & (j < dark.shape[1])
+    on = inside & dark[np.where(inside, i, 0), np.where(inside, j, 0)]
+    return np.concatenate([course, steps[: int(np.argmin(np.append(on, False)))]])
 
 
 def _links(

@@ -21,9 +21,15 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import wrapped
 from minorloop.head.vision.calibrated_camera import Image32, Window
-from minorloop.head.vision.crack_evidence import LEAST_EVIDENCE, crack_evidence, likely_parts, profiles_of
-from minorloop.head.vision.crack_links import joined
+from minorloop.head.vision.crack_evidence import (
+    LEAST_EVIDENCE,
+    Profiles,
+    crack_evidence,
+    likely_parts,
+    profiles_of,
+)
 from minorloop.head.vision.crack_lines import line_heights
+from minorloop.head.vision.crack_links import extended, joined
 
 _HIGH, _LOW = 0.16, 0.1
 """Heights that a piece reaches and stays above: half of the texels of a crack of 50 um are above
@@ -125,22 +131,60 @@ def trace_cracks(
 def _lines(
     levels: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]]
 ) -> list[TracedCrack]:
-    """Return all dark lines."""
-    seen = np.isfinite(levels).all(axis=0)
-    if seen.sum() < 100:
+    """Return all dark lines with parts that look like a crack."""
+    wall = dark_wall(levels, window, radius, apart)
+    if wall is None:
         return []
-    filled = np.where(seen, levels, np.median(levels[:, seen], axis=1)[:, None, None])
+    parts = [
+        part for course in wall.courses for part in likely_parts(profiles_of(course, wall.levels))
+    ]
+    found = [
+        _measured(profiles_of(course, wall.levels), wall, window, radius)
+        for course in whole_courses(parts, wall)
+    ]
+    return [crack for crack in found if crack is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class DarkWall:
+    """Dark lines of a wall before they are judged.
+
+    Parameters
+    ----------
+    levels : (K, rows, columns) array of float32
+        Logarithm of the reflectance; what is not seen has the value of the nearest texel that is.
+    heights : (rows, columns) array of float32
+        Of the lines.
+    courses : tuple of (N, 2) arrays
+        Rows and columns of the lines.
+    """
+
+    levels: Image32
+    heights: Image32
+    courses: tuple[FloatArray, ...]
+
+
+def dark_wall(
+    levels: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]] = ()
+) -> DarkWall | None:
+    """Return the dark lines on maps (K, rows, columns); None if nearly nothing is seen."""
+    seen = np.asarray(np.isfinite(levels).all(axis=0))
+    if seen.sum() < 100:
+        return None
+    # A profile that leaves the map goes on with the last brightness of the wall.
+    _, near = ndimage.distance_transform_edt(~seen, return_indices=True)
     heights, middle = line_heights(levels, seen)
     heights[~ndimage.binary_erosion(seen, iterations=_EDGE)] = 0
     _mask_out(heights, window, radius, apart)
-    heights = np.where(ndimage.binary_dilation(middle, np.ones((3, 3))), heights, 0)
-    levels = filled.astype(np.float32)
-    parts: list[FloatArray] = []
-    for course in _courses(heights, _SHORTEST / window.step):
-        parts += likely_parts(profiles_of(course.astype(np.float64), levels))
+    heights = np.where(ndimage.binary_dilation(middle, np.ones((3, 3), dtype=bool)), heights, 0)
+    courses = [course.astype(float) for course in _courses(heights, _SHORTEST / window.step)]
+    return DarkWall(levels[:, near[0], near[1]], heights, tuple(courses))
+
+
+def whole_courses(parts: Sequence[FloatArray], wall: DarkWall) -> list[FloatArray]:
+    """Return courses (N, 2) of parts joined where they continue each other, to their tips."""
     whole = joined([part for part in parts if len(part) >= _FEWEST])
-    found = [_measured(course, levels, heights, window, radius) for course in whole]
-    return [crack for crack in found if crack is not None]
+    return [extended(course, wall.heights > _LOW) for course in whole]
 
 
 def _courses(heights: Image32, least: float) -> list[npt.NDArray[np.int64]]:
@@ -224,15 +268,12 @@ def _reached(graph: Any, start: int) -> FloatArray:
     return np.where(np.isfinite(far), far, -1.0)
 
 
-def _measured(
-    course: FloatArray, levels: Image32, heights: Image32, window: Window, radius: float
-) -> TracedCrack | None:
-    """Measure length and widths along a course; None if it is not slender."""
-    line = profiles_of(course, levels)
+def _measured(line: Profiles, wall: DarkWall, window: Window, radius: float) -> TracedCrack | None:
+    """Measure length and widths of a line; None if it is not slender."""
     widths, length = line.widths * window.step, line.length * window.step
     if length < max(_SLENDER * float(np.median(widths)), _SHORTEST):
         return None
-    y, x = np.clip(np.rint(line.course).astype(int), 0, np.array(heights.shape) - 1).T
-    contrast = float(np.median(heights[y, x]))
+    y, x = np.clip(np.rint(line.course).astype(int), 0, np.array(wall.heights.shape) - 1).T
+    contrast = float(np.median(wall.heights[y, x]))
     places = window.place(line.course[:, 1], line.course[:, 0], radius)
     return TracedCrack(places, widths, length, contrast, crack_evidence(line))
