@@ -37,10 +37,10 @@ def test_a_third_part_does_not_join_an_end_that_is_taken():
     assert sorted(map(len, joined(parts)))[0] == 30
 
 
-def test_ends_are_extended_over_dark_texels_only_and_not_off_the_map():
-    dark = np.zeros((20, 60), dtype=bool)
-    dark[10, 15:45] = True
-    found = extended(line((10, 20), (10, 40), 21), dark)
-    assert (found[0, 1], found[-1, 1]) == (15, 44)
-    whole = extended(line((10, 2), (10, 57), 56), np.ones_like(dark))
+def test_ends_are_extended_to_half_of_the_height_and_not_off_the_map():
+    heights = np.zeros((20, 60), dtype=np.float32)
+    heights[10, 15:45], heights[10, 12:15], heights[10, 45:50] = 0.8, 0.5, 0.3
+    found = extended(line((10, 20), (10, 40), 21), heights, 0.1)
+    assert (found[0, 1], found[-1, 1]) == (12, 44)
+    whole = extended(line((10, 2), (10, 57), 56), np.ones_like(heights), 0.1)
     assert (whole[0, 1], whole[-1, 1]) == (0, 59)

@@ -16,8 +16,8 @@ from scipy import ndimage
 from minorloop.arrays import FloatArray
 from minorloop.head.vision.calibrated_camera import Image32
 
-LEAST_EVIDENCE = 0.3
-"""Evidence above which a line counts as a crack: 0.04 false findings an acquisition of the scenes
+LEAST_EVIDENCE = 0.1
+"""Evidence above which a line counts as a crack: 0.05 false findings an acquisition of the scenes
 of the fit."""
 ALONG = (8.29, -3.5, 7.66, 2.93, -7.52, -0.77, 0.25, 0.85, 0.13)
 WHOLE = (-9.12, 0.99, 0.93, 2.11)

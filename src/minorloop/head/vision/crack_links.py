@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
+from minorloop.head.vision.calibrated_camera import Image32
 
 _REACH = 24.0
 """Longest gap in texels, 1.2 mm: a crossing at a small angle to a scratch of 0.2 mm is as long."""
@@ -20,6 +20,8 @@ _HEADING = 8
 _TIP = 12
 """Most texels, 0.6 mm, by which an end is extended: the tip of a crack is too faint to be judged,
 but goes on from where it is not."""
+_NEAR = 16
+"""Texels at an end whose median height is that of the line there."""
 
 
 def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
@@ -45,18 +47,33 @@ def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
     return [_concatenated(courses, chain) for chain in chains if chain]
 
 
-def extended(course: FloatArray, dark: npt.NDArray[np.bool_]) -> FloatArray:
-    """Return a course (N, 2) extended straight from both ends while texels are dark."""
-    return _extended(_extended(course, dark)[::-1], dark)[::-1]
+def extended(course: FloatArray, heights: Image32, least: float) -> FloatArray:
+    """Return a course (N, 2) extended straight from both ends.
+
+    The height of a line halves where it ends, since half of the filter is beyond its end.
+
+    Parameters
+    ----------
+    course : (N, 2) array
+        Rows and columns.
+    heights : (rows, columns) array of float32
+        Of the lines.
+    least : float
+        Least height of a line.
+    """
+    return _extended(_extended(course, heights, least)[::-1], heights, least)[::-1]
 
 
-def _extended(course: FloatArray, dark: npt.NDArray[np.bool_]) -> FloatArray:
+def _extended(course: FloatArray, heights: Image32, least: float) -> FloatArray:
+    last = np.array(heights.shape) - 1
+    i, j = np.clip(np.rint(course[-_NEAR:]).astype(int), 0, last).T
+    dark = heights > max(least, 0.5 * float(np.median(heights[i, j])))
     way = course[-1] - course[-1 - min(_HEADING, len(course) - 1)]
     steps = course[-1] + np.arange(1, _TIP + 1)[:, None] * way / max(float(np.hypot(*way)), 1e-9)
-    i, j = np.rint(steps).astype(int).T
-    inside = (i >= 0) & (i < dark.shape[0]) & (j >= 0) & (j < dark.shape[1])
-    on = inside & dark[np.where(inside, i, 0), np.where(inside, j, 0)]
-    return np.concatenate([course, steps[: int(np.argmin(np.append(on, False)))]])
+    texels = np.rint(steps).astype(int)
+    inside = ((texels >= 0) & (texels <= last)).all(axis=1)
+    i, j = np.clip(texels, 0, last).T
+    return np.concatenate([course, steps[: int(np.argmin(np.append(inside & dark[i, j], False)))]])
 
 
 def _links(

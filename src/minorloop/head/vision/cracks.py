@@ -184,7 +184,7 @@ def dark_wall(
 def whole_courses(parts: Sequence[FloatArray], wall: DarkWall) -> list[FloatArray]:
     """Return courses (N, 2) of parts joined where they continue each other, to their tips."""
     whole = joined([part for part in parts if len(part) >= _FEWEST])
-    return [extended(course, wall.heights > _LOW) for course in whole]
+    return [extended(course, wall.heights, _LOW) for course in whole]
 
 
 def _courses(heights: Image32, least: float) -> list[npt.NDArray[np.int64]]:
