@@ -32,7 +32,8 @@ void walk(const minorloop_real *u, minorloop_real *y, minorloop_real *bound, lon
 def a_model(diagonal="reversible", field=0.03, creeps=True):
     weights = np.tril(np.random.default_rng(1000).uniform(0.1, 1, (6, 6)))
     plane = Preisach(LEVELS, weights, 0.4, "bipolar", diagonal, 0.2)
-    options = {"times": [0.3, 4.0], "creep": [0.3 * weights, -0.4 * weights]} if creeps else {}
+    later = 0.4 if field else -0.4  # with a field, creep that takes back is not monotone
+    options = {"times": [0.3, 4.0], "creep": [0.3 * weights, later * weights]} if creeps else {}
     return AfterEffect(plane, field, 3.0 if field else 0.0, **options)
 
 

@@ -3,8 +3,16 @@ import pytest
 from benchmarks.after_effect import SKIP, read_runs
 
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification.after_effect import identify_after_effect
-from minorloop.identification.after_effect_result import AfterEffectIdentification
+from minorloop.identification.after_effect import (
+    Constants,
+    State,
+    TimedRecord,
+    identify_after_effect,
+    rows_of,
+)
+from minorloop.identification.after_effect_result import AfterEffectIdentification, along
+from minorloop.identification.curves import as_curves
+from minorloop.identification.design_matrix import PlaneSpec, pack
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 
@@ -90,6 +98,36 @@ def test_a_fluctuation_field_is_found():
     np.testing.assert_allclose(prediction.y, y, atol=5e-3 * np.ptp(y))
 
 
+def reversals(pauses, seed):
+    """Curves after each pause at 8 reversals, 0.2 s a row, as t, u and label of the curve."""
+    rng = np.random.default_rng(seed)
+    steps, u, label = [], [], []
+    for pause in pauses:
+        for low in np.linspace(0.6, -0.8, 8) + 0.05 * rng.random():
+            rise = np.arange(low + 0.1, 0.9, 0.1)
+            steps += [500.0, pause + 0.2, *np.full(rise.size, 0.2)]
+            u += [low, low, *rise]
+            label += [len(label) and label[-1] + 1] * (2 + rise.size)
+    return np.cumsum(steps), np.array(u), np.array(label)
+
+
+def test_a_settling_time_that_two_pauses_do_not_determine_is_in_bands_and_advice():
+    truth = AfterEffect(a_plane(), 0.02, 1e4)
+    t, u, label = reversals((0.0, 50.0), 1020)
+    y = along(truth, t, u, as_curves(label, t.size, "positive", None))
+    y += 0.1 * np.random.default_rng(1021).normal(size=y.size)
+    found = identify_after_effect(
+        t, u, y, levels=LEVELS, creep="thermal", rate=False, curves=label, start="positive"
+    )
+    t, u, label = reversals((350.0, 1500.0), 1022)
+    wanted = along(truth, t, u, as_curves(label, t.size, "positive", None))
+    assert found.predict(t, u, bands=0.9, curves=label).covers(wanted) >= 0.85
+    far = [one.settling for one, likely in found.settlings if likely > 0.1]
+    assert max(far) > 1e4 > 1e3 > min(far)
+    # The pause between curves, of 500 s, is not a hold.
+    assert "and no hold is longer than 50.4 s" in str(found)
+
+
 def test_a_record_without_effect_of_time_keeps_the_plane():
     truth = a_plane()
     t, u = holds()
@@ -129,6 +167,25 @@ def test_thresholds_and_creep_are_found_at_once(field, settling, laws):
     assert found.left_out_error < 0.1 * min(alone[law] for law in (*laws, "spectrum"))
     assert found.model.settling == pytest.approx(settling, rel=0.2)
     assert found.model.monotone
+
+
+@pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
+@pytest.mark.parametrize(("field", "settling"), [(0.03, 30.0), (20.0, 0.5), (0.0, 0.0)])
+def test_rows_of_the_design_matrix_are_the_operator(diagonal, field, settling):
+    plane = a_plane()
+    plane = Preisach(LEVELS, plane.weights, 0.3, "unipolar", diagonal)
+    creep = [0.4 * plane.weights, -0.2 * plane.weights]
+    model = AfterEffect(plane, field, settling, [0.5, 5.0], creep)
+    t, u = holds(1013, 6)
+    curves = as_curves(np.repeat([0, 1], t.size // 2), t.size, "demagnetised", None)
+    record = TimedRecord(t, u, u, np.ones(t.size, dtype=bool), curves)
+    spec = PlaneSpec(LEVELS, "unipolar", diagonal)
+    constants = Constants(model.field, settling, model.times)
+    rows = rows_of(spec, record, constants, 0, t.size, State(spec, record, constants))
+    weights = np.array([plane.weights, *creep])
+    found = weights if settling else np.cumsum(weights, axis=0)
+    unknowns = np.append(np.concatenate([pack(one) for one in found]), plane.offset)
+    np.testing.assert_allclose(rows @ unknowns, along(model, t, u, curves), rtol=0, atol=1e-12)
 
 
 def test_curves_begin_anew():

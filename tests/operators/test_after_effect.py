@@ -17,6 +17,7 @@ LAWS = {
     "field": {"field": FIELD, "settling": 3.0},
     "creep": {"times": [0.2, 5.0]},
     "both": {"field": 0.03, "settling": 3.0, "times": [0.2, 5.0]},
+    "viscous, creep": {"field": 20.0, "settling": 0.5, "times": [0.2, 5.0]},
 }
 
 
@@ -27,10 +28,14 @@ def a_plane(seed=1000, diagonal="reversible", slope=0.2):
 
 
 def a_model(law="both", seed=1000, diagonal="reversible", slope=0.2):
-    """A monotone model: creep takes back at most a part of what the plane does."""
+    """A monotone model: creep takes back at most a part of what the plane does.
+
+    With a field it takes back nothing.
+    """
     plane, options = a_plane(seed, diagonal, slope), dict(LAWS[law])
     if "times" in options:
-        shares = np.random.default_rng(seed + 1).uniform(-0.4, 0.4, (2, BANDS, BANDS))
+        least = 0.0 if "field" in options else -0.4
+        shares = np.random.default_rng(seed + 1).uniform(least, 0.4, (2, BANDS, BANDS))
         options["creep"] = shares * plane.weights
     return AfterEffect(plane, **options)
 
@@ -89,6 +94,20 @@ def test_a_constant_field_far_above_the_range_is_a_linear_lag():
     model = AfterEffect(a_plane(), 1e4, 2.0)
     got = model.effective([0.0, 1.0], [0.5, 0.5])
     np.testing.assert_allclose(got, 0.5 - 1.5 * np.exp(-np.array([0.5, 1.0])), rtol=1e-6)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("diagonal", DIAGONALS)
+@given(seed=st.integers(0, 50), parts=st.sampled_from([2, 7, 300]))
+@settings(max_examples=8)
+def test_readings_while_an_input_is_held_change_nothing(law, diagonal, seed, parts):
+    model = a_model(law, seed, diagonal)
+    t, u = a_walk(seed, 40)
+    begins = t - intervals(t)
+    shares = np.arange(1, parts + 1) / parts
+    often = (begins[:, None] + (t - begins)[:, None] * shares).ravel()
+    y = model.simulate(often, np.repeat(u, parts))[parts - 1 :: parts]
+    np.testing.assert_allclose(y, model.simulate(t, u), rtol=0, atol=1e-8 * np.ptp(model.range))
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -170,6 +189,22 @@ def test_creep_that_takes_back_more_than_the_plane_gives_is_not_inverted():
     assert not model.monotone
     with pytest.raises(NotInvertibleError, match="negative weights"):
         model.invert([1.0, 2.0], [0.0, 0.0])
+
+
+@pytest.mark.parametrize("diagonal", DIAGONALS)
+def test_creep_may_not_take_back_what_relays_with_a_field_gave(diagonal):
+    weights = np.zeros((BANDS, BANDS))
+    weights[4, 2] = weights[3, 3] = 1.0
+    model = AfterEffect(
+        Preisach(LEVELS, weights, diagonal=diagonal), 20.0, 0.5, [0.2], [-0.3 * weights]
+    )
+    y = [model.track().peek(u, 1.0) for u in np.linspace(-1, 1, 200)]
+    assert np.diff(y).min() < -1e-3
+    assert not model.monotone
+    assert AfterEffect(model.plane, times=model.times, creep=model.creep).monotone
+    own = np.diag(np.diag(model.creep[0]))
+    reversible = AfterEffect(model.plane, 20.0, 0.5, model.times, [own])
+    assert reversible.monotone == (diagonal == "reversible")
 
 
 @pytest.mark.parametrize(

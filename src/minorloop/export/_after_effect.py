@@ -7,10 +7,13 @@ import numpy as np
 from minorloop.arrays import FloatArray, as_seconds
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.export._tables import VECTORS, Numbers, Parts
+from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators.after_effect import AfterEffect
 
 _LEAST = {True: 2e-7, False: 4e-16}
 """Width of a bracket, over the input, at which a search ends: neighbouring floats and doubles."""
+_SETTLED = {True: 1e-5, False: _kernels.SETTLED}
+"""Distance from the input that counts as none, as in `_after_effect_kernels`."""
 
 
 def after_effect_parts(
@@ -56,6 +59,11 @@ def after_effect_parts(
         "gained": numbers.table(gained),
     }
     single = numbers.single
+    both = thermal and planes > 1
+    if both:
+        written["times"] = numbers.table(tables.times)
+        written["points"] = numbers.table(_kernels.POINTS)
+        written["shares"] = numbers.table(_kernels.SHARES)
     parts = [f"{base.bands} bands, {base.relay} relays, {base.diagonal} diagonal"]
     if thermal:
         parts.append(f"thresholds settle in {model.settling:.3g} s")
@@ -69,13 +77,19 @@ def after_effect_parts(
         "thermal": thermal,
         "lost": numbers.one(-np.expm1(-seconds / model.settling)) if thermal else "",
         "least": numbers.one(_LEAST[single]),
-        "exp": "expf" if single else "exp",
-        "log": "logf" if single else "log",
+        **{name: name + "f" * single for name in ("exp", "expm1", "log", "log1p")},
+        "interval": numbers.one(seconds),
+        "settling": numbers.one(model.settling),
+        "at_once": numbers.one(_kernels.AT_ONCE),
+        "stretch": numbers.one(_kernels.STRETCH),
+        "settled": numbers.one(_SETTLED[single]),
+        "count": _kernels.POINTS.size,
         "bowed": bowed,
         "seconds": f"{seconds:.6g}",
         "about": f"{'; '.join(parts)}.",
     }
     count = (1 + thermal) * base.levels.size + nodes.size + second.size + 2 * planes
+    count += both * (planes - 1 + 2 * _kernels.POINTS.size)
     extremum = (2 + planes) * numbers.size + numbers.size  # the band, padded
     return Parts(
         context,

@@ -18,7 +18,6 @@ from minorloop.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
-    Levels,
     as_times,
     as_whole,
     check_option,
@@ -33,6 +32,7 @@ from minorloop.identification.after_effect_result import (
     TriedLaw,
     along,
     held,
+    longest_hold,
 )
 from minorloop.identification.curves import Curves, StartOfCurve, as_curves, as_groups
 from minorloop.identification.design_matrix import PlaneSpec, unpack
@@ -74,9 +74,12 @@ _LINEAR = 10.0
 _STRENGTHS = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
 """Strengths of smoothing that are compared, as in `minorloop.identification.least_squares`; never
 none, because neighbouring time constants are almost collinear."""
-_FIRST_FIELD = 0.01
-"""First guess of a fluctuation field, over the range of the input: loops widen by a few percent per
-decade of rate."""
+_FIRST_FIELDS = (0.0025, 0.005, 0.01, 0.02)
+"""Fluctuation fields with which a search may begin, over the range of the input: loops widen by one
+to several percent per decade of rate."""
+_FIRST_SETTLINGS = (0.1, 1.0, 10.0, 100.0)
+"""Settling times with which a search may begin, over the longest hold. The error may have several
+minima, because what settles late looks like a field that is smaller."""
 _STEP = 0.7
 """First step of the search in the logarithm of a constant: a factor of two."""
 _TRIALS = 25
@@ -87,6 +90,19 @@ determines keep a finite variance."""
 _CURVED = 0.3
 """Distance in the logarithm of a constant over which the curvature of the error is taken: a third,
 far above the roughness that the bounds of the weights cause."""
+_FACTOR = 10**0.5
+"""Ratio of the settling times that are compared with the best one."""
+_FARTHEST = 1e3
+"""Ratio of the greatest of them to the longest hold: the law is then the logarithm of time for all
+predictions that are a hundred times as long as what was seen."""
+_LEAST_LIKELY = 0.01
+"""Likelihood over that of the best below which no more extreme settling times are compared."""
+_APART = 0.6
+_REFITS = 8
+"""Distance of the logarithm of the field within which it is searched for another settling time, and
+number of fits: known to a few percent."""
+_SEGMENTS = 10
+"""Least number of parts of a record from whose scatter a difference of two fits is judged."""
 _PRIOR_SD = float(np.log(10.0))
 """Standard deviation of the logarithm of a constant without data: a factor of ten."""
 _NOISELESS = 1e-12
@@ -123,8 +139,8 @@ def identify_after_effect(
 
     Every law is fitted without a part of the record and scored on it; another law must reduce the
     error by 2 %. Where late thresholds and a spectrum each do, both at once are compared too. The
-    weights of plane and creep up to each time constant together are not negative, so that the model
-    is monotone and can be inverted.
+    weights of plane and creep up to each time constant together are not negative, with both at once
+    each of them, so that the model is monotone and can be inverted.
 
     Parameters
     ----------
@@ -209,7 +225,9 @@ def identify_after_effect(
     say = progress or (lambda stage: None)
     search = _Search(record, spec, spectrum, smoothness)
     with one_thread():
-        tried = [search.tried(law, say) for law in laws]
+        tried: list[TriedLaw] = []
+        for law in laws:
+            tried.append(search.tried(law, say, search.guess(law, tried)))
         tried += [search.tried(law, say, numbers) for law, numbers in _both(tried)]
         best = tried[0]
         for one in tried[1:]:
@@ -308,10 +326,14 @@ def rows_of(
     part = slice(first, last)
     state.count = _kernels.fill(
         spec.levels,
+        state.marks,
         spec.diagonal == "uniform",
-        state.v[part],
+        state.x[part],
+        state.targets[part],
         record.u[part],
-        -np.expm1(-record.intervals[part, None] / constants.times),
+        record.intervals[part],
+        constants.settling,
+        constants.times,
         record.begins[part],
         state.reset,
         state.extrema,
@@ -327,25 +349,20 @@ class State:
     """State of the rows of a design matrix between blocks."""
 
     def __init__(self, spec: PlaneSpec, record: TimedRecord, constants: Constants) -> None:
-        blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)))
-        self.reset = np.array(blank.memory(record.curves.start).extrema)
-        self.extrema = np.empty(self.reset.size + record.u.size + 2)
+        levels = spec.levels
+        blank = Preisach(levels, np.zeros((spec.bands, spec.bands)))
+        reset = np.array(blank.memory(record.curves.start).extrema)
+        self.extrema = np.empty(reset.size + record.u.size + 2)
         self.count = 0
         self.late = np.zeros((1 + constants.times.size, spec.cells))
-        self.v = effective(spec.levels, record, constants, float(self.reset[-1]))
-
-
-def effective(
-    levels: Levels, record: TimedRecord, constants: Constants, reset: float
-) -> FloatArray:
-    """(T,) effective input along a record."""
-    if constants.settling == 0:
-        return record.u
-    marks = np.concatenate([[0.0], np.cumsum(np.diff(levels) / constants.field)])
-    x = np.interp(record.u, levels, marks)
-    lost = -np.expm1(-record.intervals / constants.settling)
-    _kernels.follow(marks, lost, record.begins, float(np.interp(reset, levels, marks)), x)
-    return np.asarray(np.interp(x, marks, levels))
+        self.marks, self.reset, self.x, self.targets = levels, reset, record.u, record.u
+        if constants.settling > 0:
+            self.marks = np.concatenate([[0.0], np.cumsum(np.diff(levels) / constants.field)])
+            self.reset = np.interp(reset, levels, self.marks)
+            self.targets = np.interp(record.u, levels, self.marks)
+            self.x = self.targets.copy()
+            lost = -np.expm1(-record.intervals / constants.settling)
+            _kernels.follow(self.marks, lost, record.begins, float(self.reset[-1]), self.x)
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,6 +411,7 @@ class _Search:
         self.span = float(spec.levels[-1] - spec.levels[0])
         self.kept = record.fitted & ~record.left_out
         self.smoothness = smoothness
+        self.strength = (0.0 if smoothness == "auto" else float(smoothness)) or _STRENGTHS[0]
         rows, columns, values = neighbour_penalty(spec)
         self.penalty = active_set.Sparse(rows, columns, values * spec.bands**2)
 
@@ -415,15 +433,23 @@ class _Search:
             field /= np.hypot(1.0, middle / np.exp(numbers[2]))
         return Constants(field, settling, times)
 
-    def guess(self, law: str) -> FloatArray:
-        """First guess of the logarithms of the numbers of a law."""
-        steps = self.record.intervals
-        settling, field = float(steps.max()), _FIRST_FIELD * self.span
+    def guess(self, law: str, tried: Sequence[TriedLaw]) -> FloatArray:
+        """First guess of the logarithms of the numbers of a law, after others were tried."""
         if law == "viscous":
-            return np.log([float(np.median(steps))])
-        if law == "thermal":
-            return np.log([settling, field])
-        return np.log([settling, field, self.span / 6]) if law == "wide" else np.empty(0)
+            return np.log([float(np.median(self.record.intervals))])
+        if law == "wide":
+            even = next(one.numbers for one in tried if one.law == "thermal")
+            return np.append(even, np.log(self.span / 3))
+        if law != "thermal":
+            return np.empty(0)
+        longest = longest_hold(self.record.t, self.record.u, self.record.curves)
+        begins = [
+            np.log([settling * longest, field * self.span])
+            for settling in _FIRST_SETTLINGS
+            for field in _FIRST_FIELDS
+        ]
+        cost = self.cost(law)
+        return min(begins, key=cost)
 
     def normal(self, constants: Constants) -> tuple[Normal, Normal]:
         """Normal equations of the rows that are kept, and of those left out."""
@@ -477,30 +503,29 @@ class _Search:
         )
         return np.asarray(found.z * scale)
 
-    def tried(
-        self, law: str, say: Callable[[str], None], numbers: FloatArray | None = None
-    ) -> TriedLaw:
-        """Search the constants of a law on the rows that are kept; its error on those left out.
-
-        The search begins at ``numbers``, or at a guess.
-        """
-        from scipy.optimize import minimize
-
-        say(f"comparing the law {law!r}")
-        strength = 0.0 if self.smoothness == "auto" else float(self.smoothness)
-        strength = strength or _STRENGTHS[0]
+    def cost(self, law: str) -> Callable[[FloatArray], float]:
+        """Return the logarithm of the error of the rows that are kept, by the numbers of a law."""
         last: list[FloatArray] = []
 
         def cost(numbers: FloatArray) -> float:
             kept, _ = self.normal(self.constants(law, numbers))
-            last[:] = [self.solve(kept, strength, last[0] if last else None)]
+            last[:] = [self.solve(kept, self.strength, last[0] if last else None)]
             return float(np.log(max(kept.error(last[0]), _NOISELESS)))
 
-        numbers = self.guess(law) if numbers is None else numbers
+        return cost
+
+    def tried(self, law: str, say: Callable[[str], None], numbers: FloatArray) -> TriedLaw:
+        """Search the constants of a law on the rows that are kept; its error on those left out.
+
+        The search begins at ``numbers``.
+        """
+        from scipy.optimize import minimize
+
+        say(f"comparing the law {law!r}")
         if numbers.size:
             simplex = np.vstack([numbers, numbers + _STEP * np.eye(numbers.size)])
             found = minimize(
-                cost,
+                self.cost(law),
                 numbers,
                 method="Nelder-Mead",
                 options={
@@ -512,7 +537,7 @@ class _Search:
             )
             numbers = np.asarray(found.x)
         kept, left_out = self.normal(self.constants(law, numbers))
-        strengths = _STRENGTHS if self.smoothness == "auto" else (strength,)
+        strengths = _STRENGTHS if self.smoothness == "auto" else (self.strength,)
         guess, errors = None, []
         for one in strengths:
             x = self.solve(kept, one, guess)
@@ -540,6 +565,7 @@ class _Search:
             weights=self.weights(best, whole, x),
             without=self.model(best, best.numbers, self.solve(kept, best.smoothness, x)),
             directions=self.directions(best, x),
+            settlings=self.settlings(best, x),
         )
 
     def weights(self, best: TriedLaw, whole: Normal, x: FloatArray) -> Weights:
@@ -555,15 +581,15 @@ class _Search:
     def model(self, tried: TriedLaw, numbers: FloatArray, x: FloatArray) -> AfterEffect:
         """Operator of the unknowns of a fit."""
         constants, spec = self.constants(tried.law, numbers), self.spec
-        sums = [unpack(one) for one in (x[:-1] * self.unit).reshape(-1, spec.cells)]
+        found = np.array([unpack(one) for one in (x[:-1] * self.unit).reshape(-1, spec.cells)])
         plane = Preisach(
             spec.levels,
-            sums[0],
+            found[0],
             offset=float(x[-1] * self.unit + self.centre),
             relay=spec.relay,
             diagonal=spec.diagonal,
         )
-        creep = np.diff(np.array(sums), axis=0)
+        creep = found[1:] if constants.settling > 0 else np.diff(found, axis=0)
         return AfterEffect(plane, constants.field, constants.settling, constants.times, creep)
 
     def directions(self, best: TriedLaw, x: FloatArray) -> tuple[Pair, ...]:
@@ -603,6 +629,61 @@ class _Search:
             down, up = (self.model(best, end, fitted(end)[1]) for end in ends)
             pairs.append((down, up))
         return tuple(pairs)
+
+    def settlings(self, best: TriedLaw, x: FloatArray) -> tuple[tuple[AfterEffect, float], ...]:
+        """Models with other settling times of thresholds, and how likely each is over the best.
+
+        The difference of the squared errors of two fits is compared with its scatter from part to
+        part of the record (Vuong, Econometrica 57, 1989): errors within a curve are alike, and no
+        plane is quite that of the specimen, so that the likelihood of the rows would exclude what
+        is as good.
+        """
+        from scipy.optimize import minimize_scalar
+
+        if best.law.partition(_AND)[0] not in ("thermal", "wide"):
+            return ()
+        record, found = self.record, []
+        longest = _FARTHEST * longest_hold(record.t, record.u, record.curves)
+        least = float(record.intervals.min())
+        squares = self.squares(self.model(best, best.numbers, x))
+        last, field = [x], np.eye(best.numbers.size)[1]
+
+        def error(numbers: FloatArray) -> float:
+            kept, left_out = self.normal(self.constants(best.law, numbers))
+            whole = kept + left_out
+            last[:] = [self.solve(whole, best.smoothness, last[0])]
+            return whole.error(last[0])
+
+        for factor in (1 / _FACTOR, _FACTOR):
+            numbers, likely = best.numbers.copy(), 1.0
+            while likely > _LEAST_LIKELY:
+                numbers[0] += np.log(factor)
+                if not least < np.exp(numbers[0]) < longest:
+                    break
+                nearest = minimize_scalar(
+                    lambda shift, numbers=numbers: error(numbers + shift * field),
+                    bounds=(-_APART, _APART),
+                    method="bounded",
+                    options={"maxiter": _REFITS},
+                )
+                numbers += nearest.x * field
+                error(numbers)
+                model = self.model(best, numbers, last[0])
+                worse = self.squares(model) - squares
+                scatter = float(np.std(worse, ddof=1)) * np.sqrt(worse.size) or _NOISELESS
+                likely = float(np.exp(-0.5 * max(float(worse.sum()) / scatter, 0.0) ** 2))
+                found.append((model, likely))
+        return tuple(found)
+
+    def squares(self, model: AfterEffect) -> FloatArray:
+        """Sums of the squared errors of a model in each curve, or in contiguous segments."""
+        record = self.record
+        error = (along(model, record.t, record.u, record.curves) - record.y) / self.unit
+        squares = np.where(record.fitted, error, 0.0) ** 2
+        begins = record.curves.begins
+        if begins.size < _SEGMENTS:
+            begins = np.linspace(0, squares.size, _SEGMENTS, endpoint=False).astype(np.intp)
+        return np.asarray(np.add.reduceat(squares, begins))
 
     def _independent_rows(self, model: AfterEffect) -> float:
         """Number of independent residuals, from the correlation of neighbours."""
@@ -653,11 +734,7 @@ def _spectrum(record: TimedRecord, times: npt.ArrayLike | None, wanted: bool) ->
             raise ParameterError(f"times are {found}; give positive seconds")
         return np.unique(found)
     steps = record.intervals
-    change = np.append(True, (np.diff(record.u) != 0)) | record.begins
-    begun = record.t - steps
-    first = np.flatnonzero(change)
-    ends = record.t[np.append(first[1:], record.t.size) - 1]
-    longest = float((ends - begun[first]).max())
+    longest = longest_hold(record.t, record.u, record.curves)
     shortest = 2 * float(steps.min())
     if longest < _HELD * float(np.quantile(steps, _SHORT)):
         if wanted:

@@ -33,6 +33,10 @@ _CREEPS = 0.98
 """Ratio of the left-out errors with and without time above which time explains nothing."""
 
 
+_LIKELY = 0.1
+"""Likelihood, over that of the best fit, from which a settling time is named."""
+
+
 @dataclass(frozen=True, eq=False)
 class TriedLaw:
     """A law that was tried.
@@ -77,6 +81,8 @@ class AfterEffectIdentification(NotebookView):
     directions : tuple of pairs of AfterEffect
         Operators one standard deviation of the constants away, in both directions, along each
         principal axis.
+    settlings : tuple of pairs of AfterEffect and float
+        Operators with other settling times, and how likely they are over the best.
     groups : (T,) array of int, optional
         Number of the run of each row.
     weights : object with ``variance(t, u, curves)``, optional
@@ -96,6 +102,7 @@ class AfterEffectIdentification(NotebookView):
     curves: Curves
     without: AfterEffect
     directions: tuple[tuple[AfterEffect, AfterEffect], ...] = ()
+    settlings: tuple[tuple[AfterEffect, float], ...] = ()
     groups: IntArray | None = None
     weights: Uncertain | None = None
     lag: int = 0
@@ -158,12 +165,15 @@ class AfterEffectIdentification(NotebookView):
                 "hold the input at a few reversals ten times as long as now"
             )
             return tuple(said)
-        longest = float(np.diff(self.t).max())
+        longest = longest_hold(self.t, self.u, self.curves)
         model = self.model
-        if model.settling > longest and not self.law.startswith("viscous"):
+        likely = [one.settling for one, share in self.settlings if share > _LIKELY]
+        least, most = (pick([model.settling, *likely]) for pick in (min, max))
+        if most > longest and not self.law.startswith("viscous"):
+            seconds = f"{least:.3g} to {most:.3g}" if likely else f"{most:.3g}"
             said.append(
-                f"the effective input settles in {model.settling:.3g} s, longer than any interval "
-                f"of {longest:.3g} s; for predictions beyond it, hold a few reversals that long"
+                f"the effective input settles in {seconds} s, and no hold is longer than "
+                f"{longest:.3g} s; for predictions beyond it, hold a few reversals that long"
             )
         if model.times.size and np.abs(model.creep[-1]).sum() > np.abs(model.creep[:-1]).sum():
             said.append(
@@ -270,6 +280,10 @@ class AfterEffectIdentification(NotebookView):
         for down, up in self.directions:
             apart = along(up, t, u, curves) - along(down, t, u, curves)
             variance = variance + apart**2 / 4
+        total = 1 + sum(share for _, share in self.settlings)
+        for other, share in self.settlings:
+            apart = along(other, t, u, curves) - along(self.model, t, u, curves)
+            variance = variance + share / total * apart**2
         if self.weights is not None:
             variance = variance + self.weights.variance(t, u, curves)
         return np.asarray(np.sqrt(variance))
@@ -327,3 +341,10 @@ def held(t: FloatArray, curves: Curves) -> FloatArray:
     steps = np.diff(t, prepend=t[0])
     steps[curves.begins] = steps[1:].min()
     return np.asarray(steps)
+
+
+def longest_hold(t: FloatArray, u: FloatArray, curves: Curves) -> float:
+    """Seconds of the longest time for which one input is held, within a curve."""
+    begins = np.append(True, np.diff(u) != 0)
+    begins[curves.begins] = True
+    return float(np.add.reduceat(held(t, curves), np.flatnonzero(begins)).max())

@@ -174,15 +174,23 @@ class AfterEffect(NotebookView):
     def monotone(self) -> bool:
         """Whether the output after any interval rises with the input that is held in it.
 
-        It does if plane and creep up to each time constant together are monotone.
+        It does if plane and creep up to each time constant together are monotone. With a field, a
+        higher input also lets relays switch sooner: then no creep may take back what a relay gave.
+        For this, creep over its time is monotone from each time constant on.
         """
         sums = self.plane.weights + np.cumsum(
             np.concatenate([np.zeros((1, *self.plane.weights.shape)), self.creep]), axis=0
         )
         base = self.plane
+        planes = [(one, base.slope) for one in sums]
+        if self.field.size:
+            rates = np.cumsum((self.creep / self.times[:, None, None])[::-1], axis=0)
+            if base.diagonal == "reversible":  # it follows the input itself
+                rates = np.tril(rates, -1)
+            planes += [(one, 0.0) for one in rates]
         return all(
-            Preisach(base.levels, one, base.offset, base.relay, base.diagonal, base.slope).monotone
-            for one in sums
+            Preisach(base.levels, one, 0.0, base.relay, base.diagonal, slope).monotone
+            for one, slope in planes
         )
 
     def simulate(self, t: npt.ArrayLike, u: npt.ArrayLike, start: State = "negative") -> Samples:
@@ -343,7 +351,7 @@ class AfterEffect(NotebookView):
         if not self.monotone:
             raise NotInvertibleError(
                 "the model is not monotone: its plane, or plane and creep up to some time constant "
-                "together, have negative weights; identify with signed=False"
+                "together, have negative weights, or creep takes back what relays with a field gave"
             )
 
     @cached_property

@@ -25,6 +25,15 @@ typedef {{ name }}_state state_t;
 /* Share of the relaxation of the effective input that happens in one interval. */
 #define LOST ((real){{ lost }})
 {%- endif %}
+{%- if thermal and planes > 1 %}
+/* Seconds of an interval and of the settling; parts of an interval, see part_of. */
+#define INTERVAL ((real){{ interval }})
+#define SETTLING ((real){{ settling }})
+#define AT_ONCE ((real){{ at_once }})
+#define STRETCH ((real){{ stretch }})
+#define SETTLED ((real){{ settled }})
+#define POINTS {{ count }}
+{%- endif %}
 {%- if inverse %}
 /* Most steps of a search, and the width over the input at which it ends. */
 #define STEPS 200
@@ -65,6 +74,18 @@ static const real saturation[PLANES] = {
 static const real gained[PLANES] = {
 {{ tables.gained }}
 };
+{%- if thermal and planes > 1 %}
+/* Seconds by which the planes after the first creep; points and weights of Gauss and Legendre. */
+static const real times[PLANES - 1] = {
+{{ tables.times }}
+};
+static const real points[POINTS] = {
+{{ tables.points }}
+};
+static const real shares[POINTS] = {
+{{ tables.shares }}
+};
+{%- endif %}
 
 static real absolute(real x)
 {
@@ -96,15 +117,99 @@ static int32_t band_of(const real begins[BANDS + 1], real x)
 }
 {%- if thermal %}
 
-/* Effective input after an interval; written so that nothing cancels far from the target. */
-static real relaxed(real x, real target)
+/* Effective input after the share `lost` of its relaxation; nothing cancels far from the target. */
+static real relaxed(real x, real target, real lost)
 {
     const real w = x - target;
     const real far = {{ exp }}(-absolute(w));
-    const real rest = ((real)2 * far + ((real)1 - far) * LOST) / ((real)1 + far);
+    const real rest = ((real)2 * far + ((real)1 - far) * lost) / ((real)1 + far);
     const real left = {{ log }}(((real)2 - rest) / rest);
 
     return (w > (real)0) ? (target + left) : (target - left);
+}
+{%- endif %}
+{%- if thermal and planes > 1 %}
+
+/* A part of an interval: the effective input goes from x to `to` in some seconds. */
+typedef struct {
+    real to;
+    real seconds;
+    int first;
+} part_t;
+
+/* The first part of what is left of an interval. In a part, the effective input passes no threshold
+ * and no extremum (`mark` is the next), and what creeps is smooth. Parts are longer the more time is
+ * left after them, because all fast creep from them has then arrived. */
+static part_t part_of(real x, real end, real target, real mark, real left, int first)
+{
+    const real w = absolute(x - target);
+    const int settled = w <= (SETTLED * ((real)1 + absolute(target)));
+    part_t part;
+
+    part.first = first;
+    part.to = end;
+    part.seconds = first ? (times[0] * AT_ONCE) : ((left + (real)4 * times[0]) / (real)3);
+    if (settled) {
+        part.seconds = (real)0;
+    } else if (part.seconds >= left) {
+        part.seconds = left;
+    } else {
+        part.to = relaxed(x, target, -{{ expm1 }}(-part.seconds / SETTLING));
+    }
+    if (!first && !settled) {
+        const real near = {{ log1p }}({{ expm1 }}(w) * {{ exp }}(-STRETCH));
+        const real further = ((mark < target) == (x < target)) ? absolute(mark - target) : (real)0;
+        const real rest = (near > further) ? near : further;
+        if (rest > absolute(part.to - target)) {
+            real passed = {{ log1p }}((real)2 / {{ expm1 }}(rest));
+            passed -= {{ log1p }}((real)2 / {{ expm1 }}(w));
+            part.to = (x < target) ? (target - rest) : (target + rest);
+            if (further >= near) {
+                part.to = mark;
+            }
+            part.seconds = clamped(SETTLING * passed, (real)0, left);
+        }
+    }
+    return part;
+}
+
+/* Share of the creep that has not arrived at the end of a part, of what switches in proportion to
+ * the way, and of what switches as the way squared, less the former. */
+static void moments_of(real x, const part_t *part, real target, real still[PLANES - 1],
+                       real tilt[PLANES - 1])
+{
+    const real w = absolute(x - target);
+    const real rest = absolute(part->to - target);
+    const int instant = part->first || (rest >= w) || (rest <= (real)0);
+    int32_t g;
+    int32_t k;
+
+    for (k = 0; k < (PLANES - 1); ++k) {
+        still[k] = instant ? (real)1 : (real)0;
+        tilt[k] = (real)0;
+    }
+    if (!instant) {
+        const real begin = {{ expm1 }}(w);
+        const real length = {{ log }}(begin / {{ expm1 }}(rest));
+        const real late = {{ log1p }}((real)2 / {{ expm1 }}(rest));
+        real total = (real)0;
+        for (g = 0; g < POINTS; ++g) {
+            const real grown = begin * {{ exp }}(-points[g] * length);
+            const real weight = shares[g] * grown / ((real)1 + grown);
+            const real way = (w - {{ log1p }}(grown)) / (w - rest);
+            const real ahead = SETTLING * (late - {{ log1p }}((real)2 / grown));
+            total += weight;
+            for (k = 0; k < (PLANES - 1); ++k) {
+                const real share = weight * {{ exp }}(-ahead / times[k]);
+                still[k] += share;
+                tilt[k] += share * ((real)2 * way - (real)1);
+            }
+        }
+        for (k = 0; k < (PLANES - 1); ++k) {
+            still[k] /= total;
+            tilt[k] /= total;
+        }
+    }
 }
 {%- endif %}
 
@@ -146,9 +251,99 @@ static real on_branch(int32_t plane, const extremum *from, const extremum *to)
     return from->output[plane] + (rising ? weight : -weight);
 }
 
+/* The place of an effective input among the extrema, from that before. */
+static int32_t place_of(const state_t *state, int32_t place, real x, int rising)
+{
+    int32_t top = place;
+
+    while ((top >= (rising ? 3 : 2))
+           && (rising ? (x >= state->past[top - 2].value) : (x <= state->past[top - 2].value))) {
+        top -= 2;
+    }
+    return top;
+}
+
+/* The extremum at an effective input, which would have that place. */
+static extremum extremum_at(const state_t *state, int32_t place, real x)
+{
+    extremum now;
+    int32_t k;
+
+    now.value = x;
+    now.band = band_of(marks, x);
+    now.fraction = (x - marks[now.band]) / (marks[now.band + 1] - marks[now.band]);
+    for (k = 0; k < PLANES; ++k) {
+        now.output[k] = (place == 0) ? saturation[k] : on_branch(k, &state->past[place - 1], &now);
+    }
+    return now;
+}
+{%- if thermal and planes > 1 %}
+
+/* By how much less creeps than if all relays switched as the interval begins. A relay that
+ * switches s before the end has crept by 1 - exp(-s / time) only: the integral of
+ * exp(-s / time) - exp(-interval / time) over the change of the plane. */
+static void fill_lags(const state_t *state, real end, real target, real lags[PLANES - 1])
+{
+    const extremum *const from = &state->past[state->count];
+    const int rising = end > from->value;
+    int32_t top = state->count + ((rising == ((state->count % 2) == 0)) ? 1 : 0);
+    extremum before = *from;
+    real still[PLANES - 1];
+    real tilt[PLANES - 1];
+    real left = INTERVAL;
+    int first = 1;
+    int32_t k;
+
+    for (k = 0; k < (PLANES - 1); ++k) {
+        lags[k] = (real)0;
+    }
+    while ((left > (real)0) && (before.value != end)) {
+        const real x = before.value;
+        const int32_t band = before.band;
+        real mark = marks[band + 1];
+        part_t part;
+        extremum now;
+{%- if bowed %}
+        extremum middle;
+{%- endif %}
+        if (!rising) {
+            mark = ((marks[band] < x) || (band == 0)) ? marks[band] : marks[band - 1];
+        }
+        if (top >= (rising ? 3 : 2)) {
+            const real extreme = state->past[top - 2].value;
+            if (rising == (extreme < mark)) {
+                mark = extreme;
+            }
+        }
+        part = part_of(x, end, target, mark, left, first);
+        moments_of(x, &part, target, still, tilt);
+{%- if bowed %}
+        middle = extremum_at(state, top, (x + part.to) / (real)2);
+{%- endif %}
+        top = place_of(state, top, part.to, rising);
+        now = extremum_at(state, top, part.to);
+        for (k = 0; k < (PLANES - 1); ++k) {
+            lags[k] *= {{ exp }}(-part.seconds / times[k]);
+            lags[k] += (now.output[k + 1] - before.output[k + 1]) * still[k];
+{%- if bowed %}
+            lags[k] += (real)2 * tilt[k]
+                       * (now.output[k + 1] + before.output[k + 1] - (real)2 * middle.output[k + 1]);
+{%- endif %}
+        }
+        before = now;
+        left -= part.seconds;
+        first = 0;
+    }
+    for (k = 0; k < (PLANES - 1); ++k) {
+        lags[k] *= {{ exp }}(-left / times[k]);
+        lags[k] -= {{ exp }}(-INTERVAL / times[k]) * (before.output[k + 1] - from->output[k + 1]);
+    }
+}
+{%- endif %}
+
 /* Output after an interval with an input; fills the extremum that it becomes, its place among
- * those of the past, and what each plane gives with what is reversible. */
-static real look(const state_t *state, real u, extremum *now, int32_t *place, real whole[PLANES])
+ * those of the past, and what each plane gives then, with what is reversible. */
+static real look(const state_t *state, real u, extremum *now, int32_t *place, real after[PLANES])
 {
     const extremum *const last = &state->past[state->count];
     const real inside = clamped(u, levels[0], levels[BANDS]);
@@ -158,9 +353,17 @@ static real look(const state_t *state, real u, extremum *now, int32_t *place, re
     int32_t k;
     real x = inside;
     real y = SLOPE * u;
+{%- if thermal %}
+    const real target = marks[at] + part * (marks[at + 1] - marks[at]);
+{%- endif %}
+{%- if thermal and planes > 1 %}
+    real lags[PLANES - 1];
+{%- endif %}
 {% if thermal %}
-    x = relaxed(last->value, marks[at] + part * (marks[at + 1] - marks[at]));
-    x = clamped(x, marks[0], marks[BANDS]);
+    x = clamped(relaxed(last->value, target, LOST), marks[0], marks[BANDS]);
+{%- endif %}
+{%- if thermal and planes > 1 %}
+    fill_lags(state, x, target, lags);
 {%- endif %}
     *now = *last;
     if (x != last->value) {
@@ -168,37 +371,23 @@ static real look(const state_t *state, real u, extremum *now, int32_t *place, re
         if (rising == ((top % 2) == 0)) {
             top += 1;
         }
-        if (rising) {
-            while ((top >= 3) && (x >= state->past[top - 2].value)) {
-                top -= 2;
-            }
-        } else {
-            while ((top >= 2) && (x <= state->past[top - 2].value)) {
-                top -= 2;
-            }
-        }
-        now->value = x;
-{%- if thermal %}
-        now->band = band_of(marks, x);
-        now->fraction = (x - marks[now->band]) / (marks[now->band + 1] - marks[now->band]);
-{%- else %}
-        now->band = at;
-        now->fraction = part;
-{%- endif %}
-        for (k = 0; k < PLANES; ++k) {
-            now->output[k] = (top == 0) ? saturation[k] : on_branch(k, &state->past[top - 1], now);
-        }
+        top = place_of(state, top, x, rising);
+        *now = extremum_at(state, top, x);
     }
     *place = top;
     for (k = 0; k < PLANES; ++k) {
-        whole[k] = now->output[k];
+        real whole = now->output[k];
 {%- if not bowed %}
-        {
-            const real *const row = &reversible[k * (BANDS + 1) + at];
-            whole[k] += row[0] + part * (row[1] - row[0]);
+        const real *const row = &reversible[k * (BANDS + 1) + at];
+        whole += row[0] + part * (row[1] - row[0]);
+{%- endif %}
+        after[k] = state->creep[k] + gained[k] * (whole - state->creep[k]);
+{%- if thermal and planes > 1 %}
+        if (k > 0) {
+            after[k] -= lags[k - 1];
         }
 {%- endif %}
-        y += state->creep[k] + gained[k] * (whole[k] - state->creep[k]);
+        y += after[k];
     }
     return y;
 }
@@ -265,18 +454,18 @@ void {{ name }}_reset({{ name }}_state *state)
 {{ name }}_real {{ name }}_step({{ name }}_state *state, {{ name }}_real u)
 {
     extremum now;
-    real whole[PLANES];
+    real after[PLANES];
     int32_t place;
     int32_t k;
 
     if (isfinite(u)) {
         state->u = u;
     }
-    state->y = look(state, state->u, &now, &place, whole);
+    state->y = look(state, state->u, &now, &place, after);
     state->count = place;
     state->past[place] = now;
     for (k = 0; k < PLANES; ++k) {
-        state->creep[k] += gained[k] * (whole[k] - state->creep[k]);
+        state->creep[k] = after[k];
     }
     if (state->count >= {{ guard }}_MEMORY) {
         drop_smallest(state);
@@ -294,10 +483,10 @@ void {{ name }}_reset({{ name }}_state *state)
 static real missed(const state_t *state, real u, real target)
 {
     extremum now;
-    real whole[PLANES];
+    real after[PLANES];
     int32_t place;
 
-    return look(state, u, &now, &place, whole) - target;
+    return look(state, u, &now, &place, after) - target;
 }
 
 {{ name }}_real {{ name }}_aim(const {{ name }}_state *state, {{ name }}_real y)
