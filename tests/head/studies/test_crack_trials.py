@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from minorloop.head.geometry import wall_lengths
+from minorloop.head.geometry import Mount, meet_wall, wall_lengths
 from minorloop.head.studies import crack_trials
 from minorloop.head.studies.crack_report import crack_pictures, crack_table, crack_words
 from minorloop.head.studies.crack_scenes import FINE, draw_crack_view, fine_course
@@ -33,8 +33,10 @@ def test_a_crack_is_found_and_measured_and_marks_are_not_taken_for_one():
 
 
 def test_a_crack_narrower_than_a_pixel_takes_light_in_proportion_to_its_width():
-    points = ((-0.05, 12e-3), (0.05, 12.4e-3))
-    camera = Camera(Pipe())
+    pose = Mount().pose(0.0, 0.5)
+    phi, z, _ = meet_wall(pose.position, pose.rotation[:, 2], Pipe.radius)
+    points = ((phi - 0.1, z - 0.3e-3), (phi + 0.1, z + 0.3e-3))
+    camera = Camera(Pipe(), Mount())
     camera.look(0.0, 0.5)
     bare = camera._radiance().copy()
     taken = []
