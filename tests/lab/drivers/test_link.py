@@ -4,7 +4,10 @@ import contextlib
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
+import tty
 
 import pytest
 
@@ -254,3 +257,37 @@ def test_an_answer_that_lacks_only_its_end_is_shown_whole(monkeypatch):
     )
     with pytest.raises(InstrumentError, match=said):
         link._answer()
+
+
+SECOND = """
+import sys
+from minorloop.lab.drivers.link import VisaLink
+VisaLink(sys.argv[1])
+"""
+
+
+def test_a_second_program_is_refused_before_it_takes_an_answer_of_the_first():
+    device, port = os.openpty()
+    tty.setraw(port)
+    resource = f"ASRL{os.ttyname(port)}::INSTR"
+    link = VisaLink(resource, timeout=20.0)
+
+    def answer():
+        heard = b""
+        while b"READ?\n" not in heard:
+            heard += os.read(device, 100)
+        os.write(device, b"0\n")
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    assert link.ask("READ?") == "0"
+    thread.join()
+    os.write(device, b"1.5\n")
+    command = [sys.executable, "-c", SECOND, resource]
+    second = subprocess.run(command, capture_output=True, check=False, text=True)
+    assert "cannot be opened: another program uses it; end that program" in second.stderr
+    assert link.read() == "1.5"
+    link.close()
+    VisaLink(resource).close()
+    os.close(device)
+    os.close(port)
