@@ -129,6 +129,7 @@ def run(
                 folder.mkdir(exist_ok=True)
                 marked = _mark(frame.image, picture, folder, number)
                 best = _best([*best, (_weight(picture), name, marked)])
+        now(f"{counted(len(found), 'picture')} inspected", kept=True)
         if not found:
             raise RecordError(f"{source} has no pictures; give a video that has some")
         if view is None:

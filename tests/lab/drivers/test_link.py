@@ -120,7 +120,7 @@ def linked():
         (close, "no answer within 1 s: the other end closed the connection"),
         (drip, r"no whole answer within 1 s: b'1+'( and so on)?, without the end of a line"),
         (flood, "no whole answer within 1 s: b'1{40}' and so on, without the end of a line"),
-        (half, "no answer within 1 s"),
+        (half, "no whole answer within 1 s: b'1.5', without the end of a line"),
         (late, "no answer within 1 s"),
         (garbage, r"answers b'#@!\\xff\\xfe\\n', which is not text"),
     ],

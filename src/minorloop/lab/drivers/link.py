@@ -331,9 +331,13 @@ class VisaLink:
         found = b""
         while not found.endswith(b"\n"):
             if len(found) > LONGEST or time.monotonic() > deadline:
-                more = " and so on" if len(found) > _SHOWN else ""
-                raise _UnendedError(f"{found[:_SHOWN]!r}{more}, without the end of a line")
-            found += self._some(1 if self._streams else LONGEST + 1)
+                raise _unended(found)
+            try:
+                found += self._some(1 if self._streams else LONGEST + 1)
+            except Exception:
+                if not found:
+                    raise
+                raise _unended(found) from None
             if not self._streams and len(found) <= LONGEST:
                 break  # a message has an end of its own
         return found
@@ -374,6 +378,12 @@ class VisaLink:
         finally:
             self._resource.timeout = round(1000 * self._timeout)
         raise InstrumentError(f"{self.name} does not stop sending")
+
+
+def _unended(found: bytes) -> _UnendedError:
+    """Return the error for the part of an answer that came."""
+    more = " and so on" if len(found) > _SHOWN else ""
+    return _UnendedError(f"{found[:_SHOWN]!r}{more}, without the end of a line")
 
 
 def _short(error: Exception) -> str:
