@@ -181,7 +181,7 @@ def test_an_answer_that_a_home_made_driver_cannot_read_is_one_sentence(monkeypat
     with Amplifier("xx 3a") as amplifier:
         address = f"module:home_made_plant.head:{os.ttyname(amplifier.slave)}"
         for _ in range(2):  # the port is free again
-            with pytest.raises(InstrumentError, match="the driver failed: ValueError: .*xx"):
+            with pytest.raises(InstrumentError, match=r"the driver failed: ValueError: .*xx"):
                 connect(address)
 
 

@@ -43,8 +43,9 @@ def pictures(image):
 
 @pytest.mark.usefixtures("pictures")
 def test_a_folder_gives_a_table_json_marked_pictures_and_a_report(run):
-    status, out, _ = run(f"inspect pictures {OPTIONS} --pan 24 --out found --json")
+    status, out, error = run(f"inspect pictures {OPTIONS} --pan 24 --out found --json")
     assert status == 0
+    assert error == "1 picture inspected\n2 pictures inspected\n"
     printed = json.loads(out)
     assert (printed["pictures"], printed["unusable"]) == (2, {"black": 1})
     (found,) = printed["findings"]
@@ -78,6 +79,7 @@ def test_a_head_has_the_lens_and_a_file_the_poses(run):
 def test_a_wall_that_is_too_far_away_is_said_to_be(run):
     status, out, error = run("inspect pictures/a.png --lens 520 --radius 400")
     assert status == 1
+    assert error.startswith("1 picture inspected\n")
     assert "no picture could be searched, so that the wall was not inspected" in error
     assert "0 findings in 1 picture; not usable: no wall in view (1)" in out
     assert "check that --pan" in out

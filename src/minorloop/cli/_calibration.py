@@ -48,7 +48,7 @@ def led_places(text: str) -> FloatArray:
     ]
     found = np.array(places)
     away = np.linalg.norm(found, axis=1)
-    if not (_NEAREST <= away.min() and away.max() <= _FARTHEST):
+    if not (away.min() >= _NEAREST and away.max() <= _FARTHEST):
         raise ParameterError(
             f"--leds is {text!r}; give places {_NEAREST:g} to {_FARTHEST:g} mm from the lens, in mm"
         )

@@ -254,13 +254,13 @@ def working(what: str, *, logged: bool = False) -> Iterator[Progress]:
 
 
 def _logger() -> Progress:
-    due = time.monotonic()
+    due, last = time.monotonic(), ""
 
     def log(stage: str, *, kept: bool = False) -> None:
-        nonlocal due
-        if kept or time.monotonic() >= due:
+        nonlocal due, last
+        if stage != last and (kept or time.monotonic() >= due):
             typer.echo(stage, err=True)
-            due = time.monotonic() + _EVERY
+            due, last = time.monotonic() + _EVERY, stage
 
     return log
 

@@ -189,7 +189,7 @@ def test_no_line_waits_for_the_one_before_to_be_acknowledged(linked):
 def test_a_connection_in_doubt_ends_with_its_last_lines(linked):
     instrument, link = linked(half)
     link.last_lines = ("VOLT 0", "OUTP OFF")
-    with pytest.raises(InstrumentError, match="no answer"):
+    with pytest.raises(InstrumentError, match="no whole answer"):
         link.ask("READ?")
     link.send("*IDN?")
     assert instrument.ended.wait(20)

@@ -74,8 +74,9 @@ class CameraTip:
         if found.t < self._settled:
             return None
         verdict = check_frame(found.image, self._lens, self._before, lit=self._lit)
-        if verdict in (BLACK, SATURATED) and np.array_equal(found.image, self._before):
-            verdict = f"{verdict}, {FROZEN}"
+        before = self._before
+        if verdict in (BLACK, SATURATED) and before is not None:
+            verdict += f", {FROZEN}" if np.array_equal(found.image, before) else ""
         self._before = found.image
         if verdict == WRONG_SIZE:
             height, width = found.image.shape

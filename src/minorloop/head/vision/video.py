@@ -30,6 +30,8 @@ from minorloop.head.vision.imaging import opencv
 from minorloop.lab.actuator import Frame, FrameSource
 from minorloop.lab.registry import loaded, registered
 
+NO_NEW_PICTURE = "gives no new picture"
+"""What is said of a camera that has given pictures, and gives none in time."""
 SCHEME, CAMERAS = "camera:", "minorloop.cameras"
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 """Endings of the images in a folder."""
@@ -261,7 +263,7 @@ class LiveCamera:
         with self._changed:
             self.timed_by_camera = taken is not None
             self._newest = Frame(time.monotonic() if taken is None else taken, image)
-            self._problem = f"{self.address} gives no new picture"
+            self._problem = f"{self.address} {NO_NEW_PICTURE}"
             self._changed.notify_all()
 
 
