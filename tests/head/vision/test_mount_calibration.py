@@ -110,7 +110,7 @@ def test_zeros_squint_and_roll_of_the_camera_are_used_to_place_what_it_sees():
     fit = fit_mount(poses, joints, middle=MIDDLE[:2])
     lens = LensFit(LENS, (), (), (), {}, 0.0)
     head, advice = calibrated_head(
-        HeadFile(serial="H-01"), lens=lens, mount=fit, leds=np.zeros((1, 3))
+        HeadFile(serial="H-01"), lens=lens, mount=fit, leds=np.zeros((3, 3))
     )
     assert advice == ()
     found, wall = head.calibration, [(0.4, 25e-3), (2.0, 22e-3)]
