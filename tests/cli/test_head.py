@@ -343,7 +343,7 @@ def test_a_calibration_without_leds_says_what_will_refuse_it():
     head, advice = calibrated_head(HeadFile(serial="H-07"), lens=lens)
     assert len(head.calibration.leds) == 1
     assert "give the places of all 3 with --leds" in advice[0]
-    advice = calibrated_head(HeadFile(serial="H-07"), lens=lens, leds=np.ones((1, 3)))[1]
+    advice = calibrated_head(HeadFile(serial="H-07"), lens=lens, leds=np.full((1, 3), 1e-3))[1]
     assert "has 1 LED, and the console and head inspect switch 3" in advice[0]
 
 
