@@ -23,7 +23,13 @@ from minorloop.identification.fitting import (
     Regularisation,
     fit_plane,
 )
-from minorloop.identification.jumps import Jump, find_jumps, in_narrow_bands, with_jumps
+from minorloop.identification.jumps import (
+    Jump,
+    find_jumps,
+    in_narrow_bands,
+    narrow_bands,
+    with_jumps,
+)
 from minorloop.identification.leave_out import check_several_groups, validate
 from minorloop.identification.result import Identification
 from minorloop.operators.memory import Start
@@ -178,12 +184,8 @@ def identify(
     spec, delay = chosen.spec, chosen.lag
     jumps: tuple[Jump, ...] = ()
     if prior != "gaussian":
-        jumps = find_jumps(parts.delayed(inputs, delay), outputs, fitted, parts, spec.levels)
-        thresholds = spec.levels
-        if isinstance(levels, str) or np.isscalar(levels):
-            thresholds = with_jumps(thresholds, jumps) if jumps else thresholds
-        else:
-            jumps = in_narrow_bands(jumps, thresholds)
+        given = not (isinstance(levels, str) or np.isscalar(levels))
+        jumps, thresholds = _jumps(record, delay, spec.levels, given)
         if jumps and thresholds.size - 1 <= MOST_DENSE:
             spec, prior = replace(spec, levels=thresholds), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
@@ -248,6 +250,19 @@ def _structures(
         for kind, shape, linear in product(relays, diagonals, slopes)
         if not (linear and slope == "auto" and shape == "reversible")
     ]
+
+
+def _jumps(
+    record: FitRecord, lag: int, levels: Levels, given: bool
+) -> tuple[tuple[Jump, ...], Levels]:
+    """Jumps of the output, and levels with narrow bands around them; given levels stay."""
+    if given and not narrow_bands(levels).size:
+        return (), levels
+    u, parts = record.curves.delayed(record.u, lag), record.curves
+    jumps = find_jumps(u, record.y, record.fitted, parts, levels)
+    if given:
+        return in_narrow_bands(jumps, levels), levels
+    return jumps, with_jumps(levels, jumps) if jumps else levels
 
 
 def _as_groups(

@@ -119,6 +119,11 @@ def with_jumps(levels: Levels, jumps: Sequence[Jump]) -> Levels:
     return as_levels(np.union1d(levels[free], np.clip(ends, low, high)))
 
 
+def narrow_bands(levels: Levels) -> IntArray:
+    """Return the numbers of the bands that are at most a quarter as wide as the mean one."""
+    return np.flatnonzero(np.diff(levels) <= _CLEAR * _mean_band(levels))
+
+
 def in_narrow_bands(jumps: Sequence[Jump], levels: Levels) -> tuple[Jump, ...]:
     """Return the jumps that overlap a narrow band of given levels.
 
@@ -127,9 +132,9 @@ def in_narrow_bands(jumps: Sequence[Jump], levels: Levels) -> tuple[Jump, ...]:
     jumps : sequence of Jump
         Thresholds at which the output jumps.
     levels : (L + 1,) array
-        Thresholds. A band is narrow up to a quarter of the mean one.
+        Thresholds.
     """
-    narrow = np.flatnonzero(np.diff(levels) <= _CLEAR * _mean_band(levels))
+    narrow = narrow_bands(levels)
     low, high = levels[narrow], levels[narrow + 1]
     return tuple(jump for jump in jumps if ((low <= jump.high) & (jump.low <= high)).any())
 
