@@ -23,6 +23,7 @@ from minorloop.head.studies import (
     scan_trials,
 )
 from minorloop.head.studies import mission as missions
+from minorloop.head.studies.crack_trials import CrackOutcome
 from minorloop.head.studies.detection import (
     SceneOutcome,
     detection_figures,
@@ -401,6 +402,9 @@ def test_everything_is_gathered_and_reported(mission):
         for mode in ("switched", "single", "dither")
         for hole in (True, False)
     ]
+    cracks = [
+        CrackOutcome(1, width, width > 0, (1.0, 1.0), 0.1, 1e-6, 0) for width in (0.0, 6e-5, 1e-4)
+    ]
     servo = {
         "servo": dict.fromkeys(
             ("settle_s_with_sensor", "settle_s_camera_only", "steady_rms_px"), 1.0
@@ -411,12 +415,14 @@ def test_everything_is_gathered_and_reported(mission):
     }
     study = inspection.InspectionStudy(
         1, servo, dict.fromkeys(RUNS, run),
-        tuple(outcomes), np.full(48, 0.3), kinds, mission, flooded.reach_figures(1), 1.0,
+        tuple(outcomes), tuple(cracks), np.full(48, 0.3), kinds, mission,
+        flooded.reach_figures(1), 1.0,
     )  # fmt: skip
     runs = [study.figures()] * 2
     found = inspection.gather(runs)
     assert len(claim_table(inspection.CLAIMS, found).rows) == len(inspection.CLAIMS)
     assert found["modality"]["wrong"] == 0
+    assert found["cracks"]["recall_100um"] == found["cracks"]["recall_50um"] == 1.0
     assert figure(found, "mission.measured") == figure(found, "mission.cracks_found") == 1.0
     assert figure(found, "mission.false_cracks") == 0
     page = inspection_report.study_report(study, found, runs).html()

@@ -16,6 +16,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.head.studies import scan_trials
+from minorloop.head.studies.crack_trials import CrackOutcome, crack_figures, score_cracks
 from minorloop.head.studies.detection import (
     SceneOutcome,
     detection_figures,
@@ -31,15 +32,16 @@ from minorloop.studies.claims import Claim, medians
 
 TITLE = "In-pipe inspection with a catheter head"
 FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
-FIRST_SCENE, SCENES, FIRST_PLAIN = 50_000, 4, 2_000_000
+FIRST_SCENE, SCENES, FIRST_PLAIN, FIRST_CRACK = 50_000, 4, 2_000_000, 3_000_000
 FIRST_SCAN, SCANS = 60_000, 6
-"""Seeds of the scored scenes; numbers of scenes with and without a hole, and of flat pits, for each
-specimen."""
-_PLAIN_SHARE = 4
-"""Scenes with a hole for each plain scene, by trial."""
+"""Seeds of the scored scenes; numbers of scenes with and without a hole or a crack, and of
+flat pits, for each specimen."""
+_PLAIN_SHARE, _SCANNED = 4, 4
+"""Scenes with a hole for each plain scene, and cracks for each one that is scanned: by trial. A
+scan takes five times as long as a scene."""
 _WARM = 20.0
 """Temperature of the water in degrees Celsius from which on most heads must reach a raster."""
-_SCORED = ("outcomes", "edges", "scored")
+_SCORED = ("outcomes", "cracks", "edges", "scored")
 
 CLAIMS = (
     Claim("servo with angle sensor: to 2 px [s]", "servo.settle_s_with_sensor", "shown", most=8),
@@ -80,6 +82,46 @@ CLAIMS = (
     Claim(
         "plain edges, 90th percentile [px]", "detection.plain_edge_px_p90", "not studied", most=1.0
     ),
+    Claim(
+        "cracks of 100 um and wider found",
+        "cracks.recall_100um",
+        "announced",
+        least=0.95,
+        percent=True,
+        count="cracks.scenes_100um",
+        enough=20,
+    ),
+    Claim(
+        "cracks of 50 to 100 um found",
+        "cracks.recall_50um",
+        "announced",
+        least=0.7,
+        percent=True,
+        count="cracks.scenes_50um",
+        enough=20,
+    ),
+    Claim(
+        "cracks of 30 to 50 um found",
+        "cracks.recall_30um",
+        "-",
+        percent=True,
+        count="cracks.scenes_30um",
+    ),
+    Claim("false cracks an acquisition", "cracks.false_per_acquisition", "-", most=0.05),
+    Claim("cracks: length error, median [%]", "cracks.length_error_pct", "-", most=10),
+    Claim("cracks: width error, median [um]", "cracks.width_error_um", "-", most=15),
+    Claim("cracks: share of the course traced", "cracks.course_traced", "-", percent=True),
+    Claim("cracks: share of the trace on the course", "cracks.trace_right", "-", percent=True),
+    Claim(
+        "cracks found that have a depth by a scan",
+        "cracks.depth_share",
+        "announced",
+        least=0.6,
+        percent=True,
+        count="cracks.scans",
+        enough=20,
+    ),
+    Claim("of those, depth error, median [mm]", "cracks.depth_error_mm", "-", most=0.1),
     Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
     Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
     Claim("depth: bias [um]", "depth.bias_um", "announced", least=-10, most=10),
@@ -199,6 +241,7 @@ class InspectionStudy:
     servo: dict[str, Any]
     runs: dict[str, ServoRun]
     outcomes: tuple[SceneOutcome, ...]
+    cracks: tuple[CrackOutcome, ...]
     edges: FloatArray
     scored: dict[str, tuple[ScoredScan, ...]]
     mission: Mission
@@ -206,10 +249,11 @@ class InspectionStudy:
     seconds: float
 
     def figures(self) -> dict[str, Any]:
-        """Return the input of `gather`; outcomes and scans by their names."""
+        """Return the input of `gather`; outcomes, cracks and scans by their names."""
         return {
             **self.servo,
             "outcomes": self.outcomes,
+            "cracks": self.cracks,
             "edges": self.edges,
             "scored": self.scored,
             "mission": self.mission.figures(),
@@ -226,8 +270,8 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
     seed : int
         Of head, pipe, camera, probe and noise.
     scenes : int
-        Number of scenes with a hole, and without, for the score of detection; plain edges on a
-        quarter as many.
+        Number of scenes with a hole, without, with a crack and without, for the scores of
+        detection; plain edges on a quarter as many, and scans across a quarter of the cracks.
     scans : int
         Number of pits with a flat floor for the score of depths and bands; the last has the size
         for the score of fusion.
@@ -246,6 +290,11 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
         servo=servo,
         runs=runs,
         outcomes=tuple(outcomes),
+        cracks=tuple(
+            score_cracks(FIRST_CRACK + seed * scenes + k, crack, scan=k % _SCANNED == 0)
+            for k in range(scenes)
+            for crack in (True, False)
+        ),
         edges=np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]),
         scored=_scored_scans(FIRST_SCAN + (scans + 4) * seed, scans),
         mission=run_mission(seed),
@@ -270,6 +319,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             **detection_figures(every),
             "plain_edge_px_p90": float(np.quantile(edges, 0.9, method="higher")),
         },
+        "cracks": crack_figures([one for run in runs for one in run["cracks"]]),
         "depth": {
             **depth,
             **{f"unfocused_{key}": value for key, value in unfocused.items()},

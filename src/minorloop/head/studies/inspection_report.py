@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minorloop.head.reconstruction.findings import finding_of
+from minorloop.head.studies.crack_report import crack_pictures, crack_table, crack_words
 from minorloop.head.studies.detection_report import detection_pictures, detection_table, limits
 from minorloop.head.studies.inspection import CLAIMS, TITLE
 from minorloop.head.studies.inspection_servo import SETTLED_PX, SWAY_WAIT
@@ -61,6 +62,12 @@ def study_report(
     _add_servo(report, study, figures["sway"])
     _add_integral(report, study, figures["integral"])
     _add_detection(report, study.mission, figures["detection"], runs)
+    report.add(
+        "Finding cracks beside scratches, drawing marks, welds and stains",
+        text=crack_words(figures["cracks"]),
+        table=crack_table(figures["cracks"]),
+        pictures=crack_pictures([one for run in runs for one in run["cracks"]]),
+    )
     report.add(
         "Depths by echoes",
         text="A lens of 8 mm focus, a raster of 36 places, 16 shots at each while the head sways "
