@@ -11,7 +11,9 @@ from benchmarks._plants import Array
 from benchmarks._timing import Row, best, dearer, seconds, within
 from benchmarks.one_fit import a_record
 from benchmarks.real_records import LEAST, MOST, NOT_WORSE
+from benchmarks.real_records import a_record as like_real
 from minorloop import Preisach, excitation, identify
+from minorloop.identification import Identification
 from minorloop.identification.design import next_input
 from minorloop.operators.memory import Memory
 
@@ -26,6 +28,7 @@ def rows(quick: bool = False) -> list[Row]:
     bands, samples = (20, 2_000) if quick else (50, 20_000)
     found = [*_few(), _many(bands, samples)]
     found += [_planes(kind, 1 if quick else SEEDS, SIZES) for kind in PLANES]
+    found.append(_last_third(2 if quick else 2 * SEEDS))
     return found if quick else [*found, _planes(PLANES[-1], 2, FINE)]
 
 
@@ -76,6 +79,31 @@ def _planes(kind: str, seeds: int, sizes: tuple[tuple[int, int], ...]) -> Row:
         met=bool(above == 0 and LEAST <= cover <= MOST),
         accuracy=f"median {np.median(ratios):.2f}, {above:.0%} above {NOT_WORSE:g}, "
         f"worst {max(ratios):.2g}; bands cover {cover:.0%}",
+    )
+
+
+def _last_third(seeds: int) -> Row:
+    """Bands on the last third of records like real, where relays are scattered evenly.
+
+    A cell of the fit has sixteen cells of the plant, of weights drawn one by one.
+    """
+    inside, took = [], 0.0
+    for seed in range(1000, 1000 + seeds):
+        rng, u = np.random.default_rng(seed), like_real(25, 2_000, seed)[1]
+        y = a_plane("uniform", 100, rng).simulate(u)
+        y += 1e-3 * np.ptp(y) * rng.normal(size=y.size)
+        fits: list[Identification] = []
+        took += seconds(lambda: fits.append(identify(u, y, holdout=1 / 3)))  # noqa: B023
+        off = np.abs(fits[0].predict(u) - y)
+        half = fits[0].predict(u, bands=0.9).half_width
+        inside.append(np.mean((off <= half)[fits[0].held_out]))
+    cover = float(np.mean(inside))
+    return Row(
+        f"bands of the last third of {seeds} records like real, N = 2,000, uniform",
+        took,
+        required=f"{LEAST:g} to {MOST:g}",
+        met=bool(LEAST <= cover <= MOST),
+        accuracy=f"cover {cover:.0%}, {min(inside):.0%} to {max(inside):.0%}",
     )
 
 

@@ -5,6 +5,8 @@ from fault_records import record
 from minorloop.errors import ParameterError
 from minorloop.identification import choosing, identify
 from minorloop.lab.columns import read_columns
+from minorloop.operators.densities import GaussianDensity
+from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
 AUTO = dict.fromkeys(("levels", "diagonal", "slope", "lag"), "auto")
@@ -55,18 +57,52 @@ def test_relays_are_compared_without_an_offset_only():
     assert "relays" in choice.chosen
 
 
-def test_the_prior_is_compared_where_samples_are_few():
-    u, y = record("levels")
-    found = identify(u[:120], y[:120], levels=10, diagonal="auto")
-    assert [one.name for one in found.choices] == ["structure", "prior"]
-
-
-def test_planes_too_fine_for_smoothing_keep_the_prior(monkeypatch):
-    monkeypatch.setattr(choosing, "MOST_DENSE", 9)
-    u, y = record("levels")
-    found = identify(u[:120], y[:120], levels=10, diagonal="auto")
+@pytest.mark.parametrize("seed", [1003, 1010])
+def test_comparisons_leave_the_prior_to_its_own_rule(seed):
+    rng, time = np.random.default_rng(seed), np.arange(150)
+    weights = np.tril(rng.uniform(0.5, 1.5, (40, 40)))
+    plant = Preisach(np.linspace(-1, 1, 41), weights / weights.sum())
+    ends = np.append(0.0, rng.uniform(-1, 1, 299))
+    decay = np.cos(3 * np.pi * time / 150) * (1 - time / 150)
+    u = np.append(decay, np.interp(time / 10, np.arange(300), ends))
+    y = plant.simulate(u)
+    y += 1e-3 * np.ptp(y) * rng.normal(size=u.size)
+    found = identify(u, y, levels=12, diagonal="auto", holdout=1 / 3)
     assert found.posterior is not None
+    assert found.holdout_nrmse < 0.01
     assert [one.name for one in found.choices] == ["structure"]
+
+
+def test_rows_of_one_group_are_compared_in_contiguous_parts(monkeypatch):
+    monkeypatch.setattr(choosing, "_MOST_ROWS", 150)
+    u, y = a_record(300)
+    found = identify(u, y, levels=5, slope="auto", smoothness=0.0, groups=np.arange(300) >= 200)
+    assert [one.name for one in found.choices] == ["structure"]
+
+
+def test_lags_are_compared_on_the_same_rows_of_curves():
+    u, label = reversal_curves()
+    y = a_magnet().simulate(u)[label >= 0]
+    u, label = u[label >= 0], label[label >= 0]
+    options = {"levels": 8, "curves": label, "start_of_curve": "negative", "smoothness": 0.0}
+    found = identify(u, y, **options, lag="auto")
+    assert found.lag == 0
+    said = " ".join(identify(u, y, **options, lag=2).advice)
+    assert f"the lag of 2 samples leaves {2 * 24} of {u.size} samples out" in said
+    assert "samples out" not in " ".join(found.advice)
+
+
+def a_magnet():
+    return Preisach.from_density(np.linspace(-1, 1, 25), GaussianDensity(0.3, 0.3, 0.3))
+
+
+def reversal_curves():
+    """Inputs of 24 curves up to 1, each after saturation; its label, or -1 in the saturation."""
+    ends = np.linspace(-1, 1, 25)
+    curves = [ends[k:] for k in range(23, -1, -1)]
+    u = np.concatenate([np.append(1.0, curve) for curve in curves])
+    label = np.concatenate([[-1, *[k] * curve.size] for k, curve in enumerate(curves)])
+    return u, label
 
 
 def test_each_step_is_announced():
@@ -106,10 +142,3 @@ def test_the_piezo_stage_as_recorded(shared_data):
     assert found.holdout_nrmse <= 0.005
     assert found.lag == 3
     assert [one.name for one in found.choices] == ["lag", "structure", "levels"]
-
-
-def test_the_prior_of_a_record_whose_first_rows_are_compared_is_compared_too(monkeypatch):
-    monkeypatch.setattr(choosing, "_MOST_ROWS", 150)
-    u, y = a_record(200)
-    found = identify(u, y, levels=20, diagonal="auto")
-    assert [choice.name for choice in found.choices] == ["structure", "prior"]

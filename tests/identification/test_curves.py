@@ -64,6 +64,10 @@ def test_driven_inputs_put_the_reset_before_each_later_curve():
         ({"curves": [1, 2]}, SignalError, "one label for each of 480 rows"),
         ({"groups": np.full(480, np.nan)}, SignalError, "groups is NaN at index 0"),
         ({"curves": np.arange(480)}, ParameterError, "480 groups of one row, the first is 0"),
+        ({"curves": np.arange(480.0)}, ParameterError, "480 groups of one row, the first is 0;"),
+        ({"curves": ["a", *["b"] * 479]}, ParameterError, "1 group of one row, the first is 'a'"),
+        ({"curves": np.zeros(480), "slope": "auto"}, ParameterError, "rows are of one group"),
+        ({"groups": np.zeros(480), "lag": "auto"}, ParameterError, "rows are of one group"),
         (
             {"groups": np.where(np.arange(480) == 7, 9, np.arange(480) // 100)},
             ParameterError,

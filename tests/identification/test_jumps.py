@@ -49,6 +49,18 @@ def test_a_fit_with_narrow_bands_predicts_other_inputs():
     assert found.posterior is None
 
 
+def test_jumps_within_given_narrow_bands_count_and_these_thresholds_stay():
+    u, y = a_record()
+    other, wanted = a_record(1001)
+    thresholds = np.array([-0.6, -0.217, 0.313, 0.52])
+    levels = np.union1d(LEVELS, [thresholds - 1e-3, thresholds + 1e-3])
+    found = identify(u, y, levels=levels)
+    np.testing.assert_array_equal(found.model.levels, levels)
+    assert len(found.jumps) == 4
+    assert found.posterior is None
+    assert np.sqrt(np.mean((found.predict(other) - wanted) ** 2)) < 0.01 * np.ptp(wanted)
+
+
 def test_smooth_outputs_have_no_jumps():
     u, _ = a_record()
     smooth = 0.04 * a_plane().simulate(u)

@@ -3,6 +3,7 @@ import pytest
 
 from fault_records import record, sine
 from minorloop.identification import identify
+from minorloop.identification.curves import Curves
 from minorloop.lab.columns import read_columns
 from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
@@ -71,6 +72,20 @@ def test_groups_that_differ_are_named_and_not_taken_for_rate_or_creep():
     assert "the 4 groups differ from one another" in said
     assert "rate" not in said
     assert "drifts" not in said
+
+
+def test_curves_too_short_for_a_gain_have_an_offset_only():
+    rng = np.random.default_rng(1000)
+    curve = np.repeat(np.arange(16), 5)
+    u = np.linspace(-1, 0.6, 16)[curve] + np.tile(np.linspace(0, 0.4, 5), 16)
+    magnet = Preisach.from_density(np.linspace(-1, 1, 31), GaussianDensity(0.3, 0.3, 0.3))
+    y = Curves(np.arange(0, 80, 5), "negative").simulate(magnet, u)
+    y += np.ptp(y) * (0.02 * rng.normal(size=16)[curve] + 1e-3 * rng.normal(size=80))
+    found = identify(u, y, levels=5, curves=curve, prior="none")
+    assert 0.01 < found.residual.groups.offset < 0.1
+    said = " ".join(found.advice)
+    assert "% of range, which are" in said
+    assert "and gains" not in said
 
 
 def test_an_error_that_grows_with_the_loop_or_the_rate_is_named():

@@ -43,6 +43,7 @@ def advice(result: Fit) -> Iterator[str]:
     yield from _codes(result)
     yield from _outliers(result)
     yield from residual_advice(result)
+    yield from _lag(result)
     yield from _excitation(result)
     yield from _accuracy(result)
     yield from _numerics(result)
@@ -98,6 +99,19 @@ def _outliers(result: Fit) -> Iterator[str]:
             f"sample {index} (input {result.u[index]:.6g}, output {result.y[index]:.6g}) lies far "
             "outside the band of a fit without it, and was left out; repeat it"
         )
+
+
+def _lag(result: Fit) -> Iterator[str]:
+    """Say how many rows a lag leaves out at the beginnings of curves."""
+    if result.lag and result.curves.begins.size > 1:
+        known = result.curves.positions(result.u.size) >= result.lag
+        out, rows = np.count_nonzero(result.fitted & ~known), np.count_nonzero(result.fitted)
+        if out:
+            yield (
+                f"the lag of {counted(result.lag, 'sample')} leaves {out} of {rows} samples out, "
+                "at the beginnings of curves, because the inputs before them are not known; lag=0 "
+                "(--lag 0) fits all"
+            )
 
 
 def _excitation(result: Fit) -> Iterator[str]:

@@ -8,19 +8,18 @@ structure and the lag are compared on a coarse plane, where a fit takes millisec
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from minorloop.arrays import IntArray, Levels
 from minorloop.errors import counted
 from minorloop.identification import fitting
-from minorloop.identification.baseline import nrmse, percent
+from minorloop.identification.baseline import percent
 from minorloop.identification.curves import Curves
-from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
-from minorloop.identification.fitting import FitRecord, FittedPlane, are_few, coarser_spec
+from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.fitting import FitRecord, are_few, coarser_spec
 from minorloop.identification.least_squares import Problem
-from minorloop.identification.leave_out import left_out
 from minorloop.identification.residuals import find_startup
 
 PARTS = 5
@@ -41,7 +40,7 @@ _PROMISING = 0.9
 """Ratio of the error to that of a coarse plane below which more levels are tried."""
 _PARTS_FOR_LEVELS = 3
 """Parts that fine planes are scored on."""
-_BETTER = {"lag": 0.8, "levels": 0.95, "prior": 0.9, "structure": 0.95}
+_BETTER = {"lag": 0.8, "levels": 0.95, "structure": 0.95}
 """Ratio of errors below which another option takes the place of the simplest one."""
 
 
@@ -75,26 +74,25 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Structure, lag and kind of fit, and how they were chosen."""
+    """Structure and lag, and how they were chosen."""
 
     spec: PlaneSpec
     lag: int
     choices: tuple[Choice, ...]
-    fold: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
 
 
 def parts_of(record: FitRecord, groups: IntArray | None, segments: int = 1) -> IntArray:
     """(T,) number of the part of each fitted row; -1 elsewhere, and in a start-up.
 
     A start-up would hide the differences between the candidates. Each part of a record without
-    groups has some contiguous segments.
+    groups, or whose compared rows are of one group, has some contiguous segments.
     """
     fold = np.full(record.u.size, -1)
     rows = np.flatnonzero(record.fitted)
-    if groups is None:
+    names = np.zeros(0) if groups is None else np.unique(groups[rows])
+    if groups is None or names.size < 2:
         fold[rows] = np.arange(rows.size) * PARTS * segments // max(rows.size, 1) % PARTS
         return fold
-    names = np.unique(groups[rows])
     fold[rows] = np.searchsorted(names, groups[rows]) % min(names.size, PARTS)
     return fold
 
@@ -139,14 +137,15 @@ def choose(
     """
     spec, choices = specs[0], []
     if np.count_nonzero(record.fitted) < _FEWEST:
-        return Chosen(spec, lag or 0, (), parts_of(record, groups))
+        return Chosen(spec, lag or 0, ())
     settled = without_startup(spec, _first(record))
     groups = None if groups is None else groups[: settled.u.size]
-    fold, spread = parts_of(settled, groups), parts_of(settled, groups, _SEGMENTS)
     if lag is None:
         say("comparing lags")
-        lag, found = _choose_lag(specs[-1], settled, spread)
+        lag, found = _choose_lag(specs[-1], settled, groups)
         choices += found
+    settled = settled.left_by(lag)
+    fold, spread = parts_of(settled, groups), parts_of(settled, groups, _SEGMENTS)
     if len(specs) > 1:
         errors = {}
         for count, one in enumerate(specs, 1):
@@ -158,8 +157,7 @@ def choose(
         other = replace(spec, levels=finer)
         spec, found = _choose_levels(spec, other, settled, lag, spread, say)
         choices += found
-    fold = np.append(fold, np.full(record.u.size - fold.size, -1))  # the first rows were compared
-    return Chosen(spec, lag, tuple(choices), fold)
+    return Chosen(spec, lag, tuple(choices))
 
 
 def _first(record: FitRecord) -> FitRecord:
@@ -181,42 +179,18 @@ def structure(spec: PlaneSpec) -> str:
     return f"{spec.diagonal} diagonal{slope}{relay}"
 
 
-def choose_prior(
-    fit: FittedPlane, record: FitRecord, lag: int, fold: IntArray
-) -> tuple[FittedPlane, tuple[Choice, ...]]:
-    """Compare a fit with the prior with a smooth one, and return the better one.
-
-    Only samples that are few for the unknowns are compared, but neither less than a hundred, nor
-    planes too fine for smoothing. With more samples the prior is hardly ever worse.
-    """
-    regression, spec = fit.regression, fit.regression.matrix.spec
-    few = are_few(spec, regression.matrix.measurements) and regression.y.size >= _FEWEST
-    if fit.posterior is None or not few or spec.bands > MOST_DENSE:
-        return fit, ()
-    smooth = fitting.fit_smooth(spec, record, lag, "auto", fold)
-    errors = {
-        name: _left_out_error(one, record, lag, fold)
-        for name, one in (("gaussian", fit), ("none", smooth))
-    }
-    choice = _choice("prior", errors, "gaussian")
-    return fit if choice.chosen == "gaussian" else smooth, (choice,)
-
-
-def _left_out_error(found: FittedPlane, record: FitRecord, lag: int, fold: IntArray) -> float:
-    scored = record.fitted & (fold >= 0)
-    left = (left_out(record, found, lag, fold) - record.y)[scored]
-    known = left[np.isfinite(left)]
-    return nrmse(known, record.y[scored])
-
-
-def _choose_lag(spec: PlaneSpec, record: FitRecord, fold: IntArray) -> tuple[int, list[Choice]]:
-    rows = np.flatnonzero(record.fitted)
-    if rows.size < _FEWEST:
-        return 0, []
+def _choose_lag(
+    spec: PlaneSpec, record: FitRecord, groups: IntArray | None
+) -> tuple[int, list[Choice]]:
+    """Compare no lag with the best one on the same samples, those that the lag leaves."""
     coarse = _coarse(spec, record)
     lag = fitting.best_lag(coarse, record)
     if not lag:
         return 0, []
+    record = record.left_by(lag)
+    if np.count_nonzero(record.fitted) < _FEWEST:
+        return 0, []
+    fold = parts_of(record, groups, _SEGMENTS)
     errors = {counted(k, "sample"): error(coarse, record, k, fold) for k in (0, lag)}
     choice = _choice("lag", errors, "0 samples")
     return (0 if choice.chosen == "0 samples" else lag), [choice]

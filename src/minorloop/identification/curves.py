@@ -156,6 +156,11 @@ def _as_text(label: object) -> str:
     return f"{label:.0f}" if whole else f"{label}"
 
 
+def _quoted(label: object) -> str:
+    """Return a label as in the file, text in quotation marks."""
+    return repr(label) if isinstance(label, str) else _as_text(label)
+
+
 def as_groups(name: str, labels: npt.ArrayLike, samples: int) -> IntArray:
     """(T,) number of the group of each row, from 0 in the order of their labels.
 
@@ -188,11 +193,11 @@ def check_group_sizes(name: str, groups: IntArray, labels: Sequence[object]) -> 
     if 0 < 2 * single.size < counts.size:
         row = int(np.argmax(groups == single[0]))
         raise ParameterError(
-            f"{name} has {labels[single[0]]!r} in one row only, at index {row}; correct this "
-            "label, or leave the row out"
+            f"{name} has {_quoted(labels[single[0]])} in one row only, at index {row}; correct "
+            "this label, or leave the row out"
         )
     if single.size:
         raise ParameterError(
             f"{name} has {counted(single.size, 'group')} of one row, the first is "
-            f"{labels[single[0]]!r}; give the rows of one curve or specimen the same label"
+            f"{_quoted(labels[single[0]])}; give the rows of one curve or specimen the same label"
         )

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from minorloop.arrays import IntArray, Levels, check_option
 from minorloop.errors import counted
 from minorloop.identification import record_checks as checks
-from minorloop.identification.choosing import LEVELS, Chosen, choose, choose_prior
+from minorloop.identification.choosing import LEVELS, Chosen, choose
 from minorloop.identification.curves import StartOfCurve, as_curves, as_groups, check_group_sizes
 from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
 from minorloop.identification.fitting import (
@@ -23,8 +23,14 @@ from minorloop.identification.fitting import (
     Regularisation,
     fit_plane,
 )
-from minorloop.identification.jumps import Jump, find_jumps, with_jumps
-from minorloop.identification.leave_out import validate
+from minorloop.identification.jumps import (
+    Jump,
+    find_jumps,
+    in_narrow_bands,
+    narrow_bands,
+    with_jumps,
+)
+from minorloop.identification.leave_out import check_several_groups, validate
 from minorloop.identification.result import Identification
 from minorloop.operators.memory import Start
 from minorloop.operators.plane import RELAYS, Relay
@@ -71,16 +77,18 @@ def identify(
         are listed in ``codes`` and in the advice.
     levels : int, (L + 1,) array_like or "auto"
         Number of bands, over the range of ``u``, or the thresholds themselves. ``"auto"`` compares
-        25 and 50 bands, where there are samples for so many. Unless thresholds are given, or the
-        prior, a threshold at which the output jumps gets a narrow band of its own.
+        25 and 50 bands, where there are samples for so many. Unless ``prior`` is ``"gaussian"``, a
+        threshold at which the output jumps gets a narrow band of its own; thresholds that are given
+        are used as they are, with the jumps that are in narrow bands of them.
     spacing : {"uniform", "adaptive"}
         Even thresholds, or thresholds that are denser where the output is steep.
     relay, diagonal
         As in `Preisach`, or ``"auto"``.
     slope : bool or "auto"
         Whether to fit a memoryless linear part. Options that are ``"auto"`` are compared by the
-        error on left-out groups, or on contiguous parts of a record without groups; so is the
-        prior, for fewer than three samples per unknown. The results are in ``choices``.
+        error on left-out groups, or on contiguous parts of a record without groups. The results
+        are in ``choices``. The prior is not compared so: parts within a record say little about
+        inputs beyond it.
     signed : bool
         Whether weights and slope may be negative, for example for butterfly loops.
     smoothness : float or "auto"
@@ -161,6 +169,8 @@ def identify(
     skipped = checks.as_skip(skip, parts.positions(inputs.size))
     checks.check_interval(interval)
     fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)
+    if group is not None:
+        check_several_groups(group[fitted])
     sensor, sd = checks.as_noise(noise, fitted)
     record = FitRecord(inputs, outputs, fitted, parts, bool(signed), sd, noise=sensor)
     grids = _grids(record, levels, spacing)
@@ -171,21 +181,16 @@ def identify(
     chosen = Chosen(specs[0], delay or 0, ())
     if automatic or delay is None:
         chosen = choose(specs, record, delay, group, grids[1] if len(grids) > 1 else None, say)
-    spec, delay, choices = chosen.spec, chosen.lag, chosen.choices
+    spec, delay = chosen.spec, chosen.lag
     jumps: tuple[Jump, ...] = ()
-    if (isinstance(levels, str) or np.isscalar(levels)) and prior != "gaussian":
-        jumps = find_jumps(parts.delayed(inputs, delay), outputs, fitted, parts, spec.levels)
-    if jumps and spec.bands + 2 * len(jumps) <= MOST_DENSE:
-        spec, prior = replace(spec, levels=with_jumps(spec.levels, jumps)), "none"
+    if prior != "gaussian":
+        given = not (isinstance(levels, str) or np.isscalar(levels))
+        jumps, thresholds = _jumps(record, delay, spec.levels, given)
+        if jumps and thresholds.size - 1 <= MOST_DENSE:
+            spec, prior = replace(spec, levels=thresholds), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
-    apart = group if group is not None or not chosen.fold.size else chosen.fold
     options = FitOptions(smoothness, prior, sensor, mean, grouped=group is not None)
-    found = fit_plane(spec, record, delay, options, apart, say)
-    if automatic and prior == "auto":
-        if found.posterior is not None:
-            say("comparing the prior with smoothing")
-        found, compared = choose_prior(found, record, delay, chosen.fold)
-        choices += compared
+    found = fit_plane(spec, record, delay, options, group, say)
     left_out, scatter = None, None
     if group is not None:
         left_out, scatter = validate(record, found, delay, group, say)
@@ -210,7 +215,7 @@ def identify(
         groups=group,
         interval=interval,
         skipped=int(np.count_nonzero(skipped)),
-        choices=choices,
+        choices=chosen.choices,
         jumps=jumps,
         ridge=found.ridge,
     )
@@ -245,6 +250,19 @@ def _structures(
         for kind, shape, linear in product(relays, diagonals, slopes)
         if not (linear and slope == "auto" and shape == "reversible")
     ]
+
+
+def _jumps(
+    record: FitRecord, lag: int, levels: Levels, given: bool
+) -> tuple[tuple[Jump, ...], Levels]:
+    """Jumps of the output, and levels with narrow bands around them; given levels stay."""
+    if given and not narrow_bands(levels).size:
+        return (), levels
+    u, parts = record.curves.delayed(record.u, lag), record.curves
+    jumps = find_jumps(u, record.y, record.fitted, parts, levels)
+    if given:
+        return in_narrow_bands(jumps, levels), levels
+    return jumps, with_jumps(levels, jumps) if jumps else levels
 
 
 def _as_groups(

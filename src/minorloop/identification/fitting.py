@@ -114,9 +114,14 @@ class FitRecord:
 
     def rows(self, lag: int) -> IntArray:
         """(M,) samples that are fitted with a lag: none before the first delayed input."""
+        return np.flatnonzero(self.left_by(lag).fitted)
+
+    def left_by(self, lag: int) -> FitRecord:
+        """Return the record with those samples to be fitted that a lag leaves."""
         if not lag:
-            return np.flatnonzero(self.fitted)
-        return np.flatnonzero(self.fitted & (self.curves.positions(self.u.size) >= lag))
+            return self
+        known = self.curves.positions(self.u.size) >= lag
+        return replace(self, fitted=self.fitted & known)
 
     def regression(self, spec: PlaneSpec, lag: int, labels: IntArray | None = None) -> Regression:
         """Return the regression of the outputs on the unknowns, condensed for a long record.
@@ -500,7 +505,8 @@ def on_steep_branch(record: FitRecord) -> BoolArray:
 def best_lag(spec: PlaneSpec, record: FitRecord) -> int:
     """Lag with the least error of a coarse fit, on the samples that all lags share."""
     coarse = coarser_spec(spec, _LAG_BANDS)
-    longest = min(LONGEST_LAG, record.u.size // 4)
+    lengths = np.diff([*record.curves.begins, record.u.size])
+    longest = min(LONGEST_LAG, int(np.median(lengths)) // 4)  # a lag leaves the first rows out
     shared = record.fitted & (record.curves.positions(record.u.size) >= longest)
     if np.count_nonzero(shared) < FEWEST:
         return 0

@@ -29,7 +29,8 @@ _MOST = 8
 _WIDEST = 0.5
 """Widest step of the input at a jump, in mean bands: others do not show where the threshold is."""
 _CLEAR = 0.25
-"""Distance from a jump, in mean bands, within which it takes the place of other levels."""
+"""Distance from a jump, in mean bands, within which it takes the place of other levels; and width
+of a given band up to which it is there for a jump."""
 _ROWS = 200_000
 """Rows that are searched, the first ones."""
 
@@ -116,6 +117,26 @@ def with_jumps(levels: Levels, jumps: Sequence[Jump]) -> Levels:
     free[[0, -1]] = True
     low, high = float(levels[0]), float(levels[-1])
     return as_levels(np.union1d(levels[free], np.clip(ends, low, high)))
+
+
+def narrow_bands(levels: Levels) -> IntArray:
+    """Return the numbers of the bands that are at most a quarter as wide as the mean one."""
+    return np.flatnonzero(np.diff(levels) <= _CLEAR * _mean_band(levels))
+
+
+def in_narrow_bands(jumps: Sequence[Jump], levels: Levels) -> tuple[Jump, ...]:
+    """Return the jumps that overlap a narrow band of given levels.
+
+    Parameters
+    ----------
+    jumps : sequence of Jump
+        Thresholds at which the output jumps.
+    levels : (L + 1,) array
+        Thresholds.
+    """
+    narrow = narrow_bands(levels)
+    low, high = levels[narrow], levels[narrow + 1]
+    return tuple(jump for jump in jumps if ((low <= jump.high) & (jump.low <= high)).any())
 
 
 def _mean_band(levels: Levels) -> float:

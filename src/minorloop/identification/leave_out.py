@@ -112,12 +112,7 @@ def validate(
         If all fitted rows are of one group.
     """
     rows = replace(record, fitted=found.fitted).rows(lag)
-    names = np.unique(groups[rows])
-    if names.size < 2:
-        raise ParameterError(
-            "all fitted rows are of one group, so none can be left out; give two groups or more, "
-            "or leave groups (--groups) out"
-        )
+    names = check_several_groups(groups[rows])
     fold = np.searchsorted(names, groups) % min(names.size, FOLDS)
     predicted = left_out(record, found, lag, fold, say)
     everywhere = np.full(record.u.size, np.nan)
@@ -127,6 +122,23 @@ def validate(
     u = record.curves.delayed(record.u, lag)[rows]
     known = _known(found.posterior, found.regression, rows)
     return everywhere, _scatter(names.size, u, record.y[rows], predicted[rows], known)
+
+
+def check_several_groups(groups: IntArray) -> IntArray:
+    """Return the numbers of the groups of the fitted rows, two or more.
+
+    Raises
+    ------
+    ParameterError
+        If all rows are of one group.
+    """
+    names = np.unique(groups)
+    if names.size < 2:
+        raise ParameterError(
+            "all fitted rows are of one group, so none can be left out; give two groups or more, "
+            "or leave groups (--groups) out"
+        )
+    return names
 
 
 def left_out(

@@ -129,9 +129,10 @@ def _step_text(step: OffsetStep) -> str:
 
 
 def _groups_text(found: GroupDifference) -> str:
+    gains = f" and gains of up to {found.gain:.1%}" if found.gain else ""
     return (
         f"the {found.groups} groups differ from one another, by offsets of up to "
-        f"{found.offset:.2%} of range and gains of up to {found.gain:.1%}, which are "
+        f"{found.offset:.2%} of range{gains}, which are "
         f"{found.share:.0%} of the squared error: no option of one model removes it; identify each "
         "group by itself (minorloop fleet identify), or correct the offset of the sensor"
     )

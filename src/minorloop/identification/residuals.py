@@ -33,6 +33,9 @@ _LARGE_RECORD = 200
 """Residuals below which outliers are left to the bands of the fit."""
 _OF_GROUPS = 0.5
 """Share of the squared error that an offset and a gain of each group explain."""
+_SPANNED = 0.5
+"""Share of the range of the output that a group spans, from which it determines a gain: on less,
+gain and offset are extrapolated to the range by more than twice, and cancel each other."""
 PARTS = 3
 """Parts of equal size by amplitude and by rate."""
 _ROUNDING = 1e-12
@@ -79,6 +82,8 @@ class OffsetStep:
 class GroupDifference:
     """How the outputs of groups differ from the model, each with an offset and a gain of its own.
 
+    A group that spans less than half of the range of the output has an offset only.
+
     Parameters
     ----------
     groups : int
@@ -88,7 +93,7 @@ class GroupDifference:
     offset : float
         Largest offset, in ranges.
     gain : float
-        Largest difference of a gain from one.
+        Largest difference of a gain from one; 0 where no group determines it.
     """
 
     groups: int
@@ -317,14 +322,16 @@ def _shares_of_steps(values: FloatArray) -> FloatArray:
 def _differences(error: FloatArray, y: FloatArray, groups: IntArray) -> GroupDifference | None:
     """Return offsets and gains of the groups, if they explain most of the residual."""
     names = np.unique(groups)
-    left = error.copy()
+    left, span = error.copy(), float(np.ptp(y))
     offsets, gains = [], []
     for name in names:
         rows = groups == name
         x = y[rows] - y.mean()
-        if np.count_nonzero(rows) < _LEAST_BLOCK or not np.ptp(x):
+        if np.count_nonzero(rows) < _LEAST_BLOCK:
             continue
-        gain, offset = np.polyfit(x, error[rows], 1)
+        gain, offset = 0.0, float(error[rows].mean())
+        if span and np.ptp(x) >= _SPANNED * span:
+            gain, offset = np.polyfit(x, error[rows], 1)
         left[rows] -= offset + gain * x
         offsets.append(abs(float(offset)))
         gains.append(abs(float(gain)))
