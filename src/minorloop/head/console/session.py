@@ -187,6 +187,7 @@ class Session:
                 stance=self.plant.stance(),
                 commands=commands,
                 cold=self._resting,
+                holding=self.state.mode == "HOLD",
             )
         )
         return u
