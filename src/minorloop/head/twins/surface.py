@@ -53,8 +53,9 @@ def lay_out(pipe: Pipe) -> Surface:
 
     Drawing it takes a third of a second, so that the last ones are kept.
     """
-    on_it = {name: tuple(getattr(pipe, name)) for name in ("dents", "scratches", "dirt")}
-    return _laid_out(replace(pipe, bores=(), cracks=(), water=None, **on_it))
+    dents, scratches, dirt = tuple(pipe.dents), tuple(pipe.scratches), tuple(pipe.dirt)
+    bare = replace(pipe, bores=(), cracks=(), water=None)
+    return _laid_out(replace(bare, dents=dents, scratches=scratches, dirt=dirt))
 
 
 @lru_cache(_KEPT)
