@@ -121,6 +121,9 @@ def test_a_module_that_fails_when_it_is_loaded_is_one_sentence(tmp_path, line):
 class Amplifier:
     """The device of examples/home_made_plant.py on a pseudo-terminal, in a thread."""
 
+    def __init__(self, angles=None):
+        self.angles = angles
+
     def __enter__(self):
         self.master, self.slave = pty.openpty()
         tty.setraw(self.slave)
@@ -140,7 +143,9 @@ class Amplifier:
                     self.currents = {b"I": each[2:].decode(), b"O": "0 0"}.get(
                         each[:1], self.currents
                     )
-                    angles = " ".join(f"{100 * float(i):g}" for i in self.currents.split())
+                    angles = self.angles or " ".join(
+                        f"{100 * float(i):g}" for i in self.currents.split()
+                    )
                     answer = self.currents if each[:1] in (b"I", b"O") else angles
                     os.write(self.master, f"{answer}\n".encode())
 
@@ -167,6 +172,17 @@ def test_the_plant_of_the_examples_has_at_most_40_lines_and_is_a_head(monkeypatc
         plant.close()
         assert amplifier.seen[-1] == "OFF"
     assert not [line for line in amplifier.seen if line.startswith("I 0.5")]
+
+
+def test_an_answer_that_a_home_made_driver_cannot_read_is_one_sentence(monkeypatch):
+    pytest.importorskip("serial", reason="needs pyserial: minorloop[instruments]")
+    monkeypatch.chdir(EXAMPLES)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with Amplifier("xx 3a") as amplifier:
+        address = f"module:home_made_plant.head:{os.ttyname(amplifier.slave)}"
+        for _ in range(2):  # the port is free again
+            with pytest.raises(InstrumentError, match=r"the driver failed: ValueError: .*xx"):
+                connect(address)
 
 
 @pytest.mark.parametrize("address", [None, 3, ["twin:wire"]])

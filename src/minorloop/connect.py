@@ -146,7 +146,11 @@ def open_module(name: str) -> Actuator:
     path, colon, argument = name.partition(":")
     made = _made(factory(path), path, [argument] if colon else [])
     if isinstance(made, Bench):
-        made.check()
+        try:
+            made.check()
+        except BaseException:
+            made.close()
+            raise
         return made
     try:
         return with_limits(made)

@@ -154,10 +154,13 @@ def scene(tmp_path_factory):
 
 def test_a_head_is_calibrated_from_pictures(run, scene):
     folder, truth = scene
+    (folder / "lens" / "junk.png").write_text("no picture")
     first = f"{CALIBRATE} --pictures {folder}/lens --mount {folder}/mount --on-axis --json"
     status, out, error = run(f"{first} --leds 0,2.5,0;-2.2,-1.2,0 --report report.html")
     assert (status, error) == (0, "")
     printed = json.loads(out)["measured"]
+    assert json.loads(out)["left_out"] == {"lens/junk.png": "it cannot be read as an image"}
+    assert json.loads(out)["rms_angles_deg"] < 0.2
     true = {
         "focal length": truth.lens.focal,
         "principal point u": truth.lens.centre[0],
@@ -230,7 +233,7 @@ HALF = replace(VIEW, lens=Pinhole(320, 240, 260.0, (159.5, 119.5)))
         ("--leds 1,2,3", "head.json exists already"),
         ("--leds 1,2,3 --serial H-08 --force", "is of head 'H-07', and the head here is 'H-08'"),
         ("--leds 1,2 --force", "give x,y,z in mm for each LED"),
-        ("--leds 1,2,300 --force", "within 50 mm of the lens"),
+        ("--leds 1,2,300 --force", "0.2 to 50 mm from the lens"),
         ("--force", "there is nothing to calibrate"),
         ("--leds 1,2,3 --head new.json", "the lens is not calibrated; give its pictures"),
         ("--leds 1,2,3 --angles a.csv --force", "those of the pictures of --mount"),
@@ -283,6 +286,8 @@ def test_places_of_leds_are_in_mm():
         [1e-3, 2e-3, 3e-3],
         [-4e-3, 5e-3, 0.0],
     ]
+    with pytest.raises(ParameterError, match=r"give places 0.2 to 50 mm from the lens, in mm"):
+        _calibration.led_places("0,0.0025,0")
     with pytest.raises(ParameterError, match="separated by commas"):
         _calibration.led_places("one")
 
@@ -338,6 +343,8 @@ def test_a_calibration_without_leds_says_what_will_refuse_it():
     head, advice = calibrated_head(HeadFile(serial="H-07"), lens=lens)
     assert len(head.calibration.leds) == 1
     assert "give the places of all 3 with --leds" in advice[0]
+    advice = calibrated_head(HeadFile(serial="H-07"), lens=lens, leds=np.full((1, 3), 1e-3))[1]
+    assert "has 1 LED, and the console and head inspect switch 3" in advice[0]
 
 
 INSPECT = "head inspect --actuator bench:head.toml --camera camera:0 --head head.json --out found"

@@ -1,6 +1,7 @@
 import json
 import math
 import os
+import re
 import threading
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 
 cv2 = pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
 
-from head.vision.walls import photograph  # noqa: E402
+from head.vision.walls import lit_at_the_lens, photograph  # noqa: E402
 from minorloop.head.geometry import Mount, Pinhole, wall_distance  # noqa: E402
 from minorloop.head.procedures.calibration import HeadCalibration  # noqa: E402
 from minorloop.head.procedures.head_file import HeadFile, save_head  # noqa: E402
@@ -43,8 +44,9 @@ def pictures(image):
 
 @pytest.mark.usefixtures("pictures")
 def test_a_folder_gives_a_table_json_marked_pictures_and_a_report(run):
-    status, out, _ = run(f"inspect pictures {OPTIONS} --pan 24 --out found --json")
+    status, out, error = run(f"inspect pictures {OPTIONS} --pan 24 --out found --json")
     assert status == 0
+    assert error == "1 picture inspected\n2 pictures inspected\n"
     printed = json.loads(out)
     assert (printed["pictures"], printed["unusable"]) == (2, {"black": 1})
     (found,) = printed["findings"]
@@ -67,17 +69,42 @@ def test_a_head_has_the_lens_and_a_file_the_poses(run):
     view = HeadCalibration(lens=LENS, leds=np.zeros((1, 3)), lever=8e-3)
     head = HeadFile(serial="H-07", calibration=view, calibrated=datetime(2026, 1, 1, tzinfo=UTC))
     save_head(head, "head.json")
-    Path("poses.csv").write_text("pan [deg],tilt [deg],advance [mm]\n24,0,5\n0,0,0\n")
+    # As the sensors read them: 30 degrees along the pipe.
+    Path("poses.csv").write_text("pan [deg],tilt [deg],advance [mm]\n54,30,5\n30,30,0\n")
     status, out, _ = run("inspect pictures --head head.json --poses poses.csv")
     assert status == 0
     assert "1 finding in 2 pictures" in out
     assert "25." in out  # z, moved by the advance
+    status, out, _ = run("inspect pictures --head head.json --pan 54 --json")
+    (found,) = json.loads(out)["findings"]  # a tilt that is not given is along the pipe
+    assert found["z [mm]"] == pytest.approx(20.0, abs=0.2)
+
+
+def test_angles_from_another_zero_and_a_dark_wall_are_said(run):
+    folder = Path("lit")
+    folder.mkdir()
+    image = lit_at_the_lens(14.0, -32.0)
+    cv2.imwrite("lit/a.png", image)
+    status, out, _ = run(f"inspect lit {OPTIONS} --pan 14 --tilt -32 --out found --json")
+    printed = json.loads(out)
+    assert (status, printed["advice"]) == (0, [])
+    assert 0.4 < printed["searched"] < 0.95
+    (wrong,) = json.loads(run(f"inspect lit {OPTIONS} --pan 44 --tilt -2 --json")[1])["advice"]
+    more = re.search(r"would fit about ([+-]\d+) and ([+-]\d+) degrees more", wrong)
+    assert [int(more[1]), int(more[2])] == pytest.approx([-30, -30], abs=6)
+    assert "would fit" in run(f"inspect lit {OPTIONS} --pan 44 --tilt -2")[1]
+    cv2.imwrite("lit/a.png", image // 16)
+    status, out, _ = run(f"inspect lit {OPTIONS} --pan 14 --tilt -32")
+    share = int(re.search(r"(\d+)% of their area searched", out)[1])
+    assert share < 100 * printed["searched"] / 2
+    assert "of their area searched" in Path("found/report.html").read_text()
 
 
 @pytest.mark.usefixtures("pictures")
 def test_a_wall_that_is_too_far_away_is_said_to_be(run):
     status, out, error = run("inspect pictures/a.png --lens 520 --radius 400")
     assert status == 1
+    assert error.startswith("1 picture inspected\n")
     assert "no picture could be searched, so that the wall was not inspected" in error
     assert "0 findings in 1 picture; not usable: no wall in view (1)" in out
     assert "check that --pan" in out

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 _INCH = 25.4
 _BAR = 20.0
 """Length in mm of the bar by which the scale of a print is checked."""
+_NEAREST, _FARTHEST = 0.2, 50.0
+"""Distances of an LED from the lens in mm: the smallest camera modules are 0.6 mm wide, and an LED
+beyond the pipe lights nothing."""
 _FORMATS = (".pdf", ".svg", ".png")
 _ENLARGED = 100
 """Length of a residual in the report, in its own length."""
@@ -44,8 +47,11 @@ def led_places(text: str) -> FloatArray:
         for part in text.split(";")
     ]
     found = np.array(places)
-    if not (np.isfinite(found).all() and np.abs(found).max() <= 50.0):
-        raise ParameterError(f"--leds is {text!r}; give places within 50 mm of the lens, in mm")
+    away = np.linalg.norm(found, axis=1)
+    if not (away.min() >= _NEAREST and away.max() <= _FARTHEST):
+        raise ParameterError(
+            f"--leds is {text!r}; give places {_NEAREST:g} to {_FARTHEST:g} mm from the lens, in mm"
+        )
     return 1e-3 * found
 
 
@@ -125,6 +131,8 @@ def show(found: CalibratedHead, path: Path, as_json: bool) -> None:
         }
         content |= {"used": found.used, "left_out": found.left_out, "advice": found.advice}
         content["rms_px"] = None if found.lens is None else found.lens.rms
+        content["rms_angles_deg"] = None if found.mount is None else found.mount.rms
+        content["warnings"] = found.doubts
         _common.print_json(content)
         return
     _common.print_table(("what", "value", "sd", "unit"), _rows(found), f"head {head.serial}")
@@ -132,6 +140,8 @@ def show(found: CalibratedHead, path: Path, as_json: bool) -> None:
     for name, why in found.left_out.items():
         typer.echo(f"left out: {name} ({why})")
     _common.print_advice(found.advice)
+    for sentence in found.doubts:
+        typer.echo(f"warning: {sentence}", err=True)
     typer.echo(f"kept in {path}; next: minorloop head identify --head {path}")
 
 
@@ -141,7 +151,7 @@ def report(found: CalibratedHead) -> Report:
 
     page = Report(f"Calibration of head {found.head.serial}", _summary(found))
     columns = ("what", "value", "sd", "unit")
-    page.add("Measured", table=Table(columns, _rows(found)), notes=found.advice)
+    page.add("Measured", table=Table(columns, _rows(found)), notes=(*found.doubts, *found.advice))
     if found.lens is not None:
         page.add(
             "Lens",
@@ -170,9 +180,11 @@ def _rows(found: CalibratedHead) -> list[tuple[str, str, str, str]]:
 def _summary(found: CalibratedHead) -> str:
     used = [f"{counted(count, 'picture')} for {what}" for what, count in found.used.items()]
     said = f"used: {', '.join(used) or 'no pictures'}; left out: {len(found.left_out)}"
-    if found.lens is None:
-        return said
-    return f"{said}; residual of the corners {found.lens.rms:.2g} px rms"
+    if found.lens is not None:
+        said += f"; residual of the corners {found.lens.rms:.2g} px rms"
+    if found.mount is not None:
+        said += f"; residual of the angles {found.mount.rms:.2g} deg rms"
+    return said
 
 
 def _image_axes(lens: LensFit) -> Any:

@@ -196,7 +196,7 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: st
 
     table = Table(header_style="bold", show_header=any(columns))
     for index, column in enumerate(columns):
-        table.add_column(Text(column), justify="left" if index == 0 else "right")
+        table.add_column(Text(column), justify="left" if index == 0 else "right", overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))  # as text: units are in square brackets, as markup is
     if title:
@@ -254,13 +254,13 @@ def working(what: str, *, logged: bool = False) -> Iterator[Progress]:
 
 
 def _logger() -> Progress:
-    due = time.monotonic()
+    due, last = time.monotonic(), ""
 
     def log(stage: str, *, kept: bool = False) -> None:
-        nonlocal due
-        if kept or time.monotonic() >= due:
+        nonlocal due, last
+        if stage != last and (kept or time.monotonic() >= due):
             typer.echo(stage, err=True)
-            due = time.monotonic() + _EVERY
+            due, last = time.monotonic() + _EVERY, stage
 
     return log
 

@@ -454,12 +454,16 @@ def calibrate(
             left_out.update({f"{pictures.name}/{n}": why for n, why in lens.left_out.items()})
             used["the lens"] = len(lens.seen)
         known = lens.lens if lens is not None else steps.lens_of(before)
+        doubts: tuple[str, ...] = ()
         if mount is not None:
+            shown_at = looked(mount, "the mount")
             fit = steps.calibrate_mount(
-                looked(mount, "the mount"), board, known, angles,
+                shown_at, board, known, angles,
                 corner_sd=sd, angle_sd=angle_sd, on_axis=on_axis,
                 centre_sd=steps.centre_sd_of(before.measured if lens is None else lens.measured),
             )  # fmt: skip
+            names = [each.name for each in shown_at.seen]
+            doubts = steps.mount_doubts(fit, names, angle_sd)
         places = None if leds is None else _calibration.led_places(leds)
         measured: tuple[Measured, ...] = ()
         if led_pictures is not None:
@@ -471,11 +475,13 @@ def calibrate(
         radius=None if radius is None else _MM * radius,
         thickness=None if thickness is None else _MM * thickness,
     )  # fmt: skip
-    result = steps.CalibratedHead(found, lens, fit, left_out, used, advice)
+    result = steps.CalibratedHead(found, lens, fit, left_out, used, advice, doubts)
     save_head(found, head, force=True)
     if report is not None:
         _common.write_report(lambda: _calibration.report(result), report, force=force)
     _calibration.show(result, head, as_json)
+    if doubts:
+        raise typer.Exit(1)
 
 
 def _before(path: Path, serial: str | None, force: bool) -> HeadFile:

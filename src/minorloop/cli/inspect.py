@@ -62,14 +62,19 @@ def run(
         float,
         _common.number_option("With --lens: from the pivot of the camera to its lens, in mm."),
     ] = 0.0,
-    pan: Annotated[float, _common.number_option("Line of sight from the axis, in deg.")] = 0.0,
-    tilt: Annotated[float, _common.number_option("The same upward, in deg.")] = 0.0,
+    pan: Annotated[
+        float | None,
+        _common.number_option(
+            "Line of sight from the axis, in deg; with --head, what the sensor of the joint reads."
+        ),
+    ] = None,
+    tilt: Annotated[float | None, _common.number_option("The same upward, in deg.")] = None,
     poses: Annotated[
         Path | None,
         typer.Option(
             help=_common.plain(
                 "CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
-                "advance [mm] and roll [deg]; instead of --pan and --tilt."
+                "advance [mm] and roll [deg]; instead of --pan and --tilt, and with their meaning."
             )
         ),
     ] = None,
@@ -122,6 +127,7 @@ def run(
                 )
             picture = InspectedPicture(name=name, t=frame.t, verdict=DAMAGED)
             if view is not None:
+                pose = _seen_from(pose, head, view)
                 picture = inspect_picture(frame.image, view, pose, name, frame.t)
             found.append(picture)
             now(f"{counted(number + 1, 'picture')} inspected")
@@ -129,6 +135,7 @@ def run(
                 folder.mkdir(exist_ok=True)
                 marked = _mark(frame.image, picture, folder, number)
                 best = _best([*best, (_weight(picture), name, marked)])
+        now(f"{counted(len(found), 'picture')} inspected", kept=True)
         if not found:
             raise RecordError(f"{source} has no pictures; give a video that has some")
         if view is None:
@@ -145,6 +152,8 @@ def run(
             "pictures": len(found),
             "unusable": unusable(found),
             "unusable pictures": bad,
+            "searched": _searched(found),
+            "advice": _advice(found),
             "findings": rows,
         }
         if out is not None:
@@ -217,15 +226,50 @@ def _view(
     )
 
 
-def _poses(file: Path | None, pan: float, tilt: float) -> Iterator[PicturePose]:
-    """Return the poses of the pictures, one after the other."""
+def _seen_from(pose: PicturePose, head: Path | None, view: HeadCalibration) -> PicturePose:
+    """Return a pose with the line of sight; the angles of a head are what its joints read."""
+    from dataclasses import replace
+
+    read = [pose.pan, pose.tilt]
+    sight = read if head is None else view.line_of_sight(read).tolist()
+    pan, tilt = (0.0 if math.isnan(angle) else angle for angle in sight)
+    return replace(pose, pan=pan, tilt=tilt)
+
+
+def _searched(pictures: Sequence[InspectedPicture]) -> float:
+    """Return the mean share of a picture that was searched."""
+    shares = [0.0 if each.light is None else each.light.searched for each in pictures]
+    return round(sum(shares) / len(shares), 3)
+
+
+def _advice(pictures: Sequence[InspectedPicture]) -> list[str]:
+    """Return what is likely to be wrong with the poses."""
+    from statistics import median
+
+    wrong = [each for each in pictures if each.light is not None and each.light.off is not None]
+    if not wrong:
+        return []
+    off = [each.light.off for each in wrong if each.light is not None and each.light.off]
+    pan, tilt = (5 * round(median(pair[n] for pair in off) / 5) for n in (0, 1))
+    return [
+        f"the light in {counted(len(wrong), 'picture')} ({wrong[0].name} first) does not fit pan "
+        f"and tilt, and would fit about {pan:+d} and {tilt:+d} degrees more; places and sizes are "
+        "wrong then, and holes are missed. With --head, pan and tilt are what the sensors read; "
+        "with --lens, they are from the axis of the pipe"
+    ]
+
+
+def _poses(file: Path | None, pan: float | None, tilt: float | None) -> Iterator[PicturePose]:
+    """Return the poses of the pictures as given, one after the other; NaN is along the pipe."""
     from minorloop.head.procedures.pictures import PicturePose
     from minorloop.lab.columns import read_columns, read_headers
 
     if file is None:
         for name, value in (("--pan", pan), ("--tilt", tilt)):
-            _check_angle(name, value)
-        return repeat(PicturePose(pan=math.radians(pan), tilt=math.radians(tilt)))
+            if value is not None:
+                _check_angle(name, value)
+        given = (math.nan if value is None else math.radians(value) for value in (pan, tilt))
+        return repeat(PicturePose(**dict(zip(("pan", "tilt"), given, strict=True))))
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
     with _seekable(file) as table:
         headers = [header for header in read_headers(table) if header in wanted]
@@ -324,7 +368,8 @@ def _report(
 ) -> Report:
     from minorloop.report import Picture, Report, Table
 
-    report = Report(f"Inspection of {Path(source).name}", _summary(content))
+    said = "; ".join([_summary(content), *content["advice"]])
+    report = Report(f"Inspection of {Path(source).name}", said)
     cells = [_cells(row, columns) for row in content["findings"]]
     report.add("Findings", table=Table(tuple(columns), cells))
     pictures = [Picture(figure_of(marked), name) for _, name, marked in best]
@@ -352,7 +397,8 @@ def _summary(content: dict[str, Any]) -> str:
     bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
     count, pictures = len(content["findings"]), content["pictures"]
     said = f"{counted(count, 'finding')} in {counted(pictures, 'picture')}"
-    return f"{said}; not usable: {bad}" if bad else said
+    said = f"{said}; not usable: {bad}" if bad else said
+    return f"{said}; {content['searched']:.0%} of their area searched"
 
 
 def _show(content: dict[str, Any], out: Path | None, as_json: bool) -> None:
@@ -368,8 +414,8 @@ def _show(content: dict[str, Any], out: Path | None, as_json: bool) -> None:
     if first:
         _common.print_table(columns, first)
     typer.echo(_summary(content))
-    if content["unusable"].get(NOT_IN_VIEW):
-        _common.print_advice([_OBLIQUE])
+    oblique = [_OBLIQUE] if content["unusable"].get(NOT_IN_VIEW) else []
+    _common.print_advice([*oblique, *content["advice"]])
     if len(rows) > len(first):
         typer.echo(f"the first {len(first)} are shown; --out writes all of them")
     if out is not None:

@@ -59,8 +59,8 @@ def run(
     scenes: Annotated[
         int | None,
         _common.whole_option(
-            "For inspection: scenes with a hole, and as many without, over all specimens; 4 for "
-            "each specimen if not given."
+            "For inspection: scenes with a hole, and as many without, and the same of cracks, over "
+            "all specimens; 4 for each specimen if not given."
         ),
     ] = None,
     scans: Annotated[

@@ -67,6 +67,11 @@ class LimitedActuator(WrappedActuator):
         self._present = values
         return y
 
+    def answer_time(self) -> float:
+        """Return how long one reading takes, in seconds; 0 where the actuator does not say."""
+        found: float = self._done(super().answer_time)
+        return found
+
     def safe(self) -> None:
         """Make the actuator safe.
 

@@ -125,6 +125,11 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
         pilot.drive(5, pose=right(-40.0))
         assert pilot.session.state.mode == "HOLD"
         assert "no picture came" in pilot.session.state.reason
+    pilot.camera.problem = "camera:0 gives no new picture; check the camera and its cable"
+    pilot.mode("HEAD")
+    pilot.drive(5, pose=right(-40.0))
+    assert "at least 9 pictures a second" in pilot.session.state.reason
+    pilot.camera.problem = ""
     pilot.camera.reports = reports
     pilot.drive(2)
     assert "pictures come again" in sent(pilot.session, "notice")[-1]["text"]

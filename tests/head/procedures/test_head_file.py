@@ -146,6 +146,18 @@ def test_a_truncated_file_is_refused(path):
             read_head(path)
 
 
+def test_a_current_or_a_coupling_that_cannot_be_is_refused_with_the_name_of_the_file(path):
+    save_head(HEAD, path)
+    whole = json.loads(path.read_text())
+    for key, value, sentence in (
+        ("highest", 4.0, "highest is 4.0 A; give"),
+        ("coupling", [[1.0, 0.9], [0.0, 1.0]], "the coupling has rows"),
+    ):
+        path.write_text(json.dumps({**whole, "identified": {**whole["identified"], key: value}}))
+        with pytest.raises(ModelFileError, match=f"{path.name} is not a valid .*: {sentence}"):
+            read_head(path)
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(ModelFileError, match="there is no file"):
         read_head(tmp_path / "none.json")

@@ -12,7 +12,16 @@ from minorloop.head.procedures import steps
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.procedures.trace import likely
-from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN
+from minorloop.head.reconstruction.depth_map import (
+    BOTH,
+    CAMERA,
+    ECHOES,
+    UNSEEN,
+    DepthMap,
+    Patch,
+    WaterLine,
+)
+from minorloop.head.reconstruction.pipe_map import pipe_map
 from minorloop.head.studies import (
     flooded,
     inspection,
@@ -23,6 +32,7 @@ from minorloop.head.studies import (
     scan_trials,
 )
 from minorloop.head.studies import mission as missions
+from minorloop.head.studies.crack_trials import CrackOutcome
 from minorloop.head.studies.detection import (
     SceneOutcome,
     detection_figures,
@@ -37,9 +47,11 @@ from minorloop.head.studies.mission import run_mission
 from minorloop.head.studies.mission_cracks import SeenCrack
 from minorloop.head.studies.mission_report import save_mission
 from minorloop.head.studies.mission_scene import draw_mission
+from minorloop.head.studies.sweep_trials import ScoredSweep
 from minorloop.head.twins.camera import LENS, led_positions
-from minorloop.head.twins.pipe import Bore, Crack
+from minorloop.head.twins.pipe import Bore, Crack, Pipe
 from minorloop.head.twins.rig import Rig
+from minorloop.head.ultrasound.c_scan import CScan, Find
 from minorloop.head.ultrasound.crack_depth import CrackDepth
 from minorloop.head.ultrasound.pits import PitDepth
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
@@ -388,6 +400,19 @@ RUNS = [
 ]  # fmt: skip
 
 
+def swept():
+    """A sweep that found its pit and one that is none."""
+    patch, truth = Patch(0.2, 20e-3, 5, 100), Bore(0.5, 20.2e-3, 1e-3, depth=0.5e-3)
+    flat, sure = np.zeros((5, 100)), np.full((5, 100), 1e-5)
+    wall = DepthMap(patch, flat, sure, np.full(flat.shape, ECHOES, dtype=np.uint8))
+    finds = (
+        Find("pit", 0.5, 20.2e-3, 0.9e-3, 0.9e-3, 0.49e-3, 1e-5, 8),
+        Find("crack", 1.0, 20.2e-3, 0.2e-3, 2e-3, bursts=9),
+    )
+    scan = CScan(wall, flat + 1, sure, flat > 0, WaterLine(0.0, 1e-4, 0.0), finds, (1e-6, 0.03))
+    return ScoredSweep(scan, pipe_map(scan, []), Pipe(bores=(truth,)), 0.1e-3, 60.0)
+
+
 def test_everything_is_gathered_and_reported(mission):
     trial = scan_trials.draw_trial(60_000)
     scored = scan_trials.measured(trial, [])
@@ -401,6 +426,9 @@ def test_everything_is_gathered_and_reported(mission):
         for mode in ("switched", "single", "dither")
         for hole in (True, False)
     ]
+    cracks = [
+        CrackOutcome(1, width, width > 0, (1.0, 1.0), 0.1, 1e-6, 0) for width in (0.0, 6e-5, 1e-4)
+    ]
     servo = {
         "servo": dict.fromkeys(
             ("settle_s_with_sensor", "settle_s_camera_only", "steady_rms_px"), 1.0
@@ -411,15 +439,21 @@ def test_everything_is_gathered_and_reported(mission):
     }
     study = inspection.InspectionStudy(
         1, servo, dict.fromkeys(RUNS, run),
-        tuple(outcomes), np.full(48, 0.3), kinds, mission, flooded.reach_figures(1), 1.0,
+        tuple(outcomes), tuple(cracks), np.full(48, 0.3), kinds, mission,
+        swept(), flooded.reach_figures(1), 1.0,
     )  # fmt: skip
     runs = [study.figures()] * 2
     found = inspection.gather(runs)
     assert len(claim_table(inspection.CLAIMS, found).rows) == len(inspection.CLAIMS)
     assert found["modality"]["wrong"] == 0
+    assert found["cracks"]["recall_100um"] == found["cracks"]["recall_50um"] == 1.0
     assert figure(found, "mission.measured") == figure(found, "mission.cracks_found") == 1.0
     assert figure(found, "mission.false_cracks") == 0
+    assert figure(found, "cscan.recall") == 1.0
+    assert figure(found, "cscan.depth_bias_um") == pytest.approx(-10.0)
+    assert figure(found, "cscan.false_per_cm2") == pytest.approx(1 / 0.05)
+    assert figure(found, "cscan.seconds_per_cm2") == pytest.approx(60 / 0.05)
     page = inspection_report.study_report(study, found, runs).html()
     assert found["detection"]["plain_edge_px_p90"] == 0.3
-    assert page.count("<img") == 9
+    assert page.count("<img") == 10
     assert "Fig 14" in page

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop.head.twins.pipe import Bore, Dent, Dirt, Finish, Pipe, Scratch
+from minorloop.head.twins.pipe import Bore, Dent, Dirt, Finish, Pipe, Scratch, Weld
 from minorloop.head.twins.surface import COLUMNS, lay_out
 
 SMOOTH = Finish(brush=1e-9, streak=1e-9, stain=1e-9)
@@ -74,3 +74,24 @@ def test_dirt_dims_and_a_scratch_turns_the_light():
     across = level[i - 4 : i + 5, k, 2]
     assert across.max() > 0.2
     assert across.min() < -0.2
+
+
+def test_a_bent_scratch_leaves_its_chord_by_half_the_curvature_times_the_square():
+    bent = Scratch(2.0, 5e-3, 0.0, 4e-3, 1e-4, albedo=0.2, bend=200.0)
+    level, surface = finest(Pipe(length=10e-3, finish=SMOOTH, scratches=(bent,)))
+    columns = [round((20e-3 + x) / surface.size[0]) for x in (0.0, 1.5e-3)]
+    middle, end = (np.argmin(level[:, j, 0]) * surface.size[1] for j in columns)
+    assert end - middle == pytest.approx(0.5 * 200.0 * 1.5e-3**2, abs=0.06e-3)
+
+
+def test_a_weld_slopes_down_to_both_toes_and_has_valleys_at_its_pitch():
+    bead = Weld(2.0, 5e-3, 0.0, 8e-3, 2e-3, height=0.1e-3, pitch=0.5e-3, ripple=0.2)
+    level, surface = finest(Pipe(length=10e-3, finish=SMOOTH, welds=(bead,)))
+    row, side = round(5e-3 / surface.size[1]), round(0.9e-3 / surface.size[1])
+    columns = slice(*(round((20e-3 + x) / surface.size[0]) for x in (-2e-3, 2e-3)))
+    around = level[row, columns, 1]
+    assert np.ptp(around) == pytest.approx(0.4, rel=0.2)
+    valleys = np.flatnonzero((around[:-1] < -0.1) & (around[1:] > 0.1))
+    assert np.diff(valleys).mean() * surface.size[0] == pytest.approx(0.5e-3, rel=0.05)
+    assert level[row - side, columns, 2].mean() == pytest.approx(0.18, rel=0.1)
+    assert level[row + side, columns, 2].mean() == pytest.approx(-0.18, rel=0.1)

@@ -91,3 +91,26 @@ def test_a_map_that_is_not_that_of_its_window_or_pipe_is_refused():
     for radius in (0.0, np.nan, -1e-3):
         with pytest.raises(ParameterError, match="radius"):
             trace_cracks(level, WINDOW, radius)
+
+
+def test_a_groove_with_a_bright_flank_and_a_wide_soft_line_are_no_cracks():
+    points = [(40, 60), (200, 150)]
+    off = distance(points)
+    side = np.sign((ROWS - 60) * 160 - (COLUMNS - 40) * 90)
+    groove = 0.6 * side * off / 2 * np.exp(0.5 - off**2 / 8)
+    soft = -0.25 * np.exp(-(off**2) / 18)
+    for mark in (groove, soft):
+        levels = np.stack([bare(seed) + mark for seed in range(3)]).astype(np.float32)
+        assert trace_cracks(levels, WINDOW, RADIUS) == ()
+    levels = np.stack([bare(seed) + line(points, 2.0) for seed in range(3)]).astype(np.float32)
+    (crack,) = trace_cracks(levels, WINDOW, RADIUS)
+    assert crack.width == pytest.approx(2.0 * STEP, rel=0.15)
+
+
+def test_a_crack_goes_on_behind_a_scratch_that_crosses_it():
+    crossing = 0.5 * np.exp(-(distance([(120, 40), (130, 170)]) ** 2) / 18)
+    level = line([(40, 90), (110, 110), (210, 100)], 2.0)
+    dark = np.where(crossing > 0.1, crossing, level)
+    levels = np.stack([bare(seed) + dark for seed in range(3)]).astype(np.float32)
+    (crack,) = trace_cracks(levels, WINDOW, RADIUS)
+    assert crack.length == pytest.approx(173 * STEP, rel=0.1)

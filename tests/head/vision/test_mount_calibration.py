@@ -7,7 +7,7 @@ pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
 
 from minorloop.errors import RecordError
 from minorloop.head.geometry import Mount, rotation_z
-from minorloop.head.procedures.calibrate import calibrated_head
+from minorloop.head.procedures.calibrate import calibrated_head, mount_doubts
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.lens_calibration import LensFit, target_pose
@@ -47,6 +47,22 @@ def test_a_mount_is_found_within_its_uncertainty():
             assert abs(found[name].value - value) < 0.3, name
     assert abs(fit.lever - MOUNT.lever) < 0.2e-3
     assert np.abs(fit.joints).max() < 0.4
+
+
+def doubts(change):
+    poses, joints = measured()
+    names = [f"{number}.png" for number in range(len(poses))]
+    return mount_doubts(fit_mount(poses, change(joints)), names, 0.1)
+
+
+def test_angles_that_contradict_the_pictures_are_doubted():
+    assert doubts(lambda joints: joints) == ()
+    (scaled,) = doubts(lambda joints: joints * [1.1, 1.0])
+    assert "the mount is not to be trusted" in scaled
+    one = np.zeros((len(ANGLES), 2))
+    one[5, 0] = 3.0
+    (said,) = doubts(lambda joints: joints + one)
+    assert "most in 5.png (" in said
 
 
 def test_without_a_target_on_the_axis_the_pipe_is_left_out():
@@ -94,7 +110,7 @@ def test_zeros_squint_and_roll_of_the_camera_are_used_to_place_what_it_sees():
     fit = fit_mount(poses, joints, middle=MIDDLE[:2])
     lens = LensFit(LENS, (), (), (), {}, 0.0)
     head, advice = calibrated_head(
-        HeadFile(serial="H-01"), lens=lens, mount=fit, leds=np.zeros((1, 3))
+        HeadFile(serial="H-01"), lens=lens, mount=fit, leds=np.zeros((3, 3))
     )
     assert advice == ()
     found, wall = head.calibration, [(0.4, 25e-3), (2.0, 22e-3)]

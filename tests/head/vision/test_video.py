@@ -27,7 +27,10 @@ def number_of(image):
 
 
 def part(number):
-    jpeg = cv2.imencode(".jpg", picture(number))[1].tobytes()
+    """A picture as the camera sends it, by its number, or as bytes."""
+    jpeg = number
+    if not isinstance(number, bytes):
+        jpeg = cv2.imencode(".jpg", picture(number))[1].tobytes()
     head = f"--next\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
     return head.encode() + jpeg + b"\r\n"
 
@@ -125,6 +128,48 @@ def test_a_camera_in_the_network_gives_its_pictures_once_and_in_order():
             shown.append(number_of(camera.frame().image))
             go.release()
         assert shown == [0, 1]
+
+
+def test_a_camera_in_the_network_that_changes_its_size_gives_that_of_each_picture():
+    small = cv2.imencode(".jpg", picture(1)[::2, ::2])[1].tobytes()
+    with served([0, small, 2]) as (address, go), live(address) as camera:
+        shown = []
+        for _ in range(3):
+            shown.append(camera.frame().image.shape)
+            go.release()
+        assert shown == [SIZE, (24, 32), SIZE]
+
+
+def test_half_pictures_are_left_out_and_the_camera_stays_open():
+    whole = cv2.imencode(".jpg", picture(1))[1].tobytes()
+    damaged = [whole[: len(whole) // 2], b"no picture", b"no picture\xff\xd9"]
+    with served([0, *damaged, 3]) as (address, go), live(address) as camera:
+        assert number_of(camera.frame().image) == 0
+        for _ in range(4):
+            go.release()
+        assert number_of(camera.frame().image) == 3
+
+
+def test_a_stream_that_keeps_its_first_size_is_opened_again_on_request(monkeypatch):
+    monkeypatch.setattr("minorloop.head.vision.video._RENEWAL", 0.0)
+    opened = []
+
+    class Stream(Device):
+        def get(self, what):
+            return 0.0  # no JPEGs
+
+        def read(self):
+            return True, np.zeros((len(opened), 64), np.uint8)
+
+    monkeypatch.setattr(
+        "minorloop.head.vision.video._opened", lambda *_: opened.append(1) or Stream()
+    )
+    monkeypatch.setattr("minorloop.head.vision.video._AGAIN", 0.0)
+    with live("camera:rtsp://127.0.0.1/") as camera:
+        assert camera.frame().image.shape == (1, 64)
+        camera.renew()
+        while camera.frame().image.shape == (1, 64):
+            pass
 
 
 def test_a_camera_that_stalls_delays_nobody_longer_than_the_patience():

@@ -40,6 +40,21 @@ def photograph(pan, tilt, paint=texture, *, camera=CAMERA, noise=1.5, seed=0, ga
     return np.clip(np.rint(level), 0, 255).astype(np.uint8)
 
 
+def lit_at_the_lens(pan, tilt):
+    """A frame of a bare pipe lit from the lens, at degrees; by its own rays, not those of above."""
+    u, v = np.meshgrid((np.arange(640) - 319.5) / 520, (np.arange(480) - 239.5) / 520)
+    (cp, sp), (ct, st) = ((np.cos(a), np.sin(a)) for a in np.radians([pan, tilt]))
+    turn = np.array([[cp, sp * st, sp * ct], [0.0, ct, -st], [-sp, cp * st, cp * ct]])
+    x, y, z = (row[0] * u + row[1] * v + row[2] for row in turn)
+    px, py, _ = 8.0 * turn[:, 2]
+    a, b, c = x**2 + y**2, px * x + py * y, px**2 + py**2 - 100.0
+    far = (np.sqrt(b**2 - a * c) - b) / np.maximum(a, 1e-9)
+    facing = (x * (px + far * x) + y * (py + far * y)) / 10.0
+    length = np.sqrt(x**2 + y**2 + z**2)
+    light = facing / length / np.maximum(far * length, 1e-6) ** 2
+    return np.clip(np.rint(4.0 + 14e3 * light), 0, 250).astype(np.uint8)
+
+
 def window_around(phi, z, *, size, step=0.05e-3):
     """A square window of ``size`` metres about a place."""
     half = round(size / 2 / step)

@@ -4,7 +4,10 @@ import contextlib
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
+import tty
 
 import pytest
 
@@ -117,7 +120,7 @@ def linked():
         (close, "no answer within 1 s: the other end closed the connection"),
         (drip, r"no whole answer within 1 s: b'1+'( and so on)?, without the end of a line"),
         (flood, "no whole answer within 1 s: b'1{40}' and so on, without the end of a line"),
-        (half, "no answer within 1 s"),
+        (half, "no whole answer within 1 s: b'1.5', without the end of a line"),
         (late, "no answer within 1 s"),
         (garbage, r"answers b'#@!\\xff\\xfe\\n', which is not text"),
     ],
@@ -186,7 +189,7 @@ def test_no_line_waits_for_the_one_before_to_be_acknowledged(linked):
 def test_a_connection_in_doubt_ends_with_its_last_lines(linked):
     instrument, link = linked(half)
     link.last_lines = ("VOLT 0", "OUTP OFF")
-    with pytest.raises(InstrumentError, match="no answer"):
+    with pytest.raises(InstrumentError, match="no whole answer"):
         link.ask("READ?")
     link.send("*IDN?")
     assert instrument.ended.wait(20)
@@ -254,3 +257,37 @@ def test_an_answer_that_lacks_only_its_end_is_shown_whole(monkeypatch):
     )
     with pytest.raises(InstrumentError, match=said):
         link._answer()
+
+
+SECOND = """
+import sys
+from minorloop.lab.drivers.link import VisaLink
+VisaLink(sys.argv[1])
+"""
+
+
+def test_a_second_program_is_refused_before_it_takes_an_answer_of_the_first():
+    device, port = os.openpty()
+    tty.setraw(port)
+    resource = f"ASRL{os.ttyname(port)}::INSTR"
+    link = VisaLink(resource, timeout=20.0)
+
+    def answer():
+        heard = b""
+        while b"READ?\n" not in heard:
+            heard += os.read(device, 100)
+        os.write(device, b"0\n")
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    assert link.ask("READ?") == "0"
+    thread.join()
+    os.write(device, b"1.5\n")
+    command = [sys.executable, "-c", SECOND, resource]
+    second = subprocess.run(command, capture_output=True, check=False, text=True)
+    assert "cannot be opened: another program uses it; end that program" in second.stderr
+    assert link.read() == "1.5"
+    link.close()
+    VisaLink(resource).close()
+    os.close(device)
+    os.close(port)

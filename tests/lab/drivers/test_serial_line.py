@@ -63,7 +63,7 @@ def test_late_and_damaged_answers_are_thrown_away():
     ("answer", "message"),
     [
         (SILENCE, "no answer"),
-        ("garbage", "no answer"),
+        ("garbage", "no valid answer to GET, last 'garbage'; check the cable and the baud rate"),
         ("\n".join(["garbage"] * 9), "no valid answer to GET"),
         (write(2, "ERR", "no", "sensor"), "refuses GET: no sensor"),
         (ok(2), "with 0 words"),

@@ -33,6 +33,7 @@ from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.mark import Marking, tool_pixel
 from minorloop.head.procedures.seen_angles import unseen
 from minorloop.head.procedures.values import Plant, Reading, held_since, passed
+from minorloop.head.vision.video import NO_NEW_PICTURE
 
 _LOST_TICKS = 3
 """Ticks without a reading after which a sensor counts as lost."""
@@ -323,6 +324,12 @@ class Session:
                 f"no picture came from the camera for {self.config.pictures:g} s, which a longer "
                 "--timeout of the console allows"
             )
+            if NO_NEW_PICTURE in said:
+                least = math.ceil(1.0 / self.config.pictures)
+                said += (
+                    f"; it must give at least {least} pictures a second, or fewer with a longer "
+                    "--timeout of the console"
+                )
             return f"{said}; press a mode when pictures come again"
         if not self.seen.zero:
             return f"{unseen(self.seen.unseen)}; press a mode when they are known"

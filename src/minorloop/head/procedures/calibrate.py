@@ -35,6 +35,9 @@ _LED = "LED "
 """Beginning of the names of results for LEDs."""
 _NAMED = 5
 """Pictures that a message names."""
+_FAR, _CONTRADICTED = 4.0, 2.0
+"""Residual of an angle that is named, and rms of all that is a contradiction, in standard
+deviations: with Gaussian angles of six pictures, the fewest, either is rarer than 1 in 1,000."""
 _ALIGNED, _ASIDE = 1.0, 0.3
 """Deviations of the mount from the ideal one that are reported, in degrees and mm."""
 
@@ -87,6 +90,8 @@ class CalibratedHead:
     used : dict of str to int
         Pictures that were used, for each purpose.
     advice : tuple of str
+    doubts : tuple of str
+        Why the mount is not to be trusted, see `mount_doubts`.
     """
 
     head: HeadFile
@@ -95,6 +100,7 @@ class CalibratedHead:
     left_out: dict[str, str]
     used: dict[str, int]
     advice: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
 
 def look_through(folder: PathLike, target: Target) -> TargetPictures:
@@ -103,9 +109,9 @@ def look_through(folder: PathLike, target: Target) -> TargetPictures:
     Raises
     ------
     ParameterError
-        If there is no such folder, or a picture cannot be read.
+        If there is no such folder.
     RecordError
-        If the pictures have different sizes, or none shows the target.
+        If the pictures have different sizes, none can be read, or none shows the target.
     """
     size: tuple[int, int] | None = None
     seen: list[SeenTarget] = []
@@ -113,12 +119,17 @@ def look_through(folder: PathLike, target: Target) -> TargetPictures:
     if not Path(folder).is_dir():
         raise ParameterError(f"there is no folder {folder}; give one with pictures of the target")
     called = names(str(folder))
-    for name, frame in zip(called, frames(str(folder)), strict=True):
+    first = ""
+    for name, frame in zip(called, frames(str(folder), damaged=True), strict=True):
+        if not frame.image.size:
+            left_out[name] = "it cannot be read as an image"
+            continue
+        first = first or name
         height, width = frame.image.shape
         size = size or (width, height)
         if size != (width, height):
             raise RecordError(
-                f"{name} in {folder} has {width} by {height} pixels and {called[0]} {size[0]} by "
+                f"{name} in {folder} has {width} by {height} pixels and {first} {size[0]} by "
                 f"{size[1]}; give pictures of one camera at one size"
             )
         found = target.find(frame.image, name)
@@ -129,7 +140,8 @@ def look_through(folder: PathLike, target: Target) -> TargetPictures:
         spot = find_reflection(frame.image)
         if spot is not None:
             reflections[name] = spot
-    assert size is not None  # there is at least one image in a folder
+    if size is None:
+        raise RecordError(f"no picture of {folder} can be read as an image; take them again")
     pictures = TargetPictures(str(folder), size, tuple(seen), left_out, reflections)
     others = list(left_out.values()).count(ANOTHER)
     what = f"a {target.kind} of {target.columns} by {target.rows} squares"
@@ -225,6 +237,31 @@ def calibrate_mount(
         for each, *others in zip(found.measured, *(fit.measured for fit in moved), strict=True)
     ]
     return replace(found, measured=tuple(measured))
+
+
+def mount_doubts(mount: MountFit, names: Sequence[str], angle_sd: float) -> tuple[str, ...]:
+    """Return why the angles of the joints contradict the pictures of a mount; empty if they do not.
+
+    Parameters
+    ----------
+    mount : MountFit
+    names : sequence of str
+        Of its pictures.
+    angle_sd : float
+        Standard deviation of an angle, in degrees, by which it was fitted.
+    """
+    largest = np.abs(mount.joints).max(axis=1)
+    far = [k for k in np.argsort(-largest).tolist() if largest[k] > _FAR * angle_sd]
+    if not far and mount.rms <= _CONTRADICTED * angle_sd:
+        return ()
+    shown = ", ".join(f"{names[k]} ({largest[k]:.2g} deg)" for k in far[:_NAMED])
+    more = f" and {len(far) - _NAMED} more" if len(far) > _NAMED else ""
+    where = f", most in {shown}{more}" if far else ""
+    return (
+        f"the angles of the joints differ from the pictures by {mount.rms:.2g} deg rms{where}, and "
+        f"--angle-sd is {angle_sd:g} deg: the mount is not to be trusted; check the scale of the "
+        "angle sensors and these angles, take the pictures again, or give a larger --angle-sd",
+    )
 
 
 def _shifted(lens: Pinhole, sd: tuple[float, float]) -> list[Pinhole]:
@@ -402,6 +439,11 @@ def _advice(
         said.append(
             f"one LED at the lens is assumed, which the console and head inspect refuse: they "
             f"switch {wanted}; give the places of all {wanted} with --leds"
+        )
+    if leds is not None and len(leds) != len(ALL_LIGHTS):
+        said.append(
+            f"the head has {counted(len(leds), 'LED')}, and the console and head inspect switch "
+            f"{len(ALL_LIGHTS)}; give the places of all {len(ALL_LIGHTS)} with --leds"
         )
     if first and mount is None:
         said.append("the lever of the camera is not measured; give pictures with --mount")

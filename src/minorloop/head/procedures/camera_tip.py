@@ -5,16 +5,28 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
+import numpy as np
+
 from minorloop.errors import InstrumentError
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.values import Tip
 from minorloop.head.vision.calibrated_camera import Image
-from minorloop.head.vision.frame_checks import FROZEN, NO_PICTURE, TORN, WRONG_SIZE, check_frame
+from minorloop.head.vision.frame_checks import (
+    BLACK,
+    FROZEN,
+    NO_PICTURE,
+    SATURATED,
+    TORN,
+    WRONG_SIZE,
+    check_frame,
+)
 from minorloop.head.vision.video import LiveCamera
 from minorloop.lab.actuator import Frame, Shot
 
 _SAID = {
     FROZEN: "repeats the same picture; restart it",
+    f"{BLACK}, {FROZEN}": "repeats the same black picture; check its lights, or restart it",
+    f"{SATURATED}, {FROZEN}": "repeats the same white picture; check its exposure, or restart it",
     TORN: "gives torn pictures; check its cable",
     NO_PICTURE: "gives noise or an even grey; check its cable",
 }
@@ -62,9 +74,13 @@ class CameraTip:
         if found.t < self._settled:
             return None
         verdict = check_frame(found.image, self._lens, self._before, lit=self._lit)
+        before = self._before
+        if verdict in (BLACK, SATURATED) and before is not None:
+            verdict += f", {FROZEN}" if np.array_equal(found.image, before) else ""
         self._before = found.image
         if verdict == WRONG_SIZE:
             height, width = found.image.shape
+            self._camera.renew()
             raise InstrumentError(
                 f"{self._camera.address} gives pictures of {width} by {height} pixels and was "
                 f"calibrated with {self._lens.width} by {self._lens.height}; set its size, or give "

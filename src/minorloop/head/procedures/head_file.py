@@ -288,15 +288,18 @@ def read_head(path: PathLike) -> HeadFile:
                     f"it has the date {part.on:%Y-%m-%d %H:%M} UTC, which is in the future; "
                     "correct it, or the clock of this machine"
                 )
+        found = HeadFile(
+            serial=content.serial,
+            identified=identified,
+            calibration=view,
+            calibrated=None if calibrated is None else calibrated.on,
+            measured=() if calibrated is None else tuple(calibrated.measured),
+        )
+        if identified is not None:
+            found.control()  # refuses limits and coupling that cannot be
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid file of a head: {reason(error)}") from None
-    return HeadFile(
-        serial=content.serial,
-        identified=identified,
-        calibration=view,
-        calibrated=None if calibrated is None else calibrated.on,
-        measured=() if calibrated is None else tuple(calibrated.measured),
-    )
+    return found
 
 
 def save_head(head: HeadFile, path: PathLike, *, force: bool = False) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.picture_light import PictureLight, light_in
 from minorloop.head.procedures.trace import traces_of
 from minorloop.head.reconstruction.findings import UNDECIDED
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
@@ -110,12 +111,16 @@ class InspectedPicture:
     verdict : str
         ``good``, or why the picture cannot be used, as in `Findings`.
     findings : tuple of PictureFinding
+    light : PictureLight, optional
+        Which part was searched, and whether the light contradicts the pose; None if the picture
+        cannot be used.
     """
 
     name: str
     t: float
     verdict: str
     findings: tuple[PictureFinding, ...] = ()
+    light: PictureLight | None = None
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row of the table for each finding, by the headers of `COLUMNS`."""
@@ -166,7 +171,8 @@ def inspect_picture(
     angles = pose.pan, pose.tilt
     holes = [hole_in(hole, camera, angles) for hole in found.holes]
     cracks = [crack_in(crack, camera, angles) for crack in traces_of(found, view.radius)]
-    return InspectedPicture(name=name, t=t, verdict=GOOD, findings=(*holes, *cracks))
+    light = light_in(image, view, *angles)
+    return InspectedPicture(name=name, t=t, verdict=GOOD, findings=(*holes, *cracks), light=light)
 
 
 def unusable(pictures: Iterable[InspectedPicture]) -> dict[str, int]:

@@ -11,11 +11,13 @@ from scipy.ndimage import uniform_filter1d
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wall_distance, wrapped
 from minorloop.head.reconstruction.depth_map import Patch
+from minorloop.head.vision.crack_evidence import LEAST_EVIDENCE
 from minorloop.head.vision.cracks import TracedCrack, trace_cracks
 from minorloop.head.vision.defects import Findings
 
-AGAIN = {"high": 0.25, "low": 0.12}
-"""Lower heights of a ridge, used if the usual ones do not show a known course again."""
+AGAIN = LEAST_EVIDENCE - 2.0
+"""Lower evidence, used if the usual one does not show a known course again: having been seen before
+makes a crack exp(2) = 7 times as likely, by assumption."""
 BESIDE, SHARED = 0.6e-3, 0.5
 """Two courses are one if they are nearer than this, in metres, over this share of the shorter."""
 LONGER = 1.1
@@ -27,7 +29,9 @@ TEXEL, MARGIN = 0.05e-3, 0.6e-3
 """Size of a texel of the map of a crack, and margin about the crack, in metres."""
 
 
-def traces_of(found: Findings, radius: float, **heights: float) -> tuple[TracedCrack, ...]:
+def traces_of(
+    found: Findings, radius: float, *, least: float = LEAST_EVIDENCE
+) -> tuple[TracedCrack, ...]:
     """Trace cracks in an acquisition, except at the rims of holes.
 
     Parameters
@@ -36,18 +40,18 @@ def traces_of(found: Findings, radius: float, **heights: float) -> tuple[TracedC
         The acquisition.
     radius : float
         Of the pipe, in metres.
-    **heights
-        ``high`` and ``low`` of `trace_cracks`.
+    least : float
+        Least evidence.
     """
     if found.wall is None:
         return ()
     holes = [(float(h.place[0]), float(h.place[1]), h.diameter) for h in found.holes]
-    return trace_cracks(found.wall.brightest, found.wall.window, radius, apart=holes, **heights)
+    return trace_cracks(found.wall.stack, found.wall.window, radius, apart=holes, least=least)
 
 
 def traced_again(found: Findings, course: FloatArray, radius: float) -> tuple[TracedCrack, ...]:
     """Return the traces of an acquisition that belong to a known course (N, 2)."""
-    for traces in (traces_of(found, radius), traces_of(found, radius, **AGAIN)):
+    for traces in (traces_of(found, radius), traces_of(found, radius, least=AGAIN)):
         same = tuple(trace for trace in traces if one_course(trace.places, course, radius))
         if same:
             return same

@@ -69,6 +69,12 @@ class Patch:
         count = 2 * half + 1
         return cls(phi - half * step / radius, z - half * step, count, count, radius, step)
 
+    @classmethod
+    def ring(cls, low: float, high: float, *, radius: float = 10e-3, step: float = STEP) -> Patch:
+        """Return the patch once round the pipe between two z; its seam is at the top."""
+        rows, columns = int((high - low) / step) + 1, int(2 * np.pi * radius / step)
+        return cls(-np.pi / 2, low, rows, columns, radius, step)
+
     @property
     def places(self) -> FloatArray:
         """Phi and z (rows, columns, 2) of the texels."""
@@ -263,10 +269,26 @@ class WaterLine:
     sd: float
     wrong: float
 
-    def wet(self, phi: npt.ArrayLike, radius: float) -> BoolArray:
-        """Return whether the wall at phi is under water."""
-        under: BoolArray = radius * np.sin(np.asarray(phi, dtype=np.float64)) > self.height
+    def wet(self, phi: npt.ArrayLike, radius: float, *, margin: float = 0.0) -> BoolArray:
+        """Return whether the wall at phi is under water, by a margin in metres."""
+        y = radius * np.sin(np.asarray(phi, dtype=np.float64))
+        under: BoolArray = y > self.height + margin
         return under
+
+
+def coupled_at(
+    phi: npt.ArrayLike, radius: float, *, face: float | None = None, offset: float = 0.0
+) -> FloatArray:
+    """Return the height, as y, below which water reaches both wall and probe.
+
+    Parameters
+    ----------
+    phi, radius, face, offset
+        As of `find_water`.
+    """
+    down = np.sin(np.asarray(phi, dtype=np.float64))
+    wall: FloatArray = radius * down
+    return wall if face is None else np.asarray(np.minimum(wall, offset + face * down))
 
 
 def find_water(
@@ -275,6 +297,7 @@ def find_water(
     radius: float,
     *,
     face: float | None = None,
+    offset: float = 0.0,
 ) -> WaterLine:
     """Find the water line from where a sweep round the pipe gave echoes.
 
@@ -300,8 +323,7 @@ def find_water(
     -----
     The height with the fewest contradictions: a lost echo does not move it.
     """
-    up = np.sin(np.asarray(phi, dtype=np.float64).ravel())
-    y = np.where(up > 0, radius if face is None else face, radius) * up
+    y = coupled_at(phi, radius, face=face, offset=offset).ravel()
     wet = np.asarray(detected, dtype=bool).ravel()
     if y.size != wet.size:
         raise SignalError(f"{y.size} places and {wet.size} echoes; give one flag for each place")

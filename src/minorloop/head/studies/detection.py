@@ -21,7 +21,7 @@ from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.meter import LIMITS
 from minorloop.head.studies import scoring
 from minorloop.head.twins.pipe import Pipe
-from minorloop.head.twins.scene_view import SceneView, draw_view
+from minorloop.head.twins.scene_view import AimedCamera, SceneView, draw_view
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.defects import (
     ALONE,
@@ -135,17 +135,22 @@ def search_scene(
 ) -> list[Search]:
     """Take images of one scene and search them, in every mode."""
     view, rng = draw_view(seed, hole=hole, plain=plain), np.random.default_rng([seed, int(hole), 7])
-    way = rng.uniform(0, 2 * np.pi)
-    off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
-    mount = replace(view.mount, offset=(float(off[0]), float(off[1])))
-    camera = CalibratedCamera(view.camera.calibration, mount, view.camera.leds)
+    camera = misjudged(view, rng)
     truth = camera.place(scoring.true_pixel(view.camera, *view.place), view.pan, view.tilt)
     searches = []
     for mode in modes:
-        frames = tuple(_shots(view, rng, mode))
+        frames = tuple(shots(view, rng, mode))
         holes = find_holes(frames, camera, mode=mode, least=-math.inf).holes
         searches.append(Search(view, camera, frames, holes, truth))
     return searches
+
+
+def misjudged(view: AimedCamera, rng: np.random.Generator) -> CalibratedCamera:
+    """Return the calibrated camera of a view, with the error of its pivot."""
+    way = rng.uniform(0, 2 * np.pi)
+    off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
+    mount = replace(view.mount, offset=(float(off[0]), float(off[1])))
+    return CalibratedCamera(view.camera.calibration, mount, view.camera.leds)
 
 
 def score_scene(
@@ -250,7 +255,7 @@ def _outcome(seed: int, mode: str, search: Search) -> SceneOutcome:
     )
 
 
-def _shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFrame]:
+def shots(view: AimedCamera, rng: np.random.Generator, mode: str = SWITCHED) -> list[LitFrame]:
     """Take an acquisition of a view."""
     turns: FloatArray = np.zeros((len(SEQUENCE), 2))
     lights: Sequence[tuple[bool, ...]] = SEQUENCE

@@ -16,6 +16,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.head.studies import scan_trials
+from minorloop.head.studies.crack_trials import CrackOutcome, crack_figures, score_cracks
 from minorloop.head.studies.detection import (
     SceneOutcome,
     detection_figures,
@@ -26,20 +27,22 @@ from minorloop.head.studies.flooded import TEMPERATURES, reach_figures
 from minorloop.head.studies.inspection_servo import Scene, ServoRun, servo_figures
 from minorloop.head.studies.mission import Mission, run_mission
 from minorloop.head.studies.scan_trials import ScoredScan
+from minorloop.head.studies.sweep_trials import ScoredSweep, c_scan_figures, run_sweep
 from minorloop.head.twins.pipe import Bore
 from minorloop.studies.claims import Claim, medians
 
 TITLE = "In-pipe inspection with a catheter head"
 FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
-FIRST_SCENE, SCENES, FIRST_PLAIN = 50_000, 4, 2_000_000
+FIRST_SCENE, SCENES, FIRST_PLAIN, FIRST_CRACK = 50_000, 4, 2_000_000, 3_000_000
 FIRST_SCAN, SCANS = 60_000, 6
-"""Seeds of the scored scenes; numbers of scenes with and without a hole, and of flat pits, for each
-specimen."""
-_PLAIN_SHARE = 4
-"""Scenes with a hole for each plain scene, by trial."""
+"""Seeds of the scored scenes; numbers of scenes with and without a hole or a crack, and of
+flat pits, for each specimen."""
+_PLAIN_SHARE, _SCANNED = 4, 4
+"""Scenes with a hole for each plain scene, and cracks for each one that is scanned: by trial. A
+scan takes five times as long as a scene."""
 _WARM = 20.0
 """Temperature of the water in degrees Celsius from which on most heads must reach a raster."""
-_SCORED = ("outcomes", "edges", "scored")
+_SCORED = ("outcomes", "cracks", "edges", "scored", "sweep")
 
 CLAIMS = (
     Claim("servo with angle sensor: to 2 px [s]", "servo.settle_s_with_sensor", "shown", most=8),
@@ -80,6 +83,46 @@ CLAIMS = (
     Claim(
         "plain edges, 90th percentile [px]", "detection.plain_edge_px_p90", "not studied", most=1.0
     ),
+    Claim(
+        "cracks of 100 um and wider found",
+        "cracks.recall_100um",
+        "announced",
+        least=0.95,
+        percent=True,
+        count="cracks.scenes_100um",
+        enough=20,
+    ),
+    Claim(
+        "cracks of 50 to 100 um found",
+        "cracks.recall_50um",
+        "announced",
+        least=0.7,
+        percent=True,
+        count="cracks.scenes_50um",
+        enough=20,
+    ),
+    Claim(
+        "cracks of 30 to 50 um found",
+        "cracks.recall_30um",
+        "-",
+        percent=True,
+        count="cracks.scenes_30um",
+    ),
+    Claim("false cracks an acquisition", "cracks.false_per_acquisition", "-", most=0.05),
+    Claim("cracks: length error, median [%]", "cracks.length_error_pct", "-", most=10),
+    Claim("cracks: width error, median [um]", "cracks.width_error_um", "-", most=15),
+    Claim("cracks: share of the course traced", "cracks.course_traced", "-", percent=True),
+    Claim("cracks: share of the trace on the course", "cracks.trace_right", "-", percent=True),
+    Claim(
+        "cracks found that have a depth by a scan",
+        "cracks.depth_share",
+        "announced",
+        least=0.6,
+        percent=True,
+        count="cracks.scans",
+        enough=20,
+    ),
+    Claim("of those, depth error, median [mm]", "cracks.depth_error_mm", "-", most=0.1),
     Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
     Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
     Claim("depth: bias [um]", "depth.bias_um", "announced", least=-10, most=10),
@@ -176,6 +219,27 @@ CLAIMS = (
     Claim("cracks found that have a depth", "mission.crack_measured", "announced", percent=True),
     Claim("of those, depth error, median [mm]", "mission.crack_depth_error_mm", "-"),
     Claim("mission: seconds of the head", "mission.seconds", "-"),
+    Claim(
+        "sweep: pits found, from 0.8 mm wide and 0.3 mm deep",
+        "cscan.recall",
+        "-",
+        least=0.95,
+        percent=True,
+        count="cscan.pits",
+    ),
+    Claim(
+        "sweep: false finds a cm2", "cscan.false_per_cm2", "-", most=0.05, count="cscan.area_cm2"
+    ),
+    Claim("sweep: finds of the wrong kind", "cscan.wrong_kind", "-"),
+    Claim("sweep: parts of cracks of 0.1 to 0.3 mm found", "cscan.cracks_found", "-", percent=True),
+    Claim("sweep: bias of depths [um]", "cscan.depth_bias_um", "-"),
+    Claim("sweep: deviation of depths [um]", "cscan.depth_sd_um", "-"),
+    Claim("sweep: diameter over the true one, median", "cscan.size_ratio", "-"),
+    Claim("sweep: place of pits, 90th percentile [mm]", "cscan.place_mm", "-"),
+    Claim("sweep: bands of 90 % cover", "cscan.coverage", "-", percent=True),
+    Claim("sweep: gaps in the flooded part", "cscan.gap_share", "-", percent=True),
+    Claim("sweep: water line, worst error [mm]", "cscan.water_mm", "-"),
+    Claim("sweep: seconds of the head a cm2", "cscan.seconds_per_cm2", "-"),
     Claim("processor time of a specimen [s]", "seconds", "-"),
 )
 
@@ -199,20 +263,24 @@ class InspectionStudy:
     servo: dict[str, Any]
     runs: dict[str, ServoRun]
     outcomes: tuple[SceneOutcome, ...]
+    cracks: tuple[CrackOutcome, ...]
     edges: FloatArray
     scored: dict[str, tuple[ScoredScan, ...]]
     mission: Mission
+    sweep: ScoredSweep
     reach: dict[str, float]
     seconds: float
 
     def figures(self) -> dict[str, Any]:
-        """Return the input of `gather`; outcomes and scans by their names."""
+        """Return the input of `gather`; outcomes, cracks and scans by their names."""
         return {
             **self.servo,
             "outcomes": self.outcomes,
+            "cracks": self.cracks,
             "edges": self.edges,
             "scored": self.scored,
             "mission": self.mission.figures(),
+            "sweep": self.sweep,
             "reach": self.reach,
             "seconds": self.seconds,
         }
@@ -226,8 +294,8 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
     seed : int
         Of head, pipe, camera, probe and noise.
     scenes : int
-        Number of scenes with a hole, and without, for the score of detection; plain edges on a
-        quarter as many.
+        Number of scenes with a hole, without, with a crack and without, for the scores of
+        detection; plain edges on a quarter as many, and scans across a quarter of the cracks.
     scans : int
         Number of pits with a flat floor for the score of depths and bands; the last has the size
         for the score of fusion.
@@ -246,9 +314,15 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
         servo=servo,
         runs=runs,
         outcomes=tuple(outcomes),
+        cracks=tuple(
+            score_cracks(FIRST_CRACK + seed * scenes + k, crack, scan=k % _SCANNED == 0)
+            for k in range(scenes)
+            for crack in (True, False)
+        ),
         edges=np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]),
         scored=_scored_scans(FIRST_SCAN + (scans + 4) * seed, scans),
         mission=run_mission(seed),
+        sweep=run_sweep(seed),
         reach=reach_figures(seed),
         seconds=time.process_time() - began,
     )
@@ -270,6 +344,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             **detection_figures(every),
             "plain_edge_px_p90": float(np.quantile(edges, 0.9, method="higher")),
         },
+        "cracks": crack_figures([one for run in runs for one in run["cracks"]]),
         "depth": {
             **depth,
             **{f"unfocused_{key}": value for key, value in unfocused.items()},
@@ -286,6 +361,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "scans": len(kinds["hole"]) + len(kinds["dry"]),
         },
         "mission": _of_missions([run["mission"] for run in runs]),
+        "cscan": c_scan_figures([run["sweep"] for run in runs]),
         "reach": {
             key: float(np.mean([run["reach"][key] for run in runs])) for key in runs[0]["reach"]
         },

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minorloop.head.reconstruction.findings import finding_of
+from minorloop.head.studies.crack_report import crack_pictures, crack_table, crack_words
 from minorloop.head.studies.detection_report import detection_pictures, detection_table, limits
 from minorloop.head.studies.inspection import CLAIMS, TITLE
 from minorloop.head.studies.inspection_servo import SETTLED_PX, SWAY_WAIT
@@ -22,6 +23,7 @@ from minorloop.head.studies.mission_report import (
     finding_rows,
     save_mission,
 )
+from minorloop.head.studies.sweep_report import draw_pipe_map, finds_table
 from minorloop.head.ultrasound.crack_depth import MEASURED
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Picture, Report, Table
@@ -62,6 +64,12 @@ def study_report(
     _add_integral(report, study, figures["integral"])
     _add_detection(report, study.mission, figures["detection"], runs)
     report.add(
+        "Finding cracks beside scratches, drawing marks, welds and stains",
+        text=crack_words(figures["cracks"]),
+        table=crack_table(figures["cracks"]),
+        pictures=crack_pictures([one for run in runs for one in run["cracks"]]),
+    )
+    report.add(
         "Depths by echoes",
         text="A lens of 8 mm focus, a raster of 36 places, 16 shots at each while the head sways "
         "by a degree, and one fit of all waveforms. Without the lens the beam is as wide as the "
@@ -70,6 +78,15 @@ def study_report(
         pictures=[Picture(draw_depths(runs), "Depths of all specimens, less the true ones.")],
     )
     _add_mission(report, study.mission)
+    report.add(
+        "A sweep of a partly flooded pipe",
+        text="The catheter rolls while the probe fires, line after line, and no camera is used. A "
+        "step between neighbouring echoes that is steeper than a smooth wall can be is the edge of "
+        "a pit. What is drained is seen by the camera; between the water line and the height at "
+        "which the probe gets under water nothing is.",
+        table=finds_table(study.sweep.fused),
+        pictures=[Picture(draw_pipe_map(study.sweep.fused), "One map of the pipe, unrolled.")],
+    )
     return report
 
 

@@ -22,6 +22,7 @@ from minorloop.head.procedures.trace import (
 )
 from minorloop.head.reconstruction.depth_map import DepthMap
 from minorloop.head.reconstruction.findings import Finding
+from minorloop.head.studies.crack_scenes import fine_course
 from minorloop.head.studies.mission_scene import RADIUS
 from minorloop.head.studies.ultrasonic_scan import REFUSED, drain, refused, scan
 from minorloop.head.twins.pipe import Crack
@@ -121,7 +122,7 @@ def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
     truth : Crack
         For scoring only.
     """
-    course, widths = _true(truth)
+    course, widths = fine_course(truth, RADIUS)
     right = [one for one in cracks if one_course(one.course.places, course, RADIUS)]
     figures: dict[str, Any] = {
         "crack_found": bool(right),
@@ -147,15 +148,3 @@ def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
         1e3 * abs(best.found.depth - truth.depth),
     )
     return figures | dict(zip(names, map(float, values), strict=True))
-
-
-def _true(crack: Crack) -> tuple[FloatArray, FloatArray]:
-    """Return course (N, 2) and widths (N,) of a true crack, in steps of 50 um."""
-    corners = np.array(crack.points)
-    along = wall_lengths(corners, RADIUS)
-    fine = np.arange(0.0, along[-1], 0.05e-3)
-    course = [
-        np.interp(fine, along, np.unwrap(corners[:, 0])),
-        np.interp(fine, along, corners[:, 1]),
-    ]
-    return np.stack(course, axis=1), np.interp(fine, along, np.array(crack.widths))

@@ -21,8 +21,8 @@ from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 from minorloop.studies.drawing import new_figure
 
-_SOURCES = ("unseen", "camera", "echoes", "both")
-_SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
+SOURCES = ("unseen", "camera", "echoes", "both")
+SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CROP = 60
 """Half the side of a drawn close-up in pixels, by trial."""
 _AROUND = 25.0  # pixels
@@ -96,12 +96,12 @@ def draw_finding(wall: DepthMap) -> Any:
         wall.source,
         origin="lower",
         extent=(-wide, wide, -long, long),
-        cmap=ListedColormap(_SHADES),
+        cmap=ListedColormap(SHADES),
         vmin=-0.5,
         vmax=3.5,
     )
     bar = figure.colorbar(shown, ax=axes, shrink=0.9, ticks=range(4))
-    bar.ax.set_yticklabels(_SOURCES)
+    bar.ax.set_yticklabels(SOURCES)
     _solid(figure.add_subplot(2, 2, 4, projection="3d"), wall)
     return figure
 
@@ -209,11 +209,11 @@ def draw_ring(mission: Mission) -> Any:
     extent = (-180.0, 180.0, 1e3 * patch.z, 1e3 * (patch.z + patch.rows * patch.step))
     top.grid(False)
     shown = top.imshow(
-        ring.source, origin="lower", extent=extent, aspect="auto", cmap=ListedColormap(_SHADES),
+        ring.source, origin="lower", extent=extent, aspect="auto", cmap=ListedColormap(SHADES),
         vmin=-0.5, vmax=3.5, interpolation="nearest",
     )  # fmt: skip
     bar = figure.colorbar(shown, ax=top, ticks=range(4))
-    bar.ax.set_yticklabels(_SOURCES)
+    bar.ax.set_yticklabels(SOURCES)
     top.set(title=f"seen by; {ring.unseen:.1%} unseen", ylabel="along the pipe [mm]")
     low.grid(False)
     measured = np.isfinite(ring.depth) & (ring.source & ECHOES > 0)
@@ -226,7 +226,7 @@ def draw_ring(mission: Mission) -> Any:
         ylabel="along the pipe [mm]",
     )
     for axes in (top, low):
-        for phi in _water_angles(water.height, patch.radius):
+        for phi in water_angles(water.height, patch.radius):
             axes.axvline(phi, color="C3", lw=1.2, ls="--")
         if mission.pit is not None:
             place = np.degrees(wrapped(mission.pit.phi)), 1e3 * mission.pit.z
@@ -268,7 +268,7 @@ def _course(axes: Any, phi: FloatArray, z: FloatArray) -> None:
     axes.plot(np.insert(phi, broken, np.nan), np.insert(z, broken, np.nan), color="C1", lw=1.0)
 
 
-def _water_angles(height: float, radius: float) -> FloatArray:
+def water_angles(height: float, radius: float) -> FloatArray:
     """Return the angles in degrees at which the water meets the wall; none if all is flooded."""
     if not abs(height) < 0.995 * radius:
         return np.empty(0)

@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -36,7 +36,10 @@ KINDS = ("pit", "dished", "hole", "mark", "dry")
 DISH = 0.1e-3
 """Difference in depth between the middle and the rim of a dished floor, in metres."""
 _Z = 20e-3
-_FLOODED = -9.999e-3
+FLOODED = -9.999e-3
+"""Height of the water of a full pipe, in metres."""
+CAMERA_SD = 0.035e-3
+"""Standard deviation of a place by the camera, around and along the pipe, in metres."""
 _JOINT_NOISE = math.radians(0.05)
 """Standard deviation of a reading of a joint, as in a mission."""
 _SWAY, _PHASES, _TICK = Sway(), 1e3, 0.04
@@ -150,19 +153,13 @@ def draw_trial(
     pit = replace(
         pit, dish=DISH if kind == "dished" else 0.0, depth=math.inf if kind == "hole" else pit.depth
     )
+    transducer = Probe() if lens else Probe(focus=math.inf)
+    true, probe, thickness, warm = draw_probe(rng, phi, _Z, transducer)
     pipe = Pipe(
         bores=() if kind == "mark" else (pit,),
-        water=None if kind == "dry" else _FLOODED,
-        thickness=float(rng.uniform(1.5e-3, 4e-3)),
+        water=None if kind == "dry" else FLOODED,
+        thickness=thickness,
     )
-    off = rng.uniform(-0.2e-3, 0.2e-3, 2)
-    roll = phi + float(rng.normal(0, 0.02))
-    true = Mount(
-        offset=(float(off[0]), float(off[1])), roll=roll, advance=_Z + float(rng.normal(0, 0.1e-3))
-    )
-    guess = off + rng.normal(0, 0.05e-3, 2)
-    known = replace(true, offset=(float(guess[0]), float(guess[1])))
-    warm, transducer = float(rng.uniform(12, 30)), Probe() if lens else Probe(focus=math.inf)
     level = 1.0
     if kind in ("pit", "dished", "dry"):
         level = scoring.floor_level(
@@ -177,27 +174,64 @@ def draw_trial(
         "temperature": warm,
     }
     twin = Ultrasound(pipe, true, transducer, specimen=seed, seed=seed, **settings)
-    probe = CalibratedProbe(
-        transducer,
-        known,
-        thickness=pipe.thickness * float(rng.uniform(0.97, 1.03)),
-        temperature=warm + float(rng.normal(0, 0.3)),
-    )
     centre = (
-        phi + float(rng.normal(0, 0.035e-3)) / pipe.radius,
-        _Z + float(rng.normal(0, 0.035e-3)),
+        phi + float(rng.normal(0, CAMERA_SD)) / pipe.radius,
+        _Z + float(rng.normal(0, CAMERA_SD)),
     )
     seen = pit.diameter * float(np.exp(rng.normal(0, 0.05)))
     # The camera has the same mount, so that its places have the error of the mount.
-    turned, moved = float(rng.normal(0, _ROLL_SD)), float(rng.normal(0, _ADVANCE_SD))
-    known = replace(known, roll=known.roll + turned, advance=known.advance + moved)
+    probe, (turned, moved) = strayed(rng, probe)
     centre = (centre[0] + turned, centre[1] + moved)
-    probe = replace(probe, mount=known)
     about = (probe, centre, seen, pit, kind == "dry", (turned, moved))
     return ScanTrial(*about, twin=twin, pipe=pipe, mount=true, settings=settings, rng=rng)
 
 
-def scan(trial: ScanTrial) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
+def draw_probe(
+    rng: np.random.Generator, phi: float, z: float, transducer: Probe
+) -> tuple[Mount, CalibratedProbe, float, float]:
+    """Return true mount, calibrated probe, thickness of the wall and temperature of the water.
+
+    The probe is before a place; its calibration has small errors.
+    """
+    thickness = float(rng.uniform(1.5e-3, 4e-3))
+    off = rng.uniform(-0.2e-3, 0.2e-3, 2)
+    roll = phi + float(rng.normal(0, 0.02))
+    true = Mount(
+        offset=(float(off[0]), float(off[1])), roll=roll, advance=z + float(rng.normal(0, 0.1e-3))
+    )
+    guess = off + rng.normal(0, 0.05e-3, 2)
+    known = replace(true, offset=(float(guess[0]), float(guess[1])))
+    warm = float(rng.uniform(12, 30))
+    probe = CalibratedProbe(
+        transducer,
+        known,
+        thickness=thickness * float(rng.uniform(0.97, 1.03)),
+        temperature=warm + float(rng.normal(0, 0.3)),
+    )
+    return true, probe, thickness, warm
+
+
+def strayed(
+    rng: np.random.Generator, probe: CalibratedProbe
+) -> tuple[CalibratedProbe, tuple[float, float]]:
+    """Return a probe with an error of its roll and advance, and this error."""
+    turned, moved = float(rng.normal(0, _ROLL_SD)), float(rng.normal(0, _ADVANCE_SD))
+    known = probe.mount
+    known = replace(known, roll=known.roll + turned, advance=known.advance + moved)
+    return replace(probe, mount=known), (turned, moved)
+
+
+class Scanned(Protocol):
+    """What a scan needs: the calibrated probe and where to scan; twin, true mount and noise."""
+
+    probe: CalibratedProbe
+    centre: tuple[float, float]
+    twin: Ultrasound
+    mount: Mount
+    rng: np.random.Generator
+
+
+def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
     """Scan a raster by the procedure of mission and console, while flow sways the head.
 
     Joints and catheter follow at once; joints and base are measured with noise.
@@ -239,7 +273,7 @@ def _calibration(probe: CalibratedProbe) -> HeadCalibration:
 
 
 def _reading(
-    trial: ScanTrial, count: int, joints: FloatArray, place: FloatArray, begin: float
+    trial: Scanned, count: int, joints: FloatArray, place: FloatArray, begin: float
 ) -> Reading:
     """Fire a burst, and read joints, catheter and gyroscope."""
     t, twin, rng = trial.twin.clock, trial.twin, trial.rng

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import Mount, Pinhole, Tool, meet_wall, wall_point, wrapped
 from minorloop.head.twins.camera import Camera
+from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore
 from minorloop.head.twins.rig import STRAIGHT, Rig
@@ -60,6 +61,11 @@ def body_temperature(twin: HeatedWires) -> FloatArray:
 def line_of_sight(plant: Rig) -> FloatArray:
     """Return the true pan and tilt (2,) of the optical axis, in radians."""
     return np.array(plant.stance()[:2])
+
+
+def catheter_place(catheter: Catheter) -> FloatArray:
+    """Return the true advance in metres and roll in radians (2,) of the tip of a catheter."""
+    return np.asarray(catheter._output_now() * (1e-3, math.radians(1.0)))
 
 
 def apart(place: npt.ArrayLike, bore: Bore, radius: float) -> float:

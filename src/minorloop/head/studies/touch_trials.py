@@ -167,6 +167,7 @@ def _contrast(image: npt.NDArray[np.uint8], pixel: FloatArray) -> float:
 def touch_figures(touches: Sequence[Touch]) -> dict[str, Any]:
     """Return the figures of touches; one that did not come to pass is not within the bound."""
     off = np.array([touch.off for touch in touches])
+    said = [touch.said for touch in touches]
     made = off[np.isfinite(off)]
     return {
         "touch_mm_p90": 1e3 * float(np.quantile(off, 0.9, method="higher")),
@@ -174,7 +175,7 @@ def touch_figures(touches: Sequence[Touch]) -> dict[str, Any]:
         "within_bound": float(np.mean(off <= WITHIN)),
         "refused": sum(touch.verdict != TOUCHED for touch in touches),
         "mark_seen": float(np.mean([touch.seen < _DARKER for touch in touches])),
-        "said_mm_p90": 1e3 * float(np.quantile([touch.said for touch in touches], 0.9)),
+        "said_mm_p90": 1e3 * float(np.quantile(said, 0.9, method="higher")),
     }
 
 

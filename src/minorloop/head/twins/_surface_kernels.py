@@ -27,11 +27,12 @@ def add_dent(surface, size, x0, z0, width, height):
 
 
 @njit(cache=True, nogil=True)
-def add_scratch(surface, size, x0, z0, angle, length, width, slope, albedo):
-    """Add the flanks of a straight groove."""
+def add_scratch(surface, size, x0, z0, angle, length, width, slope, albedo, bend):
+    """Add the flanks of a groove whose course is a parabola."""
     rows, columns = surface.shape[:2]
     c, s = np.cos(angle), np.sin(angle)
-    half, reach = 0.5 * length, 2.0 * width
+    half = 0.5 * length
+    reach = 2.0 * width + 0.5 * abs(bend) * half * half
     wide, high = half * abs(c) + reach, half * abs(s) + reach
     for i in range(
         max(int((z0 - high) / size[1]), 0), min(int((z0 + high) / size[1]) + 1, rows - 1) + 1
@@ -39,7 +40,8 @@ def add_scratch(surface, size, x0, z0, angle, length, width, slope, albedo):
         y = i * size[1] - z0
         for j in range(int(np.floor((x0 - wide) / size[0])), int((x0 + wide) / size[0]) + 2):
             x = j * size[0] - x0
-            along, across = x * c + y * s, y * c - x * s
+            along = x * c + y * s
+            across = y * c - x * s - 0.5 * bend * along * along
             if abs(along) > half:
                 continue
             form = np.exp(-2.0 * (across / width) ** 2)
@@ -48,6 +50,31 @@ def add_scratch(surface, size, x0, z0, angle, length, width, slope, albedo):
             surface[i, k, 1] -= tilt * s
             surface[i, k, 2] += tilt * c
             surface[i, k, 0] *= 1.0 + (albedo - 1.0) * form
+
+
+@njit(cache=True, nogil=True)
+def add_weld(surface, size, x0, z0, angle, length, width, height, pitch, ripple):
+    """Add the slopes of a parabolic crown with ripples that lag in the middle of the bead."""
+    rows, columns = surface.shape[:2]
+    c, s = np.cos(angle), np.sin(angle)
+    half, side = 0.5 * length, 0.5 * width
+    wide, high = half * abs(c) + side * abs(s), half * abs(s) + side * abs(c)
+    for i in range(
+        max(int((z0 - high) / size[1]), 0), min(int((z0 + high) / size[1]) + 1, rows - 1) + 1
+    ):
+        y = i * size[1] - z0
+        for j in range(int(np.floor((x0 - wide) / size[0])), int((x0 + wide) / size[0]) + 2):
+            x = j * size[0] - x0
+            along, across = x * c + y * s, (y * c - x * s) / side
+            square = across * across
+            if abs(along) > half or square > 1.0:
+                continue
+            phase = (along - side * square) / pitch
+            steep = ripple * (1.0 - square) * (1.0 - 2.0 * (phase - np.floor(phase)))
+            sink = -2.0 * across * (height / side + steep)
+            k = j % columns
+            surface[i, k, 1] += steep * c - sink * s
+            surface[i, k, 2] += steep * s + sink * c
 
 
 @njit(cache=True, nogil=True)

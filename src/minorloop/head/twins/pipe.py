@@ -134,7 +134,10 @@ class Dent:
 
 @dataclass(frozen=True)
 class Scratch:
-    """A straight groove: ``angle`` from the direction around the pipe, ``slope`` of its flanks."""
+    """A shallow groove: ``angle`` from the direction around the pipe, ``slope`` of its flanks.
+
+    ``bend`` is the curvature of its course in 1/m.
+    """
 
     phi: float
     z: float
@@ -143,6 +146,7 @@ class Scratch:
     width: float
     slope: float = 0.5
     albedo: float = 1.0
+    bend: float = 0.0
 
     def __post_init__(self) -> None:
         _check_place(self.phi, self.z)
@@ -182,6 +186,46 @@ class Dirt:
         _check_place(self.phi, self.z)
         _check_positive("size of dirt", self.size)
         _check_positive("softness of dirt", self.softness)
+
+
+@dataclass(frozen=True)
+class Weld:
+    """A weld bead with ripples: arcs that end in sharp valleys, as the pool froze.
+
+    Parameters
+    ----------
+    phi, z : float
+        Of its middle.
+    angle : float
+        From the direction around the pipe.
+    length, width : float
+        Along and across the bead.
+    height : float
+        Of its crown.
+    pitch : float
+        Between ripples.
+    ripple : float
+        Steepest slope of a ripple.
+
+    Raises
+    ------
+    ParameterError
+        If a size is not positive.
+    """
+
+    phi: float
+    z: float
+    angle: float
+    length: float
+    width: float
+    height: float = 0.1e-3
+    pitch: float = 0.5e-3
+    ripple: float = 0.2
+
+    def __post_init__(self) -> None:
+        _check_place(self.phi, self.z)
+        for name in ("length", "width", "height", "pitch"):
+            _check_positive(f"{name} of a weld", getattr(self, name))
 
 
 @dataclass(frozen=True)
@@ -229,7 +273,7 @@ class Pipe:
         Inner radius and length of the pipe, and thickness of its wall, in metres.
     finish : Finish
         Optical properties of the metal.
-    bores, cracks, dents, scratches, dirt : tuples
+    bores, cracks, dents, scratches, dirt, welds : tuples
         Defects and marks on the wall.
     water : float, optional
         Height of the surface of the water that fills the bottom, as y in the pipe, in metres;
@@ -250,6 +294,7 @@ class Pipe:
     dents: tuple[Dent, ...] = ()
     scratches: tuple[Scratch, ...] = ()
     dirt: tuple[Dirt, ...] = ()
+    welds: tuple[Weld, ...] = ()
     water: float | None = None
 
     def __post_init__(self) -> None:

@@ -29,8 +29,8 @@ _TRIES = 60
 
 
 @dataclass(frozen=True, eq=False)
-class SceneView:
-    """A camera in place, and the truth of what it sees.
+class AimedCamera:
+    """A camera in place.
 
     Parameters
     ----------
@@ -42,10 +42,6 @@ class SceneView:
         Of the head, in radians.
     gain : float
         Of the exposure with all LEDs on.
-    place : (float, float)
-        Phi and z of the place in question.
-    hole : Bore, optional
-        The hole at that place, or None.
     """
 
     camera: Camera
@@ -53,6 +49,20 @@ class SceneView:
     pan: float
     tilt: float
     gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class SceneView(AimedCamera):
+    """A camera in place, and the truth of what it sees.
+
+    Parameters
+    ----------
+    place : (float, float)
+        Phi and z of the place in question.
+    hole : Bore, optional
+        The hole at that place, or None.
+    """
+
     place: tuple[float, float]
     hole: Bore | None
 
@@ -92,8 +102,8 @@ def draw_view(
 def _try_view(
     rng: np.random.Generator, hole: bool, inside: str | None, plain: bool
 ) -> SceneView | None:
-    mount, pan, tilt = _head(rng)
-    place = _place(rng, mount.pose(pan, tilt))
+    mount, pan, tilt = draw_head(rng)
+    place = draw_place(rng, mount.pose(pan, tilt))
     bore = drawing.draw_hole(rng, *place)
     if inside is not None:
         bore = replace(bore, inside=inside, brightness={"dark": 0.0, "white": 2.0}.get(inside, 1.0))
@@ -106,8 +116,8 @@ def _try_view(
         wall = replace(wall, dents=(), scratches=(), dirt=())
     camera = Camera(wall, mount, seed=int(rng.integers(2**31)), specimen=int(rng.integers(2**31)))
     camera.look(pan, tilt)
-    _focus(rng, camera, mount.pose(pan, tilt))
-    gain = _meter(camera) * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
+    focus_near(rng, camera, mount.pose(pan, tilt))
+    gain = metered_gain(camera) * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
     if not 0.1 <= gain <= 20:
         return None
     camera.expose(0.01, gain)
@@ -117,7 +127,8 @@ def _try_view(
     return view if _has_a_glint(view, bore) else None
 
 
-def _head(rng: np.random.Generator) -> tuple[Mount, float, float]:
+def draw_head(rng: np.random.Generator) -> tuple[Mount, float, float]:
+    """Draw a mount, pan and tilt in radians: 18 to 30 degrees off the axis of the pipe."""
     away, way = np.deg2rad(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)
     off, side = rng.uniform(0, 1e-3), rng.uniform(0, 2 * np.pi)
     mount = Mount(
@@ -128,7 +139,7 @@ def _head(rng: np.random.Generator) -> tuple[Mount, float, float]:
     return mount, float(away * np.cos(way)), float(away * np.sin(way))
 
 
-def _place(rng: np.random.Generator, pose: Pose) -> tuple[float, float]:
+def draw_place(rng: np.random.Generator, pose: Pose) -> tuple[float, float]:
     """Return where a pixel away from the edges meets the wall."""
     pixel = rng.uniform([_MARGIN, _MARGIN], [LENS.width - _MARGIN, LENS.height - _MARGIN])
     phi, z, _ = meet_wall(pose.position, pose.rotation @ LENS.rays(pixel), 10e-3)
@@ -206,7 +217,7 @@ def _half_slopes(point: FloatArray, led: FloatArray, lens: FloatArray) -> FloatA
     return np.array([float(half @ around), float(half[2])]) / up
 
 
-def _focus(rng: np.random.Generator, camera: Camera, pose: Pose) -> None:
+def focus_near(rng: np.random.Generator, camera: Camera, pose: Pose) -> None:
     """Focus on the middle of the image, within 15 %, and wait for the focus."""
     _, _, length = meet_wall(pose.position, pose.rotation[:, 2], 10e-3)
     camera.focus_at(float(np.clip(length * rng.uniform(0.85, 1.15), 4e-3, 60e-3)))
@@ -214,7 +225,7 @@ def _focus(rng: np.random.Generator, camera: Camera, pose: Pose) -> None:
         camera._advance(camera.sensor.interval)
 
 
-def _meter(camera: Camera) -> float:
+def metered_gain(camera: Camera) -> float:
     """Return the gain at which the brighter parts of the image are of middle grey."""
     camera.expose(0.01, 1.0)
     level = float(np.percentile(camera.frame().image, 60))

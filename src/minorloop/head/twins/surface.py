@@ -68,11 +68,12 @@ def _laid_out(pipe: Pipe) -> Surface:
     texel = np.array(size)
     for dent in pipe.dents:
         kernels.add_dent(surface, texel, pipe.radius * dent.phi, dent.z, dent.size, dent.height)
+    for bead in pipe.welds:
+        form = (bead.length, bead.width, bead.height, bead.pitch, bead.ripple)
+        kernels.add_weld(surface, texel, pipe.radius * bead.phi, bead.z, bead.angle, *form)
     for mark in pipe.scratches:
-        x = pipe.radius * mark.phi
-        kernels.add_scratch(
-            surface, texel, x, mark.z, mark.angle, mark.length, mark.width, mark.slope, mark.albedo
-        )
+        look = (mark.length, mark.width, mark.slope, mark.albedo, mark.bend)
+        kernels.add_scratch(surface, texel, pipe.radius * mark.phi, mark.z, mark.angle, *look)
     for patch in pipe.dirt:
         x, lobes = pipe.radius * patch.phi, _lobes(patch)
         kernels.add_dirt(

@@ -36,6 +36,9 @@ _SURE = 20.0
 _APART = 0.03e-3  # m, between depths of different dips of the cost
 _UNMODELLED = 12e-6
 """Error of a depth by waves between the flanks, in metres, from scans of the twin."""
+_GAINS = (0.25, 0.4, 0.63, 1.0)
+"""Shares of what enters a crack that come back from its floor, each 1.6 times the one before:
+between the flanks sound spreads along the crack, the more the deeper it is."""
 _DEPTHS: FloatArray = np.arange(0.08e-3, 1.6e-3, 0.01e-3)
 """Depths that are tried, in metres, down to the end of the window."""
 
@@ -88,7 +91,8 @@ def crack_depth(
     Notes
     -----
     The image gives the share of each footprint that falls on the crack. That share of the echo is
-    delayed by the depth, which is the only unknown. Waves between the flanks are neglected.
+    delayed by the depth. The depth and how much of it comes back are the only unknowns. Waves
+    between the flanks are neglected.
     """
     course = np.asarray(places, dtype=np.float64)
     if course.ndim != 2 or course.shape[1:] != (2,) or len(course) < 2 or not width > 0:
@@ -212,12 +216,17 @@ def _estimate(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
     if energy < _ENOUGH:
         return CrackDepth(NARROW, least_width=least)
     k, plain = fit.model.sound.wavenumbers, fit.model.plain
-    costs = np.array(
-        [fit.cost_of(plain * (1 + share[:, None] * (np.exp(2j * k * d) - 1))) for d in _DEPTHS]
+    parts = [gain * share[:, None] for gain in _GAINS]
+    every = np.array(
+        [
+            [fit.cost_of(plain * (1 + part * (np.exp(2j * k * d) - 1))) for d in _DEPTHS]
+            for part in parts
+        ]
     )
-    best = int(np.argmin(costs))
-    others = costs[np.abs(_DEPTHS - _DEPTHS[best]) > _APART]
-    without = min(fit.cost_of(plain), fit.cost_of(plain * (1 - share[:, None])))
+    row, best = np.unravel_index(int(np.argmin(every)), every.shape)
+    costs = every[row]
+    others = every[:, np.abs(_DEPTHS - _DEPTHS[best]) > _APART]
+    without = min(fit.cost_of(plain), *(fit.cost_of(plain * (1 - part)) for part in parts))
     if min(without, float(others.min())) - costs[best] < _SURE or best in (0, len(_DEPTHS) - 1):
         return CrackDepth(SILENT, least_width=least)
     if _DEPTHS[best] > DEEPEST:

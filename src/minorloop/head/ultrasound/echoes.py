@@ -208,14 +208,14 @@ def find_echoes(
     peaks = np.sort(peaks[np.argsort(-loud[peaks])][:most])
     echoes = []
     for n in peaks:
-        place, height = _vertex(loud, int(n))
+        place, height = vertex(loud, int(n))
         if fine:
             place = _crest(filtered.real, place)
         echoes.append(Echo(place * interval, height, height / max(noise, 1e-12)))
     return tuple(echoes)
 
 
-def _vertex(values: FloatArray, n: int) -> tuple[float, float]:
+def vertex(values: FloatArray, n: int) -> tuple[float, float]:
     """Return place, in samples, and height of the parabola through a peak and its neighbours."""
     before, here, after = values[n - 1], values[n], values[n + 1]
     bend = before - 2 * here + after
@@ -230,7 +230,7 @@ def _crest(wave: FloatArray, place: float) -> float:
     crests = near[(wave[near] >= wave[near - 1]) & (wave[near] > wave[near + 1]) & (wave[near] > 0)]
     if crests.size == 0:
         return place
-    return _vertex(wave, int(crests[np.argmin(np.abs(crests - place))]))[0]
+    return vertex(wave, int(crests[np.argmin(np.abs(crests - place))]))[0]
 
 
 def front_echo(shot: Shot, distance: float, speed: float) -> Echo:

@@ -1,8 +1,9 @@
 """Trace cracks: thin dark lines that stay dark whichever light is on.
 
-A ridge filter on the unrolled wall marks thin dark lines. A threshold with hysteresis keeps lines
-that contain a strong piece, and short gaps are bridged. The course of a piece is the cheapest path
-between its ends, where the cost is low on a ridge.
+Heights of dark lines under all lights mark the pieces. A threshold with hysteresis keeps pieces
+that contain a strong part, and short gaps are bridged. The course of a piece is the cheapest path
+between its ends, where the cost is low on a line; what the path leaves out is traced as a branch.
+The profiles across a course decide whether it is a crack.
 """
 
 from __future__ import annotations
@@ -20,12 +21,28 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import wrapped
 from minorloop.head.vision.calibrated_camera import Image32, Window
+from minorloop.head.vision.crack_evidence import (
+    LEAST_EVIDENCE,
+    Profiles,
+    crack_evidence,
+    likely_parts,
+    profiles_of,
+)
+from minorloop.head.vision.crack_lines import line_heights
+from minorloop.head.vision.crack_links import extended, joined
 
-_SCALES = (1.5, 2.5)  # texels, half the width of a crack of 0.15 to 0.25 mm
-_GAP = 4  # texels
-_NORMAL = 14  # half texels to either side of a crack
-_DARK = 0.93
-"""Share of the light of the wall that a crack takes."""
+_HIGH, _LOW = 0.16, 0.1
+"""Heights that a piece reaches and stays above: half of the texels of a crack of 50 um are above
+0.25, one in two hundred of a wall without a crack above 0.2."""
+_EDGE = 4
+"""Texels at the edge of what is seen, where a line has no second side."""
+_SHORTEST = 0.8e-3
+"""Least length of a branch in metres: shorter ones are also corners of a wide crack."""
+_BRANCHES = 3
+"""Times that branches are searched for."""
+_APART = 5
+"""Texels from a course within which lines belong to it."""
+_FEWEST = 8  # texels of a course
 _SLENDER = 6.0
 """Least length over width."""
 
@@ -43,13 +60,16 @@ class TracedCrack:
     length : float
         In metres, along the wall.
     contrast : float
-        Median height of its ridge, in the logarithm of the image.
+        Median height of its line, in the logarithm of the image.
+    evidence : float
+        Logarithm of the odds that it is a crack, among dark lines on the wall.
     """
 
     places: FloatArray
     widths: FloatArray
     length: float
     contrast: float
+    evidence: float = np.inf
 
     @property
     def width(self) -> float:
@@ -58,30 +78,28 @@ class TracedCrack:
 
 
 def trace_cracks(
-    brightest: Image32,
+    stack: Image32,
     window: Window,
     radius: float,
     *,
-    high: float = 0.35,
-    low: float = 0.15,
-    least: float = 1.5e-3,
+    least: float = LEAST_EVIDENCE,
+    shortest: float = 1.5e-3,
     apart: Sequence[tuple[float, float, float]] = (),
 ) -> tuple[TracedCrack, ...]:
     """Trace the cracks on a map of the wall, longest first.
 
     Parameters
     ----------
-    brightest : (rows, columns) array of float32
-        Logarithm of the reflectance under the light that makes it brightest, such as
-        ``ReflectanceMap.brightest``; the flank of a scratch is bright under one light. NaN where
-        the wall is not seen.
+    stack : (rows, columns) or (K, rows, columns) array of float32
+        Logarithm of the reflectance, under each of K lights, such as ``ReflectanceMap.stack``. NaN
+        where the wall is not seen.
     window : Window
         The texels of the map.
     radius : float
         Of the pipe, in metres.
-    high, low : float
-        Thresholds of the height of a ridge: a piece reaches ``high`` and stays above ``low``.
     least : float
+        Least evidence.
+    shortest : float
         Least length in metres.
     apart : sequence of (phi, z, diameter)
         Holes, whose rims are left out.
@@ -92,93 +110,136 @@ def trace_cracks(
         If map and window differ in shape.
     ParameterError
         If the radius is not positive.
-
-    Notes
-    -----
-    The ridge is the larger eigenvalue of the second derivatives, normalised by scale (Lindeberg,
-    Edge detection and ridge detection with automatic scale selection, 1998).
     """
-    if np.shape(brightest) != (window.rows, window.columns):
+    levels = np.asarray(stack, dtype=np.float32)
+    levels = levels[None] if levels.ndim == 2 else levels
+    if levels.shape[1:] != (window.rows, window.columns):
         raise SignalError(
-            f"a map of shape {np.shape(brightest)} for a window of {window.rows} rows and "
+            f"a map of shape {np.shape(stack)} for a window of {window.rows} rows and "
             f"{window.columns} columns; give the map of that window"
         )
     if not as_finite("radius of the pipe", radius) > 0:
         raise ParameterError(f"a pipe of radius {radius} m; give a length > 0 in m")
-    seen = np.isfinite(brightest)
-    if seen.sum() < 100:
-        return ()
-    level = np.where(seen, brightest, np.median(brightest[seen])).astype(np.float32)
-    ridge = _ridge(level)
-    ridge[~ndimage.binary_erosion(seen, iterations=6)] = 0
-    _mask_out(ridge, window, radius, apart)
-    found = []
-    for piece in _pieces(ridge, high, low, least / window.step):
-        course = _course(ridge, piece)
-        crack = _measured(course, level, ridge, window, radius)
-        if crack is not None and crack.length >= least:
-            found.append(crack)
+    found = [
+        crack
+        for crack in _lines(levels, window, radius, apart)
+        if crack.length >= shortest and crack.evidence >= least
+    ]
     return tuple(sorted(found, key=lambda crack: -crack.length))
 
 
-def _ridge(level: Image32) -> Image32:
-    """Return the height of thin dark lines."""
-    best = np.zeros_like(level)
-    for scale in _SCALES:
-        xx, yy, xy = (
-            scale**2 * ndimage.gaussian_filter(level, scale, order=order, truncate=3.0)
-            for order in ((0, 2), (2, 0), (1, 1))
-        )
-        root = np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
-        strong, weak = 0.5 * (xx + yy) + root, 0.5 * (xx + yy) - root
-        # A spot bends both ways, a line only across.
-        best = np.maximum(best, strong - np.abs(weak))
-    return best
+def _lines(
+    levels: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]]
+) -> list[TracedCrack]:
+    """Return all dark lines with parts that look like a crack."""
+    wall = dark_wall(levels, window, radius, apart)
+    if wall is None:
+        return []
+    parts = [
+        part for course in wall.courses for part in likely_parts(profiles_of(course, wall.levels))
+    ]
+    found = [
+        _measured(profiles_of(course, wall.levels), wall, window, radius)
+        for course in whole_courses(parts, wall)
+    ]
+    return [crack for crack in found if crack is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class DarkWall:
+    """Dark lines of a wall before they are judged.
+
+    Parameters
+    ----------
+    levels : (K, rows, columns) array of float32
+        Logarithm of the reflectance; what is not seen has the value of the nearest texel that is.
+    heights : (rows, columns) array of float32
+        Of the lines.
+    courses : tuple of (N, 2) arrays
+        Rows and columns of the lines.
+    """
+
+    levels: Image32
+    heights: Image32
+    courses: tuple[FloatArray, ...]
+
+
+def dark_wall(
+    levels: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]] = ()
+) -> DarkWall | None:
+    """Return the dark lines on maps (K, rows, columns); None if nearly nothing is seen."""
+    seen = np.asarray(np.isfinite(levels).all(axis=0))
+    if seen.sum() < 100:
+        return None
+    # A profile that leaves the map goes on with the last brightness of the wall.
+    _, near = ndimage.distance_transform_edt(~seen, return_indices=True)
+    heights, middle = line_heights(levels, seen)
+    heights[~ndimage.binary_erosion(seen, iterations=_EDGE)] = 0
+    _mask_out(heights, window, radius, apart)
+    heights = np.where(ndimage.binary_dilation(middle, np.ones((3, 3), dtype=bool)), heights, 0)
+    courses = [course.astype(float) for course in _courses(heights, _SHORTEST / window.step)]
+    return DarkWall(levels[:, near[0], near[1]], heights, tuple(courses))
+
+
+def whole_courses(parts: Sequence[FloatArray], wall: DarkWall) -> list[FloatArray]:
+    """Return courses (N, 2) of parts joined where they continue each other, to their tips."""
+    whole = joined([part for part in parts if len(part) >= _FEWEST])
+    return [extended(course, wall.heights, _LOW) for course in whole]
+
+
+def _courses(heights: Image32, least: float) -> list[npt.NDArray[np.int64]]:
+    """Return the courses (N, 2) of all pieces and of their branches, in rows and columns."""
+    courses = []
+    left = heights.copy()
+    for _ in range(_BRANCHES + 1):
+        found = [_course(left, piece) for piece in _pieces(left, least)]
+        found = [course for course in found if len(course) >= _FEWEST]
+        if not found:
+            break
+        courses += found
+        taken = np.zeros(heights.shape, dtype=bool)
+        for course in found:
+            taken[course[:, 0], course[:, 1]] = True
+        left[ndimage.distance_transform_edt(~taken) <= _APART] = 0
+    return courses
 
 
 def _mask_out(
-    ridge: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]]
+    heights: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]]
 ) -> None:
-    rows, columns = np.indices(ridge.shape)
+    rows, columns = np.indices(heights.shape)
     for phi, z, diameter in apart:
         x = float(wrapped(phi - window.phi)) * radius / window.step
         y = (z - window.z) / window.step
         reach = 0.75 * diameter / window.step + 3
-        ridge[(columns - x) ** 2 + (rows - y) ** 2 < reach**2] = 0
+        heights[(columns - x) ** 2 + (rows - y) ** 2 < reach**2] = 0
 
 
 def _pieces(
-    ridge: Image32, high: float, low: float, least: float
+    heights: Image32, least: float
 ) -> list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]]:
     """Return rows and columns of the texels of each piece, short gaps filled."""
-    weak = ridge > low
-    bridged = ndimage.binary_closing(weak, _disc(_GAP // 2 + 1), iterations=1)
-    labels, count = ndimage.label(bridged, np.ones((3, 3)))
+    labels, _ = ndimage.label(heights > _LOW, np.ones((3, 3)))
     pieces = []
     for n, box in enumerate(ndimage.find_objects(labels), start=1):
         inside = labels[box] == n
         reach = np.hypot(*inside.shape)
-        if count == 0 or reach < least or not (ridge[box][inside] > high).sum() >= 0.5 * least:
+        if reach < least or (heights[box][inside] > _HIGH).sum() < 0.5 * least:
             continue
         i, j = np.nonzero(inside)
         pieces.append((i + box[0].start, j + box[1].start))
     return pieces
 
 
-def _disc(radius: int) -> npt.NDArray[np.bool_]:
-    i, j = np.mgrid[-radius : radius + 1, -radius : radius + 1]
-    return np.asarray(i * i + j * j <= radius * radius)
-
-
 def _course(
-    ridge: Image32, piece: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
+    heights: Image32, piece: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
 ) -> npt.NDArray[np.int64]:
     """Return rows and columns (N, 2) of the cheapest path between the ends farthest apart."""
     i, j = piece
     number = np.full((np.ptp(i) + 3, np.ptp(j) + 3), -1)
     y, x = i - i.min() + 1, j - j.min() + 1
     number[y, x] = np.arange(i.size)
-    cost = 1.0 / (0.05 + np.maximum(ridge[i, j], 0))
+    cost = 1.0 / (0.05 + np.maximum(heights[i, j], 0))
     starts, ends, prices, lengths = [], [], [], []
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
         other = number[y + dy, x + dx]
@@ -191,7 +252,7 @@ def _course(
     size = (i.size, i.size)
     near: Any = sparse.csr_array((np.concatenate(lengths), pair), shape=size)
     cheap: Any = sparse.csr_array((np.concatenate(prices), pair), shape=size)
-    first = int(np.argmax(_reached(near, int(np.argmax(ridge[i, j])))))
+    first = int(np.argmax(_reached(near, int(np.argmax(heights[i, j])))))
     last = int(np.argmax(_reached(near, first)))
     _, ways = csgraph.dijkstra(cheap, directed=False, indices=[first], return_predecessors=True)
     before = ways[0]
@@ -207,28 +268,12 @@ def _reached(graph: Any, start: int) -> FloatArray:
     return np.where(np.isfinite(far), far, -1.0)
 
 
-def _measured(
-    course: npt.NDArray[np.int64], level: Image32, ridge: Image32, window: Window, radius: float
-) -> TracedCrack | None:
-    """Measure length and widths along a course; None if it is not slender."""
-    if len(course) < 8:
+def _measured(line: Profiles, wall: DarkWall, window: Window, radius: float) -> TracedCrack | None:
+    """Measure length and widths of a line; None if it is not slender."""
+    widths, length = line.widths * window.step, line.length * window.step
+    if length < max(_SLENDER * float(np.median(widths)), _SHORTEST):
         return None
-    smooth = ndimage.gaussian_filter1d(course.astype(np.float64), 2.5, axis=0, mode="nearest")
-    steps = np.hypot(*np.diff(smooth, axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    heading = np.gradient(smooth, axis=0)
-    norm = np.maximum(np.hypot(heading[:, 0], heading[:, 1]), 1e-9)[:, None]
-    normal = np.stack([-heading[:, 1], heading[:, 0]], axis=1) / norm
-    off = np.arange(-_NORMAL, _NORMAL + 1) / 2
-    lines = smooth[:, None, :] + off[None, :, None] * normal[:, None, :]
-    across = ndimage.map_coordinates(level, np.moveaxis(lines, -1, 0), order=1, mode="nearest")
-    ground = np.median(across[:, np.abs(off) > 5], axis=1)
-    taken = 1 - np.exp(np.minimum(across - ground[:, None], 0))
-    widths = ndimage.median_filter(taken.sum(axis=1) * 0.5 / _DARK, 5, mode="nearest")
-    widths = widths * window.step
-    contrast = float(np.median(ridge[course[:, 0], course[:, 1]]))
-    length = float(along[-1] * window.step)
-    if length < _SLENDER * float(np.median(widths)):
-        return None
-    places = window.place(smooth[:, 1], smooth[:, 0], radius)
-    return TracedCrack(places, widths, length, contrast)
+    y, x = np.clip(np.rint(line.course).astype(int), 0, np.array(wall.heights.shape) - 1).T
+    contrast = float(np.median(wall.heights[y, x]))
+    places = window.place(line.course[:, 1], line.course[:, 0], radius)
+    return TracedCrack(places, widths, length, contrast, crack_evidence(line))

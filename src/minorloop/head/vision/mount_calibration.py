@@ -71,6 +71,11 @@ class MountFit:
     joints: FloatArray
     residuals: FloatArray
 
+    @property
+    def rms(self) -> float:
+        """Rms of read less fitted angles of the joints, in degrees."""
+        return float(np.sqrt(np.square(self.joints).mean()))
+
 
 def fit_mount(
     poses: Sequence[TargetPose],

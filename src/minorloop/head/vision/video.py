@@ -30,6 +30,8 @@ from minorloop.head.vision.imaging import opencv
 from minorloop.lab.actuator import Frame, FrameSource
 from minorloop.lab.registry import loaded, registered
 
+NO_NEW_PICTURE = "gives no new picture"
+"""What is said of a camera that has given pictures, and gives none in time."""
 SCHEME, CAMERAS = "camera:", "minorloop.cameras"
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 """Endings of the images in a folder."""
@@ -39,6 +41,10 @@ _RATE = 25.0
 """Images of a folder in a second, and of a video that does not say."""
 _OPENING, _READING = 3000, 1000
 """Longest time in ms until a stream opens, and until it gives a picture."""
+_RENEWAL = 5.0
+"""Least time in seconds for which a stream stays open whose size is not the wanted one."""
+_END_OF_JPEG, _PADDING = b"\xff\xd9", 64
+"""Last bytes of a JPEG, and how many others a camera may append."""
 _CLOSING = 5.0
 """Longest time in seconds until a camera is closed: it may be opening."""
 _AGAIN = 0.5
@@ -134,7 +140,7 @@ class LiveCamera:
         self._newest: Frame | None = None
         self._problem = f"{address} has given no picture yet"
         self._wanted: tuple[float, float] | None = None
-        self._ended = False
+        self._ended = self._renewing = False
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._receive, daemon=True)
         self._thread.start()
@@ -167,6 +173,13 @@ class LiveCamera:
         A camera that offers neither ignores this.
         """
         self._wanted = (exposure, gain)
+
+    def renew(self) -> None:
+        """Open a stream again that may have changed its size, if it was not opened just now.
+
+        OpenCV goes on with the size at the opening, except where each picture is a JPEG.
+        """
+        self._renewing = True
 
     @property
     def exposes(self) -> bool:
@@ -209,12 +222,22 @@ class LiveCamera:
         try:
             if not camera.isOpened():
                 raise InstrumentError(f"{self.address} cannot be opened")
+            self._renewing = False
+            stream = isinstance(self._target, str)
+            jpegs = stream and _undecoded(cv2, camera)
+            renewable = time.monotonic() + (_RENEWAL if stream and not jpegs else math.inf)
             while not self._over.is_set():
+                if self._renewing and time.monotonic() > renewable:
+                    return
                 self._set_exposure(camera)
                 good, picture = camera.read()
                 if not good:
                     raise InstrumentError(f"{self.address} gives no picture")
-                self._give(_grey(cv2, picture), self._time_by(camera))
+                image = _decoded(cv2, picture.ravel()) if jpegs else _grey(cv2, picture)
+                if image is None:
+                    self._problem = f"{self.address} gives damaged pictures"
+                    continue
+                self._give(image, self._time_by(camera))
         finally:
             camera.release()
 
@@ -240,7 +263,7 @@ class LiveCamera:
         with self._changed:
             self.timed_by_camera = taken is not None
             self._newest = Frame(time.monotonic() if taken is None else taken, image)
-            self._problem = f"{self.address} gives no new picture"
+            self._problem = f"{self.address} {NO_NEW_PICTURE}"
             self._changed.notify_all()
 
 
@@ -351,6 +374,26 @@ def _video(path: Path) -> Iterator[Frame]:
                 number, before = number + 1, t
     finally:
         video.release()
+
+
+def _undecoded(cv2: Any, camera: Any) -> bool:
+    """Ask for the pictures of a stream as they come; return whether they are JPEGs.
+
+    OpenCV scales those that it decodes to the size at the opening.
+    """
+    jpegs = int(camera.get(cv2.CAP_PROP_FOURCC)) == cv2.VideoWriter.fourcc(*"MJPG")
+    return jpegs and bool(camera.set(cv2.CAP_PROP_FORMAT, -1))
+
+
+def _decoded(cv2: Any, coded: Any) -> Image | None:
+    """Return the picture of a JPEG; None if it is damaged, or a part of it is missing."""
+    if coded[-_PADDING:].tobytes().rfind(_END_OF_JPEG) < 0:
+        return None
+    try:
+        image: Image | None = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        return None
+    return image
 
 
 def _grey(cv2: Any, picture: Any) -> Image:

@@ -318,7 +318,8 @@ class Bench:
             The input, in its unit.
         """
         written = getattr(self._source.source, "written", None)
-        return u if written is None else float(written(u))
+        with _driver_errors():
+            return u if written is None else float(written(u))
 
     def check(self) -> Value:
         """Make the source safe, and read the outputs a few times; return the last readings.
@@ -367,7 +368,8 @@ class Bench:
     def close(self) -> None:
         """Close the connections; make the source safe before."""
         for link in self._links:
-            link.close()
+            with _driver_errors():
+                link.close()
 
     def _go(self, wanted: FloatArray, end: float) -> None:
         """Change the inputs towards values, at the allowed rates, until a time."""
@@ -424,7 +426,8 @@ class Bench:
             self._clock.sleep(left)
 
     def _read(self) -> FloatArray:
-        values = np.atleast_1d(np.asarray(self._meter.read(), dtype=np.float64))
+        with _driver_errors():
+            values = np.atleast_1d(np.asarray(self._meter.read(), dtype=np.float64))
         if values.shape != (len(self._outputs),):
             raise InstrumentError(
                 f"the meter gives {values.size} readings for {len(self._outputs)} outputs"
@@ -437,17 +440,27 @@ class Bench:
     def _safe_after_errors(self) -> Iterator[None]:
         """Make the source safe after an error; a `SafetyError` mentions that error."""
         try:
-            yield
+            with _driver_errors():
+                yield
         except BaseException as error:
             try:
                 self.safe()
             except SafetyError as unsafe:
                 reason = str(error) or type(error).__name__
                 raise SafetyError(f"{unsafe}; the error before: {reason}") from error
-            if isinstance(error, MinorloopError) or not isinstance(error, Exception):
-                raise
-            said = f"{type(error).__name__}: {error}"
-            raise InstrumentError(f"the driver failed: {said}") from error
+            raise
+
+
+@contextmanager
+def _driver_errors() -> Iterator[None]:
+    """Make an error of a driver that somebody else wrote an `InstrumentError`."""
+    try:
+        yield
+    except MinorloopError:
+        raise
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}"
+        raise InstrumentError(f"the driver failed: {said}") from error
 
 
 def _channels(given: Channel | Sequence[Channel]) -> tuple[Channel, ...]:

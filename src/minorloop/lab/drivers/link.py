@@ -6,8 +6,10 @@ import os
 import re
 import select
 import socket
+import sys
 import time
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, Protocol
 
 from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
@@ -107,6 +109,7 @@ class VisaLink:
         except Exception as error:  # each backend has its own errors
             raise InstrumentError(f"{resource} cannot be opened: {_short(error)}") from None
         self._resource: Any = None
+        self._lock: int | None = None
         self._open()
 
     def send(self, text: str) -> None:
@@ -187,6 +190,7 @@ class VisaLink:
 
     def _open(self) -> None:
         try:
+            self._keep_others_out()
             resource: Any = self._manager.open_resource(
                 self.name, open_timeout=round(1000 * self._timeout)
             )
@@ -198,8 +202,8 @@ class VisaLink:
             if self._baud is not None:
                 resource.baud_rate = self._baud
             self._send_at_once(resource)
-            self._keep_others_out(resource)
         except Exception as error:
+            self._let_others_in()
             advice = "" if isinstance(error, InstrumentError) else _ADVICE
             said = f"{self.name} cannot be opened: {_short(error)}{advice}"
             raise InstrumentError(said) from None
@@ -221,15 +225,30 @@ class VisaLink:
 
             resource.set_visa_attribute(ResourceAttribute.tcpip_nodelay, True)
 
-    def _keep_others_out(self, resource: Any) -> None:
-        """Lock a serial port, if PyVISA-py has opened one; refuse one that another program has."""
-        port = getattr(self._session(resource), "interface", None)
-        if port is not None and hasattr(port, "exclusive"):
-            try:
-                port.exclusive = True
-            except OSError:
-                resource.close()
-                raise InstrumentError("another program uses it; end that program") from None
+    def _keep_others_out(self) -> None:
+        """Lock a serial port; refuse one that another program has.
+
+        This is before the library opens it, which discards what has arrived for the other program.
+        """
+        from pyvisa.rname import ResourceName
+
+        if not self.name.upper().startswith("ASRL") or sys.platform == "win32":
+            return  # Windows lets one program alone open a port
+        port = getattr(ResourceName.from_string(self.name), "board", "")
+        if not Path(port).is_char_device():
+            return
+        import fcntl
+
+        self._lock = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InstrumentError("another program uses it; end that program") from None
+
+    def _let_others_in(self) -> None:
+        lock, self._lock = self._lock, None
+        if lock is not None:
+            os.close(lock)
 
     def _session(self, resource: Any) -> Any:
         """Return the session of a resource, if PyVISA-py has opened one."""
@@ -272,6 +291,7 @@ class VisaLink:
                 self._part(wire)
         with suppress(Exception):
             resource.close()
+        self._let_others_in()
         self.owed = 0
 
     def _part(self, wire: socket.socket) -> None:
@@ -311,9 +331,13 @@ class VisaLink:
         found = b""
         while not found.endswith(b"\n"):
             if len(found) > LONGEST or time.monotonic() > deadline:
-                more = " and so on" if len(found) > _SHOWN else ""
-                raise _UnendedError(f"{found[:_SHOWN]!r}{more}, without the end of a line")
-            found += self._some(1 if self._streams else LONGEST + 1)
+                raise _unended(found)
+            try:
+                found += self._some(1 if self._streams else LONGEST + 1)
+            except Exception:
+                if not found:
+                    raise
+                raise _unended(found) from None
             if not self._streams and len(found) <= LONGEST:
                 break  # a message has an end of its own
         return found
@@ -354,6 +378,12 @@ class VisaLink:
         finally:
             self._resource.timeout = round(1000 * self._timeout)
         raise InstrumentError(f"{self.name} does not stop sending")
+
+
+def _unended(found: bytes) -> _UnendedError:
+    """Return the error for the part of an answer that came."""
+    more = " and so on" if len(found) > _SHOWN else ""
+    return _UnendedError(f"{found[:_SHOWN]!r}{more}, without the end of a line")
 
 
 def _short(error: Exception) -> str:

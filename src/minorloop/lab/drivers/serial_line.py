@@ -165,7 +165,12 @@ class BoardLine:
             found = parse(line, self._sequence)
             if found is not None:
                 return found
-            line = self._link.read()
+            try:
+                line = self._link.read()
+            except InstrumentError:
+                if not line:  # an empty line is no answer
+                    raise
+                break
         raise InstrumentError(
             f"{self._link.name} gave no valid answer to {words[0]}, last {line[:60]!r}; check the "
             "cable and the baud rate"

@@ -1,0 +1,236 @@
+"""Sweep the probe along the wall while it fires, line by line, for a map of echoes.
+
+The head holds pan and tilt, so that the beam is square to the wall. The catheter rolls along each
+line and rolls back fast; all the while it advances slowly, by a line's distance for each line. It
+never stops in between: friction would hold it, and then let it jump farther than the next line.
+
+A request moves the catheter for one tick only. Whoever calls no further step has stopped it, and
+has all bursts in the last state.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
+from minorloop.head.control.head import HeadControl
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.go import GO, Go, GoState
+from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.values import Procedure, Reading, Request, passed
+from minorloop.head.ultrasound.c_scan import SweptBurst, beam_width
+from minorloop.head.ultrasound.echoes import average
+
+SweepStage: TypeAlias = Literal["travel", "run up", "line", "return"]
+STUCK = "the catheter does not follow"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SweepState:
+    """State of a sweep.
+
+    ``phi`` and ``z`` are the ends of the area, ``phi`` growing beyond pi where needed; ``rolls``
+    those of a line, as the catheter measures them. ``go`` is the state of the way there. The line
+    began at ``since`` and takes ``cycle`` seconds with the way back; ``pace`` is the rate of
+    advance. The last burst was requested at the roll ``fired``; ``last`` is time and place (2,) of
+    the last reading, ``moved`` of the last one at which the catheter had moved on. ``bursts`` are
+    all that were fired; ``lines`` have ended. ``refused`` says why a sweep was not begun,
+    ``trouble`` why it ended early.
+    """
+
+    phi: tuple[float, float]
+    z: tuple[float, float]
+    stage: SweepStage = "travel"
+    go: GoState | None = None
+    rolls: tuple[float, float] = (0.0, 0.0)
+    since: float = 0.0
+    pace: float = 0.0
+    cycle: float = 0.0
+    fired: float = math.nan
+    last: tuple[float, FloatArray] = field(default_factory=lambda: (0.0, np.full(2, np.nan)))
+    moved: tuple[float, FloatArray] = field(default_factory=lambda: (0.0, np.full(2, np.nan)))
+    bursts: tuple[SweptBurst, ...] = ()
+    lines: int = 0
+    progress: float = 0.0
+    refused: str = ""
+    trouble: str = ""
+    done: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sweep(Procedure[SweepState]):
+    """Lines round the pipe, fired while the catheter rolls.
+
+    Parameters
+    ----------
+    calibration : HeadCalibration
+    shots : int
+        In a burst. Four take 4 ms, in which the spot moves by a tenth of its width.
+    tick : float
+        Of the loop, in seconds: there is one burst in each.
+    overlap : float
+        Distance of lines and of bursts over the width of the beam.
+    fastest : float
+        Highest rate of roll in rad/s, that of the way back. The motor has 60 degrees a second.
+    margin : float
+        By which a line is longer at either end, in radians.
+    run_up : float
+        Way in metres on which the tip breaks away from friction before the first line; it jumps
+        by 0.4 mm.
+    hurry : float
+        Rate of advance in m/s on that way.
+    turning : float
+        Seconds of a turn back, until friction lets the tip follow, for the first guess of the pace.
+    stalled : float
+        Seconds without a move after which the sweep ends. To break away from friction takes 2.5 s
+        on the way to the first line, and half a second of a turn.
+    go : Go
+        Of the way there.
+    """
+
+    calibration: HeadCalibration
+    shots: int = 4
+    tick: float = 0.04
+    overlap: float = 1.0
+    fastest: float = math.radians(55.0)
+    margin: float = math.radians(2.0)
+    run_up: float = 1e-3
+    hurry: float = 0.8e-3
+    turning: float = 0.5
+    stalled: float = 4.0
+    go: Go = GO
+
+    @property
+    def pitch(self) -> float:
+        """Distance of lines, and of bursts on a line, in metres."""
+        view = self.calibration
+        return self.overlap * beam_width(view.probe_at((0.0, 0.0)))
+
+    @property
+    def rate(self) -> float:
+        """Rate of roll on a line, in rad/s."""
+        return min(self.pitch / (self.tick * self.calibration.radius), self.fastest)
+
+    def begin(
+        self,
+        phi: tuple[float, float],
+        z: tuple[float, float],
+        *,
+        control: HeadControl | None = None,
+    ) -> SweepState:
+        """Return the state before a sweep of an area.
+
+        Parameters
+        ----------
+        phi : (float, float)
+            First and last, in radians. The last is greater, by a turn at most.
+        z : (float, float)
+            First and last, in metres.
+        control : HeadControl, optional
+            Of the head. A sweep whose angles it does not reach in the water is refused: it is done,
+            and its state says why.
+
+        Raises
+        ------
+        ParameterError
+            If the area is empty, or goes round the pipe more than once.
+        """
+        around, along = phi[1] - phi[0], z[1] - z[0]
+        if not 0 < around <= 2 * math.pi + 1e-9:
+            raise ParameterError(
+                f"a sweep from phi {phi[0]:.3g} to {phi[1]:.3g} rad; give a last phi that is "
+                "greater by a turn at most"
+            )
+        if not (along > 0 and z[0] >= 0 and math.isfinite(z[1])):
+            raise ParameterError(
+                f"a sweep from z {z[0]:.4g} to {z[1]:.4g} m; give z >= 0, the last one greater"
+            )
+        scan = RasterScan(calibration=self.calibration)
+        refused = "" if control is None else scan.out_of_reach(control)
+        cycle = around * (1 / self.rate + 1 / self.fastest) + 2 * self.turning
+        return SweepState(phi=phi, z=z, cycle=cycle, refused=refused, done=bool(refused))
+
+    def _next(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
+        if reading.shots:
+            state = replace(state, bursts=(*state.bursts, self._burst(state, reading)))
+        state, request = self._moved(state, reading)
+        return replace(state, last=(reading.t, reading.place)), request
+
+    def _moved(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
+        if state.stage == "travel":
+            return self._travel(state, reading)
+        since, place = state.moved
+        off = np.hypot(*((reading.place - place) * (1.0, self.calibration.radius)))
+        if not off < 0.5 * self.pitch:  # the first time there is nothing to compare with
+            state = replace(state, moved=(reading.t, reading.place))
+        elif passed(since, reading.t, self.stalled):
+            return replace(state, trouble=STUCK, done=True), Request()
+        advance, roll = reading.place.tolist()
+        if state.stage == "run up" and advance < state.z[0]:
+            return state, self._rates(self.hurry, 0.0)
+        if state.stage == "return" and roll > state.rolls[0]:
+            return state, self._rates(state.pace, -self.fastest)
+        if state.stage != "line":
+            return self._begun(state, reading)
+        return self._fired(state, roll) if roll < state.rolls[1] else self._ended(state, advance)
+
+    def _fired(self, state: SweepState, roll: float) -> tuple[SweepState, Request]:
+        """Roll on, and fire if the spot has moved."""
+        off = abs(roll - state.fired) * self.calibration.radius
+        if off < 0.5 * self.pitch:
+            return state, self._rates(state.pace, self.rate)
+        return replace(state, fired=roll), self._rates(state.pace, self.rate, shots=self.shots)
+
+    def _ended(self, state: SweepState, advance: float) -> tuple[SweepState, Request]:
+        """Return to the start of the next line, or end behind the last one."""
+        low, high = state.z
+        share = float(np.clip((advance - low) / (high - low), 0.0, 1.0))
+        state = replace(state, stage="return", lines=state.lines + 1, progress=share)
+        if share == 1.0:
+            return replace(state, done=True), Request()
+        return state, self._rates(state.pace, -self.fastest)
+
+    def _travel(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
+        """Go to before the first line, and let the water in."""
+        scan = RasterScan(calibration=self.calibration)
+        if state.go is None:
+            start = float(scan.rolled(state.phi[0], reading.place)[1]) - self.margin
+            end = start + state.phi[1] - state.phi[0] + 2 * self.margin
+            place = (max(state.z[0] - self.run_up, 0.0), start)
+            go = self.go.begin(place=place, angles=scan.perpendicular)
+            state = replace(state, rolls=(start, end), go=go)
+        assert state.go is not None
+        go, request = self.go.step(state.go, reading)
+        state = replace(state, go=go)
+        if not go.done:
+            return state, request
+        return replace(state, stage="run up"), Request(water=True)
+
+    def _begun(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
+        """Begin a line, at the pace that brings the next one to its place."""
+        cycle = state.cycle if state.lines == 0 else reading.t - state.since
+        due = state.z[0] + (state.lines + 1) * self.pitch - float(reading.place[0])
+        pace = float(np.clip(due, 0.5 * self.pitch, 1.5 * self.pitch)) / cycle
+        state = replace(
+            state, stage="line", since=reading.t, cycle=cycle, pace=pace, fired=math.nan
+        )
+        return state, self._rates(pace, self.rate)
+
+    def _rates(self, advance: float, roll: float, *, shots: int = 0) -> Request:
+        return Request(rates=np.array([advance, roll]), shots=shots)
+
+    def _burst(self, state: SweepState, reading: Reading) -> SweptBurst:
+        """Return the burst of a reading, at the place in its middle."""
+        (before, place), count = state.last, len(reading.shots)
+        half = 0.5 * (reading.shots[-1].t - reading.shots[0].t)
+        rate = (reading.place - place) / max(reading.t - before, 1e-3)
+        here = reading.place + half * np.nan_to_num(rate)
+        sight = reading.line_of_sight
+        burst = average(reading.shots, np.tile(sight, (count, 1)), np.zeros(count))
+        spot = self.calibration.probe_at(here).spots(sight)[0]
+        return SweptBurst(reading.t + half, here, spot, burst)

@@ -1,0 +1,468 @@
+"""A map of the wall from the bursts of a sweep, and the pits and cracks in it (C-scan)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.head.geometry import wrapped
+from minorloop.head.reconstruction.depth_map import (
+    ECHOES,
+    UNSEEN,
+    DepthMap,
+    Patch,
+    WaterLine,
+    coupled_at,
+    find_water,
+    unseen_map,
+)
+from minorloop.head.reconstruction.findings import Finding
+from minorloop.head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched, vertex
+from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.profile import Profile, centred
+
+PIT, CRACK = "pit", "crack"
+_BEFORE, _BEYOND = 0.8e-3, 1.4e-3
+"""Window of the strongest echo before and beyond the wall in metres, for beads and for the deepest
+pit that is measured."""
+_PULSE = 0.1e-3
+"""Length of a pulse in metres of depth, two standard deviations of its envelope: nearer echoes are
+one."""
+_LEAST_SNR = 5.0
+"""Amplitude over noise from which on there is an echo: noise alone reaches it once in 5,000
+bursts."""
+_RINGING = 0.15
+"""Least amplitude of the echo of a surface over that of a plain wall. What the back of a steel wall
+returns is (1 - R^2) / R = 0.13 of it, with R that of steel in water."""
+_WET = 0.5
+"""Least amplitude of the strongest echo over that of a plain wall where the beam is under water: at
+the line, half of it is."""
+_SURE = 6.0
+"""Standard deviations of the map from which on something is no texture of the wall."""
+_FEWEST = 3
+"""Fewest bursts on a surface: fewer are outliers."""
+_FLOOR_SD = 6e-6
+"""Error of a depth by the envelope alone, in metres, from sweeps of the twin."""
+_LOST = 0.3
+"""Least share of the echo of the wall that a crack takes."""
+_SLENDER, _SHORTEST = 3.0, 1.5e-3
+"""Least length of a crack over its width on the map, and in metres."""
+_FLAT = 0.04e-3
+"""Largest median depth of the wall about a crack in metres: a quarter of a wavelength. The flanks
+of dents and beads take from the echo too."""
+_PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
+"""Standard deviations of place and size of a find in metres, half the distance of bursts."""
+_JITTER = 40e-9
+"""Scatter of the time of an envelope at a signal-to-noise ratio of 1, in seconds."""
+Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class SweptBurst:
+    """A burst of a sweep.
+
+    Parameters
+    ----------
+    t : float
+        Its time, in seconds.
+    place : (2,) array
+        Advance and roll of the catheter as measured, in metres and radians.
+    spot : (3,) array
+        Phi and z where the beam meets the nominal wall, and its distance along the beam, by the
+        measured angles.
+    burst : Burst
+        Mean of its shots, with pan and tilt as measured.
+    """
+
+    t: float
+    place: FloatArray
+    spot: FloatArray
+    burst: Burst
+
+
+@dataclass(frozen=True)
+class Find:
+    """A pit or a crack in the map of a sweep.
+
+    Parameters
+    ----------
+    kind : str
+        ``pit`` or ``crack``.
+    phi, z : float
+        Centre, in radians and metres.
+    diameter : float
+        Of a pit where it is half as deep, in metres; width of a crack on the map, which is at least
+        that of the beam.
+    length : float
+        Greatest extent, in metres.
+    depth, depth_sd : float
+        Below the wall beside it, and its standard deviation, in metres; NaN for a crack whose floor
+        sends no echo back.
+    bursts : int
+        Number of bursts on it.
+    """
+
+    kind: str
+    phi: float
+    z: float
+    diameter: float
+    length: float
+    depth: float = np.nan
+    depth_sd: float = np.nan
+    bursts: int = 0
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Phi and z, about which a raster can be scanned."""
+        return self.phi, self.z
+
+    def finding(self, radius: float) -> Finding:
+        """Return it as a finding, in a pipe of a radius."""
+        return Finding(
+            self.kind, "swept", self.phi, _PLACE_SD / radius, self.z, _PLACE_SD, self.diameter,
+            _SIZE_SD, self.length, _SIZE_SD, self.depth, self.depth_sd,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class CScan:
+    """Map of the flooded wall by a sweep.
+
+    Parameters
+    ----------
+    wall : DepthMap
+        Depth of the strongest echo below the wall; unseen where there is none, in gaps and above
+        the water.
+    amplitude, amplitude_sd : (rows, columns) arrays
+        Of the echo at the distance of the wall, as a share of that of a plain wall; NaN in gaps and
+        more than the width of the beam above the water.
+    gap : (rows, columns) array of bool
+        Flooded texels farther than the width of the beam from every burst.
+    water : WaterLine
+        As found by where there are echoes.
+    finds : tuple of Find
+        Pits by depth, then cracks by length, the greatest first; none by a probe without a lens.
+    noise : (float, float)
+        Standard deviations of depth in metres and of amplitude on this wall, by which finds are
+        told from its texture.
+    """
+
+    wall: DepthMap
+    amplitude: FloatArray
+    amplitude_sd: FloatArray
+    gap: BoolArray
+    water: WaterLine
+    finds: tuple[Find, ...]
+    noise: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class WallEchoes:
+    """Echoes of the bursts of a sweep.
+
+    Parameters
+    ----------
+    spots : (N, 2) array
+        Phi and z.
+    depth : (N,) array
+        Of the strongest echo below the wall, in metres; NaN without one that a surface can return.
+    amplitude : (N,) array
+        Of the echo at the distance of the wall, over the usual one; NaN if the trace is too short.
+    strongest, snr : (N,) arrays
+        Amplitude of the strongest echo over the usual one, and over noise.
+    """
+
+    spots: FloatArray
+    depth: FloatArray
+    amplitude: FloatArray
+    strongest: FloatArray
+    snr: FloatArray
+
+
+def beam_width(probe: CalibratedProbe, pulse: Pulse | None = None) -> float:
+    """Return the width of the beam on the wall at half the amplitude of an echo, in metres.
+
+    Notes
+    -----
+    1.02 c F / (f D) in the focus of a lens (Krautkraemer, Ultrasonic Testing of Materials, 1990);
+    without a lens the width of the disc.
+    """
+    disc, frequency = probe.transducer, (pulse or Pulse()).frequency
+    return min(1.02 * probe.speed * disc.focus / (frequency * disc.aperture), disc.aperture)
+
+
+def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) -> CScan:
+    """Map the wall by the bursts of a sweep, and find pits and cracks in it.
+
+    Parameters
+    ----------
+    swept : sequence of SweptBurst
+        In any order; those with a verdict count as gaps.
+    probe : CalibratedProbe
+        The probe and what is known of pipe, water and mount.
+    patch : Patch
+        The texels of the map.
+
+    Notes
+    -----
+    A texel has the echo of the nearest burst. A smooth surface that is steeper than half the
+    opening angle of the lens sends no echo back, so that a steeper step between neighbouring bursts
+    is an edge. Edges divide the bursts into surfaces; a surface that lies deeper than those around
+    it is the floor of a pit. A crack takes from the echo of a wall that is flat beside it.
+    """
+    heard = [one for one in swept if not one.burst.verdict and np.isfinite(one.spot).all()]
+    echoes, width = wall_echoes(heard, probe), beam_width(probe)
+    face, offset, phi = probe.transducer.face, probe.mount.offset[1], echoes.spots[:, 0]
+    water = find_water(phi, echoes.strongest > _WET, probe.radius, face=face, offset=offset)
+    water = replace(water, sd=float(np.hypot(water.sd, _PLACE_SD)))
+    coupled = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
+    used = np.flatnonzero(coupled & np.isfinite(echoes.amplitude))
+    noise = _spread(echoes.depth[used]), _spread(echoes.amplitude[used])
+    around = patch.places[..., 0]
+    flooded = water.wet(around, probe.radius) | np.isnan(water.height)
+    points = _flat(echoes.spots, patch)
+    if used.size < _FEWEST:
+        blank = np.full(flooded.shape, np.nan)
+        return CScan(unseen_map(patch), blank, blank, flooded, water, (), noise)
+    tree = cKDTree(points[used])
+    off, found = map(np.asarray, tree.query(_flat(patch.places, patch), k=_FEWEST))
+    three, near = used[found], off[..., 0] < width
+    # A beam that is partly above the line still has an echo.
+    mapped = near & water.wet(around, probe.radius, margin=-width)
+    finds: tuple[Find, ...] = ()
+    if np.isfinite(probe.transducer.focus):
+        on = _Bursts(points, np.where(near, three[..., 0], -1), patch, width)
+        steepest = 0.5 * probe.transducer.aperture / probe.transducer.focus
+        floors = _floors(echoes.depth, used, on, (steepest, noise[0]))
+        clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
+        finds = _finds(_slender(echoes, clear, on, noise[1]), floors, on)
+    timing = _JITTER / np.maximum(echoes.snr, 1.0) * probe.speed / 2
+    wall = _depth_map(echoes.depth, np.hypot(timing, noise[0]), three, mapped, patch)
+    loud = np.where(mapped, echoes.amplitude[three[..., 0]], np.nan)
+    loud_sd = np.hypot(echoes.amplitude[three].std(axis=-1), noise[1])
+    loud_sd = np.where(mapped, loud_sd, np.nan)
+    return CScan(wall, loud, loud_sd, flooded & ~near, water, finds, noise)
+
+
+def _depth_map(
+    depth: FloatArray, sd: FloatArray, three: Indices, mapped: BoolArray, patch: Patch
+) -> DepthMap:
+    """Return the depth of the nearest of three bursts, and how sure it is.
+
+    The three differ where the exact place matters, as at a rim.
+    """
+    own = np.where(mapped, depth[three[..., 0]], np.nan)
+    seen = np.isfinite(own)
+    scatter = np.nan_to_num(depth[three].std(axis=-1), nan=_BEYOND)
+    floor = np.where(np.abs(own) > _PULSE, _FLOOR_SD, 0.0)
+    total = np.sqrt(scatter**2 + sd[three[..., 0]] ** 2 + floor**2)
+    total = np.where(seen, total, np.inf)
+    return DepthMap(patch, own, total, np.where(seen, ECHOES, UNSEEN).astype(np.uint8))
+
+
+def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEchoes:
+    """Return the strongest echo of each burst, and the amplitude at the distance of the wall.
+
+    Notes
+    -----
+    The distance of the wall is that of `centred`: a misplaced pivot is no depth. The waves of a
+    focused beam go down at angles t up to arctan(D / 2F), and delay by 2 d cos(t) / c; the mean
+    over the disc is 1 - t^2 / 4.
+    """
+    spots = np.array([one.spot for one in swept]).reshape(-1, 3)
+    heard = [_strongest(one, probe.speed) for one in swept]
+    depth, loudest, snr = np.array([each[:3] for each in heard]).reshape(-1, 3).T
+    found = snr >= _LEAST_SNR
+    wave = np.zeros(len(spots))
+    if found.any():
+        profile = Profile(spots[found, :2], depth[found], 1 / snr[found], found[found], np.zeros(2))
+        change = profile.depths - centred(profile).depths
+        wave = np.interp(spots[:, 0], spots[found, 0], change, period=2 * np.pi)
+        wave += np.median((depth - wave)[found])
+    wall = np.array(
+        [
+            _amplitude_at(one, each[3], distance, probe.speed)
+            for one, each, distance in zip(swept, heard, spots[:, 2] + wave, strict=True)
+        ]
+    ).reshape(-1)
+    usual = float(np.median(loudest[found])) if found.any() else 1.0
+    clear = found & (loudest >= _RINGING * usual)
+    steepest = np.arctan(0.5 * probe.transducer.aperture / probe.transducer.focus)
+    depth = np.where(clear, (depth - wave) / (1 - 0.25 * steepest**2), np.nan)
+    return WallEchoes(spots[:, :2], depth, wall / usual, loudest / usual, snr)
+
+
+def _strongest(one: SweptBurst, speed: float) -> tuple[float, float, float, FloatArray | None]:
+    """Return depth, amplitude and ratio to noise of the strongest echo, and the envelope."""
+    burst, distance = one.burst, float(one.spot[2])
+    loud = np.abs(matched(burst.trace, burst.sample_interval, Pulse()))
+    step = 0.5 * speed * burst.sample_interval
+    first, last = (int((distance + side) / step) for side in (-_BEFORE, _BEYOND))
+    quiet = loud[int(DEAD_TIME / burst.sample_interval) : first]
+    if last > loud.size - 2 or quiet.size == 0:
+        return np.nan, 0.0, 0.0, None
+    noise = float(np.median(quiet)) / 1.1774  # of a Rayleigh distribution
+    place, height = vertex(loud, first + int(np.argmax(loud[first:last])))
+    return place * step - distance, height, height / max(noise, 1e-12), loud
+
+
+def _amplitude_at(one: SweptBurst, loud: FloatArray | None, distance: float, speed: float) -> float:
+    """Return the greatest amplitude within a pulse of a distance; NaN without an envelope."""
+    if loud is None:
+        return np.nan
+    step = 0.5 * speed * one.burst.sample_interval
+    first, last = (int((distance + side) / step) for side in (-_PULSE, _PULSE))
+    return float(loud[first : last + 1].max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Bursts:
+    """Points (N, 2) of bursts on the flat wall, and the nearest to each texel, -1 in a gap."""
+
+    points: FloatArray
+    nearest: Indices
+    patch: Patch
+    width: float
+
+    def neighbours(self, chosen: Indices) -> Indices:
+        """Return pairs (E, 2) of chosen bursts that are neighbours, within two widths."""
+        try:
+            corners = Delaunay(self.points[chosen]).simplices
+        except (QhullError, ValueError):  # too few, or on one line
+            return np.empty((0, 2), dtype=np.intp)
+        pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+        edges = chosen[np.unique(np.sort(pairs, axis=1), axis=0)]
+        return np.asarray(edges[self.apart(edges) <= 2 * self.width])
+
+    def apart(self, edges: Indices) -> FloatArray:
+        """Return the lengths (E,) of edges, in metres."""
+        between = self.points[edges[:, 0]] - self.points[edges[:, 1]]
+        return np.asarray(np.linalg.norm(between, axis=1))
+
+    def groups(self, edges: Indices) -> Indices:
+        """Return the number (N,) of the group of each burst, which edges connect."""
+        count = len(self.points)
+        ones = np.ones(len(edges))
+        graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(count, count))
+        return np.asarray(connected_components(graph, directed=False)[1])
+
+    def find(self, kind: str, members: Indices, **more: float) -> Find | None:
+        """Return the texels nearest to some bursts as a find; None if there are none."""
+        texels = self.patch.places[np.isin(self.nearest, members)]
+        if not len(texels):
+            return None
+        flat = _flat(texels, self.patch)
+        middle = flat.mean(axis=0)
+        spread = np.linalg.svd(flat - middle, compute_uv=False) / np.sqrt(len(flat))
+        length = float(np.sqrt(12) * spread[0]) + self.patch.step  # of an even line
+        area = len(texels) * self.patch.step**2
+        diameter = 2 * np.sqrt(area / np.pi)
+        phi = _middle(self.patch) + middle[0] / self.patch.radius
+        return Find(
+            kind,
+            float(wrapped(phi)),
+            float(middle[1]),
+            float(diameter if kind == PIT else area / length),
+            float(diameter if kind == PIT else length),
+            bursts=len(members),
+            **more,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Floor:
+    """Bursts on a floor, its depth below the wall beside it, and its standard deviation."""
+
+    members: Indices
+    depth: float
+    sd: float
+
+
+def _floors(
+    depth: FloatArray, used: Indices, on: _Bursts, limits: tuple[float, float]
+) -> list[_Floor]:
+    """Return the surfaces that are deeper than those beyond their edges.
+
+    ``limits`` are the steepest slope without an edge and the noise of depths.
+    """
+    steepest, noise = limits
+    edges = on.neighbours(used[np.isfinite(depth[used])])
+    fall = depth[edges[:, 1]] - depth[edges[:, 0]]
+    steep = np.abs(fall) > steepest * np.maximum(on.apart(edges), on.width)
+    surface = on.groups(edges[~steep])
+    large = np.bincount(surface)[surface] >= _FEWEST
+    rim = np.concatenate([edges[steep], edges[steep][:, ::-1]])
+    rim = rim[large[rim].all(axis=1)]
+    drop = depth[rim[:, 0]] - depth[rim[:, 1]]
+    least = max(_SURE * noise, _PULSE)
+    inner = surface[rim[:, 0]]
+    deep = [k for k in np.unique(inner) if (drop[inner == k] > least).mean() > 0.5]
+    floor = np.isin(surface, deep)
+    whole = on.groups(edges[floor[edges].all(axis=1)])  # floors that touch are one
+    found = []
+    for k in np.unique(whole[floor]):
+        members = np.flatnonzero(whole == k)
+        beside = np.unique(rim[(whole[rim[:, 0]] == k) & ~floor[rim[:, 1]], 1])
+        if beside.size:
+            below = float(np.median(depth[members]) - np.median(depth[beside]))
+            sd = float(np.hypot(_spread(depth[members]) / np.sqrt(len(members)), _FLOOR_SD))
+            found.append(_Floor(members, below, sd))
+    return found
+
+
+def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> list[Indices]:
+    """Return groups of bursts that are long and narrow, on which a flat wall lacks echo."""
+    lost = np.zeros(len(on.points), dtype=bool)
+    lost[used] = echoes.amplitude[used] < 1 - max(_SURE * noise, _LOST)
+    edges = on.neighbours(used)
+    group = on.groups(edges[lost[edges].all(axis=1)])
+    rim = np.concatenate([edges, edges[:, ::-1]])
+    rim = rim[lost[rim[:, 0]] & ~lost[rim[:, 1]]]
+    found = []
+    for k in np.unique(group[lost]):
+        members = np.flatnonzero((group == k) & lost)
+        beside = np.abs(echoes.depth[np.unique(rim[group[rim[:, 0]] == k, 1])])
+        beside = beside[np.isfinite(beside)]
+        if beside.size and len(members) >= _FEWEST and np.quantile(beside, 0.8) < _FLAT:
+            one = on.find(CRACK, members)
+            if one and one.length > max(_SHORTEST, _SLENDER * max(one.diameter, on.width)):
+                found.append(members)
+    return found
+
+
+def _finds(cracks: Sequence[Indices], floors: Sequence[_Floor], on: _Bursts) -> tuple[Find, ...]:
+    """Return cracks with the depth of the floors in them, and the other floors as pits."""
+    finds = []
+    for floor in floors:
+        if not any(np.isin(floor.members, crack).mean() > 0.5 for crack in cracks):
+            finds.append(on.find(PIT, floor.members, depth=floor.depth, depth_sd=floor.sd))
+    finds.sort(key=lambda find: -find.depth if find else 0.0)
+    for crack in cracks:
+        inside = [one for one in floors if np.isin(one.members, crack).mean() > 0.5]
+        most = max(inside, key=lambda one: len(one.members), default=None)
+        known = {} if most is None else {"depth": most.depth, "depth_sd": most.sd}
+        finds.append(on.find(CRACK, crack, **known))
+    return tuple(find for find in finds if find is not None)
+
+
+def _middle(patch: Patch) -> float:
+    return patch.phi + 0.5 * (patch.columns - 1) * patch.step / patch.radius
+
+
+def _flat(places: FloatArray, patch: Patch) -> FloatArray:
+    """Return places (..., 2) on the flat wall, in metres around from the middle and along."""
+    around = patch.radius * wrapped(places[..., 0] - _middle(patch))
+    return np.stack([around, places[..., 1]], axis=-1)
+
+
+def _spread(values: FloatArray) -> float:
+    """Return the standard deviation of most finite values, by their median deviation."""
+    known = values[np.isfinite(values)]
+    return 1.4826 * float(np.median(np.abs(known - np.median(known)))) if known.size else np.nan

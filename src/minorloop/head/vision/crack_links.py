@@ -1,0 +1,120 @@
+"""Join the parts of a course that a crossing scratch, a dent or a stain has cut."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.head.vision.calibrated_camera import Image32
+
+_REACH = 24.0
+"""Longest gap in texels, 1.2 mm: a crossing at a small angle to a scratch of 0.2 mm is as long."""
+_AHEAD = 0.5
+"""Least cosine between the heading of a part and the way to the next: a crack turns less."""
+_TOUCHING = 4.0
+"""Gap in texels below which the way between two ends has no direction."""
+_HEADING = 8
+"""Texels whose chord is the heading of an end."""
+_TIP = 12
+"""Most texels, 0.6 mm, by which an end is extended: the tip of a crack is too faint to be judged,
+but goes on from where it is not."""
+_NEAR = 16
+"""Texels at an end whose median height is that of the line there."""
+
+
+def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return courses (N, 2) in texels, joined end to end where one continues another."""
+    links = sorted(_links(courses))
+    used: set[tuple[int, bool]] = set()
+    chains = [[(n, False)] for n in range(len(courses))]
+    owner = list(range(len(courses)))
+    for _, one, other in links:
+        if one in used or other in used or owner[one[0]] == owner[other[0]]:
+            continue
+        used |= {one, other}
+        first, second = owner[one[0]], owner[other[0]]
+        # The first chain must end at the link, and the second begin there.
+        if chains[first][-1] != (one[0], not one[1]):
+            chains[first] = _turned(chains[first])
+        if chains[second][0] != (other[0], other[1]):
+            chains[second] = _turned(chains[second])
+        chains[first] += chains[second]
+        for number, _turn in chains[second]:
+            owner[number] = first
+        chains[second] = []
+    return [_concatenated(courses, chain) for chain in chains if chain]
+
+
+def extended(course: FloatArray, heights: Image32, least: float) -> FloatArray:
+    """Return a course (N, 2) extended straight from both ends.
+
+    The height of a line halves where it ends, since half of the filter is beyond its end.
+
+    Parameters
+    ----------
+    course : (N, 2) array
+        Rows and columns.
+    heights : (rows, columns) array of float32
+        Of the lines.
+    least : float
+        Least height of a line.
+    """
+    return _extended(_extended(course, heights, least)[::-1], heights, least)[::-1]
+
+
+def _extended(course: FloatArray, heights: Image32, least: float) -> FloatArray:
+    last = np.array(heights.shape) - 1
+    i, j = np.clip(np.rint(course[-_NEAR:]).astype(int), 0, last).T
+    dark = heights > max(least, 0.5 * float(np.median(heights[i, j])))
+    way = course[-1] - course[-1 - min(_HEADING, len(course) - 1)]
+    steps = course[-1] + np.arange(1, _TIP + 1)[:, None] * way / max(float(np.hypot(*way)), 1e-9)
+    texels = np.rint(steps).astype(int)
+    inside = ((texels >= 0) & (texels <= last)).all(axis=1)
+    i, j = np.clip(texels, 0, last).T
+    return np.concatenate([course, steps[: int(np.argmin(np.append(inside & dark[i, j], False)))]])
+
+
+def _links(
+    courses: Sequence[FloatArray],
+) -> list[tuple[float, tuple[int, bool], tuple[int, bool]]]:
+    """Return costs and ends of possible links; an end is a course and whether it is its last."""
+    ends = [(n, last) for n in range(len(courses)) for last in (False, True)]
+    places, ways = [], []
+    for n, last in ends:
+        course = courses[n][::-1] if last else courses[n]
+        way = course[0] - course[min(_HEADING, len(course) - 1)]
+        places.append(course[0])
+        ways.append(way / max(float(np.hypot(*way)), 1e-9))
+    links = []
+    for i, one in enumerate(ends):
+        for j in range(i + 1, len(ends)):
+            gap = places[j] - places[i]
+            far = float(np.hypot(*gap))
+            if ends[j][0] == one[0] or far > _REACH:
+                continue
+            ahead = gap / max(far, 1e-9)
+            straight = -float(ways[i] @ ways[j])
+            turns = [straight]
+            if far > _TOUCHING:
+                turns += [float(ways[i] @ ahead), -float(ways[j] @ ahead)]
+            if min(turns) >= _AHEAD:
+                links.append(((1.0 + far) * (1.5 - min(turns)), one, ends[j]))
+    return links
+
+
+def _turned(chain: list[tuple[int, bool]]) -> list[tuple[int, bool]]:
+    return [(n, not turn) for n, turn in reversed(chain)]
+
+
+def _concatenated(courses: Sequence[FloatArray], chain: list[tuple[int, bool]]) -> FloatArray:
+    """Return one course, with gaps filled in steps of about a texel."""
+    whole = [courses[n][::-1] if turn else courses[n] for n, turn in chain]
+    pieces = [whole[0]]
+    for after in whole[1:]:
+        start, stop = pieces[-1][-1], after[0]
+        count = max(int(np.hypot(*(stop - start))), 1)
+        share = np.arange(1, count)[:, None] / count
+        pieces += [start + share * (stop - start), after]
+    return np.concatenate(pieces)

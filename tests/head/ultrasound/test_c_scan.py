@@ -1,0 +1,172 @@
+"""Maps of sweeps whose echoes are made here: pulses at the distance of a surface."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.head.geometry import Mount, Probe, wrapped
+from minorloop.head.reconstruction.depth_map import Patch
+from minorloop.head.ultrasound.c_scan import CRACK, PIT, SweptBurst, beam_width, c_scan
+from minorloop.head.ultrasound.echoes import Burst, Pulse
+from minorloop.head.ultrasound.field import CalibratedProbe
+
+PROBE = CalibratedProbe(Probe(), Mount())
+BOTTOM, Z, STEP, NOISE = math.pi / 2, 20e-3, 10e-9, 0.02
+PATCH = Patch.around(BOTTOM, Z, size=4e-3)
+COSINE = 1 - 0.25 * math.atan(2.5 / 8) ** 2
+"""Of the way of the waves of a focused beam to the axis, in the mean."""
+_PULSE = Pulse().samples(STEP)
+
+
+def trace(depth, share, rng):
+    """An echo of the wall with a share, and of a floor with the rest."""
+    samples = NOISE * rng.standard_normal(2048)
+    for beyond, part in ((0.0, share), (depth, 1 - share)):
+        at = round(2 * (8e-3 + COSINE * beyond) / PROBE.speed / STEP)
+        samples[at - len(_PULSE) // 2 : at + len(_PULSE) // 2 + 1] += part * _PULSE
+    return samples
+
+
+def swept(depth_of=None, share_of=None, *, size=4e-3, step=0.24e-3, off=None, middle=BOTTOM):
+    """Bursts on a square about the bottom, of what lies at x and y metres from its middle."""
+    rng, found = np.random.default_rng(5), []
+    steps = np.arange(-size / 2, size / 2, step)
+    for y in steps:
+        for x in steps + rng.uniform(-0.05e-3, 0.05e-3):
+            depth = 0.0 if depth_of is None else depth_of(x, y)
+            share = (0.0 if depth else 1.0) if share_of is None else share_of(x, y)
+            far = 8e-3 + (0.0 if off is None else off(middle + x / 10e-3))
+            burst = Burst(trace(depth, share, rng), STEP, np.zeros(2), 4, 4, NOISE)
+            spot = np.array([float(wrapped(middle + x / 10e-3)), Z + y, far])
+            found.append(SweptBurst(0.04 * len(found), np.zeros(2), spot, burst))
+    return found
+
+
+def round_pit(depth, diameter=1e-3):
+    return lambda x, y: depth if math.hypot(x, y) < diameter / 2 else 0.0
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return c_scan(swept(), PROBE, PATCH)
+
+
+def test_a_plain_wall_has_no_depth_and_no_finds(plain):
+    assert plain.finds == ()
+    assert np.nanmax(np.abs(plain.wall.depth)) < 10e-6
+    assert np.nanmean(plain.amplitude) == pytest.approx(1.0, abs=0.05)
+    assert plain.gap.mean() < 0.03
+    assert np.abs(plain.wall.depth[~plain.gap] / plain.wall.sd[~plain.gap]).mean() < 2.0
+
+
+def test_a_line_that_lacks_is_a_gap():
+    lines = [one for one in swept() if abs(one.spot[1] - Z - 0.5e-3) > 0.3e-3]
+    found = c_scan(lines, PROBE, PATCH)
+    middle = np.abs(PATCH.places[..., 1] - Z - 0.5e-3) < 0.05e-3
+    assert found.gap[middle].mean() > 0.9
+    assert np.isnan(found.amplitude[found.gap]).all()
+    assert np.isinf(found.wall.sd[found.gap]).all()
+
+
+def test_faulty_bursts_count_as_gaps():
+    bursts = [
+        replace(one, burst=replace(one.burst, verdict="clipped")) if one.spot[1] > Z else one
+        for one in swept()
+    ]
+    found = c_scan(bursts, PROBE, PATCH)
+    assert found.gap[PATCH.places[..., 1] > Z + 0.4e-3].all()
+    assert found.gap[PATCH.places[..., 1] < Z - 0.4e-3].mean() < 0.05
+    assert c_scan([replace(one, burst=bursts[-1].burst) for one in bursts], PROBE, PATCH).gap.all()
+
+
+@pytest.mark.parametrize("depth", [0.3e-3, 0.8e-3])
+def test_a_pit_is_found_with_depth_and_size(depth):
+    (find,) = c_scan(swept(round_pit(depth)), PROBE, PATCH).finds
+    assert find.kind == PIT
+    assert find.depth == pytest.approx(depth, abs=3 * find.depth_sd)
+    assert find.diameter == pytest.approx(1e-3, abs=0.15e-3)
+    assert math.hypot(10e-3 * (find.phi - BOTTOM), find.z - Z) < 0.1e-3
+    row = find.finding(10e-3)
+    assert (row.kind, row.depth, row.width) == (PIT, find.depth, find.diameter)
+
+
+def test_two_pits_are_two_finds_the_deeper_one_first():
+    one, other = round_pit(0.4e-3, 0.9e-3), round_pit(0.7e-3, 0.9e-3)
+    both = swept(lambda x, y: one(x - 0.9e-3, y) or other(x + 0.9e-3, y))
+    finds = c_scan(both, PROBE, PATCH).finds
+    assert [find.depth for find in finds] == pytest.approx([0.7e-3, 0.4e-3], abs=20e-6)
+
+
+def test_the_rim_is_less_sure_than_floor_and_wall():
+    found = c_scan(swept(round_pit(0.5e-3, 1.4e-3)), PROBE, PATCH)
+    off = np.linalg.norm(PATCH.off(BOTTOM, Z), axis=-1)
+    rim = found.wall.sd[np.abs(off - 0.7e-3) < 0.06e-3]
+    assert np.median(rim) > 20 * np.median(found.wall.sd[off < 0.2e-3])
+
+
+def test_a_smooth_dent_is_no_pit():
+    dent = swept(lambda x, y: 0.2e-3 * math.exp(-0.5 * (x * x + y * y) / 0.5e-3**2))
+    found = c_scan(dent, PROBE, PATCH)
+    assert found.finds == ()
+    assert np.nanmax(found.wall.depth) == pytest.approx(0.2e-3, abs=20e-6)
+
+
+def test_a_slender_loss_of_the_echo_is_a_crack():
+    lossy = swept(lambda x, y: 0.0, lambda x, y: 0.4 if abs(y) < 0.12e-3 and abs(x) < 1.4e-3 else 1)
+    # What the crack takes must not come back as a floor at the wall.
+    for one in lossy:
+        if abs(one.spot[1] - Z) < 0.12e-3 and abs(10e-3 * (one.spot[0] - BOTTOM)) < 1.4e-3:
+            one.burst.trace[:] *= 0.4
+    (find,) = c_scan(lossy, PROBE, PATCH).finds
+    assert find.kind == CRACK
+    assert np.isnan(find.depth)
+    assert find.length == pytest.approx(2.8e-3, rel=0.2)
+
+
+def test_floors_in_a_slender_loss_are_the_depth_of_a_crack():
+    def gap(x, y):
+        return 0.5e-3 if abs(y) < 0.15e-3 and abs(x) < 1.4e-3 else 0.0
+
+    (find,) = c_scan(swept(gap), PROBE, PATCH).finds
+    assert find.kind == CRACK
+    assert find.depth == pytest.approx(0.5e-3, abs=20e-6)
+
+
+def test_a_misplaced_pivot_is_no_depth():
+    off = lambda phi: 0.06e-3 * math.cos(phi)  # noqa: E731
+    found = c_scan(swept(off=off), PROBE, PATCH)
+    assert found.finds == ()
+    assert np.nanmax(np.abs(found.wall.depth)) < 20e-6
+
+
+def test_there_is_no_map_above_the_water():
+    def wet(x, y):
+        return 0.0
+
+    bursts = swept(wet, middle=0.0)
+    rng = np.random.default_rng(6)
+    for one in bursts:
+        if one.spot[0] < 0:
+            one.burst.trace[:] = NOISE * rng.standard_normal(2048)
+    patch = Patch.around(0.0, Z, size=4e-3)
+    found = c_scan(bursts, PROBE, patch)
+    assert found.water.height == pytest.approx(0.0, abs=0.2e-3)
+    assert found.finds == ()
+    width = beam_width(PROBE)
+    high = 10e-3 * np.sin(patch.places[..., 0]) < found.water.height - width
+    assert np.isnan(found.amplitude[high]).all()
+    assert not found.gap[high].any()
+
+
+def test_without_a_lens_there_is_a_map_but_no_finds():
+    disc = replace(PROBE, transducer=Probe(focus=math.inf))
+    assert beam_width(disc) == disc.transducer.aperture
+    found = c_scan(swept(round_pit(0.5e-3)), disc, PATCH)
+    assert found.finds == ()
+    assert np.nanmax(found.wall.depth) == pytest.approx(0.5e-3 * COSINE, abs=20e-6)
+
+
+def test_the_beam_is_as_wide_as_its_focus_allows():
+    assert beam_width(PROBE) == pytest.approx(1.02 * PROBE.speed * 8e-3 / (10e6 * 5e-3))

@@ -1,0 +1,46 @@
+"""Joining the parts of a crack."""
+
+import numpy as np
+import pytest
+
+from minorloop.head.vision.crack_links import extended, joined
+
+
+def line(start, stop, count=30):
+    return np.linspace(start, stop, count)
+
+
+def length(course):
+    return np.hypot(*np.diff(course, axis=0).T).sum()
+
+
+@pytest.mark.parametrize("turned", [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 1, 1), (1, 1, 1)])
+def test_parts_that_continue_each_other_become_one_course_whatever_their_direction(turned):
+    parts = [line((0, 0), (0, 30)), line((2, 40), (6, 70)), line((6, 75), (0, 110))]
+    parts = [part[::-1] if turn else part for part, turn in zip(parts, turned, strict=True)]
+    (whole,) = joined(parts)
+    ends = sorted(map(tuple, (whole[0], whole[-1])))
+    assert ends == [(0.0, 0.0), (0.0, 110.0)]
+    assert length(whole) == pytest.approx(112, abs=2)
+    assert np.hypot(*np.diff(whole, axis=0).T).max() < 2
+
+
+def test_far_parts_and_those_at_a_large_angle_stay_apart():
+    first = line((0, 0), (0, 30))
+    assert len(joined([first, line((0, 60), (0, 90))])) == 2
+    assert len(joined([first, line((3, 33), (33, 33))])) == 2
+    assert len(joined([first, line((8, 0), (8, 30))])) == 2
+
+
+def test_a_third_part_does_not_join_an_end_that_is_taken():
+    parts = [line((0, 0), (0, 30)), line((0, 34), (0, 60)), line((1, 38), (9, 60))]
+    assert sorted(map(len, joined(parts)))[0] == 30
+
+
+def test_ends_are_extended_to_half_of_the_height_and_not_off_the_map():
+    heights = np.zeros((20, 60), dtype=np.float32)
+    heights[10, 15:45], heights[10, 12:15], heights[10, 45:50] = 0.8, 0.5, 0.3
+    found = extended(line((10, 20), (10, 40), 21), heights, 0.1)
+    assert (found[0, 1], found[-1, 1]) == (12, 44)
+    whole = extended(line((10, 2), (10, 57), 56), np.ones_like(heights), 0.1)
+    assert (whole[0, 1], whole[-1, 1]) == (0, 59)
