@@ -1,6 +1,7 @@
 import math
 from functools import cache
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -74,6 +75,27 @@ def test_during_a_scan_a_live_camera_is_watched_and_a_simulated_one_draws_what_i
     assert shown == (list(range(101, 111)) if live else [105, 110])
     camera.tick(request(there(), ("end_scan", []), number=111))
     assert camera.shown
+
+
+def test_where_the_head_holds_and_the_view_was_searched_only_what_is_shown_or_used_is_drawn():
+    own = tip()[0]
+    drawn, frame = [], own.frame
+    own.frame = lambda: drawn.append(True) or frame()
+    camera = Perception(own, view())
+
+    def draws(number, *commands, at=0.8, holding=True):
+        drawn.clear()
+        asked = request(towards(PIT, at), *commands, number=number)
+        camera.tick(msgspec.structs.replace(asked, holding=holding))
+        return bool(drawn)
+
+    assert all(draws(n, *[("find", [])] * (n == 1)) for n in range(1, 6))
+    assert [n for n in range(6, 12) if draws(n)] == [10]
+    assert draws(12, holding=False)
+    assert draws(13, ("pick", [400.0, 300.0]))
+    assert all(draws(14 + n, *[("extract", [])] * (n == 0)) for n in range(5))
+    assert not draws(19)
+    assert draws(21, at=0.2)
 
 
 def test_a_scan_that_cannot_be_flooded_or_is_not_on_gives_no_echoes():

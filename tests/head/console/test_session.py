@@ -505,11 +505,12 @@ def test_a_head_without_sensors_waits_for_its_zero_and_goes_by_the_pictures():
     pilot.steering(5)
     assert session.state.mode == "HOLD"
     assert camera.why in session.state.reason
-    assert all(each.cold for each in camera.requests)
+    assert all(each.cold and each.holding for each in camera.requests)
     camera.zero = True
     pilot.steering(150)
     assert session.state.mode == "HEAD"
     assert not camera.requests[-1].cold
+    assert not camera.requests[-1].holding
     assert position(session)[:2] == pytest.approx(np.degrees(session.state.command), abs=1.5)
     camera.joints = None
     pilot.plant.exchange = lambda u: np.full(4, np.nan)

@@ -1,3 +1,4 @@
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,10 +23,10 @@ from minorloop.studies.claims import claim_table
 @pytest.fixture(scope="module")
 def study():
     """The study on one specimen, with fewer targets in its longest runs, and shorter ones."""
-    ramp = Surroundings(ambient=Course(20.0, 30.0, at=20.0, duration=10.0))
+    ramp = Surroundings(ambient=Course(20.0, 30.0, at=14.0, duration=10.0))
     shorter = {
         "OPEN_TARGETS": 4, "OLD_TARGETS": 4, "FASTER": (), "STEP_SECONDS": 20.0,
-        "FAULT_SECONDS": 18.0, "RAMPS_SECONDS": 60.0, "RAMP_SECONDS": 50.0, "RAMP_AT": 20.0,
+        "FAULT_SECONDS": 18.0, "RAMPS_SECONDS": 60.0, "RAMP_SECONDS": 34.0, "RAMP_AT": 14.0,
         "RAMP": ramp, "LATER": (1.0,), "LATER_SECONDS": 40.0, "CIRCLE_WAIT": 10.0, "TURNS": 1,
         "IMPOSSIBLE_SECONDS": 14.0,
         "DISTURBED": {what: head.DISTURBED[what] for what in ("ambient 10 C", "convection 90")},
@@ -33,7 +34,10 @@ def study():
     with pytest.MonkeyPatch.context() as patch:
         for name, value in shorter.items():
             patch.setattr(head, name, value)
-        patch.setattr(head_report, "DISTURBED", shorter["DISTURBED"])
+        for name in ("DISTURBED", "RAMP_AT"):
+            patch.setattr(head_report, name, shorter[name])
+        # The wires of one specimen are the same for its control, its sight and its camera.
+        patch.setattr(head_static, "_wire", cache(head_static._wire))
         patch.setattr(tracking_trials, "WALLS", ("drawn", "repeated"))
         patch.setattr(tracking_trials, "FRAMES", 16)
         patch.setattr(touch_trials, "TOUCHES", 1)

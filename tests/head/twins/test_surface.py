@@ -1,9 +1,11 @@
 """The unrolled surface of a pipe."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from minorloop.head.twins.pipe import Dent, Dirt, Finish, Pipe, Scratch, Weld
+from minorloop.head.twins.pipe import Bore, Dent, Dirt, Finish, Pipe, Scratch, Weld
 from minorloop.head.twins.surface import COLUMNS, lay_out
 
 SMOOTH = Finish(brush=1e-9, streak=1e-9, stain=1e-9)
@@ -26,6 +28,15 @@ def test_each_level_is_half_as_fine_and_has_the_same_mean():
         means.append(level.reshape(rows + 1, columns + 1, 4)[:rows, :columns].mean(axis=(0, 1)))
     assert [columns for _, _, columns in surface.shapes] == [COLUMNS >> n for n in range(4)]
     np.testing.assert_allclose(means, np.tile(means[0], (4, 1)), atol=1e-4)
+
+
+def test_the_surface_of_the_last_pipes_is_kept_and_bores_do_not_change_it():
+    pipe = Pipe(length=10e-3)
+    surface = lay_out(pipe)
+    marked = replace(pipe, dirt=(Dirt(0.0, 5e-3, 1e-3, 0.5),))
+    assert not np.array_equal(lay_out(marked).texels, surface.texels)
+    assert lay_out(replace(pipe, bores=(Bore(0.0, 5e-3, 1e-3),), water=0.0)) is surface
+    assert lay_out(replace(pipe, dirt=[*marked.dirt])) is lay_out(marked)
 
 
 def test_the_map_wraps_around_the_pipe():

@@ -23,8 +23,8 @@ PICTURED = b"p"
 PROBLEM = b"!"
 """First byte of a sentence that says why there is no picture."""
 FEW_PICTURES = 5
-"""Ticks for one picture where an operator only looks on, in a recording and during a scan of a
-simulated pipe: five pictures a second."""
+"""Ticks for one picture where an operator only looks on, in a recording, and while the head in a
+simulated pipe scans, or holds before a view that was searched: five pictures a second."""
 CameraCommand: TypeAlias = tuple[str, list[float]]
 """A name of `Perception.commands` and its arguments."""
 
@@ -47,6 +47,8 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
         Whether pictures are to be sent to the loop, for a recording.
     cold : bool
         Whether the head has no current, and had none since it was made safe.
+    holding : bool
+        Whether the head holds, so that nothing is steered by the pictures.
     """
 
     number: int
@@ -56,6 +58,7 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
     commands: list[CameraCommand] = []
     keep: bool = False
     cold: bool = False
+    holding: bool = False
 
 
 class CameraReport(msgspec.Struct, frozen=True, kw_only=True):

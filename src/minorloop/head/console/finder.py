@@ -49,8 +49,12 @@ class Finder:
         self._recent.append(position)
         if len(self._recent) < _REST_TICKS or (np.ptp(self._recent, axis=0) > _REST).any():
             return False
-        return self._searched is None or bool(
-            (np.abs(np.subtract(position, self._searched)) > _NEW).any()
+        return not self.has_searched(position)
+
+    def has_searched(self, position: Position) -> bool:
+        """Return whether the view from here is the one that was searched last."""
+        return self._searched is not None and bool(
+            (np.abs(np.subtract(position, self._searched)) <= _NEW).all()
         )
 
     def searched(self, position: Position) -> None:

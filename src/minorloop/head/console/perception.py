@@ -144,7 +144,7 @@ class Perception:
         ):
             self._find()
         self.shown = False
-        frame = self._frame(request.number)
+        frame = self._frame(request)
         # A simulated camera draws its picture now.
         self.taken = request.t if self._newest is None or frame is None else frame.t
         if self._seen_angles is not None and frame is not None and self._all_lights:
@@ -190,16 +190,18 @@ class Perception:
             apply_to_tip(self._tip, wanted)
         return target
 
-    def _frame(self, number: int) -> Frame | None:
+    def _frame(self, request: CameraRequest) -> Frame | None:
         """Return the frame of a tick; None while it may show the lights before.
 
-        A scan needs none, so that a simulated camera draws only some to show; a device that stops
-        is noticed in each tick.
+        A scan needs none, nor a head that holds where its view was searched, so that a simulated
+        camera draws only some to show; a device that stops is noticed in each tick.
         """
         if self._newest is not None:
             return self._newest()
-        scanning = self._echoes is not None and self._work is None
-        return None if scanning and number % FEW_PICTURES else self._tip.frame()
+        used = self._work is not None or self._picked is not None
+        known = request.holding and self._finder.has_searched(self._position)
+        few = not used and (known or self._echoes is not None)
+        return None if few and request.number % FEW_PICTURES else self._tip.frame()
 
     def _reading(self, image: Image | None = None) -> Reading:
         return reading_at(self._position, t=self._ticks * _FRAME, image=image)

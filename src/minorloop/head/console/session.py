@@ -188,6 +188,7 @@ class Session:
                 stance=self.plant.stance(),
                 commands=commands,
                 cold=self._resting,
+                holding=self.state.mode == "HOLD",
             )
         )
         return u

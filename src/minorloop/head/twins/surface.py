@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,8 @@ can be halved for each of the `LEVELS`."""
 LEVELS = 4
 """Resolutions of the surface, each half of the one before, by trial: the last texels are 0.4 mm
 wide."""
+_KEPT = 2
+"""Surfaces that are kept: that of a pipe, and with a mark on it. Each has some 50 megabytes."""
 _STREAK = 1.2e-3  # m, length of brush marks
 _STAIN = 2.5e-3  # m, size of stains
 
@@ -46,7 +49,18 @@ class Surface:
 
 
 def lay_out(pipe: Pipe) -> Surface:
-    """Return the surface of a pipe, without its bores and cracks."""
+    """Return the surface of a pipe, without its bores and cracks; nothing may change it.
+
+    Drawing it takes a third of a second, so that the last ones are kept.
+    """
+    dents, scratches, dirt = tuple(pipe.dents), tuple(pipe.scratches), tuple(pipe.dirt)
+    bare = replace(pipe, bores=(), cracks=(), water=None)
+    return _laid_out(replace(bare, dents=dents, scratches=scratches, dirt=dirt))
+
+
+@lru_cache(_KEPT)
+def _laid_out(pipe: Pipe) -> Surface:
+    """Return the surface of a pipe without bores and cracks."""
     step = 2 ** (LEVELS - 1)
     rows = max(step * round(pipe.length / TEXEL / step), step)
     size = (2 * np.pi * pipe.radius / COLUMNS, pipe.length / rows)
