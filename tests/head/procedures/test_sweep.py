@@ -8,12 +8,12 @@ from minorloop.errors import ParameterError
 from minorloop.head.control.head import head_control
 from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.scan import RasterScan
-from minorloop.head.procedures.sweep import STUCK, Sweep
+from minorloop.head.procedures.sweep import STUCK, ProbeSweep
 from wires import identified
 
 from .fakes import CALIBRATION, TICK, Loop
 
-SWEEP = Sweep(calibration=CALIBRATION)
+SWEEP = ProbeSweep(calibration=CALIBRATION)
 PHI, Z = (0.4, 1.2), (12e-3, 13e-3)
 
 
@@ -100,7 +100,7 @@ def test_a_catheter_that_sticks_ends_the_sweep():
 
 def test_a_sweep_out_of_reach_is_refused():
     control = head_control("observer", (identified().model,) * 2)
-    cold = Sweep(calibration=replace(CALIBRATION, temperature=1.0))
+    cold = ProbeSweep(calibration=replace(CALIBRATION, temperature=1.0))
     state = cold.begin(PHI, Z, control=control)
     assert "out of reach" in state.refused
     assert Loop().run(cold, state).bursts == ()
@@ -124,6 +124,6 @@ def test_an_area_that_is_none_is_refused(phi, z, words):
 
 
 def test_a_large_pipe_is_swept_no_faster_than_the_loop_fires():
-    wide = Sweep(calibration=replace(CALIBRATION, radius=20e-3))
+    wide = ProbeSweep(calibration=replace(CALIBRATION, radius=20e-3))
     assert wide.rate * 20e-3 * TICK == pytest.approx(wide.pitch)
-    assert Sweep(calibration=replace(CALIBRATION, radius=4e-3)).rate == SWEEP.fastest
+    assert ProbeSweep(calibration=replace(CALIBRATION, radius=4e-3)).rate == SWEEP.fastest

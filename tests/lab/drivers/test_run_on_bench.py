@@ -275,7 +275,7 @@ def test_a_run_that_ends_with_its_source_on_perhaps_has_a_status_of_its_own(
     [
         (InstrumentError("gave no answer"), "gave no answer"),
         (KeyboardInterrupt("SIGTERM"), "SIGTERM"),
-        (ValueError("a defect"), "a defect"),
+        (ValueError("a defect"), "the driver failed: ValueError: a defect"),
     ],
 )
 def test_a_source_that_stays_on_does_not_hide_what_came_before_nor_the_other_way_round(

@@ -63,7 +63,7 @@ class SweepState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sweep(Procedure[SweepState]):
+class ProbeSweep(Procedure[SweepState]):
     """Lines round the pipe, fired while the catheter rolls.
 
     Parameters

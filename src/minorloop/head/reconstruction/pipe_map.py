@@ -12,7 +12,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine, blend, camera_map
 
 if TYPE_CHECKING:
-    from minorloop.head.ultrasound.c_scan import CScan, Find
+    from minorloop.head.ultrasound.c_scan import CScan, EchoFind
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class PipeMap:
     amplitude : (rows, columns) array
         Of the echo of the wall, as a share of that of a plain one; NaN elsewhere.
     water : WaterLine
-    finds : tuple of Find
+    finds : tuple of EchoFind
         By the echoes.
     """
 
@@ -36,7 +36,7 @@ class PipeMap:
     picture: FloatArray
     amplitude: FloatArray
     water: WaterLine
-    finds: tuple[Find, ...] = ()
+    finds: tuple[EchoFind, ...] = ()
 
 
 def pipe_map(scan: CScan, views: Sequence[FloatArray]) -> PipeMap:

@@ -16,7 +16,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.geometry import Mount, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import Metering
-from minorloop.head.procedures.sweep import Sweep, SweepState
+from minorloop.head.procedures.sweep import ProbeSweep, SweepState
 from minorloop.head.procedures.values import NOTHING, Reading, apply_to_tip
 from minorloop.head.reconstruction.depth_map import Patch
 from minorloop.head.reconstruction.pipe_map import PipeMap, pipe_map
@@ -27,7 +27,7 @@ from minorloop.head.twins.pipe import Bore, Crack, Dent, Pipe, draw_crack, draw_
 from minorloop.head.twins.rig import GYROSCOPE_NOISE, SimulatedTip
 from minorloop.head.twins.surroundings import Filling, Sway
 from minorloop.head.twins.ultrasound import INTERVAL
-from minorloop.head.ultrasound.c_scan import CRACK, PIT, CScan, Find, c_scan
+from minorloop.head.ultrasound.c_scan import CRACK, PIT, CScan, EchoFind, c_scan
 from minorloop.head.vision.reflectance_map import LitFrame, lay_flat
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.threads import one_thread
@@ -187,7 +187,7 @@ def sweep(
 
     The joints follow at once; joints, base and catheter are measured with noise.
     """
-    scanning = Sweep(calibration=trial.calibration)
+    scanning = ProbeSweep(calibration=trial.calibration)
     state, request = scanning.begin(around, along), NOTHING
     tip, rng, catheter = trial.tip, trial.rng, trial.catheter
     joints, begin = np.zeros(2), float(rng.uniform(0.0, _PHASES))
@@ -252,7 +252,7 @@ def run_sweep(seed: int, pits: int = PITS) -> ScoredSweep:
     return ScoredSweep(scan, fused, trial.pipe, trial.level, bursts[-1].t - bursts[0].t)
 
 
-def pit_found(run: ScoredSweep, bore: Bore) -> Find | None:
+def pit_found(run: ScoredSweep, bore: Bore) -> EchoFind | None:
     """Return the pit of a map that is nearest to a true one; None if none is near."""
     off = [_apart(find.place, (bore.phi, bore.z)) for find in run.scan.finds if find.kind == PIT]
     pits = [find for find in run.scan.finds if find.kind == PIT]
@@ -260,12 +260,12 @@ def pit_found(run: ScoredSweep, bore: Bore) -> Find | None:
     return None if best is None or off[best] > SAME else pits[best]
 
 
-def on_crack(run: ScoredSweep, find: Find) -> bool:
+def on_crack(run: ScoredSweep, find: EchoFind) -> bool:
     """Return whether a find is on a true crack."""
     return any(_off(crack, *find.place) <= SAME for crack in run.pipe.cracks)
 
 
-def on_pit(run: ScoredSweep, find: Find) -> bool:
+def on_pit(run: ScoredSweep, find: EchoFind) -> bool:
     """Return whether a find is on a true pit."""
     return any(_apart(find.place, (bore.phi, bore.z)) <= SAME for bore in run.pipe.bores)
 

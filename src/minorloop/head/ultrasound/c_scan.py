@@ -88,7 +88,7 @@ class SweptBurst:
 
 
 @dataclass(frozen=True)
-class Find:
+class EchoFind:
     """A pit or a crack in the map of a sweep.
 
     Parameters
@@ -147,7 +147,7 @@ class CScan:
         Flooded texels farther than the width of the beam from every burst.
     water : WaterLine
         As found by where there are echoes.
-    finds : tuple of Find
+    finds : tuple of EchoFind
         Pits by depth, then cracks by length, the greatest first; none by a probe without a lens.
     noise : (float, float)
         Standard deviations of depth in metres and of amplitude on this wall, by which finds are
@@ -159,7 +159,7 @@ class CScan:
     amplitude_sd: FloatArray
     gap: BoolArray
     water: WaterLine
-    finds: tuple[Find, ...]
+    finds: tuple[EchoFind, ...]
     noise: tuple[float, float]
 
 
@@ -236,7 +236,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     three, near = used[found], off[..., 0] < width
     # A beam that is partly above the line still has an echo.
     mapped = near & water.wet(around, probe.radius, margin=-width)
-    finds: tuple[Find, ...] = ()
+    finds: tuple[EchoFind, ...] = ()
     if np.isfinite(probe.transducer.focus):
         on = _Bursts(points, np.where(near, three[..., 0], -1), patch, width)
         steepest = 0.5 * probe.transducer.aperture / probe.transducer.focus
@@ -353,7 +353,7 @@ class _Bursts:
         graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(count, count))
         return np.asarray(connected_components(graph, directed=False)[1])
 
-    def find(self, kind: str, members: Indices, **more: float) -> Find | None:
+    def find(self, kind: str, members: Indices, **more: float) -> EchoFind | None:
         """Return the texels nearest to some bursts as a find; None if there are none."""
         texels = self.patch.places[np.isin(self.nearest, members)]
         if not len(texels):
@@ -365,7 +365,7 @@ class _Bursts:
         area = len(texels) * self.patch.step**2
         diameter = 2 * np.sqrt(area / np.pi)
         phi = _middle(self.patch) + middle[0] / self.patch.radius
-        return Find(
+        return EchoFind(
             kind,
             float(wrapped(phi)),
             float(middle[1]),
@@ -437,7 +437,9 @@ def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> li
     return found
 
 
-def _finds(cracks: Sequence[Indices], floors: Sequence[_Floor], on: _Bursts) -> tuple[Find, ...]:
+def _finds(
+    cracks: Sequence[Indices], floors: Sequence[_Floor], on: _Bursts
+) -> tuple[EchoFind, ...]:
     """Return cracks with the depth of the floors in them, and the other floors as pits."""
     finds = []
     for floor in floors:
