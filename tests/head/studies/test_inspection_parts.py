@@ -51,7 +51,7 @@ from minorloop.head.studies.sweep_trials import ScoredSweep
 from minorloop.head.twins.camera import LENS, led_positions
 from minorloop.head.twins.pipe import Bore, Crack, Pipe
 from minorloop.head.twins.rig import Rig
-from minorloop.head.ultrasound.c_scan import CScan, Find
+from minorloop.head.ultrasound.c_scan import CScan, EchoFind
 from minorloop.head.ultrasound.crack_depth import CrackDepth
 from minorloop.head.ultrasound.pits import PitDepth
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
@@ -406,8 +406,8 @@ def swept():
     flat, sure = np.zeros((5, 100)), np.full((5, 100), 1e-5)
     wall = DepthMap(patch, flat, sure, np.full(flat.shape, ECHOES, dtype=np.uint8))
     finds = (
-        Find("pit", 0.5, 20.2e-3, 0.9e-3, 0.9e-3, 0.49e-3, 1e-5, 8),
-        Find("crack", 1.0, 20.2e-3, 0.2e-3, 2e-3, bursts=9),
+        EchoFind("pit", 0.5, 20.2e-3, 0.9e-3, 0.9e-3, 0.49e-3, 1e-5, 8),
+        EchoFind("crack", 1.0, 20.2e-3, 0.2e-3, 2e-3, bursts=9),
     )
     scan = CScan(wall, flat + 1, sure, flat > 0, WaterLine(0.0, 1e-4, 0.0), finds, (1e-6, 0.03))
     return ScoredSweep(scan, pipe_map(scan, []), Pipe(bores=(truth,)), 0.1e-3, 60.0)
