@@ -74,7 +74,7 @@ def run(
 ) -> None:
     """Carry out a whole experiment on simulated specimens, and compare it with its claims.
 
-    One specimen takes fifteen seconds to a minute, for inspection two to four minutes.
+    One specimen takes fifteen seconds to a minute, for head and inspection two to four minutes.
     """
     module = _module_of(name)
     if not 1 <= specimens <= _MOST:
