@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import FloatArray, IntArray
 from minorloop.errors import SignalError
+from minorloop.identification.baseline import rms
 from minorloop.identification.output_error import correlation_time
 
 _BEGINNING = 0.1
@@ -81,8 +82,8 @@ def mean_period(u: FloatArray, y: FloatArray, period: int) -> MeanPeriod:
 def larger_beginning(errors: FloatArray) -> float:
     """Return how many times as large errors (N,) are at the beginning as later; 0 if not larger."""
     early = _early(errors.size)
-    later = _rms(errors[early:])
-    ratio = _rms(errors[:early]) / max(later, np.finfo(float).tiny)
+    later = rms(errors[early:])
+    ratio = rms(errors[:early]) / max(later, np.finfo(float).tiny)
     return ratio if ratio > _UNSETTLED else 0.0
 
 
@@ -96,22 +97,21 @@ def _differs(first: FloatArray, later: FloatArray) -> bool:
     Where there is only one later period: more than in the second half.
     """
     early = _early(first.size)
-    number = np.isfinite(later).sum(axis=0)
+    number, mean = _mean(later)
     known = np.isfinite(first) & (number > 0)
-    mean = np.nansum(later, axis=0) / np.maximum(number, 1)
     # Of noise alone, the difference has this standard deviation over that of a sample.
     difference = (first - mean) / np.sqrt(1 + 1 / np.maximum(number, 1))
     begins = np.flatnonzero(known[:early])
     if not begins.size:
         return False
-    found = _rms(difference[begins])
+    found = rms(difference[begins])
     if later.shape[0] > 1:
         others = (later - mean)[:, :early]
         scatter, free = _scatter(later[:, :early]), int(np.maximum(number[:early] - 1, 0).sum())
     else:
         others = difference[None, first.size // 2 :]
         free = int(np.isfinite(others).sum())
-        scatter = _rms(others[np.isfinite(others)]) if free else None
+        scatter = rms(others[np.isfinite(others)]) if free else None
     least = _SAME * float(np.ptp(mean[number > 0]))
     return scatter is not None and found > max(_limit(others, early, free) * scatter, least)
 
@@ -130,21 +130,20 @@ def _limit(others: FloatArray, early: int, free: int) -> float:
 
 def _average(outputs: FloatArray) -> tuple[FloatArray, float | None]:
     """Return the mean of periods (P, N) and its standard deviation."""
-    number = np.isfinite(outputs).sum(axis=0)
-    mean = np.where(number > 0, np.nansum(outputs, axis=0) / np.maximum(number, 1), np.nan)
-    scatter = _scatter(outputs)
+    number, mean = _mean(outputs)
+    mean, scatter = np.where(number > 0, mean, np.nan), _scatter(outputs)
     return mean, None if scatter is None else scatter / float(np.sqrt(outputs.shape[0]))
 
 
 def _scatter(outputs: FloatArray) -> float | None:
     """Return the standard deviation of a sample around the mean of periods (P, N); None for one."""
-    known: BoolArray = np.isfinite(outputs)
-    number = known.sum(axis=0)
-    mean = np.nansum(outputs, axis=0) / np.maximum(number, 1)
+    number, mean = _mean(outputs)
     spare = int(np.sum(np.maximum(number - 1, 0)))
-    squares = np.where(known, (outputs - mean) ** 2, 0.0)
-    return float(np.sqrt(squares.sum() / spare)) if spare else None
+    squares = float(np.nansum((outputs - mean) ** 2))
+    return float(np.sqrt(squares / spare)) if spare else None
 
 
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _mean(outputs: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return how many periods (P, N) are known at each sample, and their mean, 0 for none."""
+    number = np.isfinite(outputs).sum(axis=0)
+    return number, np.nansum(outputs, axis=0) / np.maximum(number, 1)

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from minorloop.head.geometry import wrapped
 from minorloop.head.studies.crack_trials import CrackOutcome, CrackSearch, search_cracks
 from minorloop.report import Picture, Table
 from minorloop.studies.drawing import new_figure
@@ -81,6 +78,4 @@ def draw_walls(outcomes: Sequence[CrackOutcome]) -> Any:
 def _texels(search: CrackSearch, places: Any) -> Any:
     """Return columns and rows of places (N, 2) on the map of a scene."""
     assert search.findings.wall is not None
-    window = search.findings.wall.window
-    around = search.camera.radius * wrapped(places[:, 0] - window.phi) / window.step
-    return np.asarray(around), (places[:, 1] - window.z) / window.step
+    return search.findings.wall.window.texels(places, search.camera.radius).T

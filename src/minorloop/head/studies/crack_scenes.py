@@ -18,11 +18,11 @@ from minorloop.head.geometry import Pose, wall_lengths, wall_point
 from minorloop.head.twins.camera import LENS, Camera
 from minorloop.head.twins.pipe import (
     Crack,
-    Dirt,
     Pipe,
     Scratch,
     Weld,
     draw_dent,
+    draw_dirt,
     draw_finish,
 )
 from minorloop.head.twins.scene_view import (
@@ -49,6 +49,8 @@ _BRANCHING, _WELDED, _BESIDE = 0.3, 0.4, 0.4
 """Shares of cracks with a branch, of walls with a weld, and of marks beside the crack."""
 _AROUND, _ALONG = 1.0, 9e-3
 """Half the size of the wall with marks: in radians around and metres along."""
+_STAINS = 0.3e-3, 3e-3
+"""Sizes of stains in metres."""
 _TRIES = 60
 """Most views drawn for a scene; most seeds need one or two."""
 
@@ -196,7 +198,7 @@ def _wall(
             *(_scratch(rng, *somewhere()) for _ in range(rng.integers(3, 9))),
             *(_drawing_mark(rng, *somewhere()) for _ in range(rng.integers(3, 9))),
         ),
-        dirt=tuple(_stain(rng, *somewhere()) for _ in range(rng.integers(2, 7))),
+        dirt=tuple(draw_dirt(rng, *somewhere(), _STAINS) for _ in range(rng.integers(2, 7))),
         welds=tuple(welds),
     )
 
@@ -225,19 +227,6 @@ def _drawing_mark(rng: np.random.Generator, phi: float, z: float) -> Scratch:
         rng.uniform(0.05e-3, 0.15e-3),
         slope=rng.uniform(0.1, 0.5),
         albedo=rng.uniform(0.7, 1.1),
-    )
-
-
-def _stain(rng: np.random.Generator, phi: float, z: float) -> Dirt:
-    """Draw a stain with a sharp or soft edge, 0.6 to 6 mm across."""
-    return Dirt(
-        phi,
-        z,
-        math.exp(rng.uniform(math.log(0.3e-3), math.log(3e-3))),
-        rng.uniform(0.4, 0.9),
-        softness=math.exp(rng.uniform(math.log(0.05e-3), math.log(0.4e-3))),
-        raggedness=rng.uniform(0.05, 0.6),
-        seed=int(rng.integers(2**31)),
     )
 
 

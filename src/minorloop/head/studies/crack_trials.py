@@ -17,7 +17,6 @@ import numpy as np
 from scipy.stats import chi2
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.trace import between, traces_of
 from minorloop.head.studies import scoring
 from minorloop.head.studies.crack_scans import scanned_depth
@@ -238,8 +237,7 @@ def _on_map(found: Findings, places: FloatArray, radius: float) -> BoolArray:
     """Return whether places (N, 2) are on texels of the map that are seen."""
     assert found.wall is not None
     window: Window = found.wall.window
-    x = np.rint(radius * wrapped(places[:, 0] - window.phi) / window.step)
-    y = np.rint((places[:, 1] - window.z) / window.step)
+    x, y = np.rint(window.texels(places, radius)).T
     inside = (x >= 0) & (x < window.columns) & (y >= 0) & (y < window.rows)
     seen = np.isfinite(found.wall.whole)
     rows, columns = (np.where(inside, n, 0).astype(int) for n in (y, x))

@@ -21,6 +21,7 @@ from minorloop.head.procedures.values import NOTHING, Reading, apply_to_tip
 from minorloop.head.reconstruction.depth_map import Patch
 from minorloop.head.reconstruction.pipe_map import PipeMap, pipe_map
 from minorloop.head.studies import scoring
+from minorloop.head.studies.crack_scenes import fine_course
 from minorloop.head.studies.ultrasonic_scan import resampled
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.pipe import Bore, Crack, Dent, Pipe, draw_crack, draw_pit
@@ -171,10 +172,8 @@ def _apart(one: tuple[float, float], other: tuple[float, float]) -> float:
 
 def _off(crack: Crack, phi: float, z: float) -> float:
     """Return the distance of a place from the course of a crack, in metres."""
-    corners = np.array(crack.points)
-    along = np.linspace(0, len(corners) - 1, 20 * len(corners))
-    course = [np.interp(along, np.arange(len(corners)), each) for each in corners.T]
-    return float(wall_distance(np.stack(course, axis=-1), (phi, z), Pipe().radius).min())
+    course, _ = fine_course(crack, Pipe.radius)
+    return float(wall_distance(course, (phi, z), Pipe.radius).min())
 
 
 @one_thread()
@@ -254,10 +253,12 @@ def run_sweep(seed: int, pits: int = PITS) -> ScoredSweep:
 
 def pit_found(run: ScoredSweep, bore: Bore) -> EchoFind | None:
     """Return the pit of a map that is nearest to a true one; None if none is near."""
-    off = [_apart(find.place, (bore.phi, bore.z)) for find in run.scan.finds if find.kind == PIT]
-    pits = [find for find in run.scan.finds if find.kind == PIT]
-    best = min(range(len(pits)), key=off.__getitem__, default=None)
-    return None if best is None or off[best] > SAME else pits[best]
+    near = [
+        (off, find)
+        for find in run.scan.finds
+        if find.kind == PIT and (off := _apart(find.place, (bore.phi, bore.z))) <= SAME
+    ]
+    return min(near, key=lambda one: one[0])[1] if near else None
 
 
 def on_crack(run: ScoredSweep, find: EchoFind) -> bool:

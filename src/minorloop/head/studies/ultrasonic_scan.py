@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from minorloop.arrays import FloatArray
-from minorloop.head.geometry import Probe, wrapped
+from minorloop.head.geometry import Probe
 from minorloop.head.procedures.measure import NO_COUPLING, wall_about
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.scan import RasterScan
@@ -139,10 +139,6 @@ def _span(parts: Sequence[DepthMap]) -> tuple[float, float]:
 
 def resampled(view: ReflectanceMap, patch: Patch) -> FloatArray:
     """Resample a view of the camera on a patch (rows, columns); NaN where nothing is seen."""
-    window, places = view.window, patch.places
-    half = 0.5 * (window.columns - 1)
-    middle = window.phi + half * window.step / patch.radius
-    x = wrapped(places[..., 0] - middle) * patch.radius / window.step + half
-    y = (places[..., 1] - window.z) / window.step
+    x, y = np.moveaxis(view.window.texels(patch.places, patch.radius), -1, 0)
     whole = np.asarray(view.whole, dtype=np.float64)
     return np.asarray(map_coordinates(whole, [y, x], order=1, mode="constant", cval=np.nan))

@@ -465,12 +465,18 @@ def draw_scratch(rng: np.random.Generator, phi: float, z: float) -> Scratch:
     )
 
 
-def draw_dirt(rng: np.random.Generator, phi: float, z: float) -> Dirt:
-    """Draw a patch of dirt of albedo 0.4 or more, sharp or soft, ragged or nearly round."""
+def draw_dirt(
+    rng: np.random.Generator, phi: float, z: float, sizes: tuple[float, float] = (0.2e-3, 2e-3)
+) -> Dirt:
+    """Draw a patch of dirt of albedo 0.4 or more, sharp or soft, ragged or nearly round.
+
+    ``sizes`` are the least and the largest, in metres.
+    """
+    low, high = sizes
     return Dirt(
         phi,
         z,
-        math.exp(rng.uniform(math.log(0.2e-3), math.log(2e-3))),
+        math.exp(rng.uniform(math.log(low), math.log(high))),
         rng.uniform(0.4, 0.9),
         softness=math.exp(rng.uniform(math.log(0.05e-3), math.log(0.4e-3))),
         raggedness=rng.uniform(0.05, 0.6),

@@ -124,6 +124,13 @@ class Window:
             [self.phi + columns * self.step / radius, self.z + rows * self.step], axis=-1
         )
 
+    def texels(self, places: npt.ArrayLike, radius: float) -> FloatArray:
+        """Return columns x and rows y (..., 2) of places phi and z, within half a turn of it."""
+        phi, z = np.moveaxis(np.asarray(places, dtype=np.float64), -1, 0)
+        half = 0.5 * (self.columns - 1)
+        around = wrapped(phi - self.phi - half * self.step / radius)
+        return np.stack([around * radius / self.step + half, (z - self.z) / self.step], axis=-1)
+
 
 def window_in_view(
     camera: CalibratedCamera, pan: float, tilt: float, *, step: float = 0.05e-3, least: float = 14e3

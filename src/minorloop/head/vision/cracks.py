@@ -19,7 +19,6 @@ from scipy.sparse import csgraph
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
-from minorloop.head.geometry import wrapped
 from minorloop.head.vision.calibrated_camera import Image32, Window
 from minorloop.head.vision.crack_evidence import (
     LEAST_EVIDENCE,
@@ -209,8 +208,7 @@ def _mask_out(
 ) -> None:
     rows, columns = np.indices(heights.shape)
     for phi, z, diameter in apart:
-        x = float(wrapped(phi - window.phi)) * radius / window.step
-        y = (z - window.z) / window.step
+        x, y = window.texels((phi, z), radius)
         reach = 0.75 * diameter / window.step + 3
         heights[(columns - x) ** 2 + (rows - y) ** 2 < reach**2] = 0
 
