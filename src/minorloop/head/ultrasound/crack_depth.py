@@ -58,12 +58,16 @@ class CrackDepth:
         Mean over the part under the beams, in metres; NaN where not measured.
     least_width : float
         Smallest width for which these echoes would give a depth, in metres; NaN without echoes.
+    least_depth : float
+        Where there is no depth, a lower bound of it in metres: the echoes exclude every floor above;
+        NaN if they exclude none.
     """
 
     verdict: str
     depth: float = np.nan
     depth_sd: float = np.nan
     least_width: float = np.nan
+    least_depth: float = np.nan
 
 
 @one_thread()
@@ -133,6 +137,8 @@ def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius
     verdict = found.verdict
     if verdict == NARROW and np.isfinite(found.least_width):
         verdict += f" (under {1e3 * found.least_width:.2f} mm)"
+    if verdict == SILENT and np.isfinite(found.least_depth):
+        verdict += f" (at least {1e3 * found.least_depth:.2f} mm deep)"
     place_sd, width_sd = 0.05e-3, max(0.5 * width, 0.05e-3)
     return Finding(
         "crack", verdict, phi, place_sd / radius, z, place_sd, width, width_sd, length,
@@ -228,9 +234,10 @@ def _estimate(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
     others = every[:, np.abs(_DEPTHS - _DEPTHS[best]) > _APART]
     without = min(fit.cost_of(plain), *(fit.cost_of(plain * (1 - part)) for part in parts))
     if min(without, float(others.min())) - costs[best] < _SURE or best in (0, len(_DEPTHS) - 1):
-        return CrackDepth(SILENT, least_width=least)
+        bound = _bound(every.min(axis=0) - min(without, float(every.min())))
+        return CrackDepth(SILENT, least_width=least, least_depth=bound)
     if _DEPTHS[best] > DEEPEST:
-        return CrackDepth(DEEPER, least_width=least)
+        return CrackDepth(DEEPER, least_width=least, least_depth=DEEPEST)
     before, here, after = costs[best - 1 : best + 2]
     step = float(_DEPTHS[1] - _DEPTHS[0])
     bend = max(before - 2 * here + after, 1e-9)
@@ -238,3 +245,9 @@ def _estimate(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
     return CrackDepth(
         MEASURED, depth, float(np.hypot(2 * step / np.sqrt(bend), _UNMODELLED)), least
     )
+
+
+def _bound(costs: FloatArray) -> float:
+    """Return the first depth that costs (D,) over the best explanation do not exclude."""
+    possible = int(np.argmax(np.append(costs < _SURE, True)))
+    return float(_DEPTHS[min(possible, len(_DEPTHS) - 1)]) if possible else np.nan

@@ -16,11 +16,11 @@ from scipy import ndimage
 from minorloop.arrays import FloatArray
 from minorloop.head.vision.calibrated_camera import Image32
 
-LEAST_EVIDENCE = 0.1
+LEAST_EVIDENCE = -0.8
 """Evidence above which a line counts as a crack: 0.05 false findings an acquisition of the scenes
 of the fit."""
-ALONG = (8.29, -3.5, 7.66, 2.93, -7.52, -0.77, 0.25, 0.85, 0.13)
-WHOLE = (-9.12, 0.99, 0.93, 2.11)
+ALONG = (8.24, -4.58, 7.92, -10.63, 0.79)
+WHOLE = (-0.11, 0.85, 2.15)
 """Constant and weights of the features of places along a line, and of a whole line, by logistic
 regression on scenes 1000 to 1039 and 2000 to 2039 of `minorloop.head.studies.crack_scenes`, each
 with and without a crack; by ``python -m benchmarks.cracks fit``."""
@@ -47,15 +47,12 @@ class Profiles:
     taken : (K, N, M) array
         Share taken under each light, every half texel across; negative where it is brighter than
         the wall.
-    uneven : (K, N) array
-        Logarithm of the brightness of one side over that of the other.
     length : float
         In texels.
     """
 
     course: FloatArray
     taken: FloatArray
-    uneven: FloatArray
     length: float
 
     @property
@@ -93,7 +90,7 @@ def profiles_of(course: FloatArray, levels: Image32) -> Profiles:
         if not last:
             smooth = smooth + _off(taken, off)[:, None] * normal
     steps = np.hypot(*np.diff(smooth, axis=0).T)
-    return Profiles(smooth, taken, left - right, float(steps.sum()))
+    return Profiles(smooth, taken, float(steps.sum()))
 
 
 def _off(taken: FloatArray, off: FloatArray) -> FloatArray:
@@ -105,10 +102,14 @@ def _off(taken: FloatArray, off: FloatArray) -> FloatArray:
     return shifted
 
 
-FEATURES = ("net", "peak", "sharp", "bright", "spread", "uneven", "bent", "along")
-_LIKELY, _BELOW = -1.0, 5.0
-"""Evidence above which a part of a course may be that of a crack, and how far below the surest
-tenth of the course: by trial. A path may go on from a wide crack along a scratch."""
+_MOST, _FINEST = 3.0, 0.2
+"""Most evidence of a place that counts for its line, so that no short part decides alone; and
+texels of a course below which its bends are noise; both by trial."""
+FEATURES = ("net", "peak", "bright", "bent")
+_LIKELY, _POSSIBLE, _FEWEST = -0.5, -2.5, 8
+"""Evidence above which a part of a course may be that of a crack, and above which a part goes on
+that has as many likely texels, by trial: with less, scratches are joined to cracks; with more, faint
+parts are lost."""
 _BRIDGED = 8
 """Texels of little evidence that are bridged within a course, by trial."""
 
@@ -120,30 +121,14 @@ def features_of(found: Profiles) -> FloatArray:
     net = 0.5 * core.sum(axis=-1)
     whole = core.mean(axis=0)
     peak = np.maximum(whole[:, _CORE - 1 : _CORE + 2].mean(axis=-1), 0.02)
-    inner = np.maximum(whole[:, _CORE - 3 : _CORE + 4], 0).sum(axis=-1)
     dark = np.maximum(np.maximum(whole, 0).sum(axis=-1), 0.1)
     bright = np.maximum(-whole, 0).sum(axis=-1)
     typical = np.maximum(net.mean(axis=0), 0.05)
-    uneven = np.abs(ndimage.gaussian_filter1d(found.uneven.mean(axis=0), _EVEN, mode="nearest"))
     near, far = (
         ndimage.gaussian_filter1d(found.course, size, axis=0, mode="nearest") for size in (1.5, 10)
     )
     bent = np.sqrt(ndimage.gaussian_filter1d(((near - far) ** 2).sum(axis=1), 10, mode="nearest"))
-    heading = np.gradient(far, axis=0)
-    steep = np.abs(heading[:, 0]) / np.maximum(np.hypot(*heading.T), 1e-9)
-    return np.stack(
-        [
-            np.log(typical),
-            np.log(peak),
-            np.log(np.maximum(inner, 0.05) / dark),
-            bright / dark,
-            np.log1p(net.std(axis=0) / typical),
-            uneven / peak,
-            np.log(0.2 + bent),
-            (steep > 0.98).astype(float),
-        ],
-        axis=1,
-    )
+    return np.stack([np.log(typical), np.log(peak), bright / dark, np.log(_FINEST + bent)], axis=1)
 
 
 def evidence_along(found: Profiles, weights: Sequence[float] = ALONG) -> FloatArray:
@@ -156,18 +141,24 @@ def evidence_along(found: Profiles, weights: Sequence[float] = ALONG) -> FloatAr
 def likely_parts(found: Profiles, weights: Sequence[float] = ALONG) -> list[FloatArray]:
     """Return the parts (N, 2) of a course that may be those of a crack."""
     along = evidence_along(found, weights)
-    likely = np.pad(along > max(_LIKELY, np.quantile(along, 0.9) - _BELOW), _BRIDGED)
-    likely = ndimage.binary_closing(likely, np.ones(_BRIDGED + 1, dtype=bool))[_BRIDGED:-_BRIDGED]
-    labels, _ = ndimage.label(likely)
-    return [found.course[part] for (part,) in ndimage.find_objects(labels)]
+    possible = np.pad(along > _POSSIBLE, _BRIDGED)
+    possible = ndimage.binary_closing(possible, np.ones(_BRIDGED + 1, dtype=bool))
+    labels, _ = ndimage.label(possible[_BRIDGED:-_BRIDGED])
+    parts = [part for (part,) in ndimage.find_objects(labels)]
+    return [found.course[part] for part in parts if (along[part] > _LIKELY).sum() >= _FEWEST]
 
 
 def whole_features(found: Profiles, weights: Sequence[float] = ALONG) -> FloatArray:
-    """Return the features of a whole line: means of limited evidence, and its length."""
-    along = evidence_along(found, weights)
-    return np.array(
-        [np.clip(along, -2, 3).mean(), np.clip(along, -2, 6).mean(), np.log(found.length)]
-    )
+    """Return the features (2,) of a whole line: its evidence for a crack, and how it is bent.
+
+    Of the evidence the positive parts are added up: what crosses a crack does not count against it.
+    A scratch is drawn by one motion, so that a parabola fits its course; grains turn a crack.
+    """
+    along = np.clip(evidence_along(found, weights), 0.0, _MOST)
+    _, axes = np.linalg.eigh(np.cov(found.course.T))
+    across, length = (found.course @ axes).T
+    bent = across - np.polynomial.Polynomial.fit(length, across, 2)(length)
+    return np.log([1.0 + along.sum(), _FINEST + bent.std()])
 
 
 def crack_evidence(found: Profiles) -> float:

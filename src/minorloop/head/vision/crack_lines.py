@@ -60,8 +60,8 @@ def line_heights(
             filtered = np.exp(-0.5 * ((_ALONG * along) ** 2 + (wide * across) ** 2))
             least = None
             for wave in waves:
-                smooth = fft.irfft2(wave * filtered, shape)[:rows, :columns]
-                height = _height(smooth, (round(aside * c), round(-aside * s)))
+                smooth = fft.irfft2(wave * filtered, shape)
+                height = _height(smooth, (round(aside * c), round(-aside * s)))[:rows, :columns]
                 least = height if least is None else np.minimum(least, height)
             assert least is not None
             higher = least > best
@@ -82,7 +82,10 @@ def _middle(heights: Image32, sides: npt.NDArray[np.int8]) -> npt.NDArray[np.boo
 
 
 def _height(smooth: Image32, step: tuple[int, int]) -> Image32:
-    """Return the lower of two sides (rows, columns) away, less the middle."""
+    """Return the lower of two sides (rows, columns) away, less the middle.
+
+    The map is padded on one side of each axis, so that beyond either edge is the padding.
+    """
     i, j = step
     sides = np.minimum(np.roll(smooth, (i, j), (0, 1)), np.roll(smooth, (-i, -j), (0, 1)))
     height: Image32 = sides - smooth

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import BoolArray, FloatArray
 from minorloop.head.vision.calibrated_camera import Image32
 
 _REACH = 24.0
@@ -17,11 +17,13 @@ _TOUCHING = 4.0
 """Gap in texels below which the way between two ends has no direction."""
 _HEADING = 8
 """Texels whose chord is the heading of an end."""
-_TIP = 12
-"""Most texels, 0.6 mm, by which an end is extended: the tip of a crack is too faint to be judged,
-but goes on from where it is not."""
-_NEAR = 16
-"""Texels at an end whose median height is that of the line there."""
+_CORNER, _TIP = 3, 14
+"""Texels at an end that are left out, since a path ends at a corner of a line; and most texels,
+0.7 mm, by which an end is then extended: the tip of a crack is too faint to be judged, but goes on
+from where it is not."""
+_NEAR, _FAINT = 16, 0.4
+"""Texels at an end whose median height is that of the line there, and the share of it above which
+the line goes on: half of the filter is beyond an end, and a tip is narrower than the line."""
 
 
 def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
@@ -47,10 +49,10 @@ def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
     return [_concatenated(courses, chain) for chain in chains if chain]
 
 
-def extended(course: FloatArray, heights: Image32, least: float) -> FloatArray:
+def extended(
+    course: FloatArray, heights: Image32, least: float, margin: BoolArray | None = None
+) -> FloatArray:
     """Return a course (N, 2) extended straight from both ends.
-
-    The height of a line halves where it ends, since half of the filter is beyond its end.
 
     Parameters
     ----------
@@ -60,20 +62,29 @@ def extended(course: FloatArray, heights: Image32, least: float) -> FloatArray:
         Of the lines.
     least : float
         Least height of a line.
+    margin : (rows, columns) array of bool, optional
+        Where heights are not known; a line that reaches it goes on.
     """
-    return _extended(_extended(course, heights, least)[::-1], heights, least)[::-1]
+    for _ in range(2):
+        course = _extended(course, heights, least, margin)[::-1]
+    return course
 
 
-def _extended(course: FloatArray, heights: Image32, least: float) -> FloatArray:
+def _extended(
+    course: FloatArray, heights: Image32, least: float, margin: BoolArray | None
+) -> FloatArray:
     last = np.array(heights.shape) - 1
+    course = course[: max(len(course) - _CORNER, 2)]
     i, j = np.clip(np.rint(course[-_NEAR:]).astype(int), 0, last).T
-    dark = heights > max(least, 0.5 * float(np.median(heights[i, j])))
     way = course[-1] - course[-1 - min(_HEADING, len(course) - 1)]
     steps = course[-1] + np.arange(1, _TIP + 1)[:, None] * way / max(float(np.hypot(*way)), 1e-9)
     texels = np.rint(steps).astype(int)
     inside = ((texels >= 0) & (texels <= last)).all(axis=1)
-    i, j = np.clip(texels, 0, last).T
-    return np.concatenate([course, steps[: int(np.argmin(np.append(inside & dark[i, j], False)))]])
+    k, m = np.clip(texels, 0, last).T
+    dark = heights[k, m] > max(least, _FAINT * float(np.median(heights[i, j])))
+    if margin is not None:
+        dark |= margin[k, m]
+    return np.concatenate([course, steps[: int(np.argmin(np.append(inside & dark, False)))]])
 
 
 def _links(

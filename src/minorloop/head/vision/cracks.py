@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
+from scipy.spatial import distance
 
-from minorloop.arrays import FloatArray, as_finite
+from minorloop.arrays import BoolArray, FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.vision.calibrated_camera import Image32, Window
 from minorloop.head.vision.crack_evidence import (
@@ -41,6 +42,9 @@ _BRANCHES = 3
 """Times that branches are searched for."""
 _APART = 5
 """Texels from a course within which lines belong to it."""
+_CROSSING, _CUT = 8.0, 4.0
+"""Distance in texels below which two courses cross or branch, which is more than ``_APART``, and
+texels to either side of the crossing that are left out: a path turns there from line to line."""
 _FEWEST = 8  # texels of a course
 _SLENDER = 6.0
 """Least length over width."""
@@ -154,12 +158,15 @@ class DarkWall:
         Logarithm of the reflectance; what is not seen has the value of the nearest texel that is.
     heights : (rows, columns) array of float32
         Of the lines.
+    margin : (rows, columns) array of bool
+        Texels that are seen but too near to the edge for a height.
     courses : tuple of (N, 2) arrays
         Rows and columns of the lines.
     """
 
     levels: Image32
     heights: Image32
+    margin: BoolArray
     courses: tuple[FloatArray, ...]
 
 
@@ -173,17 +180,37 @@ def dark_wall(
     # A profile that leaves the map goes on with the last brightness of the wall.
     _, near = ndimage.distance_transform_edt(~seen, return_indices=True)
     heights, middle = line_heights(levels, seen)
-    heights[~ndimage.binary_erosion(seen, iterations=_EDGE)] = 0
+    margin = seen & ~ndimage.binary_erosion(seen, iterations=_EDGE)
+    heights[~seen | margin] = 0
     _mask_out(heights, window, radius, apart)
     heights = np.where(ndimage.binary_dilation(middle, np.ones((3, 3), dtype=bool)), heights, 0)
     courses = [course.astype(float) for course in _courses(heights, _SHORTEST / window.step)]
-    return DarkWall(levels[:, near[0], near[1]], heights, tuple(courses))
+    return DarkWall(levels[:, near[0], near[1]], heights, margin, tuple(cut_at_crossings(courses)))
+
+
+def cut_at_crossings(courses: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return courses (N, 2) in texels, cut where another one crosses them or branches off.
+
+    The cheapest path may go on along another line at a crossing.
+    """
+    parts = []
+    for n, course in enumerate(courses):
+        left = np.ones(len(course), dtype=bool)
+        for other in courses[:n] + courses[n + 1 :]:
+            off = distance.cdist(course, other).min(axis=1)
+            labels, count = ndimage.label(off < _CROSSING)
+            for at in ndimage.minimum_position(off, labels, range(1, count + 1)):
+                left &= np.hypot(*(course - course[at]).T) > _CUT
+        labels, _ = ndimage.label(left)
+        parts += [course[part] for (part,) in ndimage.find_objects(labels)]
+    return [part for part in parts if len(part) >= _FEWEST]
 
 
 def whole_courses(parts: Sequence[FloatArray], wall: DarkWall) -> list[FloatArray]:
     """Return courses (N, 2) of parts joined where they continue each other, to their tips."""
     whole = joined([part for part in parts if len(part) >= _FEWEST])
-    return [extended(course, wall.heights, _LOW) for course in whole]
+    beside: Image32 = ndimage.maximum_filter(wall.heights, 3)  # a line is straight only nearly
+    return [extended(course, beside, _LOW, wall.margin) for course in whole]
 
 
 def _courses(heights: Image32, least: float) -> list[npt.NDArray[np.int64]]:
