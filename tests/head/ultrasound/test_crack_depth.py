@@ -43,6 +43,14 @@ def test_beyond_its_range_no_depth_is_given():
     assert np.isnan(found.depth)
 
 
+def test_a_crack_without_a_depth_has_a_lower_bound_that_is_kept():
+    for width, depth in ((0.2e-3, 1.4e-3), (0.3e-3, 1.1e-3)):
+        found = crack_depth(scan(width, depth), PROBE, COURSE, width)
+        assert np.isnan(found.depth)
+        assert 0.3e-3 < found.least_depth < depth
+        assert "at least" in crack_finding(COURSE, width, found, 10e-3).verdict
+
+
 def test_a_traced_width_is_not_surer_than_tracing_is():
     found = crack_depth([], PROBE, COURSE, 0.3e-3)
     assert crack_finding(COURSE, 0.3e-3, found, 10e-3).width_sd >= 0.15e-3

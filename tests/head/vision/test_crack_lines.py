@@ -34,3 +34,11 @@ def test_a_line_that_one_light_does_not_show_an_edge_and_a_spot_are_low():
     line, _ = line_heights(stack(dark(off)), SEEN)
     assert edge[30:60, 30:90].max() < 0.3 * 0.5 * line[45, 60]
     assert spot.max() < 0.6 * line[45, 60]
+
+
+def test_a_line_at_one_edge_of_the_map_is_not_seen_at_the_other():
+    level = stack(dark(ROWS - 2))
+    heights, _ = line_heights(level, SEEN)
+    bare, _ = line_heights(np.zeros_like(level), SEEN)
+    assert heights[:8].max() > 0.1
+    assert np.abs(heights[-12:] - bare[-12:]).max() < 0.01

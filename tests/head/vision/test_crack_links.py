@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from minorloop.head.vision.crack_links import extended, joined
+from minorloop.head.vision.crack_links import cut_at_crossings, extended, joined
 
 
 def line(start, stop, count=30):
@@ -44,3 +44,24 @@ def test_ends_are_extended_to_half_of_the_height_and_not_off_the_map():
     assert (found[0, 1], found[-1, 1]) == (12, 44)
     whole = extended(line((10, 2), (10, 57), 56), np.ones_like(heights), 0.1)
     assert (whole[0, 1], whole[-1, 1]) == (0, 59)
+
+
+def test_an_end_goes_on_through_the_margin_of_the_view():
+    heights, margin = np.zeros((20, 60), dtype=np.float32), np.zeros((20, 60), dtype=bool)
+    heights[10, 10:50], margin[:, 50:55] = 0.8, True
+    course = line((10, 15), (10, 47), 33)
+    assert extended(course, heights, 0.1)[-1, 1] == 49
+    assert extended(course, heights, 0.1, margin)[-1, 1] == 54
+
+
+def test_courses_are_cut_where_they_cross_and_where_one_ends_on_another():
+    along = np.arange(100.0)
+    first = np.stack([np.full(100, 50.0), along], axis=1)
+    second = np.stack([along, np.full(100, 40.0)], axis=1)
+    branch = np.stack([np.arange(56.0, 90.0), np.full(34, 80.0)], axis=1)
+    parts = cut_at_crossings([first, second, branch])
+    assert len(parts) == 6
+    assert all(np.hypot(*(part - [50.0, 40.0]).T).min() > 4 for part in parts)
+    assert len(cut_at_crossings([first])) == 1
+    corner = np.concatenate([first, np.stack([50.0 - along[1:60], np.full(59, 99.0)], axis=1)])
+    assert [len(part) for part in cut_at_crossings([corner])] == [95, 55]

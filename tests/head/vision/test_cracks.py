@@ -114,3 +114,26 @@ def test_a_crack_goes_on_behind_a_scratch_that_crosses_it():
     levels = np.stack([bare(seed) + dark for seed in range(3)]).astype(np.float32)
     (crack,) = trace_cracks(levels, WINDOW, RADIUS)
     assert crack.length == pytest.approx(173 * STEP, rel=0.1)
+
+
+def test_a_crack_does_not_go_on_along_a_scratch_that_it_meets():
+    """The scratch is as dark, but has a bright flank."""
+    crack = line([(40, 30), (80, 60), (110, 100), (112, 150), (120, 190)], 2.0)
+    points = [(60, 110), (235, 95)]
+    side = np.sign((ROWS - 110) * 175 + (COLUMNS - 60) * 15)
+    scratch = 0.9 * side * distance(points) / 2 * np.exp(0.5 - distance(points) ** 2 / 8)
+    levels = np.stack([bare(seed, 0.03) + crack + scratch for seed in range(3)])
+    (found,) = trace_cracks(levels.astype(np.float32), WINDOW, RADIUS)
+    x = found.places[:, 0] * RADIUS / STEP
+    assert x.max() < 130
+    assert found.length == pytest.approx(191 * STEP, rel=0.1)
+
+
+def test_of_two_faint_lines_the_bent_one_is_surer_a_crack():
+    straight = line([(40, 60), (200, 120)], 1.5)
+    bent = line([(40, 60), (70, 80), (100, 75), (130, 100), (160, 95), (200, 120)], 1.5)
+    (one,), (other,) = (
+        trace_cracks(np.float32(bare(0, 0.02) + mark), WINDOW, RADIUS, least=-np.inf)
+        for mark in (straight, bent)
+    )
+    assert other.evidence > one.evidence + 2

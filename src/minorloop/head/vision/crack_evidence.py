@@ -16,11 +16,11 @@ from scipy import ndimage
 from minorloop.arrays import FloatArray
 from minorloop.head.vision.calibrated_camera import Image32
 
-LEAST_EVIDENCE = -0.8
+LEAST_EVIDENCE = -1.2
 """Evidence above which a line counts as a crack: 0.05 false findings an acquisition of the scenes
 of the fit."""
 ALONG = (8.24, -4.58, 7.92, -10.63, 0.79)
-WHOLE = (-0.11, 0.85, 2.15)
+WHOLE = (0.44, 0.72, 2.37)
 """Constant and weights of the features of places along a line, and of a whole line, by logistic
 regression on scenes 1000 to 1039 and 2000 to 2039 of `minorloop.head.studies.crack_scenes`, each
 with and without a crack; by ``python -m benchmarks.cracks fit``."""
@@ -106,10 +106,10 @@ _MOST, _FINEST = 3.0, 0.2
 """Most evidence of a place that counts for its line, so that no short part decides alone; and
 texels of a course below which its bends are noise; both by trial."""
 FEATURES = ("net", "peak", "bright", "bent")
-_LIKELY, _POSSIBLE, _FEWEST = -0.5, -2.5, 8
-"""Evidence above which a part of a course may be that of a crack, and above which a part goes on
-that has as many likely texels, by trial: with less, scratches are joined to cracks; with more, faint
-parts are lost."""
+_LIKELY, _POSSIBLE, _FEWEST = -0.5, -2.0, 8
+"""Evidence of a texel that may be of a crack, that of a part which goes on from such texels, and
+fewest of them in a part; by trial. With less evidence scratches are joined to cracks, with more
+faint parts are lost."""
 _BRIDGED = 8
 """Texels of little evidence that are bridged within a course, by trial."""
 

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
-from scipy.spatial import distance
 
 from minorloop.arrays import BoolArray, FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
@@ -29,7 +28,7 @@ from minorloop.head.vision.crack_evidence import (
     profiles_of,
 )
 from minorloop.head.vision.crack_lines import line_heights
-from minorloop.head.vision.crack_links import extended, joined
+from minorloop.head.vision.crack_links import FEWEST, cut_at_crossings, extended, joined
 
 _HIGH, _LOW = 0.16, 0.1
 """Heights that a piece reaches and stays above: half of the texels of a crack of 50 um are above
@@ -42,10 +41,6 @@ _BRANCHES = 3
 """Times that branches are searched for."""
 _APART = 5
 """Texels from a course within which lines belong to it."""
-_CROSSING, _CUT = 8.0, 4.0
-"""Distance in texels below which two courses cross or branch, which is more than ``_APART``, and
-texels to either side of the crossing that are left out: a path turns there from line to line."""
-_FEWEST = 8  # texels of a course
 _SLENDER = 6.0
 """Least length over width."""
 
@@ -188,27 +183,9 @@ def dark_wall(
     return DarkWall(levels[:, near[0], near[1]], heights, margin, tuple(cut_at_crossings(courses)))
 
 
-def cut_at_crossings(courses: Sequence[FloatArray]) -> list[FloatArray]:
-    """Return courses (N, 2) in texels, cut where another one crosses them or branches off.
-
-    The cheapest path may go on along another line at a crossing.
-    """
-    parts = []
-    for n, course in enumerate(courses):
-        left = np.ones(len(course), dtype=bool)
-        for other in courses[:n] + courses[n + 1 :]:
-            off = distance.cdist(course, other).min(axis=1)
-            labels, count = ndimage.label(off < _CROSSING)
-            for at in ndimage.minimum_position(off, labels, range(1, count + 1)):
-                left &= np.hypot(*(course - course[at]).T) > _CUT
-        labels, _ = ndimage.label(left)
-        parts += [course[part] for (part,) in ndimage.find_objects(labels)]
-    return [part for part in parts if len(part) >= _FEWEST]
-
-
 def whole_courses(parts: Sequence[FloatArray], wall: DarkWall) -> list[FloatArray]:
     """Return courses (N, 2) of parts joined where they continue each other, to their tips."""
-    whole = joined([part for part in parts if len(part) >= _FEWEST])
+    whole = joined([part for part in parts if len(part) >= FEWEST])
     beside: Image32 = ndimage.maximum_filter(wall.heights, 3)  # a line is straight only nearly
     return [extended(course, beside, _LOW, wall.margin) for course in whole]
 
@@ -219,7 +196,7 @@ def _courses(heights: Image32, least: float) -> list[npt.NDArray[np.int64]]:
     left = heights.copy()
     for _ in range(_BRANCHES + 1):
         found = [_course(left, piece) for piece in _pieces(left, least)]
-        found = [course for course in found if len(course) >= _FEWEST]
+        found = [course for course in found if len(course) >= FEWEST]
         if not found:
             break
         courses += found
