@@ -60,8 +60,10 @@ _HALF = 0.5
 _WHOLE = 0.7
 """Share of the tiles with which a lost patch is found again, and a view of it kept: part of a
 regular pattern fits often."""
-_ELSEWHERE = 0.3
-"""Share of what the surroundings repeat below which they are others, as in a mirror image."""
+_ELSEWHERE, _SAME = 0.3, 0.5
+"""Share of what the surroundings repeat below which they are others, as in a mirror image, and from
+which a new view is kept, so that dirt on the lens is not remembered as wall. In sequences of the
+twin (seed 1000) it is 0.5 to 1, and below 0.1 where pictures are mirrored."""
 _USUAL = 0.1
 """Weight of a new frame in the usual correlation: light changes it over some frames."""
 
@@ -134,8 +136,8 @@ class TrackState:
 class _Found:
     """A match: pixel, angles at which the head sees the patch there, and how good it is.
 
-    ``seen`` is the share of the tiles, and ``gap`` the distance in metres from where the
-    surroundings put the patch.
+    ``seen`` is the share of the tiles, ``gap`` the distance in metres from where the surroundings
+    put the patch, and ``same`` whether they look as they did.
     """
 
     pixel: FloatArray
@@ -144,6 +146,7 @@ class _Found:
     verdict: str
     seen: float
     gap: float
+    same: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +337,7 @@ class PatchTracker:
         if not state.missed:
             drift = state.drift + _FADE * (turn - state.turn - state.drift)
         views = state.views
-        sure = not state.missed and found.seen > _WHOLE and found.gap < _ALIKE
+        sure = not state.missed and found.same and found.seen > _WHOLE and found.gap < _ALIKE
         room = len(views) < self.most_views
         if sure and room and self._nearest(state, found.angles)[1] > self.fresh:
             view = self._view(image, state.home, found.angles)
@@ -463,7 +466,8 @@ class PatchTracker:
         if angles is None:
             angles = expected
         gap = float(np.hypot(*(off - agreed.shift)))
-        return _Found(pixel, angles, score, verdict, agreed.seen, gap)
+        same = not agreed.around < _SAME
+        return _Found(pixel, angles, score, verdict, agreed.seen, gap, same)
 
     def _search_again(self, state: TrackState, image: Image, expected: FloatArray) -> _Found:
         """Search for a lost patch about its expected place, then farther away.
@@ -473,7 +477,7 @@ class PatchTracker:
         """
         pixel = self.camera.pixel(state.home, *expected.tolist())
         if not self._inside(pixel, _EDGE):
-            return _Found(pixel, expected, math.nan, OUT_OF_VIEW, 0.0, math.inf)
+            return _Found(pixel, expected, math.nan, OUT_OF_VIEW, 0.0, math.inf, False)
         near = self._search_near(state, image, expected, self.reach, self.again)
         if near.verdict == TRACKED and near.score > self.distinct and near.seen > _WHOLE:
             return near
