@@ -83,6 +83,8 @@ def identify(
     from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 
     before = read_head(head) if head.exists() else None
+    if serial is not None:
+        replace(before or HeadFile(serial=serial), identified=None).check_fits(serial, head)
     replaces = before is not None and before.identified is not None
     _common.check_outputs([head], force=force or not replaces)
     opened: Any = partial(_common.connected, actuator, specimen=specimen, noise=noise)
@@ -92,8 +94,8 @@ def identify(
     if seen:
         opened = partial(seen_head, actuator, camera, view, specimen=specimen)
     with _common.interruptible(lambda: kept_in(store)), opened(seed=seed) as plant:
-        check_head(plant, seen=_CAMERA_HELPS)
         serial = _serial(plant, serial)
+        check_head(plant, seen=_CAMERA_HELPS)
         if before is not None:
             replace(before, identified=None).check_fits(serial, head)
         store.mkdir(parents=True, exist_ok=True)

@@ -209,10 +209,10 @@ def test_every_step_returns_currents_within_the_limits(odd):
 
 
 def test_an_invalid_reading_of_one_axis_does_not_affect_the_other():
-    run = Run(control(), (30.0, 30.0), 5.0)
+    run = Run(control(), (30.0, 30.0), 12.0)
     state, law = run.state, control()
     for k in range(20):
-        _, state = law.step(state, (30.0, 30.0), ("x", 30.0 + 0.01 * k), t=5.0 + 0.04 * k)
+        _, state = law.step(state, (30.0, 30.0), ("x", 30.0 + 0.01 * k), t=12.0 + 0.04 * k)
     assert state.axes[0].fault == "lost"
     assert state.axes[1].fault == ""
 

@@ -469,7 +469,6 @@ class Guard:
         log = _newest((*old.log, *events)) if events else old.log
         return replace(new, active=frozenset(present), log=log)
 
-
     def _odd(self, belief: Belief) -> str:
         """Return what is wrong with readings that are not believed."""
         if belief.believed:
