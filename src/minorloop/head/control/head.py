@@ -251,7 +251,8 @@ def head_control(
     ParameterError
         If there is no such controller, or an option is out of its range.
     """
-    if not isinstance(wires, Sequence) or isinstance(wires, str) or not wires:
+    given: object = wires
+    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
         raise ParameterError(f"wires is {wires!r:.60}; give a tuple of HeatedWire, one an axis")
     axes = tuple(
         Guard(

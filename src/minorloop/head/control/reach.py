@@ -220,8 +220,7 @@ class ReachWatch(Loop):
         A predicted reach that the wire does not come near is corrected.
         """
         if state.age > _CORRECTED and measurement < verdict.reach - _FAR:
-            known = {"reach": measurement, "least": measurement, "most": measurement}
-            verdict = replace(verdict, **known)
+            verdict = replace(verdict, reach=measurement, least=measurement, most=measurement)
             state = replace(state, verdict=verdict)
         same = abs(reference - verdict.reference) <= 0.5 * self.tolerance
         within_reach = reference <= verdict.reach - self.tolerance

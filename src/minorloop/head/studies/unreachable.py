@@ -29,7 +29,7 @@ CLEARLY = 5.0
 """Degrees out of reach from which a target must be found."""
 SECONDS = 25.0
 """Duration of a run: the slowest verdict, in the cold, takes 23 s."""
-AMBIENTS, COOLINGS = (-15.0, 0.0), (1.3, 2.0)
+AMBIENTS, COOLINGS = (-20.0, -8.0), (1.4, 2.0)
 """Range of the ambient in degrees Celsius, and of the convection over that at identification: the
 reach falls between the ends of the stroke."""
 BEYOND, WITHIN = (1.5, 8.0), (0.5, 3.0)
