@@ -94,8 +94,8 @@ def identify(
     if seen:
         opened = partial(seen_head, actuator, camera, view, specimen=specimen)
     with _common.interruptible(lambda: kept_in(store)), opened(seed=seed) as plant:
-        serial = _serial(plant, serial)
         check_head(plant, seen=_CAMERA_HELPS)
+        serial = _serial(plant, serial)
         if before is not None:
             replace(before, identified=None).check_fits(serial, head)
         store.mkdir(parents=True, exist_ok=True)
