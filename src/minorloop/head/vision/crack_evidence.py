@@ -16,14 +16,14 @@ from scipy import ndimage
 from minorloop.arrays import FloatArray
 from minorloop.head.vision.calibrated_camera import Image32
 
-LEAST_EVIDENCE = -1.2
-"""Evidence above which a line counts as a crack: 0.05 false findings an acquisition of the scenes
-of the fit."""
-ALONG = (8.24, -4.58, 7.92, -10.63, 0.79)
-WHOLE = (0.44, 0.72, 2.37)
+LEAST_EVIDENCE = -1.5
+"""Evidence above which a line counts as a crack: 0.03 false findings an acquisition of the scenes
+of the fit, and as many cracks as with more."""
+ALONG = (10.62, -6.03, 9.92, -13.9, 0.87)
+WHOLE = (1.86, 0.59, 3.87)
 """Constant and weights of the features of places along a line, and of a whole line, by logistic
-regression on scenes 1000 to 1039 and 2000 to 2039 of `minorloop.head.studies.crack_scenes`, each
-with and without a crack; by ``python -m benchmarks.cracks fit``."""
+regression on scenes 1000 to 1099 and 2000 to 2099 of `minorloop.head.studies.crack_scenes`, each
+with and without a crack; by ``python -m benchmarks.cracks fit --count 100``."""
 _DARK = 0.93
 """Share of the light of the wall that a crack takes."""
 _SIDE, _CORE = 14, 9
