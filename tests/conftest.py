@@ -83,10 +83,23 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     compile_in_turn()
 
 
+def pytest_configure(config):
+    """Let each worker begin to collect the whole at another file.
+
+    Where no test was compiled before, each then compiles its share and loads those of the others.
+    """
+    whole = [Path(each).resolve() for each in config.args] == [HERE.resolve()]
+    if whole and "PYTEST_XDIST_WORKER" in os.environ:
+        worker = int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw"))
+        files = sorted(HERE.rglob("test_*.py"))
+        first = len(files) * worker // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+        config.args[:] = map(str, files[first:] + files[:first])
+
+
 def pytest_collection_modifyitems(items):
     """Begin with the longest files; pytest-xdist hands them out in this order."""
     rank = {HERE / name: k for k, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: rank.get(item.path, len(LONGEST)))
+    items.sort(key=lambda item: (rank.get(item.path, len(LONGEST)), item.path))
 
 
 def pytest_collection_finish():
