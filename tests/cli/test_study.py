@@ -84,6 +84,9 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
         ("study fibre --specimens 0", "--specimens is 0; give 1 to 1000"),
         ("study fibre --seed -1", "--seed is -1; give 0 or more"),
         ("study fibre --out good.csv", "good.csv is a file"),
+        ("study fibre --only unreachable", "--only is 'unreachable'; fibre has no parts"),
+        ("study head --only all", "--only is 'all'; give unreachable"),
+        ("study head --only unreachable --out made", "a part of a study has no report"),
     ],
 )
 def test_refuses_in_one_line(line, says, refused):
