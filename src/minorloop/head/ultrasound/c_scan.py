@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.head.geometry import wrapped
+from minorloop.head.geometry import wall_point, wrapped
 from minorloop.head.reconstruction.depth_map import (
     ECHOES,
     UNSEEN,
@@ -28,7 +28,7 @@ from minorloop.head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched, v
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.profile import Profile, centred
 
-PIT, CRACK = "pit", "crack"
+PIT, CRACK, CUT = "pit", "crack", "cut by the edge"
 _BEFORE, _BEYOND = 0.8e-3, 1.4e-3
 """Window of the strongest echo before and beyond the wall in metres, for beads and for the deepest
 pit that is measured."""
@@ -50,13 +50,24 @@ _FEWEST = 3
 """Fewest bursts on a surface: fewer are outliers."""
 _FLOOR_SD = 6e-6
 """Error of a depth by the envelope alone, in metres, from sweeps of the twin."""
-_LOST = 0.3
-"""Least share of the echo of the wall that a crack takes."""
-_SLENDER, _SHORTEST = 3.0, 1.5e-3
+_ABOUT = 36
+"""Bursts whose median is the wall about one of them: a disc 1.6 mm wide, of which a crack of 0.3 mm
+takes a quarter."""
+_LOST, _LOST_SURE = 0.1, 3.0
+"""Least share of the echo of the wall that a crack takes, and over the noise of this share: four
+bursts in a row are not by chance. A crack of 0.06 mm takes 0.1 midway between two lines."""
+_SLENDER, _SHORTEST = 3.0, 1e-3
 """Least length of a crack over its width on the map, and in metres."""
-_FLAT = 0.04e-3
-"""Largest median depth of the wall about a crack in metres: a quarter of a wavelength. The flanks
-of dents and beads take from the echo too."""
+_FLAT, _MOST = 0.04e-3, 0.75
+"""Largest depth of most of the wall about a crack in metres, a quarter of a wavelength, and how
+much is most. The flanks of dents and beads take from the echo too."""
+_LEVEL = 0.02e-3
+"""Largest difference of the depths on both sides of a crack, in metres."""
+_BRIDGED, _CLOSE = 3.0, 0.8
+"""Widths of the beam between bursts on one crack, as sway leaves gaps, and fewest bursts on such a
+width of its length."""
+_SIDE = 0.25
+"""Least share of the wall beside a crack on either side."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
 """Standard deviations of place and size of a find in metres, half the distance of bursts."""
 _JITTER = 40e-9
@@ -141,7 +152,7 @@ class CScan:
         Depth of the strongest echo below the wall; unseen where there is none, in gaps and above
         the water.
     amplitude, amplitude_sd : (rows, columns) arrays
-        Of the echo at the distance of the wall, as a share of that of a plain wall; NaN in gaps and
+        Of the echo of the wall about a texel, as a share of that of a plain wall; NaN in gaps and
         more than the width of the beam above the water.
     gap : (rows, columns) array of bool
         Flooded texels farther than the width of the beam from every burst.
@@ -174,7 +185,12 @@ class WallEchoes:
     depth : (N,) array
         Of the strongest echo below the wall, in metres; NaN without one that a surface can return.
     amplitude : (N,) array
-        Of the echo at the distance of the wall, over the usual one; NaN if the trace is too short.
+        Of the echo at the distance of the wall about it, over the usual one; NaN if the trace is
+        too short.
+    lost : (N,) array
+        Share of the amplitude about it that it lacks.
+    flat : (N,) array of bool
+        Whether most of the wall about it has no depth.
     strongest, snr : (N,) arrays
         Amplitude of the strongest echo over the usual one, and over noise.
     """
@@ -182,6 +198,8 @@ class WallEchoes:
     spots: FloatArray
     depth: FloatArray
     amplitude: FloatArray
+    lost: FloatArray
+    flat: BoolArray
     strongest: FloatArray
     snr: FloatArray
 
@@ -242,7 +260,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
         steepest = 0.5 * probe.transducer.aperture / probe.transducer.focus
         floors = _floors(echoes.depth, used, on, (steepest, noise[0]))
         clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
-        finds = _finds(_slender(echoes, clear, on, noise[1]), floors, on)
+        finds = _finds(_slender(echoes, clear, on), floors, on)
     timing = _JITTER / np.maximum(echoes.snr, 1.0) * probe.speed / 2
     wall = _depth_map(echoes.depth, np.hypot(timing, noise[0]), three, mapped, patch)
     loud = np.where(mapped, echoes.amplitude[three[..., 0]], np.nan)
@@ -286,17 +304,39 @@ def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEcho
         change = profile.depths - centred(profile).depths
         wave = np.interp(spots[:, 0], spots[found, 0], change, period=2 * np.pi)
         wave += np.median((depth - wave)[found])
-    wall = np.array(
-        [
-            _amplitude_at(one, each[3], distance, probe.speed)
-            for one, each, distance in zip(swept, heard, spots[:, 2] + wave, strict=True)
-        ]
-    ).reshape(-1)
     usual = float(np.median(loudest[found])) if found.any() else 1.0
     clear = found & (loudest >= _RINGING * usual)
+    depth = np.where(clear, depth - wave, np.nan)
+    near = _nearest(spots, probe.radius)
+    about = np.nan_to_num(_quantile(depth[near]))
+    wall = np.array(
+        [
+            _amplitude_at(one, each[3], distance, probe.speed) / usual
+            for one, each, distance in zip(swept, heard, spots[:, 2] + wave + about, strict=True)
+        ]
+    ).reshape(-1)
+    lost = 1 - wall / np.maximum(_quantile(wall[near]), _RINGING)
     steepest = np.arctan(0.5 * probe.transducer.aperture / probe.transducer.focus)
-    depth = np.where(clear, (depth - wave) / (1 - 0.25 * steepest**2), np.nan)
-    return WallEchoes(spots[:, :2], depth, wall / usual, loudest / usual, snr)
+    depth /= 1 - 0.25 * steepest**2
+    flat = _quantile(np.abs(depth[near]), _MOST) < _FLAT
+    return WallEchoes(spots[:, :2], depth, wall, lost, flat, loudest / usual, snr)
+
+
+def _nearest(spots: FloatArray, radius: float) -> Indices:
+    """Return the nearest bursts (N, K) to each, itself among them."""
+    if not len(spots):
+        return np.empty((0, 0), dtype=np.intp)
+    points = wall_point(spots[:, 0], spots[:, 1], radius)
+    count = min(_ABOUT, len(points))
+    return np.asarray(cKDTree(points).query(points, k=count)[1]).reshape(len(points), count)
+
+
+def _quantile(values: FloatArray, share: float = 0.5) -> FloatArray:
+    """Return the median, or another quantile, of the finite values of each row; NaN without any."""
+    some = np.isfinite(values).any(axis=1)
+    found = np.full(len(values), np.nan)
+    found[some] = np.nanquantile(values[some], share, axis=1)
+    return found
 
 
 def _strongest(one: SweptBurst, speed: float) -> tuple[float, float, float, FloatArray | None]:
@@ -341,10 +381,33 @@ class _Bursts:
         edges = chosen[np.unique(np.sort(pairs, axis=1), axis=0)]
         return np.asarray(edges[self.apart(edges) <= 2 * self.width])
 
+    def pairs(self, chosen: Indices) -> Indices:
+        """Return pairs (E, 2) of chosen bursts that are on one crack if they are on any."""
+        near = cKDTree(self.points[chosen]).query_pairs(
+            _BRIDGED * self.width, output_type="ndarray"
+        )
+        return np.asarray(chosen[near])
+
     def apart(self, edges: Indices) -> FloatArray:
         """Return the lengths (E,) of edges, in metres."""
         between = self.points[edges[:, 0]] - self.points[edges[:, 1]]
         return np.asarray(np.linalg.norm(between, axis=1))
+
+    def slender(self, members: Indices) -> bool:
+        """Return whether bursts are close together on a long and narrow part."""
+        one = self.find(CRACK, members)
+        return (
+            one is not None
+            and len(members) >= max(_FEWEST, _CLOSE * one.length / self.width)
+            and one.length > max(_SHORTEST, _SLENDER * max(one.diameter, self.width))
+        )
+
+    def left(self, members: Indices, edges: Indices) -> BoolArray:
+        """Return which edges (E, 2) lead to the left of the line through bursts."""
+        points = self.points[members]
+        across = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][1]
+        way = self.points[edges[:, 1]] - self.points[edges[:, 0]]
+        return np.asarray(way @ across > 0)
 
     def groups(self, edges: Indices) -> Indices:
         """Return the number (N,) of the group of each burst, which edges connect."""
@@ -417,40 +480,51 @@ def _floors(
     return found
 
 
-def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> list[Indices]:
-    """Return groups of bursts that are long and narrow, on which a flat wall lacks echo."""
-    lost = np.zeros(len(on.points), dtype=bool)
-    lost[used] = echoes.amplitude[used] < 1 - max(_SURE * noise, _LOST)
+def _slender(echoes: WallEchoes, used: Indices, on: _Bursts) -> list[tuple[Indices, str]]:
+    """Return groups of bursts that are long and narrow, on which a flat wall lacks echo.
+
+    Each is a crack, or cut by the edge: then there is no wall on one side of it.
+    """
+    short = echoes.lost > max(_LOST_SURE * _spread(echoes.lost[used]), _LOST)
+    lost = np.isin(np.arange(len(short)), used) & echoes.flat & short
+    group = on.groups(on.pairs(np.flatnonzero(lost)))
     edges = on.neighbours(used)
-    group = on.groups(edges[lost[edges].all(axis=1)])
     rim = np.concatenate([edges, edges[:, ::-1]])
-    rim = rim[lost[rim[:, 0]] & ~lost[rim[:, 1]]]
+    rim = rim[lost[rim[:, 0]] & ~short[rim[:, 1]] & np.isfinite(echoes.depth[rim[:, 1]])]
     found = []
     for k in np.unique(group[lost]):
-        members = np.flatnonzero((group == k) & lost)
-        beside = np.abs(echoes.depth[np.unique(rim[group[rim[:, 0]] == k, 1])])
-        beside = beside[np.isfinite(beside)]
-        if beside.size and len(members) >= _FEWEST and np.quantile(beside, 0.8) < _FLAT:
-            one = on.find(CRACK, members)
-            if one and one.length > max(_SHORTEST, _SLENDER * max(one.diameter, on.width)):
-                found.append(members)
+        members, beside = np.flatnonzero((group == k) & lost), rim[group[rim[:, 0]] == k]
+        if not on.slender(members):
+            continue
+        left = on.left(members, beside)
+        if not (left.size and _SIDE < left.mean() < 1 - _SIDE):
+            found.append((members, CUT))
+            continue
+        sides = [np.median(echoes.depth[beside[side, 1]]) for side in (left, ~left)]
+        if abs(sides[0] - sides[1]) < _LEVEL:
+            found.append((members, CRACK))
     return found
 
 
 def _finds(
-    cracks: Sequence[Indices], floors: Sequence[_Floor], on: _Bursts
+    slender: Sequence[tuple[Indices, str]], floors: Sequence[_Floor], on: _Bursts
 ) -> tuple[EchoFind, ...]:
-    """Return cracks with the depth of the floors in them, and the other floors as pits."""
-    finds = []
-    for floor in floors:
-        if not any(np.isin(floor.members, crack).mean() > 0.5 for crack in cracks):
-            finds.append(on.find(PIT, floor.members, depth=floor.depth, depth_sd=floor.sd))
-    finds.sort(key=lambda find: -find.depth if find else 0.0)
-    for crack in cracks:
-        inside = [one for one in floors if np.isin(one.members, crack).mean() > 0.5]
-        most = max(inside, key=lambda one: len(one.members), default=None)
+    """Return floors as pits, then cracks with the depth of floors in them, and what is cut."""
+    inside = {
+        k: [one for one in floors if np.isin(one.members, members).mean() > 0.5]
+        for k, (members, kind) in enumerate(slender)
+        if kind == CRACK
+    }
+    taken = [one for each in inside.values() for one in each]
+    finds = [
+        on.find(PIT, one.members, depth=one.depth, depth_sd=one.sd)
+        for one in sorted(floors, key=lambda one: -one.depth)
+        if one not in taken
+    ]
+    for k, (members, kind) in enumerate(slender):
+        most = max(inside.get(k, []), key=lambda one: len(one.members), default=None)
         known = {} if most is None else {"depth": most.depth, "depth_sd": most.sd}
-        finds.append(on.find(CRACK, crack, **known))
+        finds.append(on.find(kind, members, **known))
     return tuple(find for find in finds if find is not None)
 
 
