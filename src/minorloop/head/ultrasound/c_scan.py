@@ -28,6 +28,7 @@ from minorloop.head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched, v
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.profile import Profile, centred
 
+Indices = npt.NDArray[np.intp]
 PIT, CRACK, CUT = "pit", "crack", "cut by the edge"
 _BEFORE, _BEYOND = 0.8e-3, 1.4e-3
 """Window of the strongest echo before and beyond the wall in metres, for beads and for the deepest
@@ -70,9 +71,10 @@ _SIDE = 0.25
 """Least share of the wall beside a crack on either side."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
 """Standard deviations of place and size of a find in metres, half the distance of bursts."""
-_JITTER = 40e-9
-"""Scatter of the time of an envelope at a signal-to-noise ratio of 1, in seconds."""
-Indices = npt.NDArray[np.intp]
+_BESIDE, _ASTRAY = 9, 1.5
+"""Bursts within 0.4 mm of one of them, and how many of their standard deviations the value at a
+place is off where it changes: as much as on 0.3 mm, by the error of the place and the way to the
+nearest burst."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +163,8 @@ class CScan:
     finds : tuple of EchoFind
         Pits by depth, then cracks by length, the greatest first; none by a probe without a lens.
     noise : (float, float)
-        Standard deviations of depth in metres and of amplitude on this wall, by which finds are
-        told from its texture.
+        Standard deviations of depth in metres and of amplitude by the texture of this wall, from
+        which finds are told.
     """
 
     wall: DepthMap
@@ -187,21 +189,33 @@ class WallEchoes:
     amplitude : (N,) array
         Of the echo at the distance of the wall about it, over the usual one; NaN if the trace is
         too short.
-    lost : (N,) array
-        Share of the amplitude about it that it lacks.
-    flat : (N,) array of bool
-        Whether most of the wall about it has no depth.
     strongest, snr : (N,) arrays
         Amplitude of the strongest echo over the usual one, and over noise.
+    near : (N, K) array of int
+        The nearest bursts to each, itself first.
     """
 
     spots: FloatArray
     depth: FloatArray
     amplitude: FloatArray
-    lost: FloatArray
-    flat: BoolArray
     strongest: FloatArray
     snr: FloatArray
+    near: Indices
+
+    @property
+    def lost(self) -> FloatArray:
+        """(N,) share of the amplitude about each that it lacks."""
+        return 1 - self.amplitude / np.maximum(_quantile(self.amplitude[self.near]), _RINGING)
+
+    @property
+    def flat(self) -> BoolArray:
+        """(N,) whether most of the wall about each has no depth."""
+        return _quantile(np.abs(self.depth[self.near]), _MOST) < _FLAT
+
+    @property
+    def texture(self) -> FloatArray:
+        """(N,) depth of each less the median of those beside it."""
+        return self.depth - _quantile(self.depth[self.near[:, :_BESIDE]])
 
 
 def beam_width(probe: CalibratedProbe, pulse: Pulse | None = None) -> float:
@@ -242,7 +256,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     water = replace(water, sd=float(np.hypot(water.sd, _PLACE_SD)))
     coupled = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
     used = np.flatnonzero(coupled & np.isfinite(echoes.amplitude))
-    noise = _spread(echoes.depth[used]), _spread(echoes.amplitude[used])
+    noise = _spread(echoes.texture[used]), _spread(echoes.lost[used])
     around = patch.places[..., 0]
     flooded = water.wet(around, probe.radius) | np.isnan(water.height)
     points = _flat(echoes.spots, patch)
@@ -250,39 +264,45 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
         blank = np.full(flooded.shape, np.nan)
         return CScan(unseen_map(patch), blank, blank, flooded, water, (), noise)
     tree = cKDTree(points[used])
-    off, found = map(np.asarray, tree.query(_flat(patch.places, patch), k=_FEWEST))
-    three, near = used[found], off[..., 0] < width
+    off, found = map(np.asarray, tree.query(_flat(patch.places, patch)))
+    nearest, near = used[found], off < width
     # A beam that is partly above the line still has an echo.
     mapped = near & water.wet(around, probe.radius, margin=-width)
     finds: tuple[EchoFind, ...] = ()
     if np.isfinite(probe.transducer.focus):
-        on = _Bursts(points, np.where(near, three[..., 0], -1), patch, width)
+        on = _Bursts(points, np.where(near, nearest, -1), patch, width)
         steepest = 0.5 * probe.transducer.aperture / probe.transducer.focus
         floors = _floors(echoes.depth, used, on, (steepest, noise[0]))
         clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
-        finds = _finds(_slender(echoes, clear, on), floors, on)
-    timing = _JITTER / np.maximum(echoes.snr, 1.0) * probe.speed / 2
-    wall = _depth_map(echoes.depth, np.hypot(timing, noise[0]), three, mapped, patch)
-    loud = np.where(mapped, echoes.amplitude[three[..., 0]], np.nan)
-    loud_sd = np.hypot(echoes.amplitude[three].std(axis=-1), noise[1])
-    loud_sd = np.where(mapped, loud_sd, np.nan)
+        finds = _finds(_slender(echoes, clear, on, noise[1]), floors, on)
+    floor = np.where(np.abs(echoes.depth) > _PULSE, _FLOOR_SD, 0.0)
+    depth, amplitude = echoes.depth, echoes.amplitude
+    sd = np.hypot(_astray(depth, echoes, noise[0]), floor)
+    seen = mapped & np.isfinite(depth[nearest])
+    wall = DepthMap(
+        patch,
+        np.where(seen, depth[nearest], np.nan),
+        np.where(seen, sd[nearest], np.inf),
+        np.where(seen, ECHOES, UNSEEN).astype(np.uint8),
+    )
+    loud, loud_sd = (
+        np.where(mapped, values[nearest], np.nan)
+        for values in (amplitude, _astray(amplitude, echoes, noise[1]))
+    )
     return CScan(wall, loud, loud_sd, flooded & ~near, water, finds, noise)
 
 
-def _depth_map(
-    depth: FloatArray, sd: FloatArray, three: Indices, mapped: BoolArray, patch: Patch
-) -> DepthMap:
-    """Return the depth of the nearest of three bursts, and how sure it is.
+def _astray(values: FloatArray, echoes: WallEchoes, noise: float) -> FloatArray:
+    """Return the standard deviation (N,) of values at the places of bursts.
 
-    The three differ where the exact place matters, as at a rim.
+    Beside the noise it has their change with the place, as at a rim.
     """
-    own = np.where(mapped, depth[three[..., 0]], np.nan)
-    seen = np.isfinite(own)
-    scatter = np.nan_to_num(depth[three].std(axis=-1), nan=_BEYOND)
-    floor = np.where(np.abs(own) > _PULSE, _FLOOR_SD, 0.0)
-    total = np.sqrt(scatter**2 + sd[three[..., 0]] ** 2 + floor**2)
-    total = np.where(seen, total, np.inf)
-    return DepthMap(patch, own, total, np.where(seen, ECHOES, UNSEEN).astype(np.uint8))
+    beside = values[echoes.near[:, :_BESIDE]]
+    known = np.isfinite(beside)
+    mean = np.where(known, beside, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    square = np.where(known, beside - mean[:, None], 0.0) ** 2
+    change = np.sqrt(square.sum(axis=1) / np.maximum(known.sum(axis=1), 1))
+    return np.asarray(np.hypot(_ASTRAY * change, noise))
 
 
 def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEchoes:
@@ -315,11 +335,9 @@ def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEcho
             for one, each, distance in zip(swept, heard, spots[:, 2] + wave + about, strict=True)
         ]
     ).reshape(-1)
-    lost = 1 - wall / np.maximum(_quantile(wall[near]), _RINGING)
     steepest = np.arctan(0.5 * probe.transducer.aperture / probe.transducer.focus)
     depth /= 1 - 0.25 * steepest**2
-    flat = _quantile(np.abs(depth[near]), _MOST) < _FLAT
-    return WallEchoes(spots[:, :2], depth, wall, lost, flat, loudest / usual, snr)
+    return WallEchoes(spots[:, :2], depth, wall, loudest / usual, snr, near)
 
 
 def _nearest(spots: FloatArray, radius: float) -> Indices:
@@ -480,12 +498,14 @@ def _floors(
     return found
 
 
-def _slender(echoes: WallEchoes, used: Indices, on: _Bursts) -> list[tuple[Indices, str]]:
+def _slender(
+    echoes: WallEchoes, used: Indices, on: _Bursts, noise: float
+) -> list[tuple[Indices, str]]:
     """Return groups of bursts that are long and narrow, on which a flat wall lacks echo.
 
     Each is a crack, or cut by the edge: then there is no wall on one side of it.
     """
-    short = echoes.lost > max(_LOST_SURE * _spread(echoes.lost[used]), _LOST)
+    short = echoes.lost > max(_LOST_SURE * noise, _LOST)
     lost = np.isin(np.arange(len(short)), used) & echoes.flat & short
     group = on.groups(on.pairs(np.flatnonzero(lost)))
     edges = on.neighbours(used)
