@@ -65,10 +65,10 @@ much is most. The flanks of dents and beads take from the echo too."""
 _LEVEL = 0.02e-3
 """Largest difference of the depths on both sides of a crack, in metres."""
 _BRIDGED, _CLOSE = 3.0, 0.8
-"""Widths of the beam between bursts on one crack, as sway leaves gaps, and fewest bursts on such a
-width of its length."""
-_SIDE = 0.25
-"""Least share of the wall beside a crack on either side."""
+"""Widths of the beam between bursts on one crack or about one pit, as sway leaves gaps, and fewest
+bursts on such a width of the length of a crack."""
+_NEAR = 2.0
+"""Widths of the beam within which bursts are at the edge of what was swept."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
 """Standard deviations of place and size of a find in metres, half the distance of bursts."""
 _BESIDE, _ASTRAY = 9, 1.5
@@ -107,7 +107,8 @@ class EchoFind:
     Parameters
     ----------
     kind : str
-        ``pit`` or ``crack``.
+        ``pit`` or ``crack``; ``cut by the edge`` where it may be either or neither: a sweep beyond
+        the edge shows what it is.
     phi, z : float
         Centre, in radians and metres.
     diameter : float
@@ -420,6 +421,17 @@ class _Bursts:
             and one.length > max(_SHORTEST, _SLENDER * max(one.diameter, self.width))
         )
 
+    def cut(self, members: Indices) -> bool:
+        """Return whether most of some bursts are at the edge of what was swept."""
+        points, low, high = self.points[members], self.points.min(axis=0), self.points.max(axis=0)
+        off = np.minimum(points - low, high - points).min(axis=1)
+        return bool((off < _NEAR * self.width).mean() > 0.5)
+
+    def beside(self, members: Indices, others: Indices) -> bool:
+        """Return whether most of some bursts are near others."""
+        off = cKDTree(self.points[others]).query(self.points[members])[0]
+        return bool((off < _BRIDGED * self.width).mean() > 0.5)
+
     def left(self, members: Indices, edges: Indices) -> BoolArray:
         """Return which edges (E, 2) lead to the left of the line through bursts."""
         points = self.points[members]
@@ -435,7 +447,10 @@ class _Bursts:
         return np.asarray(connected_components(graph, directed=False)[1])
 
     def find(self, kind: str, members: Indices, **more: float) -> EchoFind | None:
-        """Return the texels nearest to some bursts as a find; None if there are none."""
+        """Return the texels nearest to some bursts as a find; None if there are none.
+
+        At the edge of what was swept it may be anything.
+        """
         texels = self.patch.places[np.isin(self.nearest, members)]
         if not len(texels):
             return None
@@ -447,7 +462,7 @@ class _Bursts:
         diameter = 2 * np.sqrt(area / np.pi)
         phi = _middle(self.patch) + middle[0] / self.patch.radius
         return EchoFind(
-            kind,
+            CUT if self.cut(members) else kind,
             float(wrapped(phi)),
             float(middle[1]),
             float(diameter if kind == PIT else area / length),
@@ -498,12 +513,10 @@ def _floors(
     return found
 
 
-def _slender(
-    echoes: WallEchoes, used: Indices, on: _Bursts, noise: float
-) -> list[tuple[Indices, str]]:
+def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> list[Indices]:
     """Return groups of bursts that are long and narrow, on which a flat wall lacks echo.
 
-    Each is a crack, or cut by the edge: then there is no wall on one side of it.
+    The wall on both sides of each is level, unless the edge cuts it.
     """
     short = echoes.lost > max(_LOST_SURE * noise, _LOST)
     lost = np.isin(np.arange(len(short)), used) & echoes.flat & short
@@ -514,37 +527,31 @@ def _slender(
     found = []
     for k in np.unique(group[lost]):
         members, beside = np.flatnonzero((group == k) & lost), rim[group[rim[:, 0]] == k]
-        if not on.slender(members):
-            continue
-        left = on.left(members, beside)
-        if not (left.size and _SIDE < left.mean() < 1 - _SIDE):
-            found.append((members, CUT))
-            continue
-        sides = [np.median(echoes.depth[beside[side, 1]]) for side in (left, ~left)]
-        if abs(sides[0] - sides[1]) < _LEVEL:
-            found.append((members, CRACK))
+        if on.slender(members):
+            left = on.left(members, beside)
+            sides = [echoes.depth[beside[side, 1]] for side in (left, ~left) if side.any()]
+            if on.cut(members) or (
+                len(sides) == 2 and abs(np.median(sides[0]) - np.median(sides[1])) < _LEVEL
+            ):
+                found.append(members)
     return found
 
 
 def _finds(
-    slender: Sequence[tuple[Indices, str]], floors: Sequence[_Floor], on: _Bursts
+    slender: Sequence[Indices], floors: Sequence[_Floor], on: _Bursts
 ) -> tuple[EchoFind, ...]:
-    """Return floors as pits, then cracks with the depth of floors in them, and what is cut."""
-    inside = {
-        k: [one for one in floors if np.isin(one.members, members).mean() > 0.5]
-        for k, (members, kind) in enumerate(slender)
-        if kind == CRACK
-    }
-    taken = [one for each in inside.values() for one in each]
-    finds = [
-        on.find(PIT, one.members, depth=one.depth, depth_sd=one.sd)
-        for one in sorted(floors, key=lambda one: -one.depth)
-        if one not in taken
+    """Return floors as pits, and cracks with the depth of the floors in them."""
+    inside = [
+        [one for one in floors if np.isin(one.members, members).mean() > 0.5] for members in slender
     ]
-    for k, (members, kind) in enumerate(slender):
-        most = max(inside.get(k, []), key=lambda one: len(one.members), default=None)
+    pits = [one for one in floors if not any(one in each for each in inside)]
+    pits.sort(key=lambda one: -one.depth)
+    finds = [on.find(PIT, one.members, depth=one.depth, depth_sd=one.sd) for one in pits]
+    for members, own in zip(slender, inside, strict=True):
+        most = max(own, key=lambda one: len(one.members), default=None)
         known = {} if most is None else {"depth": most.depth, "depth_sd": most.sd}
-        finds.append(on.find(kind, members, **known))
+        if not any(on.beside(members, one.members) for one in pits):
+            finds.append(on.find(CRACK, members, **known))
     return tuple(find for find in finds if find is not None)
 
 
