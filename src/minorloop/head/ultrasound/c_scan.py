@@ -49,7 +49,7 @@ _SURE = 6.0
 """Standard deviations of the map from which on something is no texture of the wall."""
 _FEWEST = 3
 """Fewest bursts on a surface: fewer are outliers."""
-_FLOOR_SD = 6e-6
+_FLOOR_SD = 4e-6
 """Error of a depth by the envelope alone, in metres, from sweeps of the twin."""
 _ABOUT = 36
 """Bursts whose median is the wall about one of them: a disc 1.6 mm wide, of which a crack of 0.3 mm
@@ -425,12 +425,12 @@ class _Bursts:
         """Return whether most of some bursts are at the edge of what was swept."""
         points, low, high = self.points[members], self.points.min(axis=0), self.points.max(axis=0)
         off = np.minimum(points - low, high - points).min(axis=1)
-        return bool((off < _NEAR * self.width).mean() > 0.5)
+        return bool(np.mean(off < _NEAR * self.width) > 0.5)
 
     def beside(self, members: Indices, others: Indices) -> bool:
         """Return whether most of some bursts are near others."""
         off = cKDTree(self.points[others]).query(self.points[members])[0]
-        return bool((off < _BRIDGED * self.width).mean() > 0.5)
+        return bool(np.mean(off < _BRIDGED * self.width) > 0.5)
 
     def left(self, members: Indices, edges: Indices) -> BoolArray:
         """Return which edges (E, 2) lead to the left of the line through bursts."""
