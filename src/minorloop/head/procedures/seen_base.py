@@ -28,8 +28,9 @@ _RESTED = 10
 arrived is at rest."""
 _FARTHEST = math.radians(3.0)
 """Largest change of the base from one picture to the next: a sway of 1 degree makes 2."""
-_TRIES = 4
-"""Angles that are tried if the view is not found at the expected ones: few, since they are near."""
+_TRIES = 16
+"""Angles that are tried if the view is not found at the expected ones: all that are near, 2 degrees
+apart."""
 _NEAR, _BETWEEN = 0.02, 0.25
 """Seconds from a picture within which the turn is that of the picture, and between two pictures
 between which it is interpolated: either is off by less than 0.04 degrees in a sway of 1 degree at
@@ -110,8 +111,11 @@ class SeenBase:
         )
         # The joints say where the head has turned since; a picture may be long after the last one.
         before = replace(self._state, angles=expected, rates=np.zeros(2), missed=1)
-        sight, self._state = eyes.step(before, image, t)
-        self.why = sight.reason
+        sight, state = eyes.step(before, image, t)
+        if sight.verdict == SEEN:
+            # After a turn of a degree, some tenths remain; from there, a hundredth does.
+            sight, state = eyes.step(replace(before, angles=sight.angles, missed=0), image, t)
+        self._state, self.why = state, sight.reason
         if sight.verdict == SEEN:
             self._seen.append((t, sight.angles - angles))
 
