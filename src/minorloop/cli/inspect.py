@@ -74,7 +74,8 @@ def run(
         typer.Option(
             help=_common.plain(
                 "CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
-                "advance [mm] and roll [deg]; instead of --pan and --tilt, and with their meaning."
+                "advance [mm] and roll [deg]; instead of --pan and --tilt, and with their meaning. "
+                "Or the journal.jsonl of an inspection, whose pictures are searched."
             )
         ),
     ] = None,
@@ -119,7 +120,9 @@ def run(
             if view is None and frame.image.size:
                 view = _view(head, lens, radius, lever, frame.image.shape)
             name = called[number] if called else f"frame {number}"
-            pose = next(known, None)
+            if isinstance(known, dict) and name not in known:
+                continue  # the journal has it as another picture's, with its findings marked
+            pose = known[name] if isinstance(known, dict) else next(known, None)
             if pose is None:
                 raise RecordError(
                     f"{poses} has {counted(number, 'row')}, and there are more pictures; give a "
@@ -259,8 +262,13 @@ def _advice(pictures: Sequence[InspectedPicture]) -> list[str]:
     ]
 
 
-def _poses(file: Path | None, pan: float | None, tilt: float | None) -> Iterator[PicturePose]:
-    """Return the poses of the pictures as given, one after the other; NaN is along the pipe."""
+def _poses(
+    file: Path | None, pan: float | None, tilt: float | None
+) -> Iterator[PicturePose] | dict[str, PicturePose]:
+    """Return the poses of the pictures as given, one after the other; NaN is along the pipe.
+
+    Those of a journal are returned by the names of the pictures.
+    """
     from minorloop.head.procedures.pictures import PicturePose
     from minorloop.lab.columns import read_columns, read_headers
 
@@ -271,6 +279,8 @@ def _poses(file: Path | None, pan: float | None, tilt: float | None) -> Iterator
         given = (math.nan if value is None else math.radians(value) for value in (pan, tilt))
         return repeat(PicturePose(**dict(zip(("pan", "tilt"), given, strict=True))))
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
+    if file.suffix == ".jsonl":
+        return _journalled(file, wanted)
     with _seekable(file) as table:
         headers = [header for header in read_headers(table) if header in wanted]
         if not {"pan [deg]", "tilt [deg]"} <= set(headers):
@@ -279,12 +289,39 @@ def _poses(file: Path | None, pan: float | None, tilt: float | None) -> Iterator
     for name in ("pan", "tilt"):
         for row, value in enumerate(columns[f"{name} [deg]"].tolist(), 1):
             _check_angle(f"{name} of row {row} of {file}", value)
-    scaled = {
-        wanted[header]: columns[header] * (_MM if header.endswith("[mm]") else math.radians(1.0))
-        for header in headers
-    }
+    scaled = {wanted[header]: columns[header] * _unit(header) for header in headers}
     rows = zip(*(values.tolist() for values in scaled.values()), strict=True)
     return iter([PicturePose(**dict(zip(scaled, row, strict=True))) for row in rows])
+
+
+def _unit(header: str) -> float:
+    """Return the unit of a column of poses in metres or radians."""
+    return _MM if header.endswith("[mm]") else math.radians(1.0)
+
+
+def _journalled(file: Path, wanted: dict[str, str]) -> dict[str, PicturePose]:
+    """Return the poses in the journal of an inspection, by the names of its pictures.
+
+    A line that was not written to its end, as when the program was killed, is left out.
+    """
+    from minorloop.cli._inspection import journal_of
+    from minorloop.head.procedures.pictures import PicturePose
+
+    views = [line for line in journal_of(file) if line["what"] == "view"]
+    try:
+        found = {
+            str(view["picture"]): PicturePose(
+                **{name: _unit(header) * view["pose"][header] for header, name in wanted.items()}
+            )
+            for view in views
+        }
+    except (KeyError, TypeError):
+        raise RecordError(
+            f"{file} has a view without a picture or a pose; give the journal of an inspection"
+        ) from None
+    if not found:
+        raise RecordError(f"{file} has no views; give the journal of an inspection that has some")
+    return found
 
 
 @contextmanager

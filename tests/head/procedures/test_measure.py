@@ -15,8 +15,8 @@ def silent(count=4):
 
 
 def test_the_first_burst_reports_no_coupling_and_later_ones_are_kept():
-    first = burst_of(silent(), AIM, AIM, EAR, first=True)
-    later = burst_of(silent(), AIM, AIM, EAR, first=False)
+    first = burst_of(silent(), AIM, AIM, EAR, coupled=False)
+    later = burst_of(silent(), AIM, AIM, EAR, coupled=True)
     assert (first.verdict, first.used, first.trace.size) == (NO_COUPLING, 0, 0)
     assert (later.verdict, later.used) == ("", 4)
     np.testing.assert_allclose(later.angles, AIM)
@@ -26,4 +26,4 @@ def test_a_burst_far_off_its_point_is_refused():
     per_radian = 8e-3
     for share, verdict in ((0.6, ""), (2.0, "off target")):
         off = AIM + np.array([share * MOST_OFF / per_radian, 0.0])
-        assert burst_of(silent(), off, AIM, EAR, first=False).verdict == verdict
+        assert burst_of(silent(), off, AIM, EAR, coupled=True).verdict == verdict

@@ -100,7 +100,7 @@ def test_a_burst_holds_at_the_reference_although_the_catheter_has_rolled():
     shots = [Shot(0.0, 1e-3 * rng.standard_normal(2000), 1e-8) for _ in range(4)]
     place, reference = np.array([CENTRE[1], 0.2]), np.array([CENTRE[1], 0.28])
     seen = SCAN.perpendicular + np.array([0.03, -0.01])
-    burst = SCAN.burst(shots, seen, seen, place, reference, first=False)
+    burst = SCAN.burst(shots, seen, seen, place, reference, coupled=True)
     there, here = (
         CALIBRATION.probe_at(at).spots(angles)
         for at, angles in ((reference, burst.angles), (place, seen))

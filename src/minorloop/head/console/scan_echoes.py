@@ -11,6 +11,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.console.messages import Pair
 from minorloop.head.console.units import Position
 from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.measure import has_coupling
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.seen_base import SeenBase
 from minorloop.head.procedures.values import Tip
@@ -119,11 +120,11 @@ class ScanEchoes:
 
     def _kept(self, fired: _Fired, angles: FloatArray) -> str:
         """Keep a burst that was fired at a line of sight, and return why it is unusable."""
-        place, first = fired.position[2:], not self.bursts
+        place, coupled = fired.position[2:], has_coupling(self.bursts)
         if self._reference is None:
             self._reference = self._scan.rolled(self._centre[0], place)
         about = fired.wanted, place, self._reference
-        burst = self._scan.burst(fired.shots, angles, *about, first=first)
+        burst = self._scan.burst(fired.shots, angles, *about, coupled=coupled)
         self.bursts.append(burst)
         return burst.verdict
 

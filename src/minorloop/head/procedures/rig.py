@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -119,6 +119,9 @@ class InspectionRig:
     ) -> None:
         self.plant, self.tip, self.control = plant, tip, control
         self.calibration = calibration
+        # Whether a tip has a tool is asked once: the answer takes as long as half of a tick.
+        has_tool = calibration.tool is not None and isinstance(tip, ToolTip)
+        self._tool = cast(ToolTip, tip) if has_tool else None
         self.log: list[LogEntry] = []
         self.gain = 1.0
         self._gyroscope, self._base, self._sensors = gyroscope, base, sensors
@@ -170,8 +173,8 @@ class InspectionRig:
         if not request.frame and self._seen is None:
             self._blind_since = None
         tool = (0.0, False)
-        if self.calibration.tool is not None and isinstance(self.tip, ToolTip):
-            tool = self.tip.tool_state()
+        if self._tool is not None:
+            tool = self._tool.tool_state()
         image = self._image() if request.frame else None
         return Reading(
             t=self.t,

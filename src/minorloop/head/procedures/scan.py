@@ -26,7 +26,7 @@ from minorloop.head.control.head import HeadControl
 from minorloop.head.geometry import REACH, wrapped
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import GO, Go, GoState
-from minorloop.head.procedures.measure import burst_of
+from minorloop.head.procedures.measure import burst_of, has_coupling
 from minorloop.head.procedures.meter import Metering, MeterState
 from minorloop.head.procedures.values import NOTHING, Procedure, Reading, Request, passed
 from minorloop.head.ultrasound.echoes import Burst
@@ -328,7 +328,7 @@ class RasterScan(Procedure[ScanState]):
                 target,
                 reading.place,
                 state.reference,
-                first=not state.bursts,
+                coupled=has_coupling(state.bursts),
             )
             state = replace(state, bursts=(*state.bursts, burst))
         state = replace(state, point=state.point + 1, requested=False, since=reading.t)
@@ -346,7 +346,7 @@ class RasterScan(Procedure[ScanState]):
         place: npt.ArrayLike,
         reference: npt.ArrayLike,
         *,
-        first: bool,
+        coupled: bool,
     ) -> Burst:
         """Average the shots of a point to a burst whose angles hold at a reference.
 
@@ -358,7 +358,7 @@ class RasterScan(Procedure[ScanState]):
         place, reference : (2,) array_like
             Advance and roll of the catheter, and those of the whole raster. The advance is that of
             the raster: it has not moved.
-        first : bool
+        coupled : bool
             As in `burst_of`.
         """
         there, here = self.calibration.mount_at(reference), self.calibration.mount_at(place)
@@ -367,7 +367,7 @@ class RasterScan(Procedure[ScanState]):
             probe.moved(here, float(pan), float(tilt), there)
             for pan, tilt in (np.asarray(angles), np.asarray(target))
         )
-        return burst_of(shots, seen, wanted, self.calibration.probe_at(reference), first=first)
+        return burst_of(shots, seen, wanted, self.calibration.probe_at(reference), coupled=coupled)
 
     def _back(self, state: ScanState) -> ScanState:
         return replace(state, stage="back", go=None, done=state.home is None)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wall_distance, wrapped
-from minorloop.head.procedures.centre import NOT_IN_VIEW, CentreState, Centring
+from minorloop.head.procedures.centre import NOT_IN_VIEW, TWO_TICKS, CentreState, Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
 from minorloop.head.procedures.go import GO
@@ -116,7 +116,7 @@ def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
 
 def centre(rig: InspectionRig, place: FloatArray) -> None:
     """Centre a place of the wall in the image."""
-    centring = Centring(calibration=rig.calibration)
+    centring = Centring(calibration=rig.calibration, interval=TWO_TICKS)
     _centred(rig, rig.run(centring, centring.begin(place)), "centre")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
-from minorloop.head.procedures.measure import NO_COUPLING, wall_about
+from minorloop.head.procedures.measure import has_coupling, wall_about
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.seen_base import SeenBase
@@ -409,7 +409,7 @@ class ScoredScan:
 def run_trial(trial: ScanTrial) -> ScoredScan:
     """Scan, measure and fuse one place."""
     probe, bursts = scan(trial)
-    coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
+    coupled = has_coupling(bursts)
     return measured(replace(trial, probe=probe), bursts, "ultrasound" if coupled else "camera")
 
 

@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import Probe
-from minorloop.head.procedures.measure import NO_COUPLING, wall_about
+from minorloop.head.procedures.measure import has_coupling, wall_about
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.scan import RasterScan
@@ -69,7 +69,7 @@ def scan(
     bursts, planned = state.bursts, scanning.points**2
     words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
     rig.say("scan", words, succeeded=len(bursts) == planned and not late)
-    coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
+    coupled = has_coupling(bursts)
     answer = "the wall answers" if coupled else "no echo: camera only"
     rig.say("modality", answer, succeeded=coupled)
     return rig.calibration.probe_at(state.reference), list(bursts)
