@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import OutputError, ParameterError, SafetyError, counted
+from minorloop.errors import OutputError, ParameterError, RecordError, SafetyError, counted
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.inspection import InspectedView, Unconfirmed
@@ -213,6 +213,26 @@ class InspectionFolder:
         pictures = [Picture(figure_of(marked), name) for name, marked in self._marked]
         report.add("Pictures of the findings", pictures=pictures)
         return report
+
+
+def journal_of(file: Path) -> list[dict[str, Any]]:
+    """Return the lines of a journal; one that was not written to its end is left out.
+
+    Raises
+    ------
+    RecordError
+        If it is no journal.
+    """
+    try:
+        *lines, rest = file.read_text(encoding="utf-8").split("\n")
+        found = [json.loads(line) for line in lines]
+        if rest.endswith("}"):
+            found.append(json.loads(rest))
+    except (OSError, ValueError):
+        found = []
+    if not found or not all(isinstance(line, dict) and "what" in line for line in found):
+        raise RecordError(f"{file} is not the journal of an inspection; give its journal.jsonl")
+    return found
 
 
 def _angles(pair: tuple[float, float]) -> dict[str, float]:

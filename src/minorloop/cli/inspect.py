@@ -106,7 +106,7 @@ def run(
     if (head is None) == (lens is None):
         raise ParameterError("give either --head with the file of a head, or --lens and --radius")
     called, view = names(source), None
-    known = _poses(poses, pan, tilt)
+    known = _poses(poses, pan, tilt, joints=head is not None)
     opened = nullcontext(None) if out is None else new_folder(out)
     found: list[InspectedPicture] = []
     best: list[tuple[float, str, Image]] = []
@@ -133,7 +133,7 @@ def run(
                 pose = _seen_from(pose, head, view)
                 picture = inspect_picture(frame.image, view, pose, name, frame.t)
             found.append(picture)
-            now(f"{counted(number + 1, 'picture')} inspected")
+            now(f"{counted(len(found), 'picture')} inspected")
             if folder is not None and picture.findings:
                 folder.mkdir(exist_ok=True)
                 marked = _mark(frame.image, picture, folder, number)
@@ -263,11 +263,12 @@ def _advice(pictures: Sequence[InspectedPicture]) -> list[str]:
 
 
 def _poses(
-    file: Path | None, pan: float | None, tilt: float | None
+    file: Path | None, pan: float | None, tilt: float | None, *, joints: bool
 ) -> Iterator[PicturePose] | dict[str, PicturePose]:
     """Return the poses of the pictures as given, one after the other; NaN is along the pipe.
 
-    Those of a journal are returned by the names of the pictures.
+    Those of a journal are returned by the names of the pictures; it has both what the ``joints``
+    read and the line of sight.
     """
     from minorloop.head.procedures.pictures import PicturePose
     from minorloop.lab.columns import read_columns, read_headers
@@ -280,7 +281,7 @@ def _poses(
         return repeat(PicturePose(**dict(zip(("pan", "tilt"), given, strict=True))))
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
     if file.suffix == ".jsonl":
-        return _journalled(file, wanted)
+        return _journalled(file, wanted, joints=joints)
     with _seekable(file) as table:
         headers = [header for header in read_headers(table) if header in wanted]
         if not {"pan [deg]", "tilt [deg]"} <= set(headers):
@@ -299,7 +300,7 @@ def _unit(header: str) -> float:
     return _MM if header.endswith("[mm]") else math.radians(1.0)
 
 
-def _journalled(file: Path, wanted: dict[str, str]) -> dict[str, PicturePose]:
+def _journalled(file: Path, wanted: dict[str, str], *, joints: bool) -> dict[str, PicturePose]:
     """Return the poses in the journal of an inspection, by the names of its pictures.
 
     A line that was not written to its end, as when the program was killed, is left out.
@@ -309,12 +310,11 @@ def _journalled(file: Path, wanted: dict[str, str]) -> dict[str, PicturePose]:
 
     views = [line for line in journal_of(file) if line["what"] == "view"]
     try:
-        found = {
-            str(view["picture"]): PicturePose(
-                **{name: _unit(header) * view["pose"][header] for header, name in wanted.items()}
-            )
-            for view in views
-        }
+        found = {}
+        for view in views:
+            pose = view["pose"] if joints else {**view["pose"], **view["sight"]}
+            values = {name: _unit(header) * pose[header] for header, name in wanted.items()}
+            found[str(view["picture"])] = PicturePose(**values)
     except (KeyError, TypeError):
         raise RecordError(
             f"{file} has a view without a picture or a pose; give the journal of an inspection"

@@ -19,7 +19,11 @@ def fitted(flooded):
     probe, known = tip()
     probe.flood(flooded)
     probe.expose(0.01, 4.0)
-    echoes, scan, sway = ScanEchoes(known, 1, PIT[:2], PIT[2]), RasterScan(calibration=known), Sway()
+    echoes, scan, sway = (
+        ScanEchoes(known, 1, PIT[:2], PIT[2]),
+        RasterScan(calibration=known),
+        Sway(),
+    )
     step = scan.pitch / known.radius
     advance, roll = scan.rolled(PIT[0] - 2.5 * step, (PIT[1], 0.0)).tolist()
     targets = scan.targets(PIT[:2], (advance, roll))

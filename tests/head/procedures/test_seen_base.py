@@ -43,7 +43,7 @@ def begun(tip, base):
 def test_what_the_joints_do_not_explain_is_the_turn_of_the_base_while_the_catheter_rolls(tip, base):
     begun(tip, base)
     for n in range(4):
-        t, place = 1.0 + n, PLACE + (0.0, 0.03 * n)
+        t, place = 1.0 + n, PLACE + np.array([0.0, 0.03 * n])
         joints, turned = AIM + math.radians(1.5) * n, np.radians([(-1.0) ** n, 0.5])
         base.read(t, joints, place)
         base.see(picture(tip, joints, turned, place), t)

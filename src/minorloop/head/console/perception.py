@@ -199,8 +199,8 @@ class Perception:
     def _frame(self, request: CameraRequest) -> Frame | None:
         """Return the frame of a tick; None while it may show the lights before.
 
-        Between bursts a scan needs none, nor a head that holds where its view was searched, so that a simulated
-        camera draws only some to show; a device that stops is noticed in each tick.
+        Between bursts a scan needs none, nor a head that holds where its view was searched, so that
+        a simulated camera draws only some to show; a device that stops is noticed in each tick.
         """
         if self._newest is not None:
             return self._newest()

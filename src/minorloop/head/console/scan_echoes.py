@@ -48,9 +48,7 @@ class ScanEchoes:
         By the camera, in metres.
     """
 
-    def __init__(
-        self, view: HeadCalibration, finding: int, centre: Pair, diameter: float
-    ) -> None:
+    def __init__(self, view: HeadCalibration, finding: int, centre: Pair, diameter: float) -> None:
         self._view, self._finding = view, finding
         self._centre, self._diameter = centre, diameter
         self._scan = RasterScan(calibration=view)

@@ -273,10 +273,12 @@ def _known(hole: Hole, found: Sequence[Hole], radius: float) -> bool:
     return any(wall_distance(hole.place, other.place, radius) < SAME for other in found)
 
 
-def _approached(rig: InspectionRig, place: FloatArray, words: str, name: str) -> _Seen:
+def _approached(
+    rig: InspectionRig, place: FloatArray, words: str, name: str, *, outlined: bool = False
+) -> _Seen:
     """Centre a place, go nearer if a catheter can, and search there."""
     pick(rig, place, words)
-    centre(rig, place)
+    centre(rig, place, outlined=outlined)
     rig.check_sensors()
     if rig.travels:
         _go(rig, place=np.add(rig.place, (NEAR, 0.0)))
@@ -289,7 +291,8 @@ def _visited(
 ) -> Generator[InspectedView, None, Hole | None]:
     """Visit a candidate for a hole, from two sides if need be; return it if it is seen again."""
     radius = rig.calibration.radius
-    seen = _approached(rig, hole.place, f"evidence {hole.evidence:+.1f}", name)
+    words = f"evidence {hole.evidence:+.1f}"
+    seen = _approached(rig, hole.place, words, name, outlined=True)
     again = nearest(seen.found.holes, hole.place, radius)
     if again is None:
         rig.say(name, f"{seen.missing}; looked at from another side")

@@ -47,9 +47,9 @@ class ScanState:
     smaller phi: friction makes it jump where it turns back. ``home`` place and angles to return
     to, None to stay; ``go`` the state of the way there or back; ``targets`` (N, 2) pan and tilt of
     the points, ``point`` the next of them. The head was sent there, or the burst was
-    ``requested``, at ``since``. ``meter`` is the state of the exposure. ``bursts`` are filled if the readings contain shots; their angles
-    hold at the ``reference``, a place (2,) from which the beam is square to the middle.
-    ``refused`` says why a scan was not begun.
+    ``requested``, at ``since``. ``meter`` is the state of the exposure. ``bursts`` are filled if
+    the readings contain shots; their angles hold at the ``reference``, a place (2,) from which the
+    beam is square to the middle. ``refused`` says why a scan was not begun.
     """
 
     centre: tuple[float, float]

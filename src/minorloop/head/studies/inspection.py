@@ -125,7 +125,13 @@ CLAIMS = (
     Claim("of those, depth error, median [mm]", "cracks.depth_error_mm", "-", most=0.1),
     Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
     Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
-    Claim("depth by visual tracking in a sway of 1 degree: bias [um]", "depth.bias_um", "announced", least=-10, most=10),
+    Claim(
+        "depth by visual tracking in a sway of 1 degree: bias [um]",
+        "depth.bias_um",
+        "announced",
+        least=-10,
+        most=10,
+    ),
     Claim(
         "depth by visual tracking: deviation [um]",
         "depth.sd_um",
@@ -207,7 +213,7 @@ CLAIMS = (
     Claim("of the others, said before travel", "mission.unreachable_said", "-", percent=True),
     Claim("refused although within reach", "mission.refused_in_vain", "-"),
     Claim("pits measured: depth error, median [mm]", "mission.depth_error_mm", "announced"),
-    Claim("the same: true centre off the middle of the image [px]", "mission.centred_px", "-"),
+    Claim("the same: true centre off the optical axis [px]", "mission.centred_px", "-"),
     *(
         Claim(
             f"heads that reach a raster in water of {temperature:.0f} C",

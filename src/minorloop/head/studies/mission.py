@@ -19,6 +19,7 @@ from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.steps import (
+    CENTRED_PX,
     WITHIN,
     centre,
     extract,
@@ -113,7 +114,7 @@ class Mission:
         Distance from the true centre at which the tool came to the wall, in m; infinite without a
         contact.
     off : float
-        Distance of the true centre from the middle of the image when centred, in pixels.
+        Distance of the true centre from the optical axis when centred, in pixels.
     steps : tuple of LogEntry
         Those with this pit.
     reachable : bool
@@ -179,6 +180,7 @@ class Mission:
             and place < 1e3 * SAME
             and promised
             and self.touch <= WITHIN
+            and self.off <= CENTRED_PX
             and not self.failed,
             "touched": self.touch <= WITHIN,
             "promised": promised,
@@ -276,7 +278,7 @@ def _approached(
     """Pick, centre, focus and extract; return whether it is seen again, and the near view."""
     began = len(rig.log)
     first, pixel = pick(rig, hole.place, f"evidence {hole.evidence:+.1f}")
-    centre(rig, hole.place)
+    centre(rig, hole.place, outlined=True)
     off = scoring.off_middle(rig.tip, mission.truth)
     focus(rig)
     near, found, again = extract(rig, hole)
