@@ -122,7 +122,7 @@ class PatchPictures:
         lens = self.camera.lens
         with np.errstate(invalid="ignore"):
             inside = np.asarray(((pixels > 0) & (pixels < (lens.width, lens.height))).all(axis=1))
-        order = np.lexsort((patches.sd, patches.poor >= _POOR))
+        order = np.lexsort((np.hypot(*patches.sd.T), patches.poor >= _POOR))
         return np.asarray(order[inside[order]][:_MOST])
 
     def with_new(
@@ -130,7 +130,7 @@ class PatchPictures:
         pyramid: list[Image32],
         angles: FloatArray,
         known: Patches,
-        sd: float,
+        sd: FloatArray,
         rates: FloatArray,
     ) -> Patches:
         """Return the known patches, and new ones where the picture shows wall without any."""
@@ -171,7 +171,7 @@ class PatchPictures:
                 points[whole],
                 templates[:, whole],
                 np.tile(angles, (int(whole.sum()), 1)),
-                np.full(int(whole.sum()), sd),
+                np.tile(sd, (int(whole.sum()), 1)),
                 np.zeros(int(whole.sum()), dtype=np.int64),
             )
         )
@@ -222,7 +222,7 @@ class PatchPictures:
             np.empty((0, texels, 3)),
             np.empty((LEVELS, 0, texels)),
             np.empty((0, 2)),
-            np.empty(0),
+            np.empty((0, 2)),
             np.empty(0, dtype=np.int64),
         )
 
