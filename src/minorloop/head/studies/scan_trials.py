@@ -206,8 +206,16 @@ def draw_trial(
     probe, (turned, moved) = strayed(rng, probe)
     centre = (centre[0] + turned, centre[1] + moved)
     about = (probe, centre, seen, pit, kind == "dry", (turned, moved))
-    own = {"pose": pose, "specimen": seed}
-    return ScanTrial(*about, twin=twin, pipe=pipe, mount=true, settings=settings, rng=rng, **own)
+    return ScanTrial(
+        *about,
+        twin=twin,
+        pipe=pipe,
+        mount=true,
+        settings=settings,
+        rng=rng,
+        pose=pose,
+        specimen=seed,
+    )
 
 
 def draw_probe(
