@@ -30,6 +30,7 @@ from minorloop.head.studies.scan_trials import ScoredScan
 from minorloop.head.studies.sweep_trials import ScoredSweep, c_scan_figures, run_sweep
 from minorloop.head.twins.pipe import Bore
 from minorloop.studies.claims import Claim, medians
+from minorloop.threads import one_thread
 
 TITLE = "In-pipe inspection with a catheter head"
 FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
@@ -313,6 +314,7 @@ class InspectionStudy:
         }
 
 
+@one_thread()
 def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> InspectionStudy:
     """Run the study for one specimen.
 

@@ -57,6 +57,7 @@ from minorloop.head.ultrasound.profile import Profile
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
 from minorloop.head.vision.reflectance_map import ReflectanceMap
+from minorloop.threads import one_thread
 
 RING, VIEWS = math.radians(25.0), 8
 """Deflection of the views from one place in radians, and their number."""
@@ -210,6 +211,7 @@ class Overview:
     places: list[float] = field(default_factory=list)
 
 
+@one_thread()
 def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
     """Inspect one pipe with a pit and a crack in it, without an operator.
 
