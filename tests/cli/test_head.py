@@ -383,6 +383,7 @@ def inspected(monkeypatch):
             picture=InspectedPicture(name="hole 1", t=1.0, verdict="good", findings=(shown,)),
             image=np.full((240, 320), 90, np.uint8),
             angles=(0.1, 0.2),
+            joints=(0.6, 0.7),
             place=(0.0, 0.0),
             finding=outlined(-1.4, 20e-3, 1e-3, "no probe", radius=10e-3),
             evidence=5.0,
@@ -432,13 +433,51 @@ def test_an_inspection_without_an_operator_writes_findings_pictures_and_a_report
     assert "is not empty" in run(INSPECT)[2]
 
 
+def test_the_pictures_of_an_inspection_are_searched_again_by_its_journal(
+    run, inspected, monkeypatch
+):
+    from minorloop.head.procedures import pictures
+
+    asked = []
+
+    def search(image, view, pose, name, t):
+        asked.append((name, pose))
+        return pictures.InspectedPicture(name=name, t=t, verdict="good")
+
+    run(INSPECT)
+    view = HeadCalibration(lens=Pinhole(320, 240, 200.0, (159.5, 119.5)), leds=np.zeros((3, 3)))
+    head = HeadFile(serial="H-07", calibration=view, calibrated=datetime(2026, 1, 1, tzinfo=UTC))
+    save_head(head, "head.json", force=True)
+    monkeypatch.setattr(pictures, "inspect_picture", search)
+    # The last line was cut when the program was killed.
+    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
+    Path("found/journal.jsonl").write_text("".join(lines[:-1]) + lines[-1][:20])
+    again = "inspect found/pictures --poses found/journal.jsonl"
+    for known, angle in (
+        ("--head head.json", 0.6 - view.straight[0]),
+        ("--lens 200 --radius 10", 0.1),
+    ):
+        asked.clear()
+        status, _, error = run(f"{again} {known}")
+        assert status == 0, error
+        ((name, pose),) = asked
+        assert name == "hole 1.png"
+        assert pose.pan == pytest.approx(angle, abs=1e-5)
+    for text in ("nonsense", '{"what": "begin"}\n', '{"what": "view", "picture": "a"}\n'):
+        Path("bad.jsonl").write_text(text)
+        status, _, error = run("inspect found/pictures --poses bad.jsonl --head head.json")
+        assert (status, "the journal of an inspection" in error) == (2, True), error
+
+
 def looked_round(verdict="good", **more):
     from minorloop.head.procedures.inspection import InspectedView
     from minorloop.head.procedures.pictures import InspectedPicture
 
     picture = InspectedPicture(name="view 1", t=0.0, verdict=verdict)
     image = np.zeros((240, 320), np.uint8)
-    return InspectedView(picture=picture, image=image, angles=(0.1, 0.2), place=(0.0, 0.0), **more)
+    return InspectedView(
+        picture=picture, image=image, angles=(0.1, 0.2), joints=(0.6, 0.7), place=(0.0, 0.0), **more
+    )
 
 
 def test_what_was_not_confirmed_is_in_the_summary_the_files_and_the_report(run, inspected):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import OutputError, ParameterError, SafetyError, counted
+from minorloop.errors import OutputError, ParameterError, RecordError, SafetyError, counted
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.inspection import InspectedView, Unconfirmed
@@ -114,7 +114,7 @@ class InspectionFolder:
         """Keep a view: its picture, and the finding if it has one."""
         from minorloop.head.procedures.pictures import annotated
 
-        picture, (pan, tilt), (advance, roll) = view.picture, view.angles, view.place
+        picture, (advance, roll) = view.picture, view.place
         self._views.append(view)
         self._write_picture(f"{picture.name}.png", view.image)
         self._note(
@@ -122,11 +122,11 @@ class InspectionFolder:
             picture=f"{picture.name}.png",
             verdict=picture.verdict,
             pose={
-                "pan [deg]": round(math.degrees(pan), 3),
-                "tilt [deg]": round(math.degrees(tilt), 3),
-                "advance [mm]": round(1e3 * advance, 3),
-                "roll [deg]": round(math.degrees(roll), 3),
+                **_angles(view.joints),
+                "advance [mm]": round(1e3 * advance, 4),
+                "roll [deg]": round(math.degrees(roll), 4),
             },
+            sight=_angles(view.angles),
             shown=picture.rows(),
             finding=None if view.finding is None else _row(view),
             unconfirmed=None if view.unconfirmed is None else _lost_row(view.unconfirmed),
@@ -213,6 +213,34 @@ class InspectionFolder:
         pictures = [Picture(figure_of(marked), name) for name, marked in self._marked]
         report.add("Pictures of the findings", pictures=pictures)
         return report
+
+
+def journal_of(file: Path) -> list[dict[str, Any]]:
+    """Return the lines of a journal; one that was not written to its end is left out.
+
+    Raises
+    ------
+    RecordError
+        If it is no journal.
+    """
+    try:
+        *lines, rest = file.read_text(encoding="utf-8").split("\n")
+        found = [json.loads(line) for line in lines]
+        if rest.endswith("}"):
+            found.append(json.loads(rest))
+    except (OSError, ValueError):
+        found = []
+    if not found or not all(isinstance(line, dict) and "what" in line for line in found):
+        raise RecordError(f"{file} is not the journal of an inspection; give its journal.jsonl")
+    return found
+
+
+def _angles(pair: tuple[float, float]) -> dict[str, float]:
+    """Return pan and tilt in degrees."""
+    return {
+        f"{name} [deg]": round(math.degrees(angle), 4)
+        for name, angle in zip(("pan", "tilt"), pair, strict=True)
+    }
 
 
 def _reason(error: BaseException) -> str:

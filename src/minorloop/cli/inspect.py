@@ -74,7 +74,8 @@ def run(
         typer.Option(
             help=_common.plain(
                 "CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
-                "advance [mm] and roll [deg]; instead of --pan and --tilt, and with their meaning."
+                "advance [mm] and roll [deg]; instead of --pan and --tilt, and with their meaning. "
+                "Or the journal.jsonl of an inspection, whose pictures are searched."
             )
         ),
     ] = None,
@@ -105,7 +106,7 @@ def run(
     if (head is None) == (lens is None):
         raise ParameterError("give either --head with the file of a head, or --lens and --radius")
     called, view = names(source), None
-    known = _poses(poses, pan, tilt)
+    known = _poses(poses, pan, tilt, joints=head is not None)
     opened = nullcontext(None) if out is None else new_folder(out)
     found: list[InspectedPicture] = []
     best: list[tuple[float, str, Image]] = []
@@ -119,7 +120,9 @@ def run(
             if view is None and frame.image.size:
                 view = _view(head, lens, radius, lever, frame.image.shape)
             name = called[number] if called else f"frame {number}"
-            pose = next(known, None)
+            if isinstance(known, dict) and name not in known:
+                continue  # the journal has it as another picture's, with its findings marked
+            pose = known[name] if isinstance(known, dict) else next(known, None)
             if pose is None:
                 raise RecordError(
                     f"{poses} has {counted(number, 'row')}, and there are more pictures; give a "
@@ -130,7 +133,7 @@ def run(
                 pose = _seen_from(pose, head, view)
                 picture = inspect_picture(frame.image, view, pose, name, frame.t)
             found.append(picture)
-            now(f"{counted(number + 1, 'picture')} inspected")
+            now(f"{counted(len(found), 'picture')} inspected")
             if folder is not None and picture.findings:
                 folder.mkdir(exist_ok=True)
                 marked = _mark(frame.image, picture, folder, number)
@@ -259,8 +262,14 @@ def _advice(pictures: Sequence[InspectedPicture]) -> list[str]:
     ]
 
 
-def _poses(file: Path | None, pan: float | None, tilt: float | None) -> Iterator[PicturePose]:
-    """Return the poses of the pictures as given, one after the other; NaN is along the pipe."""
+def _poses(
+    file: Path | None, pan: float | None, tilt: float | None, *, joints: bool
+) -> Iterator[PicturePose] | dict[str, PicturePose]:
+    """Return the poses of the pictures as given, one after the other; NaN is along the pipe.
+
+    Those of a journal are returned by the names of the pictures; it has both what the ``joints``
+    read and the line of sight.
+    """
     from minorloop.head.procedures.pictures import PicturePose
     from minorloop.lab.columns import read_columns, read_headers
 
@@ -271,6 +280,8 @@ def _poses(file: Path | None, pan: float | None, tilt: float | None) -> Iterator
         given = (math.nan if value is None else math.radians(value) for value in (pan, tilt))
         return repeat(PicturePose(**dict(zip(("pan", "tilt"), given, strict=True))))
     wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
+    if file.suffix == ".jsonl":
+        return _journalled(file, wanted, joints=joints)
     with _seekable(file) as table:
         headers = [header for header in read_headers(table) if header in wanted]
         if not {"pan [deg]", "tilt [deg]"} <= set(headers):
@@ -279,12 +290,38 @@ def _poses(file: Path | None, pan: float | None, tilt: float | None) -> Iterator
     for name in ("pan", "tilt"):
         for row, value in enumerate(columns[f"{name} [deg]"].tolist(), 1):
             _check_angle(f"{name} of row {row} of {file}", value)
-    scaled = {
-        wanted[header]: columns[header] * (_MM if header.endswith("[mm]") else math.radians(1.0))
-        for header in headers
-    }
+    scaled = {wanted[header]: columns[header] * _unit(header) for header in headers}
     rows = zip(*(values.tolist() for values in scaled.values()), strict=True)
     return iter([PicturePose(**dict(zip(scaled, row, strict=True))) for row in rows])
+
+
+def _unit(header: str) -> float:
+    """Return the unit of a column of poses in metres or radians."""
+    return _MM if header.endswith("[mm]") else math.radians(1.0)
+
+
+def _journalled(file: Path, wanted: dict[str, str], *, joints: bool) -> dict[str, PicturePose]:
+    """Return the poses in the journal of an inspection, by the names of its pictures.
+
+    A line that was not written to its end, as when the program was killed, is left out.
+    """
+    from minorloop.cli._inspection import journal_of
+    from minorloop.head.procedures.pictures import PicturePose
+
+    views = [line for line in journal_of(file) if line["what"] == "view"]
+    try:
+        found = {}
+        for view in views:
+            pose = view["pose"] if joints else {**view["pose"], **view["sight"]}
+            values = {name: _unit(header) * pose[header] for header, name in wanted.items()}
+            found[str(view["picture"])] = PicturePose(**values)
+    except (KeyError, TypeError):
+        raise RecordError(
+            f"{file} has a view without a picture or a pose; give the journal of an inspection"
+        ) from None
+    if not found:
+        raise RecordError(f"{file} has no views; give the journal of an inspection that has some")
+    return found
 
 
 @contextmanager

@@ -7,20 +7,38 @@ from minorloop.head.console.scan_echoes import ScanEchoes
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.reconstruction.depth_map import Patch
 from minorloop.head.reconstruction.fusion import fuse
+from minorloop.head.twins.surroundings import Sway
 from minorloop.head.ultrasound.pits import PitDepth
 
 
 def fitted(flooded):
-    """Reports of the fit of a raster over the pit, with the head exactly at its targets."""
+    """Reports of the fit of a raster over the pit, with the joints exactly at its targets.
+
+    The base sways by a degree once there is a picture of it at rest.
+    """
     probe, known = tip()
     probe.flood(flooded)
-    echoes, scan = ScanEchoes(known, 1, PIT[:2], PIT[2]), RasterScan(calibration=known)
+    probe.expose(0.01, 4.0)
+    echoes, scan, sway = (
+        ScanEchoes(known, 1, PIT[:2], PIT[2]),
+        RasterScan(calibration=known),
+        Sway(),
+    )
     step = scan.pitch / known.radius
     advance, roll = scan.rolled(PIT[0] - 2.5 * step, (PIT[1], 0.0)).tolist()
-    for k, (pan, tilt) in enumerate(scan.targets(PIT[:2], (advance, roll)).tolist()):
-        here = (pan, tilt, advance, roll + k // scan.points * step)
-        probe.move_to(request(here).stance)
-        echoes.fire(probe, here, (pan, tilt))
+    targets = scan.targets(PIT[:2], (advance, roll))
+    for k, wanted in enumerate([targets[0], *targets]):
+        t, row = 0.5 * k, max(k - 1, 0) // scan.points
+        here = (*wanted.tolist(), advance, roll + row * step)
+        turned = wanted + (sway.at(t) if k else 0.0)
+        probe.move_to(request((*turned.tolist(), *here[2:])).stance)
+        echoes.read(t, here)
+        if k:
+            echoes.fire(probe, t, here, tuple(wanted.tolist()))
+            assert echoes.arrived(t) is None
+        echoes.see(probe.frame().image, t)
+        if k:
+            assert not echoes.arrived(t) or not flooded
     return list(depth_work.depth(**echoes.job()))
 
 

@@ -137,6 +137,38 @@ def test_a_gyroscope_is_added_to_the_joints():
     assert reading.line_of_sight - reading.angles == pytest.approx([0.01, 0.0])
 
 
+class Base:
+    """A turn of the base that pictures of bursts show."""
+
+    def __init__(self):
+        self.begun, self.seen, self.times = [], [], []
+
+    def read(self, t, angles, place):
+        self.times.append(t)
+
+    def begin(self, image, t):
+        self.begun.append(t)
+
+    def see(self, image, t):
+        self.seen.append(t)
+
+    def at(self, t):
+        return np.array([0.01, 0.0]) if t in self.seen else np.full(2, np.nan)
+
+
+def test_the_turn_of_the_base_is_counted_from_the_picture_before_the_water_comes():
+    base = Base()
+    it = rig(base=base)
+    assert it.reading(Request(frame=True, shots=1)).base == pytest.approx([0.0, 0.0])
+    it.reading(Request(water=True))
+    it.reading(Request(water=True))
+    assert base.begun == [0.0]
+    assert np.isnan(it.reading().base).all()
+    assert it.reading(Request(frame=True, shots=1)).base == pytest.approx([0.01, 0.0])
+    it.reading(Request(water=False))
+    assert it.reading().base == pytest.approx([0.0, 0.0])
+
+
 def test_the_log_has_times_and_actions():
     it = rig()
     it.run(Go(), Go().begin(angles=(-STRAIGHT, -STRAIGHT)))

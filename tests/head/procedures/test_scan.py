@@ -100,13 +100,38 @@ def test_a_burst_holds_at_the_reference_although_the_catheter_has_rolled():
     shots = [Shot(0.0, 1e-3 * rng.standard_normal(2000), 1e-8) for _ in range(4)]
     place, reference = np.array([CENTRE[1], 0.2]), np.array([CENTRE[1], 0.28])
     seen = SCAN.perpendicular + np.array([0.03, -0.01])
-    burst = SCAN.burst(shots, seen, seen, place, reference, first=False)
+    burst = SCAN.burst(shots, seen, seen, place, reference, coupled=True)
     there, here = (
         CALIBRATION.probe_at(at).spots(angles)
         for at, angles in ((reference, burst.angles), (place, seen))
     )
     assert there == pytest.approx(here, abs=1e-9)
     assert abs(burst.angles[1] - seen[1]) > 0.1
+
+
+class Swaying(Loop):
+    """A loop whose pictures show the base at some bursts only."""
+
+    def reading(self, request):
+        return replace(super().reading(request), base=self.turn())
+
+    def turn(self):
+        bursts = len(shot_at(self))
+        return np.full(2, np.nan) if self.blind(bursts) else np.array([0.01, 0.0])
+
+
+def test_a_burst_whose_pose_is_not_seen_is_fired_again_and_left_out_if_it_stays_unseen():
+    loop = Swaying()
+    loop.blind = lambda bursts: bursts == 1
+    state = loop.run(SCAN, SCAN.begin(CENTRE))
+    assert len(state.bursts) == SCAN.points**2
+    assert len(shot_at(loop)) == SCAN.points**2 + 1
+    assert all(request.frame for request in loop.asked if request.shots)
+    loop = Swaying()
+    loop.blind = lambda bursts: bursts < 40
+    state = loop.run(SCAN, SCAN.begin(CENTRE))
+    assert 0 < len(state.bursts) < SCAN.points**2
+    assert state.point == SCAN.points**2
 
 
 def test_the_head_bends_by_little_across_the_pipe(scanned):

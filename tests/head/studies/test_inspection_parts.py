@@ -79,6 +79,7 @@ def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
     ]  # fmt: skip
     figures = mission.figures()
     assert figures["measured"]
+    assert figures["centred_px"] <= 1.0
     assert figures["position_mm"] <= 0.3
     assert figures["depth_error_mm"] <= 0.1
     assert figures["touched"]
@@ -118,8 +119,31 @@ def test_a_pit_counts_as_measured_only_within_the_band_and_where_the_tool_touche
     wrong = replace(mission.pit, depth=mission.truth.depth + 4 * mission.pit.depth_sd)
     assert not replace(mission, pit=wrong).figures()["measured"]
     assert not replace(mission, touch=0.31e-3).figures()["measured"]
+    assert not replace(mission, off=2.1).figures()["measured"]
     steps = mission.figures()["steps"]
     assert ("touch", True) in [(what, succeeded) for _, what, _, succeeded in steps]
+
+
+@pytest.mark.parametrize(
+    ("views", "depth", "counts"), [(1, np.nan, 0), (2, np.nan, 1), (1, 5e-4, 1)]
+)
+def test_a_line_of_one_view_is_a_crack_only_if_echoes_give_its_depth(
+    monkeypatch, views, depth, counts
+):
+    places = np.stack([np.linspace(0.0, 0.2, 20), np.full(20, 20e-3)], axis=1)
+    trace = TracedCrack(places, np.full(20, 1e-4), 2e-3, 0.5)
+    for name in ("pick", "centre", "focus", "drain"):
+        monkeypatch.setattr(mission_cracks, name, lambda *given: None)
+    monkeypatch.setattr(mission_cracks, "_again", lambda *given: ((trace,), "photo"))
+    monkeypatch.setattr(mission_cracks, "scan", lambda *given: (None, []))
+    monkeypatch.setattr(mission_cracks, "refused", lambda rig: False)
+    found = CrackDepth("measured" if np.isfinite(depth) else "no floor echo", depth)
+    monkeypatch.setattr(mission_cracks, "crack_depth", lambda *given: found)
+    monkeypatch.setattr(mission_cracks, "crack_map", lambda *given: None)
+    rig = SimpleNamespace(
+        say=lambda *given, **more: None, calibration=SimpleNamespace(radius=10e-3)
+    )
+    assert (mission_cracks.examined(rig, trace, views) is not None) == counts
 
 
 def test_only_pits_within_reach_count_and_others_must_be_refused(mission):
@@ -417,9 +441,9 @@ def test_everything_is_gathered_and_reported(mission):
     trial = scan_trials.draw_trial(60_000)
     scored = scan_trials.measured(trial, [])
     dry = scan_trials.measured(scan_trials.draw_trial(60_003, kind="dry"), [], "camera")
-    kinds = dict.fromkeys(("pit", "unfocused", "dished", "hole", "fused"), (scored,)) | {
-        "dry": (dry,)
-    }
+    kinds = dict.fromkeys(
+        ("pit", "gyroscope", "joints", "unfocused", "dished", "hole", "fused"), (scored,)
+    ) | {"dry": (dry,)}
     run = ServoRun("x", np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2)
     outcomes = [
         SceneOutcome(mode, hole, hole, 1e-5, 0.0, 0)

@@ -10,8 +10,10 @@ from minorloop.errors import ParameterError
 from minorloop.head.geometry import Mount, Probe, wrapped
 from minorloop.head.procedures.measure import NO_COUPLING
 from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.values import NOTHING
 from minorloop.head.reconstruction.depth_map import Patch
 from minorloop.head.reconstruction.fusion import fuse
+from minorloop.head.studies import scan_trials
 from minorloop.head.studies.scan_trials import (
     ScanSite,
     ScoredScan,
@@ -118,7 +120,7 @@ def test_the_scan_is_that_of_mission_and_console():
     assert probe.mount.advance == pytest.approx(place.centre[1], abs=0.06e-3)
     across = wrapped(probe.spots(targets)[:, 0] - place.centre[0])
     assert across.mean() == pytest.approx(0.0, abs=6e-3)
-    assert [burst.verdict for burst in bursts] == [NO_COUPLING] + [""] * (len(targets) - 1)
+    assert [burst.verdict for burst in bursts] == [NO_COUPLING] * len(targets)
     assert {burst.fired for burst in bursts} == {RasterScan.shots}
     off = np.degrees([burst.angles for burst in bursts] - targets)
     np.testing.assert_array_less(np.abs(off), 1.4)  # a sway of 1 degree, and noise
@@ -126,7 +128,23 @@ def test_the_scan_is_that_of_mission_and_console():
     assert place.twin.clock >= (len(targets) - 1) * RasterScan.dwell
 
 
-def test_the_first_burst_detects_a_dry_pipe():
+@pytest.mark.parametrize(("pose", "most"), [("camera", 0.15), ("gyroscope", 0.4), ("joints", 1.3)])
+def test_the_pose_of_a_burst_is_what_the_camera_sees_of_the_swaying_head(pose, most):
+    head = scan_trials._Head(draw_trial(3, kind="dry", pose=pose))
+    scanning, off = RasterScan(calibration=head.view, metering=head.metering, points=3), []
+    state, request = scanning.begin((0.3, 20e-3)), NOTHING
+    while not state.done:
+        reading = head.reading(request)
+        if reading.shots and np.isfinite(reading.base).all():
+            true = head._joints + head._sway(reading.t)
+            off.append(np.degrees(np.abs(reading.line_of_sight - true)))
+        state, request = scanning.step(state, reading)
+        head._trial.twin.wait(0.04)
+    assert len(state.bursts) == 9
+    assert 0.3 * (pose == "joints") < np.max(off) < most
+
+
+def test_a_dry_pipe_is_detected():
     assert run_trial(draw_trial(3, kind="dry")).modality == "camera"
 
 

@@ -105,6 +105,7 @@ class Perception:
         self._queue: list[Callable[[], None]] = []
         self._echoes: ScanEchoes | None = None
         self._position: Position = (0.0, 0.0, 0.0, 0.0)
+        self._now = 0.0
         self._events: list[dict[str, Any]] = []
         self.image: Image | None = None
         self.shown, self.taken = False, 0.0
@@ -132,6 +133,9 @@ class Perception:
         """
         self._position, joints = request.position, None
         self._tip.move_to(request.stance)
+        if self._echoes is not None:
+            self._echoes.read(request.t, request.position)
+        self._now = request.t
         for name, numbers in request.commands:
             self._try(self.commands[name], numbers)
         if self._queue and not self._busy:  # commands that came while the camera was in use
@@ -149,6 +153,8 @@ class Perception:
         self.taken = request.t if self._newest is None or frame is None else frame.t
         if self._seen_angles is not None and frame is not None and self._all_lights:
             joints = self._joints(self._seen_angles, frame, request.cold)
+        if self._echoes is not None and self._all_lights:
+            self._scanned(self._echoes, None if frame is None else frame.image)
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
         self._watch_tool()
@@ -193,13 +199,14 @@ class Perception:
     def _frame(self, request: CameraRequest) -> Frame | None:
         """Return the frame of a tick; None while it may show the lights before.
 
-        A scan needs none, nor a head that holds where its view was searched, or rests there and
-        tracks nothing, so that a simulated camera draws only some to show; a device that stops is
-        noticed in each tick.
+        Between bursts a scan needs none, nor a head that holds where its view was searched, or
+        rests there and tracks nothing, so that a simulated camera draws only some to show; a device
+        that stops is noticed in each tick.
         """
         if self._newest is not None:
             return self._newest()
         used = self._work is not None or self._picked is not None
+        used = used or (self._echoes is not None and self._echoes.waiting)
         still = request.holding or (self._track is None and self._finder.at_rest)
         known = still and self._finder.has_searched(self._position)
         few = not used and (known or self._echoes is not None)
@@ -405,22 +412,40 @@ class Perception:
     # --- echoes
 
     def _begin_scan(self, finding: float, phi: float, z: float, diameter: float) -> None:
-        """Flood the pipe for a scan about a finding."""
+        """Begin a scan about a finding; the pipe is flooded once a picture of it was taken."""
         self._abort()
-        try:
-            self._tip.flood(True)
-        except MinorloopError as error:
-            self._report("unscanned", text=str(error))
-            return
         self._echoes = ScanEchoes(self.view, int(finding), (phi, z), diameter)
+        self._echoes.read(self._now, self._position)
+
+    def _scanned(self, echoes: ScanEchoes, image: Image | None) -> None:
+        """Use a picture for the scan, and report a burst whose pose is known."""
+        begun = echoes.begun
+        if image is not None:
+            echoes.see(image, self.taken)
+            if not begun:
+                self._flood(echoes)
+        verdict = echoes.arrived(self._now)
+        if verdict is not None:
+            self._report("burst", count=len(echoes.bursts), verdict=verdict)
+
+    def _flood(self, echoes: ScanEchoes) -> None:
+        """Let the water in, after the first picture of a scan; end the scan if it is of no use."""
+        problem = "" if echoes.begun else echoes.why
+        try:
+            if not problem:
+                self._tip.flood(True)
+        except MinorloopError as error:
+            problem = str(error)
+        if problem:
+            self._echoes = None
+            self._report("unscanned", text=problem)
 
     def _fire(self, pan: float, tilt: float) -> None:
         """Fire at a point of the scan, which was requested at a pan and tilt."""
         if self._echoes is None:
             self._report("unscanned", text="the camera was started anew")
             return
-        verdict = self._echoes.fire(self._tip, self._position, (pan, tilt))
-        self._report("burst", count=len(self._echoes.bursts), verdict=verdict)
+        self._echoes.fire(self._tip, self._now, self._position, (pan, tilt))
 
     def _finish_scan(self) -> None:
         """Hand the echoes over to be fitted, and end the scan."""

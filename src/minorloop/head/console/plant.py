@@ -197,12 +197,12 @@ def _actuator_plant(address: str, specimen: int | None = None, seed: int = 0) ->
 
 
 def _water() -> Filling:
-    """Return what fills the simulated pipe when it is flooded."""
+    """Return what fills the simulated pipe when it is flooded: water that flows."""
     from minorloop.head.procedures.calibration import ROOM_TEMPERATURE
     from minorloop.head.twins.pipe import Pipe
-    from minorloop.head.twins.surroundings import FULL, Filling
+    from minorloop.head.twins.surroundings import FULL, Filling, Sway
 
-    return Filling(level=FULL * Pipe.radius, temperature=ROOM_TEMPERATURE)
+    return Filling(level=FULL * Pipe.radius, temperature=ROOM_TEMPERATURE, sway=Sway())
 
 
 def _pipe(seed: int) -> Any:

@@ -54,6 +54,8 @@ class CentreState:
 
 
 NOT_IN_VIEW = "not in view"
+TWO_TICKS = 0.08
+"""Seconds between frames of a tracker that works alone: the head turns by less than a degree."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +88,7 @@ class Centring(Procedure[CentreState]):
     patience : float
         Longest duration in seconds.
     interval : float
-        Time between frames, in seconds.
+        Time between frames in seconds, of one tick of 40 ms or of two.
     by_image : bool
         Whether the angles of the head are estimated from the image, because its joints have no
         sensors.
@@ -127,7 +129,9 @@ class Centring(Procedure[CentreState]):
         move, hold = self._hold(reading).step(state.hold, seen, angles)
         state = replace(state, hold=hold)
         state = self._checked(state, move, reading.t)
-        return state, Request(angles=move.angles, sighted=sighted, frame=True)
+        # Without a frame now, the next tick requests one.
+        every_tick = self.interval < TWO_TICKS
+        return state, Request(angles=move.angles, sighted=sighted, frame=every_tick)
 
     def pick(
         self, image: Image, pixel: npt.ArrayLike, reading: Reading

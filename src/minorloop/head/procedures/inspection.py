@@ -97,6 +97,8 @@ class InspectedView:
         Under all lights.
     angles : (float, float)
         Pan and tilt of the line of sight, in radians.
+    joints : (float, float)
+        Pan and tilt that the joints read there, in radians, as a file of poses has them.
     place : (float, float)
         Advance in metres and roll in radians of the catheter.
     finding : Finding, optional
@@ -112,6 +114,7 @@ class InspectedView:
     picture: InspectedPicture
     image: Image
     angles: tuple[float, float]
+    joints: tuple[float, float]
     place: tuple[float, float]
     finding: Finding | None = None
     evidence: float = math.nan
@@ -128,6 +131,7 @@ class _Seen:
     frames: Sequence[LitFrame]
     found: Findings
     camera: CalibratedCamera
+    joints: tuple[float, float]
     place: tuple[float, float]
 
     @property
@@ -139,8 +143,13 @@ class _Seen:
         picture = InspectedPicture(
             name=self.name, t=self.t, verdict=self.found.verdict, findings=shown
         )
-        image = self.frames[-1].image
-        return InspectedView(picture=picture, image=image, angles=self.angles, place=self.place)
+        return InspectedView(
+            picture=picture,
+            image=self.frames[-1].image,
+            angles=self.angles,
+            joints=self.joints,
+            place=self.place,
+        )
 
     def sighting(self, shown: Candidate) -> _Sighting[Candidate]:
         """Return one of its findings with what is needed to look from here again."""
@@ -251,8 +260,9 @@ def _seen(rig: InspectionRig, name: str) -> _Seen:
     meter(rig)
     frames, t, place = acquire(rig), rig.t, rig.place
     found = search(rig, frames)
-    advance, roll = place.tolist()
-    return _Seen(name, t, frames, found, rig.calibration.camera_at(place), (advance, roll))
+    (advance, roll), view = place.tolist(), rig.calibration
+    pan, tilt = np.radians(view.joints((frames[-1].pan, frames[-1].tilt))).tolist()
+    return _Seen(name, t, frames, found, view.camera_at(place), (pan, tilt), (advance, roll))
 
 
 def _traced(rig: InspectionRig, found: Findings) -> tuple[TracedCrack, ...]:
@@ -263,10 +273,12 @@ def _known(hole: Hole, found: Sequence[Hole], radius: float) -> bool:
     return any(wall_distance(hole.place, other.place, radius) < SAME for other in found)
 
 
-def _approached(rig: InspectionRig, place: FloatArray, words: str, name: str) -> _Seen:
+def _approached(
+    rig: InspectionRig, place: FloatArray, words: str, name: str, *, outlined: bool = False
+) -> _Seen:
     """Centre a place, go nearer if a catheter can, and search there."""
     pick(rig, place, words)
-    centre(rig, place)
+    centre(rig, place, outlined=outlined)
     rig.check_sensors()
     if rig.travels:
         _go(rig, place=np.add(rig.place, (NEAR, 0.0)))
@@ -279,7 +291,8 @@ def _visited(
 ) -> Generator[InspectedView, None, Hole | None]:
     """Visit a candidate for a hole, from two sides if need be; return it if it is seen again."""
     radius = rig.calibration.radius
-    seen = _approached(rig, hole.place, f"evidence {hole.evidence:+.1f}", name)
+    words = f"evidence {hole.evidence:+.1f}"
+    seen = _approached(rig, hole.place, words, name, outlined=True)
     again = nearest(seen.found.holes, hole.place, radius)
     if again is None:
         rig.say(name, f"{seen.missing}; looked at from another side")

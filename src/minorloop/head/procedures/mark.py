@@ -20,7 +20,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import Tool, wall_point
 from minorloop.head.procedures.calibration import HeadCalibration
-from minorloop.head.procedures.centre import CONE, NOT_IN_VIEW, Centring
+from minorloop.head.procedures.centre import CONE, NOT_IN_VIEW, TWO_TICKS, Centring
 from minorloop.head.procedures.extract import Acquisition, AcquisitionState
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.meter import Metering, MeterState
@@ -163,7 +163,7 @@ class Marking(Procedure[MarkState]):
     still: float = 0.44
     gap: float = 1e-3
     beyond: float = 2e-3
-    share: float = 0.2
+    share: float = 0.36
     lean: float = 0.15
     patience: float = 15.0
     tries: int = 3
@@ -255,7 +255,7 @@ class Marking(Procedure[MarkState]):
                 return self._again(state), Request(extension=0.0)
             return self._at(state, "withdraw", reason), Request(extension=0.0)
         if reading.image is None or state.track is None:
-            return state, self._request(state)
+            return state, self._request(state, reading)
         seen, track = Centring(calibration=self.calibration).follow(
             state.track, reading, reading.image
         )
@@ -263,7 +263,7 @@ class Marking(Procedure[MarkState]):
         if seen.verdict != TRACKED:  # it waits where it is
             state = replace(state, verdict=seen.verdict, near_since=None)
             still = replace(state, extension=reading.extension)
-            return still, self._request(still)
+            return still, self._request(still, reading)
         state = self._steered(replace(state, verdict=""), tool, seen.place, reading)
         return self._moved(state, tool, seen, reading)
 
@@ -284,9 +284,8 @@ class Marking(Procedure[MarkState]):
             return replace(state, verdict=BEYOND, near_since=None)
         off = np.asarray(camera.pixel(target, pan, tilt)) - pixel
         smooth = off if np.isnan(state.off).any() else state.off + self.share * (off - state.off)
-        interval = Centring.interval
         lean = np.clip(
-            state.lean + self.lean * interval * (angles - reading.angles), -_MOST_LEAN, _MOST_LEAN
+            state.lean + self.lean * TWO_TICKS * (angles - reading.angles), -_MOST_LEAN, _MOST_LEAN
         )
         before = angles if state.wanted is None else state.wanted - state.lean
         wanted = before + self.share * (angles - before) + lean
@@ -302,7 +301,7 @@ class Marking(Procedure[MarkState]):
             pan, tilt = reading.angles.tolist()
             *hit, free = tool.meet(mount, pan, tilt, self.calibration.radius).tolist()
         except ParameterError:
-            return state, self._request(state)
+            return state, self._request(state, reading)
         still = state.near_since is not None and passed(state.near_since, reading.t, self.still)
         if state.stage == "aim" and still:
             state = self._at(replace(state, extension=max(free - self.gap, 0.0)), "near")
@@ -320,7 +319,7 @@ class Marking(Procedure[MarkState]):
             state = self._at(state, "withdraw", TOUCHED)
         elif state.stage == "contact" and reading.extension >= state.extension - 1e-6:
             state = self._at(replace(state, extension=0.0), "withdraw", NO_CONTACT)
-        return state, self._request(state)
+        return state, self._request(state, reading)
 
     def _withdraw(
         self, state: MarkState, tool: Tool, reading: Reading
@@ -355,8 +354,10 @@ class Marking(Procedure[MarkState]):
         angles = sighted_angles(camera, state.place, seen.pixel, reading.angles)
         return reading.angles if angles is None else angles
 
-    def _request(self, state: MarkState) -> Request:
-        return Request(angles=state.wanted, extension=state.extension, frame=True)
+    def _request(self, state: MarkState, reading: Reading) -> Request:
+        """Return the request of the next tick: a frame in every other one, or for the contact."""
+        frame = reading.image is None or state.stage == "contact"
+        return Request(angles=state.wanted, extension=state.extension, frame=frame)
 
     def _target(self, place: FloatArray, state: MarkState) -> FloatArray:
         """Return phi and z of the point to be touched, beside a place."""

@@ -31,7 +31,7 @@ def burst_of(
     wanted: npt.ArrayLike,
     probe: CalibratedProbe,
     *,
-    first: bool,
+    coupled: bool,
 ) -> Burst:
     """Average a burst to one trace with a verdict.
 
@@ -43,18 +43,24 @@ def burst_of(
         Line of sight as measured and as wanted, in radians.
     probe : CalibratedProbe
         At the place of the catheter.
-    first : bool
-        Whether it is the first of a raster: the verdict is then ``no coupling`` if there is no
-        echo of the wall.
+    coupled : bool
+        Whether one before it in the raster has an echo of the wall. Until then the verdict is ``no
+        coupling`` if there is none: a single burst may meet the flank of a dent, which sends none
+        back.
     """
     spot, aimed = probe.spots(np.array([angles, wanted]))[:, :2]
     off = float(wall_distance(spot, aimed, probe.radius))
     count = len(shots)
     burst = average(shots, np.tile(angles, (count, 1)), np.full(count, off), most_off=MOST_OFF)
     wall = probe.radius - probe.transducer.face
-    if first and not burst.verdict and not has_wall_echo(shots, wall, probe.speed):
+    if not coupled and not burst.verdict and not has_wall_echo(shots, wall, probe.speed):
         return replace(burst, trace=np.empty(0), used=0, verdict=NO_COUPLING)
     return burst
+
+
+def has_coupling(bursts: Sequence[Burst]) -> bool:
+    """Return whether one of the bursts of a raster has an echo of the wall."""
+    return any(burst.verdict != NO_COUPLING for burst in bursts)
 
 
 def wall_about(

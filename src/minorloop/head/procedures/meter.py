@@ -87,7 +87,7 @@ class Metering(Procedure[MeterState]):
     calibration: HeadCalibration
     limits: LightLimits = LIMITS
     share: float = 0.7
-    every: float = 0.16
+    every: float = 0.24
     refocus: float = 0.2
     focusing: bool = True
     seconds: float = 1.0

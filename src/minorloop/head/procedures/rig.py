@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.camera_tip import CameraTip
 from minorloop.head.procedures.head_file import read_head
 from minorloop.head.procedures.seen_angles import LONGEST, SeenAngles, unknown_zero, unseen
+from minorloop.head.procedures.seen_base import SeenBase
 from minorloop.head.procedures.values import (
     ALL_LIGHTS,
     NOTHING,
@@ -87,6 +88,9 @@ class InspectionRig:
     calibration : HeadCalibration
     gyroscope : callable, optional
         Returns the pan and tilt (2,) by which the base of the head is turned, in radians.
+    base : SeenBase, optional
+        Reads them from the pictures that come with bursts, instead of a gyroscope, counted from the
+        last picture before the pipe is flooded.
     sensors : bool
         Whether the joints have sensors. Without them the angles are those of the model of the
         wires, and control uses the angles that a procedure estimates from the image.
@@ -107,6 +111,7 @@ class InspectionRig:
         calibration: HeadCalibration,
         *,
         gyroscope: Callable[[], FloatArray] | None = None,
+        base: SeenBase | None = None,
         sensors: bool = True,
         seen: SeenAngles | None = None,
         computing: Executor | None = None,
@@ -114,15 +119,19 @@ class InspectionRig:
     ) -> None:
         self.plant, self.tip, self.control = plant, tip, control
         self.calibration = calibration
+        # Whether a tip has a tool is asked once: the answer takes as long as half of a tick.
+        has_tool = calibration.tool is not None and isinstance(tip, ToolTip)
+        self._tool = cast(ToolTip, tip) if has_tool else None
         self.log: list[LogEntry] = []
         self.gain = 1.0
-        self._gyroscope, self._sensors = gyroscope, sensors
+        self._gyroscope, self._base, self._sensors = gyroscope, base, sensors
         self._seen = seen
         self._picture: Image | None = None
         self._computing, self._told = computing, told
         self._ticks = 0
         self._blind_since: float | None = None
         self._lights: tuple[bool, ...] = ALL_LIGHTS
+        self._wet = False
         self._failures = 0
         self._state = control.begin()
         self._commanded = -np.asarray(calibration.straight)
@@ -164,19 +173,34 @@ class InspectionRig:
         if not request.frame and self._seen is None:
             self._blind_since = None
         tool = (0.0, False)
-        if self.calibration.tool is not None and isinstance(self.tip, ToolTip):
-            tool = self.tip.tool_state()
+        if self._tool is not None:
+            tool = self._tool.tool_state()
+        image = self._image() if request.frame else None
         return Reading(
             t=self.t,
             angles=self.angles,
             place=self.place,
-            base=np.zeros(2) if self._gyroscope is None else self._gyroscope(),
-            image=self._image() if request.frame else None,
+            base=self._turned(image if request.shots else None),
+            image=image,
             shots=tuple(self.tip.shots(request.shots)) if request.shots else (),
             fired=request.shots > 0,
             extension=tool[0],
             touching=tool[1],
         )
+
+    def _turned(self, image: Image | None) -> FloatArray:
+        """Return the turn (2,) of the base as it is measured now; NaN if it should be and is not.
+
+        Parameters
+        ----------
+        image : array, optional
+            Taken now, with a burst.
+        """
+        if self._base is None or not self._wet:
+            return np.zeros(2) if self._gyroscope is None else self._gyroscope()
+        if image is not None:
+            self._base.see(image, self.t)
+        return self._base.at(self.t)
 
     def begin(self) -> None:
         """Wait until a head without sensors is cold and stands still: its angles are 0 then.
@@ -321,6 +345,13 @@ class InspectionRig:
         """Set lights, exposure, focus and water as requested."""
         if request.lights is not None:
             self._lights, self._picture = request.lights, None
+        if self._base is not None:
+            self._base.read(self.t, self.angles, self._known[2:].copy())
+            if request.water and not self._wet:
+                image = self._image()
+                if image is not None:
+                    self._base.begin(image, self.t)
+        self._wet = self._wet if request.water is None else request.water
         self._insist(lambda: apply_to_tip(self.tip, request))
 
     def _exchanged(self, u: FloatArray) -> FloatArray:

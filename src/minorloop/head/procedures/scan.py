@@ -26,13 +26,14 @@ from minorloop.head.control.head import HeadControl
 from minorloop.head.geometry import REACH, wrapped
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import GO, Go, GoState
-from minorloop.head.procedures.measure import burst_of
+from minorloop.head.procedures.measure import burst_of, has_coupling
+from minorloop.head.procedures.meter import Metering, MeterState
 from minorloop.head.procedures.values import NOTHING, Procedure, Reading, Request, passed
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.pits import PITCH, POINTS, raster
 from minorloop.lab.actuator import Shot
 
-ScanStage: TypeAlias = Literal["travel", "turn", "points", "roll", "back"]
+ScanStage: TypeAlias = Literal["travel", "light", "turn", "points", "roll", "back"]
 _ROLLS = 4
 """Steps of the search for a roll; each divides its error by 20, the radius over the offset."""
 
@@ -46,9 +47,9 @@ class ScanState:
     smaller phi: friction makes it jump where it turns back. ``home`` place and angles to return
     to, None to stay; ``go`` the state of the way there or back; ``targets`` (N, 2) pan and tilt of
     the points, ``point`` the next of them. The head was sent there, or the burst was
-    ``requested``, at ``since``. ``bursts`` are filled if the readings contain shots; their angles
-    hold at the ``reference``, a place (2,) from which the beam is square to the middle.
-    ``refused`` says why a scan was not begun.
+    ``requested``, at ``since``. ``meter`` is the state of the exposure. ``bursts`` are filled if
+    the readings contain shots; their angles hold at the ``reference``, a place (2,) from which the
+    beam is square to the middle. ``refused`` says why a scan was not begun.
     """
 
     centre: tuple[float, float]
@@ -57,6 +58,7 @@ class ScanState:
     home: tuple[FloatArray, FloatArray] | None = None
     stage: ScanStage = "travel"
     go: GoState | None = None
+    meter: MeterState = field(default_factory=MeterState)
     targets: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     reference: FloatArray = field(default_factory=lambda: np.zeros(2))
     point: int = 0
@@ -93,6 +95,10 @@ class RasterScan(Procedure[ScanState]):
         has moved by a step of the raster and is at rest.
     silent : float
         Seconds after which a burst that has not been fired is skipped.
+    unseen : float
+        Seconds for which a burst is fired again whose picture does not show the pose.
+    metering : Metering, optional
+        Exposes the camera before the pipe is flooded, where the loop does not do so all the time.
     reach : float
         Half-angle of the cone in which the head may turn, in radians.
     tilt : float
@@ -114,6 +120,8 @@ class RasterScan(Procedure[ScanState]):
     dwell: float = 0.48
     most_dwell: float = 1.2
     silent: float = 2.0
+    unseen: float = 0.2
+    metering: Metering | None = None
     reach: float = REACH
     tilt: float = math.radians(-15.0)
     go: Go = GO
@@ -127,8 +135,11 @@ class RasterScan(Procedure[ScanState]):
         shift: float = 0.0,
         home: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
         control: HeadControl | None = None,
+        gain: float = 1.0,
     ) -> ScanState:
         """Return the state before a scan about a phi and a z, after which the head returns home.
+
+        ``gain`` is that of the camera.
 
         With the control of the head, a scan that it cannot reach in the water is refused: it is
         done, and its state says why.
@@ -137,7 +148,14 @@ class RasterScan(Procedure[ScanState]):
         back = None
         if home is not None:
             back = np.asarray(home[0], dtype=np.float64), np.asarray(home[1], dtype=np.float64)
-        return ScanState(centre=centre, shift=shift, home=back, refused=refused, done=bool(refused))
+        return ScanState(
+            centre=centre,
+            shift=shift,
+            home=back,
+            meter=MeterState(gain=gain),
+            refused=refused,
+            done=bool(refused),
+        )
 
     def out_of_reach(self, control: HeadControl) -> str:
         """Return why the wires of a head do not reach the points in water; empty if they do."""
@@ -231,6 +249,8 @@ class RasterScan(Procedure[ScanState]):
     def _next(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
         if state.stage == "points":
             return self._points(state, reading)
+        if state.stage == "light":
+            return self._lit(state, reading)
         if state.stage == "travel" and state.go is None:
             roll = self.rolled(state.centre[0], reading.place)[1] - reading.place[1]
             state = replace(state, onward=1 if roll >= 0 else -1)
@@ -245,11 +265,21 @@ class RasterScan(Procedure[ScanState]):
             if not len(targets):
                 return self._back(state), request
             reference = self.rolled(state.centre[0], reading.place)
-            state = replace(state, targets=targets, reference=reference, stage="turn", go=None)
-            return state, Request(angles=targets[0], water=True)
+            state = replace(state, targets=targets, reference=reference, stage="light", go=None)
+            return self._lit(state, reading)
         if state.stage in ("turn", "roll"):
             return self._arrived(state, reading)
         return replace(state, done=True), request
+
+    def _lit(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
+        """Expose the camera for the wall ahead, and then let the water in."""
+        request = NOTHING
+        if self.metering is not None:
+            meter, request = self.metering.step(state.meter, reading)
+            state = replace(state, meter=meter)
+            if not meter.done:
+                return state, request
+        return replace(state, stage="turn"), replace(request, water=True)
 
     def _arrived(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
         """Begin a row from where the catheter is; end the scan if it is not near enough."""
@@ -284,18 +314,21 @@ class RasterScan(Procedure[ScanState]):
             if not passed(state.since, reading.t, self.dwell if near else self.most_dwell):
                 return state, Request(angles=target)
             state = replace(state, requested=True, since=reading.t)
-            return state, Request(angles=target, shots=self.shots)
+            return state, Request(angles=target, shots=self.shots, frame=True)
         late = passed(state.since, reading.t, self.silent)
         if not (reading.fired or reading.shots or late):
             return state, Request(angles=target)
-        if reading.shots:
+        seen = bool(np.isfinite(reading.base).all())
+        if not seen and not passed(state.since, reading.t, self.unseen):
+            return state, Request(angles=target, shots=self.shots, frame=True)
+        if reading.shots and seen:
             burst = self.burst(
                 reading.shots,
                 reading.line_of_sight,
                 target,
                 reading.place,
                 state.reference,
-                first=not state.bursts,
+                coupled=has_coupling(state.bursts),
             )
             state = replace(state, bursts=(*state.bursts, burst))
         state = replace(state, point=state.point + 1, requested=False, since=reading.t)
@@ -313,7 +346,7 @@ class RasterScan(Procedure[ScanState]):
         place: npt.ArrayLike,
         reference: npt.ArrayLike,
         *,
-        first: bool,
+        coupled: bool,
     ) -> Burst:
         """Average the shots of a point to a burst whose angles hold at a reference.
 
@@ -325,7 +358,7 @@ class RasterScan(Procedure[ScanState]):
         place, reference : (2,) array_like
             Advance and roll of the catheter, and those of the whole raster. The advance is that of
             the raster: it has not moved.
-        first : bool
+        coupled : bool
             As in `burst_of`.
         """
         there, here = self.calibration.mount_at(reference), self.calibration.mount_at(place)
@@ -334,7 +367,7 @@ class RasterScan(Procedure[ScanState]):
             probe.moved(here, float(pan), float(tilt), there)
             for pan, tilt in (np.asarray(angles), np.asarray(target))
         )
-        return burst_of(shots, seen, wanted, self.calibration.probe_at(reference), first=first)
+        return burst_of(shots, seen, wanted, self.calibration.probe_at(reference), coupled=coupled)
 
     def _back(self, state: ScanState) -> ScanState:
         return replace(state, stage="back", go=None, done=state.home is None)

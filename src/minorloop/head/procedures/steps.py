@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wall_distance, wrapped
-from minorloop.head.procedures.centre import NOT_IN_VIEW, CentreState, Centring
+from minorloop.head.procedures.centre import NOT_IN_VIEW, TWO_TICKS, CentreState, Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
 from minorloop.head.procedures.go import GO
@@ -114,10 +114,25 @@ def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
     return there
 
 
-def centre(rig: InspectionRig, place: FloatArray) -> None:
-    """Centre a place of the wall in the image."""
-    centring = Centring(calibration=rig.calibration)
-    _centred(rig, rig.run(centring, centring.begin(place)), "centre")
+def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> None:
+    """Centre a place of the wall in the image.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+    place : (2,) array
+        Phi and z.
+    outlined : bool
+        Whether the middle of the round outline there is centred instead, if there is one: places
+        from another view are some pixels off.
+    """
+    centring, pixel = Centring(calibration=rig.calibration, interval=TWO_TICKS), None
+    if outlined:
+        now, image = rig.look()
+        camera = rig.calibration.camera_at(now.place)
+        guess = np.asarray(camera.pixel(place, *now.angles.tolist()))
+        pixel = rig.compute(lambda: centring.outlined(image, guess, now))
+    _centred(rig, rig.run(centring, centring.begin(place, pixel)), "centre")
 
 
 def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:

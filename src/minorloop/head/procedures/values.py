@@ -36,8 +36,9 @@ class Reading:
     place : (2,) array
         Advance and roll of the catheter as measured.
     base : (2,) array
-        Pan and tilt by which the flow of the water has turned the base of the head, as a
-        gyroscope measures them; the joints do not. Zero where there is no gyroscope.
+        Pan and tilt by which the flow of the water has turned the base of the head, as pictures
+        show or a gyroscope measures them; the joints do not. Zero where neither is used, NaN where
+        the picture does not show them.
     image : array, optional
         A frame that was taken at these angles; None where none was requested.
     shots : tuple of Shot

@@ -29,17 +29,26 @@ class CrackTrial:
         Phi and z of the widest place of the traced course.
     twin : Ultrasound
         Of the probe.
+    pipe : Pipe
+        With water.
     mount : Mount
         True mount. For scoring only.
     rng : numpy Generator
         Of sway and noise of the angles.
+    specimen : int
+        Seed of camera and wall.
+    pose : str
+        As of a scan of a pit.
     """
 
     probe: CalibratedProbe
     centre: tuple[float, float]
     twin: Ultrasound
+    pipe: Pipe
     mount: Mount
     rng: np.random.Generator
+    specimen: int
+    pose: str = "camera"
 
 
 def scanned_depth(
@@ -70,5 +79,5 @@ def scanned_depth(
     twin = Ultrasound(pipe, mount, probe.transducer, temperature=warm, specimen=seed, seed=seed)
     known = places + error
     centre = (float(known[at, 0]), float(known[at, 1]))
-    used, bursts = scan(CrackTrial(probe, centre, twin, mount, rng))
+    used, bursts = scan(CrackTrial(probe, centre, twin, pipe, mount, rng, seed))
     return crack_depth(bursts, used, known, width)

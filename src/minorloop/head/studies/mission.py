@@ -19,6 +19,7 @@ from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.steps import (
+    CENTRED_PX,
     WITHIN,
     centre,
     extract,
@@ -56,6 +57,7 @@ from minorloop.head.ultrasound.profile import Profile
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
 from minorloop.head.vision.reflectance_map import ReflectanceMap
+from minorloop.threads import one_thread
 
 RING, VIEWS = math.radians(25.0), 8
 """Deflection of the views from one place in radians, and their number."""
@@ -113,7 +115,7 @@ class Mission:
         Distance from the true centre at which the tool came to the wall, in m; infinite without a
         contact.
     off : float
-        Distance of the true centre from the middle of the image when centred, in pixels.
+        Distance of the true centre from the optical axis when centred, in pixels.
     steps : tuple of LogEntry
         Those with this pit.
     reachable : bool
@@ -179,6 +181,7 @@ class Mission:
             and place < 1e3 * SAME
             and promised
             and self.touch <= WITHIN
+            and self.off <= CENTRED_PX
             and not self.failed,
             "touched": self.touch <= WITHIN,
             "promised": promised,
@@ -208,6 +211,7 @@ class Overview:
     places: list[float] = field(default_factory=list)
 
 
+@one_thread()
 def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
     """Inspect one pipe with a pit and a crack in it, without an operator.
 
@@ -276,7 +280,7 @@ def _approached(
     """Pick, centre, focus and extract; return whether it is seen again, and the near view."""
     began = len(rig.log)
     first, pixel = pick(rig, hole.place, f"evidence {hole.evidence:+.1f}")
-    centre(rig, hole.place)
+    centre(rig, hole.place, outlined=True)
     off = scoring.off_middle(rig.tip, mission.truth)
     focus(rig)
     near, found, again = extract(rig, hole)

@@ -27,10 +27,13 @@ from minorloop.head.studies.mission_scene import RADIUS
 from minorloop.head.studies.ultrasonic_scan import REFUSED, drain, refused, scan
 from minorloop.head.twins.pipe import Crack
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_depth, crack_finding, crack_map
+from minorloop.head.ultrasound.pits import DEEPER, MEASURED
 from minorloop.head.vision.cracks import TracedCrack
 
 CLOSER = (6e-3, 10e-3)
 """Advances of the near views in metres, until the course is seen."""
+SEEN_BEFORE = 2
+"""Views on the way round that show a crack which counts without an echo of its depth."""
 MOST = 3
 """Most candidates for cracks that are visited."""
 
@@ -72,7 +75,10 @@ class SeenCrack:
 
 
 def examined(rig: InspectionRig, trace: TracedCrack, views: int) -> SeenCrack | None:
-    """Go to a course, trace it in a near view, and scan across it; None if not seen again."""
+    """Go to a course, trace it in a near view, and scan across it; None if it is no crack.
+
+    It is one if it is traced again, and ``views`` on the way round showed it, or echoes its depth.
+    """
     middle = trace.places[len(trace.places) // 2]
     many = f"{views} view{'s' if views > 1 else ''}"
     pick(rig, middle, f"a line of {1e3 * trace.length:.1f} mm in {many}")
@@ -95,6 +101,10 @@ def examined(rig: InspectionRig, trace: TracedCrack, views: int) -> SeenCrack | 
         found = crack_depth(bursts, probe, best.places, width)
         deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
         rig.say("measure", f"{found.verdict}{deep}")
+    if views < SEEN_BEFORE and found.verdict not in (MEASURED, DEEPER):
+        words = f"a line in {many}, and no echo of its depth; not counted as a crack"
+        rig.say("trace", words, succeeded=False)
+        return None
     patch = patch_about(course.places, rig.calibration.radius)
     wall = crack_map(course.places, width, found, tuple(where.tolist()), patch)
     return SeenCrack(best, course, where, width, found, photo, wall)

@@ -14,6 +14,7 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.seen_base import SeenBase
 from minorloop.head.studies import scoring
 from minorloop.head.studies.inspection_servo import wires_of
 from minorloop.head.twins.catheter import Catheter
@@ -116,7 +117,7 @@ def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig
         temperature=flooded.temperature + OFF_TEMPERATURE * float(about.normal()),
         tool=tip.tool.calibration,
     )
-    rig = InspectionRig(plant, tip, control, calibration, gyroscope=plant.gyroscope)
+    rig = InspectionRig(plant, tip, control, calibration, base=SeenBase(calibration))
     return rig, MissionTruth(bore, crack, dry, flooded, plant, (x, y))
 
 

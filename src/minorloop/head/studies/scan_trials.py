@@ -17,22 +17,28 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
-from minorloop.head.procedures.measure import NO_COUPLING, wall_about
+from minorloop.head.procedures.measure import has_coupling, wall_about
+from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.scan import RasterScan
-from minorloop.head.procedures.values import NOTHING, Reading
+from minorloop.head.procedures.seen_base import SeenBase
+from minorloop.head.procedures.values import NOTHING, Reading, Request, apply_to_tip
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.studies import scoring
 from minorloop.head.twins.camera import LENS
 from minorloop.head.twins.pipe import Bore, Pipe, draw_pit
-from minorloop.head.twins.rig import GYROSCOPE_NOISE
+from minorloop.head.twins.rig import GYROSCOPE_NOISE, SimulatedTip
 from minorloop.head.twins.surroundings import Sway
 from minorloop.head.twins.ultrasound import Ultrasound
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit
+from minorloop.head.vision.calibrated_camera import Image
 from minorloop.identification.bands import PER_DEVIATION
+from minorloop.lab.actuator import Shot
 
 KINDS = ("pit", "dished", "hole", "mark", "dry")
+POSES = ("camera", "gyroscope", "joints")
+"""What gives the pose of a burst besides the joints: pictures, a gyroscope in the base, nothing."""
 DISH = 0.1e-3
 """Difference in depth between the middle and the rim of a dished floor, in metres."""
 _Z = 20e-3
@@ -40,6 +46,8 @@ FLOODED = -9.999e-3
 """Height of the water of a full pipe, in metres."""
 CAMERA_SD = 0.035e-3
 """Standard deviation of a place by the camera, around and along the pipe, in metres."""
+_SCALE = 0.5
+"""Of the pictures that give the pose: 320 by 240 pixels."""
 _JOINT_NOISE = math.radians(0.05)
 """Standard deviation of a reading of a joint, as in a mission."""
 _SWAY, _PHASES, _TICK = Sway(), 1e3, 0.04
@@ -99,6 +107,10 @@ class ScanTrial(ScanSite):
         Noise, gain and temperature of the twin.
     rng : numpy Generator
         Of the sway, of the noise of the angles, and of the picture.
+    pose : {"camera", "gyroscope", "joints"}
+        What gives the pose of a burst.
+    specimen : int
+        Seed of camera and wall.
     """
 
     twin: Ultrasound
@@ -106,6 +118,8 @@ class ScanTrial(ScanSite):
     mount: Mount
     settings: dict[str, Any]
     rng: np.random.Generator
+    pose: str = "camera"
+    specimen: int = 0
 
     @property
     def site(self) -> ScanSite:
@@ -125,7 +139,13 @@ class ScanTrial(ScanSite):
 
 
 def draw_trial(
-    seed: int, *, kind: str = "pit", lens: bool = True, snr: float = 20.0, bore: Bore | None = None
+    seed: int,
+    *,
+    kind: str = "pit",
+    lens: bool = True,
+    snr: float = 20.0,
+    bore: Bore | None = None,
+    pose: str = "camera",
 ) -> ScanTrial:
     """Draw a pit of 0.85 to 1.5 mm by 0.2 to 1 mm, or another defect, in a pipe by seed.
 
@@ -143,8 +163,11 @@ def draw_trial(
         echo of a plain wall if there is no floor.
     bore : Bore, optional
         Its diameter and depth replace the drawn ones.
+    pose : {"camera", "gyroscope", "joints"}
+        What gives the pose of a burst.
     """
     check_option("kind", kind, KINDS)
+    check_option("pose", pose, POSES)
     rng = np.random.default_rng([seed, 77])
     phi = float(rng.uniform(-np.pi, np.pi))
     pit = draw_pit(rng, phi, _Z)
@@ -183,7 +206,16 @@ def draw_trial(
     probe, (turned, moved) = strayed(rng, probe)
     centre = (centre[0] + turned, centre[1] + moved)
     about = (probe, centre, seen, pit, kind == "dry", (turned, moved))
-    return ScanTrial(*about, twin=twin, pipe=pipe, mount=true, settings=settings, rng=rng)
+    return ScanTrial(
+        *about,
+        twin=twin,
+        pipe=pipe,
+        mount=true,
+        settings=settings,
+        rng=rng,
+        pose=pose,
+        specimen=seed,
+    )
 
 
 def draw_probe(
@@ -222,19 +254,25 @@ def strayed(
 
 
 class Scanned(Protocol):
-    """What a scan needs: the calibrated probe and where to scan; twin, true mount and noise."""
+    """What a scan needs: probe and place as known; pipe, twin of the probe, true mount and noise.
+
+    ``pose`` is one of the ``POSES``; ``specimen`` is the seed of camera and wall.
+    """
 
     probe: CalibratedProbe
     centre: tuple[float, float]
     twin: Ultrasound
+    pipe: Pipe
     mount: Mount
     rng: np.random.Generator
+    pose: str
+    specimen: int
 
 
 def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
     """Scan a raster by the procedure of mission and console, while flow sways the head.
 
-    Joints and catheter follow at once; joints and base are measured with noise.
+    Joints and catheter follow at once; the joints are measured with noise.
 
     Returns
     -------
@@ -242,20 +280,99 @@ def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
         At the place of the scan.
     bursts : tuple of Burst
     """
-    scanning = RasterScan(calibration=_calibration(trial.probe))
+    head = _Head(trial)
+    scanning = RasterScan(calibration=head.view, metering=head.metering)
     state, request = scanning.begin(trial.centre), NOTHING
-    place = start = np.array([trial.probe.mount.advance, trial.probe.mount.roll])
-    joints, begin = np.zeros(2), float(trial.rng.uniform(0.0, _PHASES))
     while not state.done:
-        joints = joints if request.angles is None else request.angles
-        place = place + _TICK * request.rates
-        advance, roll = (place - start).tolist()
-        true = trial.mount
-        trial.twin.move(replace(true, advance=true.advance + advance, roll=true.roll + roll))
-        reading = _reading(trial, request.shots, joints, place, begin)
-        state, request = scanning.step(state, reading)
+        state, request = scanning.step(state, head.reading(request))
         trial.twin.wait(_TICK)
     return scanning.calibration.probe_at(state.reference), state.bursts
+
+
+class _Head:
+    """A head before the place of a trial, which sways once the pipe is flooded.
+
+    ``view`` is what is known of it; ``metering`` exposes its camera, None without one.
+    """
+
+    def __init__(self, trial: Scanned) -> None:
+        self._trial, self._wet = trial, False
+        self._place = self._start = np.array([trial.probe.mount.advance, trial.probe.mount.roll])
+        self._joints, self._begin = np.zeros(2), float(trial.rng.uniform(0.0, _PHASES))
+        self.view, self.metering = _calibration(trial.probe), None
+        self._base: SeenBase | None = None
+        if trial.pose != "camera":
+            return
+        wall, seed = Pipe.draw(trial.specimen), trial.specimen
+        wall = replace(wall, bores=trial.pipe.bores, cracks=trial.pipe.cracks)
+        optics = LENS.scaled(_SCALE)
+        self._tip = SimulatedTip(wall, mount=trial.mount, specimen=seed, seed=seed, optics=optics)
+        camera = self._tip.camera
+        self.view = replace(self.view, lens=camera.calibration, leds=camera.leds)
+        self.metering, self._base = Metering(calibration=self.view), SeenBase(self.view)
+
+    def reading(self, request: Request) -> Reading:
+        """Carry out a request, and read joints, catheter, and what else gives the pose."""
+        trial, rng = self._trial, self._trial.rng
+        t = trial.twin.clock
+        self._joints = self._joints if request.angles is None else request.angles
+        self._place = self._place + _TICK * request.rates
+        angles = self._joints + _JOINT_NOISE * rng.standard_normal(2)
+        image = self._picture(request, t, angles)
+        shots = self._shots(request.shots)
+        return Reading(
+            t=t,
+            angles=angles,
+            place=self._place,
+            base=self._turned(t, image if shots else None),
+            image=image,
+            shots=tuple(shots),
+            fired=bool(shots),
+        )
+
+    def _sway(self, t: float) -> FloatArray:
+        """Return the true turn (2,) of the base."""
+        return _SWAY.at(self._begin + t) if self._wet else np.zeros(2)
+
+    def _shots(self, count: int) -> list[Shot]:
+        trial, (advance, roll) = self._trial, (self._place - self._start).tolist()
+        true, shots = trial.mount, []
+        trial.twin.move(replace(true, advance=true.advance + advance, roll=true.roll + roll))
+        for _ in range(count):
+            pan, tilt = self._joints + self._sway(trial.twin.clock)
+            trial.twin.look(float(pan), float(tilt))
+            shots.append(trial.twin.shot())
+        return shots
+
+    def _picture(self, request: Request, t: float, angles: FloatArray) -> Image | None:
+        """Set camera and water as requested, and take a picture if there is one to take.
+
+        The last one before the water comes in is that of the base at rest.
+        """
+        flooding = bool(request.water) and not self._wet
+        image = None
+        if self._base is not None:
+            now = self._joints + self._sway(t)
+            rates = (self._joints + self._sway(t + _TICK) - now) / _TICK
+            place = self._place - self._start
+            self._tip.move_to((*now.tolist(), *rates.tolist(), *place.tolist()))
+            self._base.read(t, angles, self._place)
+            apply_to_tip(self._tip, replace(request, water=None))
+            image = self._tip.frame().image if request.frame or flooding else None
+            if flooding and image is not None:
+                self._base.begin(image, t)
+        self._wet = self._wet or flooding
+        return image
+
+    def _turned(self, t: float, image: Image | None) -> FloatArray:
+        """Return the turn (2,) of the base as it is measured; zeros by the joints alone."""
+        if self._base is not None and self._wet:
+            if image is not None:
+                self._base.see(image, t)
+            return self._base.at(t)
+        if self._trial.pose != "gyroscope":
+            return np.zeros(2)
+        return self._sway(t) + GYROSCOPE_NOISE * self._trial.rng.standard_normal(2)
 
 
 def _calibration(probe: CalibratedProbe) -> HeadCalibration:
@@ -269,27 +386,6 @@ def _calibration(probe: CalibratedProbe) -> HeadCalibration:
         radius=probe.radius,
         thickness=probe.thickness,
         temperature=probe.temperature,
-    )
-
-
-def _reading(
-    trial: Scanned, count: int, joints: FloatArray, place: FloatArray, begin: float
-) -> Reading:
-    """Fire a burst, and read joints, catheter and gyroscope."""
-    t, twin, rng = trial.twin.clock, trial.twin, trial.rng
-    shots = []
-    for _ in range(count):
-        pan, tilt = joints + _SWAY.at(begin + twin.clock)
-        twin.look(float(pan), float(tilt))
-        shots.append(twin.shot())
-    base = _SWAY.at(begin + t) + GYROSCOPE_NOISE * rng.standard_normal(2)
-    return Reading(
-        t=t,
-        angles=joints + _JOINT_NOISE * rng.standard_normal(2),
-        place=place,
-        base=base,
-        shots=tuple(shots),
-        fired=count > 0,
     )
 
 
@@ -321,7 +417,7 @@ class ScoredScan:
 def run_trial(trial: ScanTrial) -> ScoredScan:
     """Scan, measure and fuse one place."""
     probe, bursts = scan(trial)
-    coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
+    coupled = has_coupling(bursts)
     return measured(replace(trial, probe=probe), bursts, "ultrasound" if coupled else "camera")
 
 

@@ -118,8 +118,8 @@ def touch_off(tip: Any, bore: Bore, radius: float) -> float:
 
 
 def off_middle(tip: Any, bore: Bore) -> float:
-    """Return the distance of a bore from the middle of the image, in pixels."""
-    middle = np.array([tip.camera._optics.width, tip.camera._optics.height]) / 2 - 0.5
+    """Return the distance of a bore from the true optical axis in the image, in pixels."""
+    middle = np.array(tip.camera._optics.centre)
     return float(np.linalg.norm(true_pixel(tip.camera, bore.phi, bore.z) - middle))
 
 

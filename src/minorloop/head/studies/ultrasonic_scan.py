@@ -9,7 +9,8 @@ from scipy.ndimage import map_coordinates
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import Probe
-from minorloop.head.procedures.measure import NO_COUPLING, wall_about
+from minorloop.head.procedures.measure import has_coupling, wall_about
+from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.steps import go
@@ -45,7 +46,7 @@ RING, MARGIN = 9.6e-3, 1e-3
 def scan(
     rig: InspectionRig, place: tuple[float, float], *, shift: float = 0.0
 ) -> tuple[CalibratedProbe, list[Burst]]:
-    """Bring the probe over a place, flood the pipe, and scan a raster in the flow.
+    """Bring the probe over a place in the drained pipe, flood it, and scan a raster in the flow.
 
     Parameters
     ----------
@@ -56,16 +57,19 @@ def scan(
     shift : float
         Displacement of the raster in pitches, in both directions.
     """
-    scanning = RasterScan(calibration=rig.calibration)
-    begun = scanning.begin(place, shift=shift, control=rig.control)
+    view = rig.calibration
+    scanning = RasterScan(calibration=view, metering=Metering(calibration=view))
+    begun = scanning.begin(place, shift=shift, control=rig.control, gain=rig.gain)
     if begun.refused:
         rig.say("reach", begun.refused, succeeded=False)
         return rig.calibration.probe_at(rig.place), []
+    drain(rig)
     state, late = rig.run(scanning, begun), rig.trouble
+    rig.gain = state.meter.gain
     bursts, planned = state.bursts, scanning.points**2
     words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
     rig.say("scan", words, succeeded=len(bursts) == planned and not late)
-    coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
+    coupled = has_coupling(bursts)
     answer = "the wall answers" if coupled else "no echo: camera only"
     rig.say("modality", answer, succeeded=coupled)
     return rig.calibration.probe_at(state.reference), list(bursts)
@@ -100,7 +104,9 @@ def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, Wate
     profiles = []
     for k in range(TURNS):
         go(rig, place=(rig.place[0], np.radians(-180.0 + 360.0 * k / TURNS)))
-        now = rig.reading(Request(shots=RING_SHOTS))
+        now = rig.reading(Request(shots=RING_SHOTS, frame=True))
+        if not np.isfinite(now.base).all():
+            continue
         angles = np.tile(now.line_of_sight, (RING_SHOTS, 1))
         burst = average(now.shots, angles, np.zeros(RING_SHOTS))
         profiles.append(wall_profile([burst], rig.calibration.probe_at(now.place)))
@@ -108,7 +114,7 @@ def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, Wate
     water = find_water(profile.spots[:, 0], profile.detected, RADIUS, face=Probe().face)
     band = f"+- {1e3 * PER_DEVIATION * water.sd:.1f} mm (90 %)"
     words = f"{1e3 * water.height:+.1f} {band} from the axis"
-    rig.say("water line", f"{words}; {profile.detected.sum()} of {TURNS} places answer")
+    rig.say("water line", f"{words}; {profile.detected.sum()} of {len(profiles)} places answer")
     return centred(profile), water
 
 

@@ -75,6 +75,8 @@ class MicroTool(Mounted):
     def _advance(self, seconds: float) -> None:
         """Move the point: towards what is wanted, and never through the wall."""
         super()._advance(seconds)
+        if not (self._extension or self._wanted or self.touching):
+            return  # withdrawn: where it would meet the wall does not matter
         most = seconds * RATE
         moved = self._extension + float(np.clip(self._wanted - self._extension, -most, most))
         phi, z, free = self._met()
