@@ -39,9 +39,9 @@ _EVEN, _ROUGH = 0.5, 1.5
 _CELL, _BLOCK, _LEAST_GREY, _DIM = 16, 4, 10.0, 0.25
 _ALIKE, _NOISE = 0.01, 0.3
 """Two blocks whose greys differ by less than the first as a share and the second in grey levels had
-the same light: under the same light the share was 0.006 at most, under different ones 0.039 at least
-in 30 views of the twin and 0.030 in 39 of path-traced walls, where light from other walls makes the
-LEDs more alike."""
+the same light: under the same light the share was 0.006 at most, under different ones 0.039 at
+least in 30 views of the twin, and 0.030 in 39 of path-traced walls, where light from other walls
+makes the LEDs more alike."""
 _MOST = 0.9
 """Percentile of a row: neither a dark part of it nor glints in a tenth of it matter."""
 _EQUAL_ROWS, _ROW_GREY = 2, 4
