@@ -96,6 +96,10 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
         (f"{IDENTIFY} --head model.json", "not a valid file of a head"),
         ("head drive targets.csv --head none.json --actuator twin:head", "there is no file"),
         (f"{IDENTIFY} --head other.json", "other.json is of head 'H-07'"),
+        (
+            "head identify --actuator twin:none --store runs --head other.json --serial H-08",
+            "other.json is of head 'H-07', and the head here is 'H-08'",
+        ),
     ],
 )
 def test_refuses_in_one_sentence(run, command, sentence):

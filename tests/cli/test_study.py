@@ -35,6 +35,9 @@ def test_figures_of_several_specimens_are_medians(answer, monkeypatch):
         ("study fibre --specimens 0", "--specimens is 0; give 1 to 1000"),
         ("study fibre --seed -1", "--seed is -1; give 0 or more"),
         ("study fibre --out good.csv", "good.csv is a file"),
+        ("study fibre --only unreachable", "--only is 'unreachable'; fibre has no parts"),
+        ("study head --only all", "--only is 'all'; give unreachable"),
+        ("study head --only unreachable --out made", "a part of a study has no report"),
     ],
 )
 def test_refuses_in_one_line(line, says, refused):

@@ -83,6 +83,8 @@ def identify(
     from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 
     before = read_head(head) if head.exists() else None
+    if serial is not None:
+        replace(before or HeadFile(serial=serial), identified=None).check_fits(serial, head)
     replaces = before is not None and before.identified is not None
     _common.check_outputs([head], force=force or not replaces)
     opened: Any = partial(_common.connected, actuator, specimen=specimen, noise=noise)

@@ -70,6 +70,10 @@ def run(
             "each specimen if not given."
         ),
     ] = None,
+    only: Annotated[
+        str | None,
+        typer.Option(help="For head: only this part, with more cases; unreachable."),
+    ] = None,
     as_json: _common.Json = False,
 ) -> None:
     """Carry out a whole experiment on simulated specimens, and compare it with its claims.
@@ -83,6 +87,8 @@ def run(
         raise ParameterError(f"--seed is {seed}; give 0 or more")
     counts = {"scenes": scenes, "scans": scans}
     options = _shared_out(name, counts, specimens)
+    if only is not None:
+        module = _part_of(name, module, only, out)
     if out is not None:
         from minorloop.files import make_folder
 
@@ -117,6 +123,17 @@ def _module_of(name: str) -> str:
     if name not in studies:
         raise ParameterError(f"there is no study {name!r}; give one of {', '.join(studies)}")
     return studies[name].value
+
+
+def _part_of(name: str, module: str, only: str, out: Path | None) -> str:
+    """Return the module of a part of a study, which has no report."""
+    parts: Mapping[str, str] = getattr(import_module(module), "PARTS", {})
+    if only not in parts:
+        known = f"give {', '.join(parts)}" if parts else f"{name} has no parts"
+        raise ParameterError(f"--only is {only!r}; {known}")
+    if out is not None:
+        raise ParameterError("a part of a study has no report; leave out --out or --only")
+    return parts[only]
 
 
 def _shared_out(name: str, counts: Mapping[str, int | None], specimens: int) -> dict[str, int]:

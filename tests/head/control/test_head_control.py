@@ -209,10 +209,10 @@ def test_every_step_returns_currents_within_the_limits(odd):
 
 
 def test_an_invalid_reading_of_one_axis_does_not_affect_the_other():
-    run = Run(control(), (30.0, 30.0), 5.0)
+    run = Run(control(), (30.0, 30.0), 12.0)
     state, law = run.state, control()
     for k in range(20):
-        _, state = law.step(state, (30.0, 30.0), ("x", 30.0 + 0.01 * k), t=5.0 + 0.04 * k)
+        _, state = law.step(state, (30.0, 30.0), ("x", 30.0 + 0.01 * k), t=12.0 + 0.04 * k)
     assert state.axes[0].fault == "lost"
     assert state.axes[1].fault == ""
 
@@ -232,3 +232,27 @@ def test_other_objects_than_a_watch_or_limits_are_refused():
     for option in ({"limits": 3}, {"sensor": 3}):
         with pytest.raises(ParameterError, match="give a"):
             control("observer", **option)
+
+
+@pytest.mark.parametrize("wires", [(), (None,), ("model",), "model", None])
+def test_anything_but_models_of_wires_is_refused(wires):
+    with pytest.raises(ParameterError, match="HeatedWire"):
+        head_control("observer", wires)
+
+
+def test_numbers_in_quotes_are_numbers_and_words_are_refused():
+    axis = head_control("observer", (made_up(),), interval="0.05").axes[0]
+    assert axis.observer.interval == 0.05
+    for option in ("interval", "highest"):
+        with pytest.raises(ParameterError, match=f"{option} is 'x'"):
+            head_control("observer", (made_up(),), **{option: "x"})
+    with pytest.raises(ParameterError, match="lead is 'x'"):
+        head_control("observer", (made_up(),), lead="x")
+
+
+def test_a_target_that_is_none_is_named_as_it_was_given():
+    law = control()
+    _, state = law.step(law.begin(), (math.inf, 1e308), (0.0, 0.0))
+    said = [event.text for _, event in state.log]
+    assert said[0].startswith("target inf is not a number below 1e+06")
+    assert said[1].startswith("target 1e+308 is not a number below 1e+06")

@@ -1,11 +1,12 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
 from minorloop.head.control.observer import PowerObserver
-from minorloop.head.control.reach import ReachState, ReachWatch
+from minorloop.head.control.reach import ReachState, ReachWatch, Trial, Unreachable
 from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.surroundings import Surroundings
 from minorloop.head.twins.wire import Wire
@@ -67,6 +68,54 @@ def test_a_wire_whose_resistance_changes_much_is_not_given_up():
     # and slowly, and reaches 65.5 degrees in the end.
     wire = identify_head(7003)[0][0]
     assert watched(62.8, ambient=-10.0, seconds=30.0, specimen=7003, wire=wire)[0] is None
+
+
+@pytest.mark.parametrize(
+    ("reference", "around", "reason"),
+    [
+        (43.0, {"ambient": -10.0}, "ambient too cold"),
+        (51.0, {"ambient": -6.0}, "ambient too cold"),
+        (44.0, {"cooling": 1.5}, "convection too high"),
+    ],
+)
+def test_the_cause_is_that_of_the_heating_although_its_end_fits_both(reference, around, reason):
+    verdict, _ = watched(reference, seconds=30.0, **around)
+    assert verdict.reason == reason
+    assert verdict.least <= verdict.reach <= verdict.most < reference + 1.0
+
+
+def test_what_told_the_causes_apart_during_the_heating_is_not_forgotten():
+    wire = identified().model
+    watch, plant = ReachWatch(wire=wire), wire.begin(-0.03)
+    estimate = PowerObserver(wire=wire).found()
+    trial = Trial(watch._hypotheses.begin(0.0, estimate, moving=False), 0.0, 0.0)
+    told = []
+    for _ in range(500):
+        plant = wire.step(plant, 0.16, TICK, ambient=-0.03)
+        trial = watch._followed(trial, plant.angle, plant.angle, 0.4)
+        cost = trial.bank.cost
+        told.append(cost[~watch._colder].min() - cost[watch._colder].min())
+    assert max(told) > 6.0
+    assert told[-1] < 0.8 * max(told)
+    assert trial.evidence == max(told)
+
+
+def test_both_causes_are_named_where_readings_do_not_tell_them_apart():
+    watch = ReachWatch(wire=made_up())
+    bank = watch._hypotheses.begin(0.0, PowerObserver(wire=made_up()).found(), moving=False)
+    trial = Trial(bank, 0.0, 0.0, seconds=9.6)
+    alike = np.where(watch._colder, 1.0 / watch._colder.sum(), 1.0 / (~watch._colder).sum())
+    assert watch._reason(trial, alike, 0.0, late=False) is None
+    assert watch._reason(trial, alike, 0.0, late=True) == "colder surroundings or stronger cooling"
+    told = replace(trial, evidence=20.0)
+    assert watch._reason(told, alike, 0.0, late=True) == "ambient too cold"
+
+
+def test_the_stated_reach_is_a_band_or_a_bound():
+    said = str(Unreachable("ambient too cold", 50.0, 24.0, 9.0, 14.2, 38.1))
+    assert said.endswith("the wire would reach 14.2 to 38.1 degrees")
+    said = str(Unreachable("beyond the stroke", 80.0, 55.0, 0.0))
+    assert said.endswith("the wire would reach at most 55 degrees")
 
 
 def test_a_target_beyond_the_stroke_is_reported_at_once():

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import wall_point
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.tracking import PatchTracker
+from minorloop.head.vision.tracking import ELSEWHERE, PatchTracker
 
 from .walls import CAMERA, photograph, texture
 
@@ -126,6 +126,19 @@ def test_nothing_is_picked_where_there_is_nothing_to_see(level):
         TRACKER.begin(np.full((480, 640), level, np.uint8), CAMERA.pixel(PLACE, *AIM), *AIM)
 
 
+def test_plain_wall_with_noise_is_not_picked():
+    plain = photograph(*AIM, lambda phi, z: 0.5 + 0.0 * phi)
+    with pytest.raises(SignalError, match=r"of one grey or lost in noise, two halves .* agree by"):
+        TRACKER.begin(plain, CAMERA.pixel(PLACE, *AIM), *AIM)
+
+
+def test_a_wall_with_detail_that_is_darker_than_its_noise_is_not_picked():
+    dim = photograph(*AIM, gain=0.02, noise=3.0)
+    dim[:60, :60] = 80  # a reflection: the frame is not black
+    with pytest.raises(SignalError, match="lost in noise"):
+        TRACKER.begin(dim, CAMERA.pixel(PLACE, *AIM), *AIM)
+
+
 def test_a_repeated_frame_is_frozen():
     _, state = begin()
     first, second = (photograph(*AIM, seed=n) for n in (1, 2))
@@ -205,6 +218,22 @@ def test_a_mirror_image_is_not_taken_for_the_wall():
     track, state = TRACKER.step(state, mirrored, *AIM)
     assert track.verdict != "tracked"
     assert TRACKER.step(state, photograph(*AIM, seed=2), *AIM)[0].verdict == "tracked"
+
+
+@pytest.mark.parametrize("flip", [np.s_[:, ::-1], np.s_[::-1], np.s_[::-1, ::-1]])
+def test_a_mirror_image_of_a_round_hole_in_the_middle_is_not_the_hole(flip):
+    def hole(phi, z):
+        around, along = phi - PLACE[0], z - PLACE[1]
+        marks = 0.6 + 0.1 * texture(PLACE[0] + 3 * around, PLACE[1] + 3 * along)
+        return np.where(np.hypot(10e-3 * around, along) < 0.5e-3, 0.02, marks)
+
+    _, state = TRACKER.begin(photograph(*AIM, hole), CAMERA.pixel(PLACE, *AIM), *AIM)
+    mirrored = np.ascontiguousarray(photograph(*AIM, hole, seed=1)[flip])
+    track, state = TRACKER.step(state, mirrored, *AIM)
+    assert track.verdict == ELSEWHERE
+    track, _ = TRACKER.step(state, photograph(*AIM, hole, seed=2), *AIM)
+    assert track.verdict == "tracked"
+    assert distance(track, AIM) < 0.3
 
 
 def test_a_lens_that_is_fouled_on_one_side_leaves_the_other():

@@ -14,6 +14,8 @@ from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.wall_angles import WallAngles
 from minorloop.head.vision.wall_patches import SEEN
 
+from .walls import CAMERA, photograph
+
 REST = np.radians([-30.0, -30.0])
 CLOSE = math.radians(0.15)
 
@@ -130,6 +132,8 @@ def test_patches_that_disagree_are_outvoted(seen, spoil):
         (lambda image: None, "wrong size"),
         (lambda image: np.full_like(image, 255), "saturated"),
         (lambda image: image[:, ::-1].copy(), "of wall in view agree"),
+        (lambda image: image[::-1].copy(), "of wall in view agree"),
+        (lambda image: image[::-1, ::-1].copy(), "of wall in view agree"),
     ],
 )
 def test_without_a_view_it_says_why_and_goes_on_when_it_sees_again(seen, spoil, reason):
@@ -180,3 +184,32 @@ def test_a_first_picture_without_wall_is_refused(seen):
 def test_options_out_of_range_are_refused(seen, options, said):
     with pytest.raises(ParameterError, match=said):
         replace(seen.eyes, **options)
+
+
+def brushed(phi, z):
+    """Marks around the pipe that vary little along themselves."""
+    ways = np.random.default_rng(3).normal(0.0, (1800.0, 4.0, 9.0), (16, 3))
+    return 0.5 + 0.06 * sum(np.cos(way * z + turns * phi + shift) for way, turns, shift in ways)
+
+
+def test_the_deviations_are_those_of_the_errors_also_on_brushed_metal():
+    eyes = WallAngles(CAMERA, readout=0.0)
+
+    def way(n):
+        return np.radians([18 + 9 * np.sin(n / 15), 9 * np.cos(n / 15) - 4])
+
+    _, state = eyes.begin(photograph(*way(0), brushed), way(0))
+    errors, deviations = [], []
+    for n in range(1, 21):
+        sight, state = eyes.step(state, photograph(*way(n), brushed, seed=n), 0.04 * n)
+        if sight.verdict == SEEN:
+            errors.append(sight.angles - way(n))
+            deviations.append(sight.sd)
+    assert len(errors) > 15
+    # The noise of the pictures alone gives 25.
+    assert (np.sqrt(np.mean((np.array(errors) / deviations) ** 2, axis=0)) < 6).all()
+
+
+def test_the_deviations_after_a_turn_include_those_of_the_places_of_the_patches(seen):
+    there = seen.goes(-8.0)
+    assert (np.abs(there.angles - [math.radians(-8.0), REST[1]]) < 4 * there.sd).all()

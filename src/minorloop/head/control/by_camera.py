@@ -15,10 +15,6 @@ PATIENCE = 250
 """Pictures in a row without angles after which the wires cool: for 10 s the head goes by its model,
 whose error grows by a few degrees in that time. One picture with angles ends such a row, since a
 camera may give fewer pictures than the loop has ticks."""
-JUMP = 60.0
-"""Largest plausible difference between two readings in degrees: a view that was lost is found again
-wherever the head is, and the pictures themselves say whether it is."""
-
 LEAD = 6.0
 """Most degrees by which a wanted angle is ahead of the newest one of a picture, for a camera that
 may give fewer pictures than the loop has ticks. A head that is not seen stops within them, where it
@@ -39,5 +35,5 @@ def camera_control(name: str, wires: tuple[HeatedWire, ...], **options: Any) -> 
     ParameterError
         As `minorloop.head.control.head.head_control`.
     """
-    watch = SensorWatch(patience=PATIENCE, jump=JUMP, makes_up=PATIENCE)
+    watch = SensorWatch(patience=PATIENCE, makes_up=PATIENCE)
     return head_control(name, wires, **{"delay": AGE, "sensor": watch, **options})

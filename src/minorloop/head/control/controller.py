@@ -86,8 +86,9 @@ class Loop:
     highest: float = HIGHEST_CURRENT
 
     def __post_init__(self) -> None:
-        within("interval", self.interval, 1e-4, 1.0, "s")
-        within("highest", self.highest, 1e-6, HIGHEST_CURRENT, "A")
+        bounds = {"interval": (1e-4, 1.0, "s"), "highest": (1e-6, HIGHEST_CURRENT, "A")}
+        for name, (low, high, unit) in bounds.items():
+            object.__setattr__(self, name, within(name, getattr(self, name), low, high, unit))
         whole = isinstance(self.delay, int) and not isinstance(self.delay, bool)
         if not whole or not 0 <= self.delay <= MOST_DELAY:
             raise ParameterError(f"delay is {self.delay!r}; give 0 to {MOST_DELAY} intervals")

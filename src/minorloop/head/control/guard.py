@@ -1,8 +1,9 @@
 """Guard around every controller: limits, checks of sensor and target, and a log.
 
 Whatever the controller requests and the sensor reads, the current that leaves the guard keeps the
-limits of current and temperature. If the sensor is faulty, the wire cools; if a target cannot be
-reached, the guard holds an angle that can. Nothing is raised in the loop; the log gives reasons.
+limits of current and temperature. If the sensor is lost or stuck, the wire cools; if it reads what
+no wire can do, the wire goes by its model; if a target cannot be reached, the guard holds an angle
+that can. Nothing is raised in the loop; the log gives reasons.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any, Literal, TypeAlias
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller
 from minorloop.head.control.limits import WireLimits
+from minorloop.head.control.motion import Belief, MotionWatch
 from minorloop.head.control.observer import Estimate, PowerObserver
 from minorloop.head.control.reach import STROKE_SHARE, ReachState, ReachWatch, Unreachable
 from minorloop.head.control.sensing import Sensed, SensorWatch, as_number
@@ -47,8 +49,11 @@ _IDLE_LAGS = 4.0
 _UNREAD = 5
 """Missing readings from which the log says so, where the patience is longer: more than are lost by
 chance."""
-_RESYNC = 3
-"""Consistent times in a row after which a clock counts as set."""
+_RESYNC, _RESYNC_SHARE = 5.0, 0.1
+"""Seconds for which times differ from their clock by the same time, and share of them by which that
+may change, until the clock counts as set: longer than readings come late in a row."""
+_LARGEST = 1e6
+"""Angle in degrees from which a number counts as none."""
 _LONGEST_GAP = 500
 """Intervals after which a gap counts as a jump of the clock: 20 s at 25 Hz."""
 _LATE = 1.5
@@ -87,6 +92,8 @@ class GuardState:
         Effective power by the current alone, in A^2.
     sensed : Sensed
         Of the sensor.
+    belief : Belief
+        What is known of the angle by its readings.
     reach : ReachState
         Of the target.
     reference : float
@@ -97,10 +104,12 @@ class GuardState:
         Steps so far.
     t : float
         Time of the last step in seconds, NaN if none was given.
+    waited : int
+        Steps since.
     strange : int
-        Number of times in a row that follow one another, but not ``t``.
-    last : float
-        The newest time, in seconds.
+        Number of times in a row that differ from that clock, all by as much.
+    off : float
+        By how much, in seconds.
     behind : float
         Seconds for which the wire has been behind a moving target at a limit.
     idle : float
@@ -115,13 +124,15 @@ class GuardState:
     estimate: Estimate
     heated: float
     sensed: Sensed
+    belief: Belief
     reach: ReachState
     reference: float
     applied: float
     steps: int = 0
     t: float = math.nan
+    waited: int = 0
     strange: int = 0
-    last: float = math.nan
+    off: float = math.nan
     behind: float = 0.0
     idle: float = 0.0
     active: frozenset[Cause] = frozenset()
@@ -191,7 +202,7 @@ class Guard:
         estimate = self.observer.found(angle, on)
         heated = max(on**2, estimate.wire.power)
         inner = self.controller.begin(angle, on)
-        return GuardState(inner, estimate, heated, Sensed(), ReachState(), angle, on)
+        return GuardState(inner, estimate, heated, Sensed(), Belief(), ReachState(), angle, on)
 
     def step(
         self,
@@ -201,6 +212,7 @@ class Guard:
         *,
         t: float | None = None,
         raw: float | None = None,
+        asked: object = None,
     ) -> tuple[float, GuardState]:
         """Return the current for the next interval, within the limits; nothing is raised.
 
@@ -212,21 +224,37 @@ class Guard:
         measurement : float
             Newest reading in degrees, or NaN.
         t : float, optional
-            Time of the reading in seconds. A reading that is not later than the one before is
-            not used; during a gap the current is assumed to have been on.
+            Time of the reading in seconds. A reading that is late is not used; during a gap the
+            current is assumed to have been on.
         raw : float, optional
             Reading of the sensor, if the measurement was computed from it and others.
+        asked : object, optional
+            What was asked for, if the reference was computed from it.
         """
         reading = measurement if raw is None else raw
         steps, read, notes, clock = self._passed(state, reading, t)
-        wanted, notes = self._wanted(state, reference, notes)
-        sensed = self.sensor.step(state.sensed, read)
+        wanted, notes = self._wanted(state, reference, asked, notes)
+        estimate, heated = self._predicted(state, steps)
+        number, expected = as_number(read), estimate.past[-1]
+        usable = math.isfinite(number) and self.sensor.possible(number)
+        belief = self._motion.step(
+            state.belief,
+            as_number(measurement) if usable else math.nan,
+            expected,
+            motion=estimate.wire.angle - state.estimate.wire.angle,
+            heating=state.applied**2 + estimate.ambient - state.estimate.wire.power,
+            steps=steps,
+        )
+        sensed = self.sensor.step(state.sensed, read, believed=belief.believed)
         if raw is not None and math.isfinite(sensed.value):
             sensed = replace(sensed, value=measurement)
-        estimate, heated = self._observed(state, steps, sensed.value)
+        estimate = self.observer.corrected(estimate, sensed.value)
         reach = self._watched(state, sensed, wanted, estimate)
         target = self._target(wanted, reach)
-        requested, inner = self.controller.step(state.inner, target, sensed.value)
+        # Where readings are not believed, a law goes on with what the model expects.
+        doubted = sensed.fault == "implausible" or (usable and not belief.believed)
+        known = expected if doubted else sensed.value
+        requested, inner = self.controller.step(state.inner, target, known)
         most = self.observer.highest
         requested = min(max(requested, 0.0), most) if math.isfinite(requested) else 0.0
         cool = self._allowed(estimate, heated)
@@ -240,6 +268,7 @@ class Guard:
             estimate,
             heated,
             sensed,
+            belief,
             reach,
             wanted,
             current,
@@ -279,34 +308,42 @@ class Guard:
             highest=self.observer.highest,
         )
 
+    @cached_property
+    def _motion(self) -> MotionWatch:
+        return MotionWatch(
+            wire=self.observer.wire, jump=self.sensor.jump, interval=self.observer.interval
+        )
+
     def _passed(
         self, state: GuardState, measurement: object, t: object
-    ) -> tuple[int, object, dict[Cause, str], tuple[float, int, float]]:
+    ) -> tuple[int, object, dict[Cause, str], tuple[float, int, int, float]]:
         """Return the passed intervals, the reading if it is new, notes, and the clock.
 
-        The clock consists of the accepted time, the number of times in a row that follow one
-        another but not that, and the last of these. After a few such times, the clock was set.
+        The clock consists of the accepted time, the steps since, the number of times in a row that
+        differ from it by the same time, and that time. If they do for seconds, the clock was set.
         """
+        waited, interval = state.waited + 1, self.observer.interval
         if t is None:
-            return 1, measurement, {}, (state.t, state.strange, state.last)
+            return 1, measurement, {}, (state.t, waited, 0, state.off)
         now = as_number(t)
-        if math.isnan(now):
+        if not math.isfinite(now):
             note: dict[Cause, str] = {"clock": f"time is {t!r:.40}; the reading is not used"}
-            return 1, math.nan, note, (state.t, 0, state.last)
+            return 1, math.nan, note, (state.t, waited, 0, state.off)
         if math.isnan(state.t):
-            return 1, measurement, {}, (now, 0, now)
-        gap, interval = now - state.t, self.observer.interval
+            return 1, measurement, {}, (now, 0, 0, math.nan)
+        off = now - state.t - waited * interval
+        gap = off + interval
         if 0 < gap <= _LONGEST_GAP * interval:
             late = gap > _LATE * interval
             note = {"clock": f"{gap:.3g} s went by between two steps"} if late else {}
-            return max(round(gap / interval), 1), measurement, note, (now, 0, now)
-        consistent = 0 < now - state.last <= 2 * _LATE * interval
-        strange = state.strange + 1 if consistent else 1
-        if strange >= _RESYNC:
+            return max(round(gap / interval), 1), measurement, note, (now, 0, 0, math.nan)
+        near = interval * (2 + _RESYNC_SHARE * state.strange)
+        strange = state.strange + 1 if state.strange and abs(off - state.off) <= near else 1
+        if strange * interval >= _RESYNC:
             note = {"clock": f"the clock was set from {state.t:.6g} to {now:.6g} s"}
-            return 1, measurement, note, (now, 0, now)
+            return 1, measurement, note, (now, 0, 0, math.nan)
         note = {"clock": f"time went from {state.t:.6g} to {now:.6g} s; the reading is not used"}
-        return 1, math.nan, note, (state.t, strange, now)
+        return 1, math.nan, note, (state.t, waited, strange, off if strange == 1 else state.off)
 
     def _target(self, wanted: float, reach: ReachState) -> float:
         """Return the target of the controller."""
@@ -318,20 +355,27 @@ class Guard:
         return target if target > low + _COLD else low - 1.0
 
     def _wanted(
-        self, state: GuardState, reference: float, notes: dict[Cause, str]
+        self, state: GuardState, reference: object, asked: object, notes: dict[Cause, str]
     ) -> tuple[float, dict[Cause, str]]:
         wanted = as_number(reference)
-        if math.isfinite(wanted):
+        if abs(wanted) < _LARGEST:
             return wanted, notes
-        text = f"target {reference!r:.40} is not a number; {state.reference:.4g} degrees are kept"
+        given = reference if asked is None else asked
+        shown = float(given) if isinstance(given, float) else given
+        text = (
+            f"target {shown!r:.40} is not a number below {_LARGEST:g}; {state.reference:.4g} "
+            "degrees are kept"
+        )
         return state.reference, {**notes, "reference": text}
 
-    def _observed(self, state: GuardState, steps: int, value: float) -> tuple[Estimate, float]:
+    def _predicted(self, state: GuardState, steps: int) -> tuple[Estimate, float]:
+        """Return the estimate after some intervals before its reading, and the heated power."""
         estimate, heated = state.estimate, state.heated
         observer, lag = self.observer, self.observer.wire.lag
         for k in range(steps):
-            reading = value if k == steps - 1 else math.nan
-            estimate = observer.update(estimate, state.applied, reading)
+            if k:
+                estimate = observer.corrected(estimate, math.nan)
+            estimate = observer.predicted(estimate, state.applied)
             gained = state.applied**2 + max(estimate.ambient, 0.0) - heated
             heated += observer.interval * gained / (lag + observer.interval)
         return estimate, heated
@@ -357,7 +401,7 @@ class Guard:
         """Return the largest current in A for this state of the sensor and this target."""
         low, top = self.observer.wire.operator.range
         angle = sensed.value if math.isfinite(sensed.value) else estimate.wire.angle
-        if sensed.fault or angle > STROKE_SHARE * top:
+        if sensed.fault in ("lost", "stuck") or angle > STROKE_SHARE * top:
             return 0.0
         verdict = reach.verdict
         if verdict is None:
@@ -384,9 +428,16 @@ class Guard:
     ) -> GuardState:
         """Return the new state with its log; a persistent cause is logged when it begins."""
         present = dict(notes)
-        if not new.fault and new.sensed.good == 0 and new.sensed.missing >= _UNREAD:
+        unread = not new.fault and new.sensed.good == 0
+        if unread and new.sensed.missing >= _UNREAD:
             present["unread"] = "there is no reading; the wire goes by its model"
-        if new.fault:
+        elif unread and new.sensed.odd >= _UNREAD:
+            present["unread"] = f"{self._odd(new.belief)}; the wire goes by its model"
+        if new.fault == "implausible":
+            present["sensor"] = (
+                f"the sensor is implausible: {self._odd(new.belief)}; the wire goes by its model"
+            )
+        elif new.fault:
             present["sensor"] = f"the sensor is {new.fault}; the wire cools"
         if new.unreachable is not None:
             present["unreachable"] = str(new.unreachable)
@@ -417,6 +468,12 @@ class Guard:
             return new
         log = _newest((*old.log, *events)) if events else old.log
         return replace(new, active=frozenset(present), log=log)
+
+    def _odd(self, belief: Belief) -> str:
+        """Return what is wrong with readings that are not believed."""
+        if belief.believed:
+            return f"readings are not from {self.sensor.low:g} to {self.sensor.high:g} degrees"
+        return f"readings jumped by {belief.jumped:.3g} degrees, which no wire can"
 
 
 def _newest(log: tuple[Event, ...]) -> tuple[Event, ...]:

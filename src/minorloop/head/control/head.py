@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, check_option, frozen
+from minorloop.arrays import BoolArray, FloatArray, check_kind, check_option, frozen
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller
@@ -78,8 +79,10 @@ class HeadControl:
     lead: float = math.inf
 
     def __post_init__(self) -> None:
-        if not self.lead > 0:
-            raise ParameterError(f"lead is {self.lead}; give a number of degrees above 0")
+        lead = as_number(self.lead)
+        if not lead > 0:
+            raise ParameterError(f"lead is {self.lead!r}; give a number of degrees above 0")
+        object.__setattr__(self, "lead", lead)
         count = len(self.axes)
         try:
             matrix = np.eye(count) if self.coupling is None else np.asarray(self.coupling, float)
@@ -146,6 +149,7 @@ class HeadControl:
         state : HeadState
         """
         count = len(self.axes)
+        asked = _each(reference, count)
         wanted, seen = _numbers(reference, count), _numbers(measurement, count)
         estimated = np.array([axis.estimate.wire.angle for axis in state.axes])
         last = np.array([axis.reference for axis in state.axes])
@@ -156,7 +160,9 @@ class HeadControl:
         current, states = np.empty(count), []
         for k, axis in enumerate(self.axes):
             pair = float(targets[k]), float(readings[k])
-            current[k], after = axis.step(state.axes[k], *pair, t=t, raw=float(seen[k]))
+            current[k], after = axis.step(
+                state.axes[k], *pair, t=t, raw=float(seen[k]), asked=asked[k]
+            )
             states.append(after)
         return current, HeadState(tuple(states))
 
@@ -245,6 +251,9 @@ def head_control(
     ParameterError
         If there is no such controller, or an option is out of its range.
     """
+    given: object = wires
+    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
+        raise ParameterError(f"wires is {wires!r:.60}; give a tuple of HeatedWire, one an axis")
     axes = tuple(
         Guard(
             controller=controller(name, wire, **options),
@@ -266,6 +275,7 @@ def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:
         If the name or an option is unknown, or an option is out of its range.
     """
     check_option("controller", name, CONTROLLERS)
+    check_kind("the model of a wire", wire, HeatedWire)
     try:
         if name == "pi":
             return ProportionalIntegral(**options)
@@ -292,10 +302,13 @@ def _clock(options: dict[str, Any]) -> dict[str, Any]:
 
 def _numbers(values: npt.ArrayLike, count: int) -> FloatArray:
     """Return (count,) numbers, NaN for anything else."""
+    return np.array([as_number(value) for value in _each(values, count)])
+
+
+def _each(values: npt.ArrayLike, count: int) -> list[object]:
+    """Return one value for each axis; all of them for each if there are not as many."""
     try:
         each = list(np.ravel(np.asarray(values, dtype=object)))
     except ValueError:
         each = []
-    if len(each) != count:
-        return np.full(count, np.nan)
-    return np.array([as_number(value) for value in each])
+    return each if len(each) == count else [[values]] * count

@@ -8,7 +8,7 @@ convection add.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from minorloop.dynamics.heated_wire import HeatedState, HeatedWire
 from minorloop.head.control.controller import Loop, heating, mean_slope, within
@@ -104,11 +104,21 @@ class PowerObserver(Loop):
         measurement : float
             Reading in degrees; NaN where there is none.
         """
+        return self.corrected(self.predicted(estimate, current), measurement)
+
+    def predicted(self, estimate: Estimate, current: float) -> Estimate:
+        """Return the estimate one interval later, under a current, before its reading.
+
+        The last of its ``past`` is the angle that is read now.
+        """
         wire = self.wire.step(estimate.wire, current**2, self.interval, ambient=estimate.ambient)
-        seen = (wire.angle, *estimate.past)
-        ambient, error = estimate.ambient, 0.0
+        return replace(estimate, wire=wire, past=(wire.angle, *estimate.past))
+
+    def corrected(self, predicted: Estimate, measurement: float) -> Estimate:
+        """Return a predicted estimate after its reading, NaN where there is none."""
+        wire, ambient, error, seen = predicted.wire, predicted.ambient, 0.0, predicted.past
         if math.isfinite(measurement):
-            error = self._smoothed(estimate.error, measurement - seen[-1])
+            error = self._smoothed(predicted.error, measurement - seen[-1])
             wire, ambient = self._corrected(wire, ambient, error)
         return Estimate(wire, ambient, error, (wire.angle, *seen[1:])[: self.delay])
 

@@ -8,20 +8,26 @@ only slow leaves weight on those under which it arrives.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import BoolArray, FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.controller import Loop, within
 from minorloop.head.control.hypotheses import Bank, Hypotheses
 from minorloop.head.control.observer import Estimate
 
 Reason: TypeAlias = Literal[
-    "beyond the stroke", "convection too high", "ambient too cold", "no motion", "load or ageing"
+    "beyond the stroke",
+    "convection too high",
+    "ambient too cold",
+    "colder surroundings or stronger cooling",
+    "no motion",
+    "load or ageing",
 ]
 
 _STILL_DEGREES, _STILL_SECONDS = 0.3, 3.0
@@ -30,13 +36,16 @@ _PATIENCE = 2.3
 """Lags of full current before a wire counts as stopped: 90 % of the heat have arrived."""
 _DEADLINE = 9.5
 """Seconds after which a verdict is given even if its reason is not clear."""
-_CLEAR = 0.9
-"""Share of the weight that makes a reason clear."""
+_CLEAR, _LIKELY = 0.9, 0.8
+"""Share of the weight that makes a reason clear, and share from which it is given in the end;
+below, both are."""
 _UNSURE = 0.2
 """Error of a predicted motion, as a share of it."""
+_BAND = 0.95
+"""Weight of the hypotheses within the stated reach."""
 _WORSE, _POOR = 12.0, 6.0
-"""Excess cost over the best hypothesis, and cost for each independent reading, from which no
-hypothesis explains the readings."""
+"""Excess cost over the best hypothesis from which others do not explain the readings, and cost for
+each independent reading from which none does."""
 _CORRECTED, _FAR = 20.0, 10.0
 """Seconds after which a verdict is corrected if the wire stays short of its reach by so many
 degrees."""
@@ -59,17 +68,24 @@ class Unreachable:
         Largest angle that the wire is expected to reach, in degrees.
     after : float
         Duration of the trial, in seconds.
+    least, most : float
+        Bounds of that angle: what it has reached, and what the model, which was identified in
+        other surroundings, allows; NaN for the reach itself.
     """
 
     reason: Reason
     reference: float
     reach: float
     after: float
+    least: float = math.nan
+    most: float = math.nan
 
     def __str__(self) -> str:
+        least, most = f"{self.least:.3g}", f"{self.most:.3g}"
+        known = f"at most {self.reach:.3g}" if "nan" in (least, most) else f"{least} to {most}"
         return (
             f"target {self.reference:.3g} degrees is unreachable: {self.reason}; the wire would "
-            f"reach {self.reach:.3g} degrees at most"
+            f"reach {known} degrees"
         )
 
 
@@ -89,6 +105,9 @@ class Trial:
         Seconds of full current without a break.
     still : float
         Seconds without motion.
+    evidence : float
+        Cost of the best hypothesis of a stronger cooling less that of the best one of a colder
+        ambient, when they differed most: the heating tells them apart, its end does not.
     """
 
     bank: Bank
@@ -97,6 +116,7 @@ class Trial:
     seconds: float = 0.0
     full: float = 0.0
     still: float = 0.0
+    evidence: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +220,7 @@ class ReachWatch(Loop):
         A predicted reach that the wire does not come near is corrected.
         """
         if state.age > _CORRECTED and measurement < verdict.reach - _FAR:
-            verdict = replace(verdict, reach=measurement)
+            verdict = replace(verdict, reach=measurement, least=measurement, most=measurement)
             state = replace(state, verdict=verdict)
         same = abs(reference - verdict.reference) <= 0.5 * self.tolerance
         within_reach = reference <= verdict.reach - self.tolerance
@@ -212,13 +232,16 @@ class ReachWatch(Loop):
     def _followed(self, trial: Trial, measurement: float, angle: float, current: float) -> Trial:
         """Return the trial one interval later."""
         moved = abs(angle - trial.mark) > _STILL_DEGREES
+        bank = self._hypotheses.step(trial.bank, current, measurement, self.interval)
+        now = float(bank.cost[~self._colder].min() - bank.cost[self._colder].min())
         return Trial(
-            bank=self._hypotheses.step(trial.bank, current, measurement, self.interval),
+            bank=bank,
             began=trial.began,
             mark=angle if moved else trial.mark,
             seconds=trial.seconds + self.interval,
             full=trial.full + self.interval if current >= 0.95 * self.highest else 0.0,
             still=0.0 if moved else trial.still + self.interval,
+            evidence=now if abs(now) > abs(trial.evidence) else trial.evidence,
         )
 
     def _verdict(self, trial: Trial, reference: float, angle: float) -> Unreachable | None:
@@ -229,29 +252,48 @@ class ReachWatch(Loop):
         weight = self._hypotheses.weights(trial.bank)
         final = self._hypotheses.final(trial.bank, angle, self.highest)
         # The predicted motion has an error proportional to it.
-        short = final + _UNSURE * np.maximum(final - angle, 0.0) < reference - self.tolerance
+        farthest = final + _UNSURE * np.maximum(final - angle, 0.0)
+        short = farthest < reference - self.tolerance
         if not stopped and float(weight[short].sum()) < self.certainty:
             return None
-        reason, clear = self._reason(trial, np.where(short, weight, 0.0), angle)
-        if not (stopped or clear or trial.seconds > _DEADLINE):
+        if stopped:
+            short = final < reference + self.tolerance
+        late = stopped or trial.seconds > _DEADLINE
+        reason = self._reason(trial, np.where(short, weight, 0.0), angle, late=late)
+        if reason is None:
             return None
         reach = angle if stopped else max(float(weight @ final), angle)
-        return Unreachable(reason, reference, reach, trial.seconds)
+        order = np.argsort(farthest)
+        at = int(np.searchsorted(np.cumsum(weight[order]), _BAND))
+        most = max(float(farthest[order[min(at, order.size - 1)]]), reach)
+        return Unreachable(reason, reference, reach, trial.seconds, angle, most)
 
-    def _reason(self, trial: Trial, weight: FloatArray, angle: float) -> tuple[Reason, bool]:
-        """Return the reason with the largest effect on the reach, and whether it is clear."""
+    def _reason(
+        self, trial: Trial, weight: FloatArray, angle: float, *, late: bool
+    ) -> Reason | None:
+        """Return the reason with the largest effect on the reach, both of two that are alike.
+
+        None if it is not clear yet, unless it is late.
+        """
         cost, total = trial.bank.cost, float(weight.sum())
         best, independent = float(cost.min()), self._hypotheses.independent(trial.seconds)
         likely = cost[weight > 0]
         lost = likely.size == 0 or float(likely.min()) > best + max(_WORSE, independent)
         if lost or best > _POOR * independent:
             still = angle - trial.began < 0.5 * self.tolerance
-            return ("no motion" if still else "load or ageing"), True
-        most, bank = self.highest**2, self._hypotheses
-        colder = -bank.ambient > most * (1.0 - 1.0 / bank.cooling)
-        share = float(weight[colder].sum()) / total
-        clear = max(share, 1.0 - share) > _CLEAR
-        return ("ambient too cold" if share > 0.5 else "convection too high"), clear
+            return "no motion" if still else "load or ageing"
+        share = float(weight[self._colder].sum()) / total
+        if abs(trial.evidence) > _WORSE:
+            share = float(trial.evidence > 0)
+        if max(share, 1.0 - share) > (_LIKELY if late else _CLEAR):
+            return "ambient too cold" if share > 0.5 else "convection too high"
+        return "colder surroundings or stronger cooling" if late else None
+
+    @cached_property
+    def _colder(self) -> BoolArray:
+        """Whether the ambient of each hypothesis (M,) changes the reach more than its cooling."""
+        bank = self._hypotheses
+        return np.asarray(-bank.ambient > self.highest**2 * (1.0 - 1.0 / bank.cooling))
 
     @cached_property
     def _hypotheses(self) -> Hypotheses:

@@ -66,7 +66,8 @@ class SensorWatch:
     low, high : float
         Limits of plausible angles, in degrees.
     jump : float
-        Largest plausible difference between two readings, in degrees.
+        Most degrees by which two readings differ beside the motion of the wire, as in
+        `minorloop.head.control.motion.MotionWatch`.
     makes_up : int
         Missing or implausible readings that a usable one makes up for. With 1, a sensor of which
         more than half the readings are lost is at fault; with ``patience``, only those in a row
@@ -84,7 +85,7 @@ class SensorWatch:
     recovery: int = 25
     low: float = -45.0
     high: float = 135.0
-    jump: float = 20.0
+    jump: float = 1.5
     makes_up: int = 1
 
     def __post_init__(self) -> None:
@@ -97,13 +98,22 @@ class SensorWatch:
         if not self.low < self.high:
             raise ParameterError(f"angles from {self.low} to {self.high}; give low < high")
 
-    def step(self, state: Sensed, measurement: object) -> Sensed:
-        """Return the state after one more reading of any kind."""
+    def step(self, state: Sensed, measurement: object, *, believed: bool = True) -> Sensed:
+        """Return the state after one more reading of any kind.
+
+        Parameters
+        ----------
+        state : Sensed
+        measurement : object
+            The reading.
+        believed : bool
+            Whether the wire can have turned as it says.
+        """
         value = as_number(measurement)
         if math.isnan(value):
             missing = min(state.missing + 1, self.patience)
             known = replace(state, value=math.nan, missing=missing, good=0)
-        elif not self._plausible(state, value):
+        elif not (believed and self.possible(value)):
             odd = min(state.odd + 1, self.patience)
             known = replace(state, value=math.nan, odd=odd, good=0)
         else:
@@ -132,12 +142,9 @@ class SensorWatch:
             equals=equals,
         )
 
-    def _plausible(self, state: Sensed, value: float) -> bool:
-        """Whether a reading is in range, and near the last one unless that is old."""
-        if not self.low <= value <= self.high:
-            return False
-        stale = state.missing + state.odd >= self.patience or math.isnan(state.last)
-        return stale or abs(value - state.last) <= self.jump
+    def possible(self, value: float) -> bool:
+        """Whether a reading is in range."""
+        return self.low <= value <= self.high
 
     def _repeated(self, changes: int, equals: int, repeats: int) -> bool:
         noisy = changes >= _SEEN and equals <= _SELDOM * changes

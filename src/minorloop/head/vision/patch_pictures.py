@@ -27,8 +27,11 @@ _SMALLEST = 6.0
 _CELL = 20
 """Pixels between points of the picture about which new patches are looked for."""
 _MOST, _MOST_KEPT = 28, 1000
-"""Patches that are compared with a picture, the best known first: more do not make the angles
-better, but take time. Patches that are kept: ten for each that the wall within reach has."""
+"""Patches that are compared with a picture, the best known of each part of it first: more do not
+make the angles better, but take time. Patches that are kept: ten for each that the wall within
+reach has."""
+_PARTS = 3
+"""Parts of the picture each way: a fouled half leaves patches in three or more of the nine."""
 _POOR = 25
 """Pictures in a row in which a patch disagrees, after which another may take its place: 1 s."""
 _OWN_STEPS = 8
@@ -115,22 +118,26 @@ class PatchPictures:
         return np.ascontiguousarray(now.rotation), now.position, turns, moves
 
     def in_view(self, patches: Patches, angles: FloatArray) -> npt.NDArray[np.int64]:
-        """Return which patches to compare: in view, not poor, and the best known."""
+        """Return which patches to compare: in view, not poor, and the best known of each part."""
         if not self.camera.inside(*angles.tolist()):
             return np.empty(0, dtype=np.int64)
         pixels = self.camera.pixel(patches.places, *angles.tolist())
         lens = self.camera.lens
         with np.errstate(invalid="ignore"):
             inside = np.asarray(((pixels > 0) & (pixels < (lens.width, lens.height))).all(axis=1))
-        order = np.lexsort((patches.sd, patches.poor >= _POOR))
-        return np.asarray(order[inside[order]][:_MOST])
+        poor = patches.poor >= _POOR
+        order = np.lexsort((np.hypot(*patches.sd.T), poor))
+        order = order[inside[order]]
+        column, row = (pixels[order] * _PARTS // (lens.width, lens.height)).T
+        before = np.tril(np.equal.outer(row * _PARTS + column, row * _PARTS + column), -1)
+        return np.asarray(order[np.lexsort((before.sum(axis=1), poor[order]))][:_MOST])
 
     def with_new(
         self,
         pyramid: list[Image32],
         angles: FloatArray,
         known: Patches,
-        sd: float,
+        sd: FloatArray,
         rates: FloatArray,
     ) -> Patches:
         """Return the known patches, and new ones where the picture shows wall without any."""
@@ -171,7 +178,7 @@ class PatchPictures:
                 points[whole],
                 templates[:, whole],
                 np.tile(angles, (int(whole.sum()), 1)),
-                np.full(int(whole.sum()), sd),
+                np.tile(sd, (int(whole.sum()), 1)),
                 np.zeros(int(whole.sum()), dtype=np.int64),
             )
         )
@@ -222,7 +229,7 @@ class PatchPictures:
             np.empty((0, texels, 3)),
             np.empty((LEVELS, 0, texels)),
             np.empty((0, 2)),
-            np.empty(0),
+            np.empty((0, 2)),
             np.empty(0, dtype=np.int64),
         )
 

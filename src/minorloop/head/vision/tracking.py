@@ -3,7 +3,8 @@
 The patch is kept unrolled, together with the wall around it, so that neither turns nor a smaller
 distance change it. The angles of the head give its expected place in a frame; a search about that
 place corrects for errors of the angles, which shift patch and surroundings alike. A patch that
-does not go with its surroundings is lost, not tracked. When the head sees the wall from elsewhere,
+does not go with its surroundings is lost, not tracked; so is one whose surroundings look different,
+as in a mirror image, where a round hole looks the same. When the head sees the wall from elsewhere,
 a further view of it is kept; the first one stays, so that the place does not drift. After a loss
 the search widens until the patch is found again::
 
@@ -34,6 +35,7 @@ from minorloop.head.vision.wall_views import SIDE, View
 
 TRACKED, LOST, OUT_OF_VIEW = "tracked", "lost", "out of view"
 AMBIGUOUS, APART, JUMPED = "several alike", "apart from its surroundings", "jumped"
+ELSEWHERE = "in other surroundings"
 """Verdicts of a step; others are those of ``frame_checks``."""
 
 _COARSE = 4  # texels in one of the coarsest search
@@ -44,8 +46,6 @@ _RIDGE = 0.1
 """Least share by which the agreement falls at 0.2 mm. In 889 frames of plain wall (seeds 1000 to
 1002) the errors are five times as large below it."""
 _FADE = 0.5  # damping of the drift
-_PLAIN = 1e-3
-"""Standard deviation of the details of a patch below which there are none."""
 _CLOSE = 4
 """Texels about where the surroundings put the patch in which it is searched closely, and beside
 its peak at which this is told from a ridge: 0.2 mm."""
@@ -60,6 +60,10 @@ _HALF = 0.5
 _WHOLE = 0.7
 """Share of the tiles with which a lost patch is found again, and a view of it kept: part of a
 regular pattern fits often."""
+_ELSEWHERE, _SAME = 0.3, 0.5
+"""Share of what the surroundings repeat below which they are others, as in a mirror image, and from
+which a new view is kept, so that dirt on the lens is not remembered as wall. In sequences of the
+twin (seed 1000) it is 0.5 to 1, and below 0.1 where pictures are mirrored."""
 _USUAL = 0.1
 """Weight of a new frame in the usual correlation: light changes it over some frames."""
 
@@ -78,7 +82,8 @@ class Track:
         Correlation with the patch, up to 1; NaN without a search.
     verdict : str
         ``tracked``, ``lost``, ``out of view``, ``several alike``, ``apart from its
-        surroundings``, ``jumped``, ``angle unknown``, or what is wrong with the frame.
+        surroundings``, ``in other surroundings``, ``jumped``, ``angle unknown``, or what is wrong
+        with the frame.
     """
 
     pixel: FloatArray
@@ -131,8 +136,8 @@ class TrackState:
 class _Found:
     """A match: pixel, angles at which the head sees the patch there, and how good it is.
 
-    ``seen`` is the share of the tiles, and ``gap`` the distance in metres from where the
-    surroundings put the patch.
+    ``seen`` is the share of the tiles, ``gap`` the distance in metres from where the surroundings
+    put the patch, and ``same`` whether they look as they did.
     """
 
     pixel: FloatArray
@@ -141,6 +146,7 @@ class _Found:
     verdict: str
     seen: float
     gap: float
+    same: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,23 +239,25 @@ class PatchTracker:
         ------
         SignalError
             If the frame is not from this camera, is black, does not show the whole patch, or shows
-            no detail in it.
+            too little detail for its noise, in the patch and about it.
         """
         self.camera.check(image)
         if frame_checks.check_frame(image, self.camera.lens) == frame_checks.BLACK:
             raise SignalError("the frame is black; switch the lights on before a patch is picked")
         place, angles = self.camera.place(pixel, pan, tilt), np.array([pan, tilt])
         view = self._view(image, place, angles)
-        patch = self._patch(view)
         u, v = np.asarray(pixel, dtype=np.float64)
-        if wall_views.filled(patch) is None:
+        if wall_views.filled(self._patch(view)) is None:
             raise SignalError(
                 f"the frame does not show {1e3 * self.size:.3g} mm of wall about pixel "
                 f"({u:.0f}, {v:.0f}); pick a point further from its edge"
             )
-        if not np.nanstd(patch) > _PLAIN:
+        score = self._repeated(image, place, angles)
+        if score < self.again:
             raise SignalError(
-                f"the wall about pixel ({u:.0f}, {v:.0f}) is of one grey; pick one with detail"
+                f"the wall about pixel ({u:.0f}, {v:.0f}) is of one grey or lost in noise, two "
+                f"halves of the frame agree by {max(score, 0.0):.2f} and {self.again} is needed; "
+                "pick one with detail, or set focus, lights and gain"
             )
         still, (_, sums) = np.zeros(2), frame_checks.repeated(image, ())
         state = TrackState((view,), place, place, still, still, 0, image, sums)
@@ -329,7 +337,7 @@ class PatchTracker:
         if not state.missed:
             drift = state.drift + _FADE * (turn - state.turn - state.drift)
         views = state.views
-        sure = not state.missed and found.seen > _WHOLE and found.gap < _ALIKE
+        sure = not state.missed and found.same and found.seen > _WHOLE and found.gap < _ALIKE
         room = len(views) < self.most_views
         if sure and room and self._nearest(state, found.angles)[1] > self.fresh:
             view = self._view(image, state.home, found.angles)
@@ -356,9 +364,17 @@ class PatchTracker:
         return int(round(self.size / self.texel / 2 / _COARSE) * 2 * _COARSE)
 
     def _view(self, image: Image, place: FloatArray, angles: FloatArray) -> View:
-        fine = self._area(image, place, angles, SIDE * self._cells * self.texel, self.texel)
+        size = SIDE * self._cells * self.texel
+        fine = self._area(image, place, angles, size, self.texel)
         eye = self.camera.mount.pose(*angles.tolist()).position
-        return View(eye, fine, halved(fine))
+        # The mean over a box is one-sided at the edge of an area, alike in both halves.
+        edge = round(self.smooth / self.texel / 4)
+        wide = size + 4 * edge * self.texel
+        one, other = (
+            halved(self._area(half, place, angles, wide, self.texel))[edge:-edge, edge:-edge]
+            for half in wall_views.halves(image)
+        )
+        return View(eye, fine, halved(fine), wall_views.repeated(one, other))
 
     def _area(
         self, image: Image, place: FloatArray, angles: FloatArray, size: float, texel: float
@@ -382,13 +398,26 @@ class PatchTracker:
         self, state: TrackState, image: Image, expected: FloatArray, reach: float, least: float
     ) -> _Found:
         """Search about the place that angles put the patch at."""
-        view, n = self._nearest(state, expected)[0], self._cells
-        side = SIDE * n * self.texel
-        margin = 2 * round(reach / self.texel / 2) + 2 * _CLOSE
-        area = self._area(image, state.home, expected, side + 2 * margin * self.texel, self.texel)
-        ways = wall_views.tile_motions(self.camera, state.home, expected, n * self.texel)
-        agreed = wall_views.agree(view, halved(area), ways, 2 * self.texel)
+        view = self._nearest(state, expected)[0]
+        area, agreed = self._agreed(view, image, state.home, expected, reach)
         return self._closely(state, view, area, expected, agreed, least)
+
+    def _agreed(
+        self, view: View, image: Image, place: FloatArray, angles: FloatArray, reach: float
+    ) -> tuple[Image32, wall_views.Agreement]:
+        """Return the wall about a place, and where in it a view is found."""
+        n = self._cells
+        margin = 2 * round(reach / self.texel / 2) + 2 * _CLOSE
+        size = (SIDE * n + 2 * margin) * self.texel
+        area = self._area(image, place, angles, size, self.texel)
+        ways = wall_views.tile_motions(self.camera, place, angles, n * self.texel)
+        return area, wall_views.agree(view, halved(area), ways, 2 * self.texel)
+
+    def _repeated(self, image: Image, place: FloatArray, angles: FloatArray) -> float:
+        """Return by how much the wall about a place agrees in two halves of a picture."""
+        one, other = wall_views.halves(image)
+        view = self._view(one, place, angles)
+        return self._agreed(view, other, place, angles, self.reach)[1].score
 
     def _closely(
         self,
@@ -417,6 +446,8 @@ class PatchTracker:
         drop = wall_views.drop_of(scores, best, _CLOSE) if score >= self.surely else 0.0
         if agreed.score < least or score < _HIDDEN * state.usual:
             verdict = self._loss_verdict(state.home, expected)
+        elif agreed.around < _ELSEWHERE:
+            verdict = ELSEWHERE
         elif agreed.other > self.alone * agreed.score or max(agreed.drop, drop) < _RIDGE:
             verdict = AMBIGUOUS
         elif score >= self.distinct and np.hypot(*(off - agreed.shift)) > self.apart:
@@ -435,7 +466,8 @@ class PatchTracker:
         if angles is None:
             angles = expected
         gap = float(np.hypot(*(off - agreed.shift)))
-        return _Found(pixel, angles, score, verdict, agreed.seen, gap)
+        same = not agreed.around < _SAME
+        return _Found(pixel, angles, score, verdict, agreed.seen, gap, same)
 
     def _search_again(self, state: TrackState, image: Image, expected: FloatArray) -> _Found:
         """Search for a lost patch about its expected place, then farther away.
@@ -445,7 +477,7 @@ class PatchTracker:
         """
         pixel = self.camera.pixel(state.home, *expected.tolist())
         if not self._inside(pixel, _EDGE):
-            return _Found(pixel, expected, math.nan, OUT_OF_VIEW, 0.0, math.inf)
+            return _Found(pixel, expected, math.nan, OUT_OF_VIEW, 0.0, math.inf, False)
         near = self._search_near(state, image, expected, self.reach, self.again)
         if near.verdict == TRACKED and near.score > self.distinct and near.seen > _WHOLE:
             return near

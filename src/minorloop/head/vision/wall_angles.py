@@ -158,7 +158,7 @@ class WallAngles:
             raise SignalError(f"the first picture is {verdict}; check lights, lens and cable")
         at = np.asarray(angles, dtype=np.float64)
         patches = self.pictures.with_new(
-            self.pictures.pyramid(image), at, self.pictures.none, 0.0, np.zeros(2)
+            self.pictures.pyramid(image), at, self.pictures.none, np.zeros(2), np.zeros(2)
         )
         if len(patches.sd) < self.fewest:
             raise SignalError(
@@ -224,7 +224,7 @@ class WallAngles:
             rates = np.zeros(2)
         patches = state.patches
         if not (np.abs(patches.origins - sight.angles).max(axis=1) < _TURNED).any():
-            smear = math.hypot(float(sight.sd.max()), _UNEVEN * float(np.abs(rates).max()))
+            smear = np.hypot(sight.sd, _UNEVEN * rates)
             patches = self.pictures.with_new(pyramid, sight.angles, patches, smear, rates)
         return replace(
             state, patches=patches, angles=sight.angles, rates=rates, t=t, missed=0, hunted=0
@@ -256,15 +256,15 @@ class WallAngles:
                 angles = angles + move * min(1.0, _FARTHEST / max(length, 1e-12))
                 if length < _CLOSE:
                     break
-        information = np.tensordot(weights / noise, normal, 1)
-        return self._judged(patches, chosen, scores, information, angles)
+        sd = self._deviations(weights, noise, normal, slope, some.sd)
+        return self._judged(patches, chosen, scores, sd, angles)
 
     def _judged(
         self,
         patches: Patches,
         chosen: npt.NDArray[np.int64],
         scores: FloatArray,
-        information: FloatArray,
+        sd: FloatArray | None,
         angles: FloatArray,
     ) -> tuple[Sight, Patches]:
         """Return the angles if enough patches agree on them."""
@@ -273,16 +273,39 @@ class WallAngles:
         counts = int(agree.sum()), int(seen.sum())
         if counts[0] < self.fewest or _ONE_IN * counts[0] < counts[1]:
             return nothing(FEW, *counts), patches
-        if not np.linalg.eigvalsh(information)[0] > 0:
-            return nothing(UNSURE, *counts), patches
-        sd = np.sqrt(np.diag(np.linalg.inv(information)))
         inside = (angles > np.array(self.low)) & (angles < np.array(self.high))
-        if not (sd.max() <= self.widest and inside.all()):
+        if sd is None or not (sd.max() <= self.widest and inside.all()):
             return nothing(UNSURE, *counts), patches
         poor = patches.poor.copy()
         poor[chosen[seen & ~agree]] += 1
         poor[chosen[agree]] = 0
         return Sight(angles, sd, *counts, SEEN), replace(patches, poor=poor)
+
+    def _deviations(
+        self,
+        weights: FloatArray,
+        noise: FloatArray,
+        normal: FloatArray,
+        slope: FloatArray,
+        known: FloatArray,
+    ) -> FloatArray | None:
+        """Return the standard deviations (2,) of the angles, None if they are not determined.
+
+        The greater of two variances counts: that of the noise of the picture, and that of how much
+        the patches disagree (Huber, 1967). Two parts are added: the last step, by which the angles
+        have not settled, and the error of the angles at which the patches were first seen.
+        """
+        total = np.tensordot(weights, normal, 1)
+        if not np.linalg.eigvalsh(total)[0] > 0:
+            return None
+        inverse = np.linalg.inv(total)
+        last = inverse @ (weights @ slope)
+        each = weights[:, None] * (slope - normal @ last)
+        count = weights.sum()
+        spread = inverse @ (each.T @ each) @ inverse * count / max(count - 2.0, 1.0)
+        picture = inverse @ np.tensordot(weights**2 * noise, normal, 1) @ inverse
+        place = weights @ known**2 / count
+        return np.asarray(np.sqrt(np.maximum(np.diag(spread), np.diag(picture)) + last**2 + place))
 
     def _weights(
         self, scores: FloatArray, normal: FloatArray, noise: FloatArray, sd: FloatArray
@@ -290,7 +313,7 @@ class WallAngles:
         """Return the weights (P,) of patches: by agreement, and by how well each is known."""
         good = np.clip((np.nan_to_num(scores, nan=0.0) - 0.5 * self.least) / 0.5, 0.0, 1.0)
         own = 2.0 * noise / np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12)
-        return np.asarray(good / (1.0 + sd**2 / own))
+        return np.asarray(good / (1.0 + (sd**2).mean(axis=1) / own))
 
     def _hunted(
         self, pyramid: list[Image32], state: WallState

@@ -29,7 +29,8 @@ class Sight:
     angles : (2,) array
         Pan and tilt of the line of sight in radians; NaN where it does not tell.
     sd : (2,) array
-        Their standard deviations by the noise of the picture, in radians.
+        Their standard deviations in radians: by the noise of the picture, by how much the patches
+        disagree, and by how well their places are known.
     agreeing, seen : int
         Number of patches that agree, and of those in view.
     verdict : str
@@ -68,8 +69,8 @@ class Patches:
         Logarithms of grey levels without mean and slope, of length 1, in each size of the picture.
     origins : (P, 2) array
         Angles at which each was first seen, in radians.
-    sd : (P,) array
-        Their uncertainty, in radians.
+    sd : (P, 2) array
+        Standard deviations of those angles, in radians.
     poor : (P,) array of int
         Pictures in a row in which each was in view and did not agree.
     """

@@ -7,6 +7,7 @@ moves with the lights, or one of several equal spots, is outvoted by the tiles a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,8 @@ _LEAST_SEEN = 0.8
 """Share of a tile that a view has to show; the rest is beyond the frame or saturated."""
 _STEP = 2
 """Cells beside a peak at which it is told from a ridge."""
+_LEAST_SHOWN = 1.0
+"""Sum of the squares of what eight tiles repeat, from which they tell a wall: one good tile."""
 _LEAST_WEIGHT = 0.02
 """Lead of the best match of a tile over its second best that is assumed at least: tiles that are
 alike still vote together."""
@@ -41,11 +44,15 @@ class View:
         Place of the lens in the pipe, in metres.
     fine, coarse : arrays of float32
         At full and at half resolution.
+    repeats : (tiles,) array
+        Correlation of each tile with the same piece of wall in another picture, as far as noise
+        leaves it: near 0 where the wall shows no detail.
     """
 
     eye: FloatArray
     fine: Image32
     coarse: Image32
+    repeats: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +72,9 @@ class Agreement:
     drop : float
         By how much of the score it falls at 0.2 mm, in the direction in which it falls least:
         little along brush marks, where nothing tells one place from the next.
+    around : float
+        Correlation of the tiles around the middle one there, as a share of what they repeat; NaN
+        if they show too little detail.
     """
 
     shift: FloatArray
@@ -72,6 +82,47 @@ class Agreement:
     other: float
     seen: float = 0.0
     drop: float = 0.0
+    around: float = math.nan
+
+
+def halves(image: Image) -> tuple[Image, Image]:
+    """Return two pictures, each of every other pixel and the means of their neighbours between.
+
+    Their noise is independent, and they show the same wall.
+    """
+    padded = np.pad(image, 1, mode="edge").astype(np.uint16)
+    beside = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+    between = ((beside + 2) // 4).astype(np.uint8)
+    odd = np.add.outer(np.arange(image.shape[0]), np.arange(image.shape[1])) % 2 == 1
+    return np.where(odd, between, image), np.where(odd, image, between)
+
+
+def repeated(one: Image32, other: Image32) -> FloatArray:
+    """Return the correlation (tiles,) that two pictures of a view have, from those of two halves.
+
+    Parameters
+    ----------
+    one, other : arrays of float32
+        The view in each of the `halves` of a picture, at half resolution.
+
+    Notes
+    -----
+    Noise of the whole picture has half of the variance: Spearman, 1910; Brown, 1910.
+    """
+    found = np.zeros(SIDE * SIDE)
+    for k, corner in enumerate(_corners(one)):
+        a, b = (filled(part[corner]) for part in (one, other))
+        if a is not None and b is not None and a.std() > 0 and b.std() > 0:
+            alike = max(float(np.corrcoef(a.ravel(), b.ravel())[0, 1]), 0.0)
+            found[k] = 2 * alike / (1 + alike)
+    return found
+
+
+def _corners(coarse: Image32) -> list[tuple[slice, slice]]:
+    """Return rows and columns of each tile."""
+    n = coarse.shape[0] // SIDE
+    ends = [slice(n * k, n * (k + 1)) for k in range(SIDE)]
+    return [(ends[k // SIDE], ends[k % SIDE]) for k in range(SIDE * SIDE)]
 
 
 def unrolled(
@@ -164,7 +215,20 @@ def agree(view: View, area: Image32, ways: FloatArray, cell: float) -> Agreement
     i, j = (np.clip(round(k), 0, margin) for k in (best[1], best[0]))
     seen = float(np.mean(maps[:, i, j] > -1.0))
     other = float(kernels.second(votes, best, _NEAR))
-    return Agreement(shift, float(best[2]), other, seen, drop_of(votes, best, _STEP))
+    drop = drop_of(votes, best, _STEP)
+    return Agreement(shift, float(best[2]), other, seen, drop, _around(view, maps, ways, i, j))
+
+
+def _around(view: View, maps: FloatArray, ways: FloatArray, i: int, j: int) -> float:
+    """Return how the tiles around the middle one agree at a shift, see `Agreement`."""
+    repeats = view.repeats.copy()
+    repeats[SIDE * SIDE // 2] = 0.0
+    shown = float(repeats @ repeats)
+    if shown < _LEAST_SHOWN:
+        return math.nan
+    votes = np.empty(maps.shape[1:])
+    kernels.vote(maps, ways, repeats, votes)
+    return float(votes[i, j] * repeats.sum() / shown) if votes[i, j] > -1.0 else math.nan
 
 
 def tile_motions(

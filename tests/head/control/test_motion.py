@@ -1,0 +1,76 @@
+"""A wire turns no faster than its model allows; readings that do are not believed."""
+
+import math
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.head.control.motion import Belief, MotionWatch, fastest
+from wires import TICK, identified, made_up
+
+
+def believed(watch, readings, models=None):
+    """Whether each reading is believed, of a wire that the model expects at 20 degrees."""
+    belief, found = Belief(), []
+    models = [20.0] * len(readings) if models is None else models
+    for k, (reading, model) in enumerate(zip(readings, models, strict=True)):
+        motion = model - models[k - 1] if k else 0.0
+        belief = watch.step(belief, reading, model, motion=motion, heating=motion * 0.1)
+        found.append(belief.believed and not math.isnan(reading))
+    return found
+
+
+def still(count, around=20.0):
+    return [around + 0.01 * (-1) ** k * (1 + k % 7) for k in range(count)]
+
+
+@pytest.mark.parametrize("off", [3.0, -3.0, 6.0, 10.0, 25.0, -25.0])
+def test_a_jump_is_not_believed_until_the_readings_jump_back(off):
+    readings = [*still(50), *still(2000, around=20.0 + off), *still(50)]
+    found = believed(MotionWatch(wire=identified().model), readings)
+    assert all(found[:50])
+    assert not any(found[50:2050])
+    assert all(found[2050:])
+
+
+def test_outliers_from_the_first_reading_on_are_the_only_ones_that_are_not_believed():
+    readings = np.array(still(500))
+    readings[::25] += 40.0
+    found = believed(MotionWatch(wire=identified().model), readings.tolist())
+    assert not any(found[25::25])
+    assert all(found[k] for k in range(500) if k % 25)
+
+
+def test_a_wire_is_believed_wherever_it_is_found_after_a_gap():
+    readings = [*still(50), *[math.nan] * 100, *still(50, around=45.0)]
+    found = believed(MotionWatch(wire=identified().model), readings)
+    assert all(found[150:])
+
+
+def test_readings_that_drift_back_to_the_model_are_believed_after_a_second():
+    back = np.linspace(26.0, 20.0, 200).tolist()
+    found = believed(MotionWatch(wire=identified().model), [*still(50), *back, *still(50)])
+    assert not any(found[50:225])
+    assert all(found[250:])
+
+
+def test_a_sensor_that_repeated_itself_while_the_wire_moved_is_believed_again():
+    way = [*still(30), *np.linspace(20.0, 40.0, 60).tolist(), *still(30, around=40.0)]
+    held = [*way[:40], *[way[40]] * 12, *way[52:]]
+    assert all(believed(MotionWatch(wire=identified().model), held, way))
+
+
+def test_no_wire_turns_faster_than_its_fastest_rate():
+    wire = made_up()
+    state, angles = wire.begin(), [0.0]
+    for _ in range(300):
+        state = wire.step(state, 0.16, TICK)
+        angles.append(state.angle)
+    most = fastest(wire) * 0.16 * TICK
+    assert 0.2 * most < np.diff(angles).max() <= most
+
+
+def test_a_bad_option_is_refused():
+    with pytest.raises(ParameterError, match="jump is 0"):
+        MotionWatch(wire=made_up(), jump=0)
