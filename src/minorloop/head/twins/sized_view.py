@@ -24,9 +24,9 @@ DIAMETERS = (0.4e-3, 3e-3)
 """Diameters of the mouths, in metres, equally likely on a logarithmic scale; required."""
 LEAST_AXIS = 7.0
 """Least minor axis in the image, in pixels of a 320 by 240 image: of a hole of 0.6 mm where the
-wall is seen as well as `LEAST_SEEN` asks for one of that size, with a sixth to spare."""
+wall is seen as well as the search asks for one of that size, with a sixth to spare."""
 _TRIES = 400
-"""Most views drawn for a scene: a hole of 0.4 mm is near enough in one view of fifty."""
+"""Most views drawn for a scene: each of 250 seeds needed fewer."""
 _DARK = 0.4
 """Albedo of corrosion relative to the metal, at most; other dirt is brighter."""
 _CLEAR = 0.4e-3

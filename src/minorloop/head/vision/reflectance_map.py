@@ -43,7 +43,7 @@ _FLOOR, _GLOW_FLOOR = 2.0, 4.0
 behind than the second is left in the other frames."""
 STEP = 0.05e-3
 """Texel of the map for holes of about 1 mm, in metres: an outline of 17 to 23 texels across
-scatters by 0.4 % (`_outline_kernels`). It grows with the holes that are searched."""
+scatters by 0.4 % (``_outline_kernels``). It grows with the holes that are searched."""
 _AVERAGED = 1.5
 """Scale from which a texel is the mean of four finer ones: it is then wider than two pixels of the
 nearest wall, of which interpolation would use some and leave out others."""
