@@ -56,9 +56,9 @@ def figures_of_stage(seed: int) -> dict[str, object]:
 if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     draw(run_positioning(0)).savefig(FOLDER / "positioning.png", dpi=100)
-    runs = for_each(figures_of, 10, 0, print)
+    runs = list(for_each(figures_of, 10, 0))
     draw_steps(head.run_study(0)).savefig(FOLDER / "head.png", dpi=100)
-    runs_of_stage = for_each(figures_of_stage, 20, 0, print)
+    runs_of_stage = list(for_each(figures_of_stage, 20, 0))
     draw_errors(medians(runs_of_stage)).savefig(FOLDER / "stage.png", dpi=100)
     draw_law(benchmark.run_study(0)).savefig(FOLDER / "benchmark.png", dpi=100)
     draw_curves(runs).savefig(FOLDER / "design.png", dpi=100)

@@ -37,18 +37,28 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 LONGEST = (
     "head/studies/test_inspection_parts.py",
     "head/ultrasound/test_pits.py",
-    "head/console/test_pages.py",
     "test_documents.py",
+    "head/console/test_pages.py",
     "head/studies/test_head_study.py",
+    "identification/test_dynamics.py",
+    "cli/test_identify.py",
+    "export/test_c99.py",
+    "identification/test_offset_steps.py",
+    "fleet/test_pool.py",
+    "head/console/test_session.py",
+    "fleet/test_cluster.py",
+    "head/console/test_lab_work.py",
+    "head/control/test_head_control.py",
+    "identification/test_rational.py",
+    "head/console/test_processes.py",
+    "cli/test_resume.py",
+    "head/studies/test_head_camera.py",
+    "studies/test_ipmc.py",
+    "test_modelfile.py",
     "identification/test_adaptive.py",
     "identification/test_prior.py",
-    "cli/test_identify.py",
-    "head/console/test_processes.py",
-    "export/test_c99.py",
     "head/console/test_loop.py",
-    "head/console/test_session.py",
     "head/console/test_lab.py",
-    "head/control/test_head_control.py",
 )
 HERE = Path(__file__).parent
 
@@ -83,10 +93,23 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     compile_in_turn()
 
 
+def pytest_configure(config):
+    """Let each worker begin to collect the whole at another file.
+
+    Where no test was compiled before, each then compiles its share and loads those of the others.
+    """
+    whole = [Path(each).resolve() for each in config.args] == [HERE.resolve()]
+    if whole and "PYTEST_XDIST_WORKER" in os.environ:
+        worker = int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw"))
+        files = sorted(HERE.rglob("test_*.py"))
+        first = len(files) * worker // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+        config.args[:] = map(str, files[first:] + files[:first])
+
+
 def pytest_collection_modifyitems(items):
     """Begin with the longest files; pytest-xdist hands them out in this order."""
     rank = {HERE / name: k for k, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: rank.get(item.path, len(LONGEST)))
+    items.sort(key=lambda item: (rank.get(item.path, len(LONGEST)), item.path))
 
 
 def pytest_collection_finish():

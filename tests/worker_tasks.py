@@ -17,3 +17,9 @@ def refuse():
 def endless():
     yield {"stage": "waiting"}
     threading.Event().wait()
+
+
+def endless_but_the_first(seed):
+    if seed:
+        threading.Event().wait()
+    return seed

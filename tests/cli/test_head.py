@@ -14,15 +14,17 @@ from minorloop.cli import _calibration
 from minorloop.cli._seen import swept_view
 from minorloop.cli.run import carry_out_levels
 from minorloop.errors import InstrumentError, ParameterError, SafetyError, StoreError
+from minorloop.head.control.head import head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
+from minorloop.head.procedures.rig import InspectionRig
 from minorloop.lab.actuator import Channel, Frame
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
 from minorloop.lab.store import Setup, Store
-from wires import made_up
+from wires import identified, made_up
 
 VIEW = HeadCalibration(lens=Pinhole(), leds=np.zeros((1, 3)))
 LATER = (datetime.now(UTC) + timedelta(hours=12)).replace(microsecond=0)
@@ -599,3 +601,39 @@ def test_a_run_that_is_continued_says_what_it_repeats_and_how_to_go_on(tmp_path,
     said = capsys.readouterr().err
     assert said.count("1 of 3 levels are kept; continue with the same command") == 2
     assert said.count("0 A  repeated for 0.2 s, as it was measured before") == 1
+
+
+SWEEP = "head sweep --actuator twin:pipe --along 19,19.5 --out swept"
+
+
+@pytest.fixture
+def identified_at_once(monkeypatch):
+    """A head whose wires are known."""
+    control = head_control("observer", (identified().model,) * 2)
+    monkeypatch.setattr("minorloop.head.console.identified_head.head_of", lambda *_: control)
+
+
+def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, tmp_path):
+    for options, words in (
+        ("--actuator bench:head.toml", "no ultrasonic probe"),
+        ("--along 19,40", "greater by 10 at most"),
+        ("--around 10,5", "give a last phi that is greater"),
+    ):
+        status, _, error = run(f"{SWEEP} {options}")
+        assert (status, words in error) == (2, True)
+    assert not (tmp_path / "swept").exists()
+
+
+def test_an_interrupted_sweep_is_kept(run, identified_at_once, monkeypatch, tmp_path):
+    def interrupted(rig, procedure, state, told):
+        told(replace(state, stage="line", progress=0.25))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(InspectionRig, "run", interrupted)
+    status, _, error = run(SWEEP)
+    assert status == 130
+    assert "0 finds in 0 bursts on 0 lines; interrupted; kept in swept" in error
+    kept = {each.name for each in (tmp_path / "swept").iterdir()}
+    assert kept == {"findings.csv", "findings.json", "report.html"}
+    content = json.loads((tmp_path / "swept" / "findings.json").read_text())
+    assert content == {"ended": "interrupted", "bursts": 0, "lines": 0, "findings": []}

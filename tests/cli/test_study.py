@@ -1,31 +1,80 @@
+import json
+import math
+import os
+import re
+import signal
 import sys
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from minorloop.cli import study
-from minorloop.studies import fibre
+from minorloop.studies import claims, fibre
 
 
 def test_prints_claim_run_and_verdict_and_writes_the_report(run):
     status, out, err = run("study fibre --seed 1 --out made")
-    assert (status, err) == (0, "")
+    assert status == 0
+    assert re.fullmatch(r"specimen 1 of 1, seed 1: \d+ s\n", err)
     assert "1 simulated specimen" in out
     assert "verdict" in out
     assert "met" in out
-    html = Path("made/report.html").read_text()
-    assert fibre.TITLE in html
+    assert [file.name for file in Path("made").iterdir()] == ["report.html"]
+    assert fibre.TITLE in Path("made/report.html").read_text()
 
 
-def test_figures_of_several_specimens_are_medians(answer, monkeypatch):
+def test_figures_of_several_specimens_are_medians(run, monkeypatch):
     monkeypatch.setattr(fibre, "run_study", cache(fibre.run_study))
-    found = answer("study fibre --specimens 2 --seed 4")
+    status, out, err = run("study fibre --specimens 2 --seed 4 --json")
+    assert status == 0
+    assert re.fullmatch(r"specimen 1 of 2, seed 4: \d+ s\nspecimen 2 of 2, seed 5: \d+ s\n", err)
+    found = json.loads(out)
     each = [fibre.run_study(seed).figures() for seed in (4, 5)]
     expected = sum(one["steady"]["curves_nrmse"] for one in each) / 2
     assert found["steady"]["curves_nrmse"] == pytest.approx(expected, rel=1e-9)
     assert (found["specimens"], found["seed"]) == (2, 4)
+
+
+class Specimen:
+    """Of a study that ends the program from outside while it runs a specimen."""
+
+    TITLE, CLAIMS = "A study", ()
+
+    def __init__(self, ends):
+        self.ends = ends
+
+    def run_study(self, seed):
+        if seed == self.ends:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return SimpleNamespace(figures=lambda: {"seed_of": float(seed), "none": math.nan})
+
+
+@pytest.mark.parametrize(
+    ("ends", "done", "kept"),
+    [
+        (7, 0, "nothing is kept"),
+        (9, 2, f"their figures are in {Path('made', 'unfinished.json')}"),
+    ],
+)
+def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept):
+    made = Specimen(ends)
+    monkeypatch.setitem(sys.modules, "made_study", made)
+    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
+    one_by_one = lambda work, count, seed: (work(seed + k) for k in range(count))  # noqa: E731
+    monkeypatch.setattr(claims, "for_each", one_by_one)
+    status, out, err = run("study made --specimens 4 --seed 7 --out made")
+    assert (status, out) == (130, "")
+    lines = [f"specimen {k + 1} of 4, seed {7 + k}: 0 s" for k in range(done)]
+    assert err.splitlines() == [*lines, f"{done} of 4 specimens are done; {kept}", "interrupted"]
+    files = list(Path("made").iterdir())
+    assert [file.name for file in files] == ["unfinished.json"] * bool(done)
+    if done:
+        figures = {"seed_of": 7.5, "none": None}
+        counts = {"unfinished": True, "specimens": 2, "of": 4, "seed": 7}
+        assert json.loads(files[0].read_text()) == figures | counts
 
 
 @pytest.mark.parametrize(

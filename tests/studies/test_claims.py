@@ -1,3 +1,6 @@
+from multiprocessing import active_children
+
+import worker_tasks
 from minorloop.studies.claims import Claim, claim_table, for_each, medians
 
 FIGURES = {"a": {"b": 0.02}, "bad": False}
@@ -54,4 +57,12 @@ def test_medians_over_specimens():
 
 
 def test_one_specimen_needs_no_other_process():
-    assert for_each(lambda seed: seed * 2, 1, 5, print) == [10]
+    assert list(for_each(lambda seed: seed * 2, 1, 5)) == [10]
+
+
+def test_specimens_that_are_still_computed_end_with_the_iterator():
+    before = set(active_children())
+    results = for_each(worker_tasks.endless_but_the_first, 2, 0)
+    assert next(results) == 0
+    results.close()
+    assert set(active_children()) == before

@@ -167,7 +167,12 @@ def expect_json(wanted: bool) -> None:
 def print_json(content: Mapping[str, Any]) -> None:
     """Print one JSON object on stdout; numbers that are not finite become null."""
     expect_json(False)
-    print(json.dumps(_plain(content), allow_nan=False))
+    print(json_text(content))
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """Return one JSON object; numbers that are not finite become null."""
+    return json.dumps(_plain(content), allow_nan=False)
 
 
 def print_missing_json(content: Mapping[str, Any]) -> None:

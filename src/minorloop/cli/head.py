@@ -264,6 +264,51 @@ def inspect(
 
 
 @app.command(
+    epilog="Example: minorloop head sweep --actuator twin:pipe --around 10,40 --along 19,21 "
+    "--out swept"
+)
+def sweep(
+    actuator: _common.Address,
+    out: Annotated[
+        Path,
+        typer.Option(
+            show_default=False,
+            help="New or empty folder for findings.csv, findings.json and report.html.",
+        ),
+    ],
+    around: Annotated[
+        str,
+        typer.Option(
+            metavar="DEG,DEG",
+            help="First and last angle around the pipe, 90 at the bottom.",
+        ),
+    ] = "0,180",
+    along: Annotated[
+        str, typer.Option(metavar="MM,MM", help="First and last place along the pipe.")
+    ] = "19,21",
+    specimen: _common.Specimen = None,
+    seed: _common.Seed = 0,
+    as_json: _common.Json = False,
+) -> None:
+    """Map the flooded wall by ultrasound, and find pits and cracks in it, without the camera.
+
+    The probe fires while the catheter rolls. A square centimetre takes the head two to three
+    minutes. After Ctrl-C, the map of what was fired is kept. Only the simulated head has a probe.
+    """
+    from minorloop.cli import _sweep
+
+    ends = [
+        _common.numbers(name, text, (2,), f"two numbers in {unit}")
+        for name, text, unit in (("around", around, "degrees"), ("along", along, "mm"))
+    ]
+    content = _sweep.carried_out(actuator, ends[0], ends[1], out, specimen, seed)
+    if as_json:
+        _common.print_json(content)
+    else:
+        _sweep.show(content, out)
+
+
+@app.command(
     epilog="Example: minorloop head photograph --camera camera:/dev/video2 "
     "--actuator bench:head.toml --out mount"
 )

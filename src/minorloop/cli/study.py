@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
@@ -14,11 +16,14 @@ import typer
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
 from minorloop.errors import MissingExtraError, ParameterError
+from minorloop.files import write_atomically
+from minorloop.lab.signals import ended_by_signals
 from minorloop.threads import one_thread
 
 NAME = "study"
 EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
 STUDIES = "minorloop.studies"
+_UNFINISHED = "unfinished.json"
 _MOST, _MOST_SCENES = 1000, 100_000
 """Largest counts: days of computation, so that more is a typing error."""
 
@@ -78,7 +83,9 @@ def run(
 ) -> None:
     """Carry out a whole experiment on simulated specimens, and compare it with its claims.
 
-    One specimen takes fifteen seconds to a minute, for head and inspection two to four minutes.
+    One specimen takes fifteen seconds to a minute, for head and inspection two to four minutes;
+    stderr has a line for each. Until the last is done, unfinished.json in the folder has the
+    figures of those before, also after an interruption.
     """
     module = _module_of(name)
     if not 1 <= specimens <= _MOST:
@@ -94,15 +101,24 @@ def run(
 
         make_folder(out)
         _check_surfaces(name)
-    with _common.working(f"specimen 1 of {specimens}") as now:
+    found = _Specimens(specimens, seed, out)
+    with (
+        ended_by_signals(),
+        _common.interruptible(found.kept),
+        _common.working(f"specimen 1 of {specimens}", logged=True) as now,
+    ):
         study = import_module(module)
-        claims = import_module("minorloop.studies.claims")
         with one_thread():
+            began = time.monotonic()
             first = study.run_study(seed, **options)
-        work = partial(_figures_of, module, options)
-        others = claims.for_each(work, specimens - 1, seed + 1, now) if specimens > 1 else []
-        runs = [first.figures(), *others]
-        figures = getattr(study, "gather", claims.medians)(runs)
+        found.add(study, first.figures(), time.monotonic() - began, now)
+        if specimens > 1:
+            claims = import_module("minorloop.studies.claims")
+            work = partial(_figures_of, module, options)
+            with contextlib.closing(claims.for_each(work, specimens - 1, seed + 1)) as others:
+                for figures, seconds in others:
+                    found.add(study, figures, seconds, now)
+    runs, figures = found.runs, found.gathered
     steps: list[Callable[[], None]] = [partial(_show, study, figures, specimens, seed, as_json)]
     if out is not None:
         steps.insert(0, partial(_report, module, first, figures, runs, out, as_json))
@@ -150,10 +166,64 @@ def _shared_out(name: str, counts: Mapping[str, int | None], specimens: int) -> 
     return shares
 
 
-def _figures_of(module: str, options: Mapping[str, int], seed: int) -> dict[str, Any]:
-    """Return the figures of one specimen, in a process of its own."""
-    found: dict[str, Any] = import_module(module).run_study(seed, **options).figures()
-    return found
+class _Specimens:
+    """Figures of the specimens that are done; those of an unfinished study are kept in its folder.
+
+    Parameters
+    ----------
+    wanted : int
+        Number of specimens.
+    seed : int
+        Of the first.
+    folder : path, optional
+        For the figures so far.
+    """
+
+    def __init__(self, wanted: int, seed: int, folder: Path | None) -> None:
+        self._wanted, self._seed = wanted, seed
+        self._file = None if folder is None else folder / _UNFINISHED
+        self.runs: list[Mapping[str, Any]] = []
+        self.gathered: dict[str, Any] = {}
+
+    def add(
+        self, study: Any, figures: Mapping[str, Any], seconds: float, now: _common.Progress
+    ) -> None:
+        """Add the figures of the next specimen, say how long it took, and write those so far."""
+        from minorloop.studies.claims import medians
+
+        seed = self._seed + len(self.runs)
+        self.runs.append(figures)
+        self.gathered = getattr(study, "gather", medians)(self.runs)
+        done = len(self.runs)
+        now(f"specimen {done} of {self._wanted}, seed {seed}: {seconds:.0f} s", kept=True)
+        if done < self._wanted:
+            self._write()
+            now(f"specimen {done + 1} of {self._wanted}")
+        elif self._file is not None:
+            self._file.unlink(missing_ok=True)
+
+    def _write(self) -> None:
+        if self._file is not None:
+            begun = {"unfinished": True, "specimens": len(self.runs), "of": self._wanted}
+            content = {**self.gathered, **begun, "seed": self._seed}
+            write_atomically(self._file, _common.json_text(content))
+
+    def kept(self) -> str:
+        """Return in words what an interruption leaves."""
+        done = f"{len(self.runs)} of {self._wanted} specimens are done"
+        if not self.runs:
+            return f"{done}; nothing is kept"
+        if self._file is None:
+            return f"{done}; nothing is kept without --out"
+        return f"{done}; their figures are in {self._file}"
+
+
+def _figures_of(module: str, options: Mapping[str, int], seed: int) -> tuple[dict[str, Any], float]:
+    """Return the figures of one specimen and how long it took, in a process of its own."""
+    study = import_module(module)
+    began = time.monotonic()
+    found: dict[str, Any] = study.run_study(seed, **options).figures()
+    return found, time.monotonic() - began
 
 
 def _show(study: Any, figures: Mapping[str, Any], specimens: int, seed: int, as_json: bool) -> None:

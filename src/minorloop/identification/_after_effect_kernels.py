@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from minorloop.operators._after_effect_kernels import moments_of, next_mark, part_of, relaxed
-from minorloop.operators._memory_kernels import push, switched_on
+from minorloop.operators._memory_kernels import copy, push, switched_on
 
 
 @njit(cache=True, nogil=True)
@@ -27,14 +27,6 @@ def follow(marks, lost, begins, reset, x):
 
 
 @njit(cache=True, nogil=True)
-def copy_rows(reset, out):
-    """Copy a start memory; returns its length."""
-    for k in range(reset.size):
-        out[k] = reset[k]
-    return reset.size
-
-
-@njit(cache=True, nogil=True)
 def switch(marks, spread, extrema, count, x, target, interval, settling, times, shares, lags):
     """Apply an effective input; returns the extrema in use, and fills the lags (P - 1, K) of cells.
 
@@ -47,7 +39,7 @@ def switch(marks, spread, extrema, count, x, target, interval, settling, times, 
     still, tilt = np.empty(times.size), np.empty(times.size)
     lags[:] = 0.0
     switched_on(marks, spread, extrema, count, begun)
-    before[:] = begun
+    copy(begun, before)
     rising = x > at
     while left > 0.0 and at != x:
         mark, top = next_mark(marks, at, rising), count - 1
@@ -66,7 +58,7 @@ def switch(marks, spread, extrema, count, x, target, interval, settling, times, 
             for k in range(now.size):
                 bent = 2.0 * (now[k] + before[k] - 2.0 * middle[k]) * tilt[p]
                 lags[p, k] = kept * lags[p, k] + (now[k] - before[k]) * still[p] + bent
-        before[:] = now
+        copy(now, before)
         at, left, first = to, left - seconds, False
     for p in range(times.size):
         kept, rest = math.exp(-left / times[p]), math.exp(-interval / times[p])
@@ -111,7 +103,7 @@ def fill(
     lags, shares = np.zeros((planes - 1, cells)), np.empty((4, cells))
     for t in range(u.size):
         if begins[t]:
-            count = copy_rows(reset, extrema)
+            count = copy(reset, extrema)
             switched_on(marks, spread, extrema, count, late[0])
             for p in range(1, planes):
                 for k in range(cells):

@@ -325,15 +325,15 @@ def rows_of(
     out = np.empty((last - first, planes * spec.cells + 1))
     part = slice(first, last)
     state.count = _kernels.fill(
-        spec.levels,
-        state.marks,
+        writable(spec.levels),
+        writable(state.marks),
         spec.diagonal == "uniform",
         state.x[part],
         state.targets[part],
         record.u[part],
         record.intervals[part],
         constants.settling,
-        constants.times,
+        writable(constants.times),
         record.begins[part],
         state.reset,
         state.extrema,

@@ -16,7 +16,7 @@ from numba import njit
 
 from minorloop.arrays import FloatArray, IntArray
 from minorloop.operators._kernels import band_of
-from minorloop.operators._memory_kernels import wipes_out
+from minorloop.operators._memory_kernels import copy, wipes_out
 
 VALUE, BAND, FRACTION, OUTPUTS = 0, 1, 2, 3
 """Columns of the stack; the outputs of the planes begin at the last."""
@@ -169,20 +169,36 @@ def moments_of(x, to, target, settling, times, first, still, tilt):
 
 
 @njit(cache=True, nogil=True)
+def first_beyond(marks, x, above):
+    """Index of the first threshold above ``x``, or of the first that is not below it.
+
+    By bisection; `numpy.searchsorted` would take longer to compile than all that calls it.
+    """
+    low, high = 0, marks.size
+    while low < high:
+        middle = (low + high) // 2
+        if marks[middle] < x or (above and marks[middle] == x):
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit(cache=True, nogil=True)
 def next_mark(marks, x, rising):
     """Next threshold on the way of an effective input; the last one at the end."""
     if rising:
-        return marks[min(np.searchsorted(marks, x, "right"), marks.size - 1)]
-    return marks[max(np.searchsorted(marks, x) - 1, 0)]
+        return marks[min(first_beyond(marks, x, True), marks.size - 1)]
+    return marks[max(first_beyond(marks, x, False) - 1, 0)]
 
 
 @njit(cache=True, nogil=True)
 def _fill_outputs(marks, nodes, bow, saturation, stack, top, x, rising, out):
     """Fill the outputs (P,) of the planes at ``x``, which would be row ``top``."""
     if top == 0:
-        out[:] = saturation
+        copy(saturation, out)
         return
-    i = min(np.searchsorted(marks, x, "right"), marks.size - 1) - 1
+    i = min(first_beyond(marks, x, True), marks.size - 1) - 1
     s, sign = (x - marks[i]) / (marks[i + 1] - marks[i]), 1.0
     j, f = int(stack[top - 1, BAND]), stack[top - 1, FRACTION]
     if not rising:
@@ -225,7 +241,7 @@ def _fill_lags(
             bent = 2.0 * (now[k + 1] + before[k + 1] - 2.0 * middle[k + 1])
             lags[k] *= math.exp(-seconds / times[k])
             lags[k] += switched * still[k] + bent * tilt[k]
-        before[:] = now
+        copy(now, before)
         x, left, first = to, left - seconds, False
     for k in range(times.size):
         if left > 0.0:

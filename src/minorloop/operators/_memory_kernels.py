@@ -12,6 +12,17 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
+def copy(values, out):
+    """Copy numbers to the begin of an array; returns how many there are.
+
+    A loop, because numba takes seconds to compile an assignment of one array to another.
+    """
+    for k in range(values.size):
+        out[k] = values[k]
+    return values.size
+
+
+@njit(cache=True, nogil=True)
 def copy_extrema(extrema, count, out):
     """Copy the first ``count`` extrema; numba takes seconds to compile an assignment of slices."""
     for k in range(count):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
 import numpy as np
@@ -136,19 +137,24 @@ def _over(key: str, values: Sequence[Any]) -> Any:
     return values[0]
 
 
-def for_each(
-    work: Callable[[int], T], specimens: int, seed: int, progress: Callable[[str], None]
-) -> list[T]:
-    """Run ``work(seed)``, ``work(seed + 1)``, ... on all cores, one process and one thread each."""
-    seeds = range(seed, seed + specimens)
-    results: list[T] = []
+def for_each(work: Callable[[int], T], specimens: int, seed: int) -> Iterator[T]:
+    """Yield ``work(seed)``, ``work(seed + 1)``, ...: on all cores, one process and one thread each.
+
+    The processes are ended at once when the iterator is closed before its last result.
+    """
     if specimens == 1:
-        return [_alone(work, seed)]
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        for result in pool.map(partial(_alone, work), seeds):
-            results.append(result)
-            progress(f"specimen {len(results)} of {specimens} done")
-    return results
+        yield _alone(work, seed)
+        return
+    others = set(active_children())
+    # A terminal sends its interruption to all processes; the first one ends the others.
+    ignoring = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
+    with ProcessPoolExecutor(mp_context=get_context("spawn"), initializer=ignoring) as pool:
+        try:
+            yield from pool.map(partial(_alone, work), range(seed, seed + specimens))
+        except BaseException:
+            for child in set(active_children()) - others:
+                child.terminate()
+            raise
 
 
 def _alone(work: Callable[[int], T], seed: int) -> T:

@@ -77,7 +77,7 @@ def test_during_a_scan_a_live_camera_is_watched_and_a_simulated_one_draws_what_i
     assert camera.shown
 
 
-def test_where_the_head_holds_and_the_view_was_searched_only_what_is_shown_or_used_is_drawn():
+def test_where_the_head_rests_and_the_view_was_searched_only_what_is_shown_or_used_is_drawn():
     own = tip()[0]
     drawn, frame = [], own.frame
     own.frame = lambda: drawn.append(True) or frame()
@@ -91,8 +91,13 @@ def test_where_the_head_holds_and_the_view_was_searched_only_what_is_shown_or_us
 
     assert all(draws(n, *[("find", [])] * (n == 1)) for n in range(1, 6))
     assert [n for n in range(6, 12) if draws(n)] == [10]
-    assert draws(12, holding=False)
+    assert not draws(12)
+    moving = np.linspace(0.8, 0.85, 12)
+    assert all(draws(20 + n, at=at, holding=False) for n, at in enumerate(moving))
+    resting = [n for n in range(40, 60) if draws(n, at=moving[-1], holding=False)]
+    assert [n for n in resting if n > 51] == [55]
     assert draws(13, ("pick", [400.0, 300.0]))
+    assert all(draws(61 + n, at=moving[-1], holding=False) for n in range(13))
     assert all(draws(14 + n, *[("extract", [])] * (n == 0)) for n in range(5))
     assert not draws(19)
     assert draws(21, at=0.2)

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from console_rig import control
 from minorloop.head.console import camera_process, loop, messages, watchdog
 from minorloop.head.console.camera_protocol import CameraReport
 from minorloop.head.console.channel import NewestPipe
@@ -67,7 +68,7 @@ class Console:
         self.supervisor = Supervisor(
             [
                 Part(name="plant", target=watchdog.run, args=(settings,)),
-                Part(name="loop", target=loop.run, args=(settings,)),
+                Part(name="loop", target=loop.run, args=(settings, None, control())),
                 Part(name="camera", target=see),
                 Part(name="server", target=relay, args=(theirs,)),
             ],

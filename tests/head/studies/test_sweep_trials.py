@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop.head.geometry import wrapped
-from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch
+from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, unseen_map
 from minorloop.head.reconstruction.pipe_map import pipe_map
 from minorloop.head.studies import sweep_trials
 from minorloop.head.studies.sweep_report import draw_pipe_map, finds_table
@@ -14,11 +14,15 @@ from minorloop.head.studies.sweep_trials import (
     ScoredSweep,
     c_scan_figures,
     draw_sweep,
+    map_figures,
     on_pit,
     pictures,
     sweep,
+    true_depth,
+    within_reach,
 )
-from minorloop.head.ultrasound.c_scan import CRACK, PIT, c_scan
+from minorloop.head.twins.pipe import Crack, Dent
+from minorloop.head.ultrasound.c_scan import CRACK, CUT, PIT, c_scan
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +71,46 @@ def test_a_find_elsewhere_is_false_and_one_of_another_kind_is_wrong(run):
     assert figures["wrong_kind"] == 1
     assert find.kind == PIT
     assert on_pit(scored, find)
+
+
+def test_what_the_edge_cuts_is_counted_apart(run):
+    scored, _ = run
+    away = replace(scored.scan.finds[0], kind=CUT, z=scored.scan.finds[0].z + 1e-3)
+    figures = c_scan_figures([replace(scored, scan=replace(scored.scan, finds=(away,)))])
+    assert (figures["cut"], figures["false_per_cm2"]) == (1, 0)
+
+
+def test_most_bands_of_the_map_hold_the_true_depth(run):
+    figures = map_figures([run[0]])
+    assert 0.7 <= figures["echoes_coverage"] <= 0.99  # a quarter of these texels are at a rim
+    assert 0.8 <= figures["camera_coverage"] <= 1.0
+    deeper = replace(run[0], pipe=replace(run[0].pipe, dents=(Dent(1.5, 21e-3, 1.0, -1e-3),)))
+    assert map_figures([deeper])["map_coverage"] < 0.1
+
+
+def test_the_true_depth_has_pits_and_dents():
+    trial = draw_sweep(1000)
+    pit = trial.pipe.bores[0]
+    (depth,) = true_depth(trial.pipe, Patch(pit.phi, pit.z, 1, 1)).ravel()
+    assert depth == pytest.approx(pit.depth, abs=30e-6)
+    bead = replace(trial.pipe, bores=(), cracks=(), dents=(Dent(0.0, 0.02, 1e-3, 0.2e-3),))
+    assert true_depth(bead, Patch(0.0, 0.02, 1, 1)) == pytest.approx(-0.2e-3)
+
+
+@pytest.mark.parametrize(
+    ("width", "phi", "z", "counts"),
+    [
+        (0.12e-3, 1.5, (20e-3, 24e-3), True),
+        (0.09e-3, 1.5, (20e-3, 24e-3), False),
+        (0.12e-3, -1.5, (20e-3, 24e-3), False),
+        (0.12e-3, 1.5, (20e-3, 21.2e-3), False),
+    ],
+)
+def test_a_crack_counts_if_it_is_wide_and_long_enough_under_water(run, width, phi, z, counts):
+    scored, _ = run
+    here = replace(scored, scan=replace(scored.scan, wall=unseen_map(Patch.ring(20e-3, 22.4e-3))))
+    crack = Crack(((phi, z[0]), (phi, z[1])), (width, width))
+    assert within_reach(here, crack) == counts
 
 
 def test_the_map_has_picture_and_echoes_and_is_drawn(run):

@@ -5,7 +5,7 @@ import pytest
 from minorloop.head.control.reach import Unreachable
 from minorloop.head.studies import unreachable
 from minorloop.head.studies.head_loop import Alarm
-from minorloop.head.studies.unreachable import BOTH, Case, gather
+from minorloop.head.studies.unreachable import BOTH, ImpossibleTarget, gather
 from minorloop.studies.claims import claim_table
 
 COLD, COOLED = "ambient too cold", "convection too high"
@@ -13,7 +13,9 @@ COLD, COOLED = "ambient too cold", "convection too high"
 
 def case(cause, target, said=None, *, at=8.0, reach=40.0, others=0):
     verdict = None if said is None else Unreachable(said, target, reach, at, reach - 5, reach + 5)
-    return Case(cause, target, 40.0, None if verdict is None else Alarm(at, 0, verdict), others)
+    return ImpossibleTarget(
+        cause, target, 40.0, None if verdict is None else Alarm(at, 0, verdict), others
+    )
 
 
 def test_shares_are_over_the_cases_of_all_specimens():

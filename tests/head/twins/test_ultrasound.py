@@ -7,6 +7,8 @@ from minorloop.head.twins import _echo_kernels as kernels
 from minorloop.head.twins.pipe import Bore, Crack, Dent, Pipe
 from minorloop.head.twins.sensor import Fault
 from minorloop.head.twins.ultrasound import Ultrasound, compile_echoes
+from minorloop.head.ultrasound.echoes import Pulse, matched
+from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.lab.actuator import EchoSource
 
 FULL = -9.99e-3
@@ -162,3 +164,19 @@ def test_impossible_values_are_refused():
         probe_at(temperature=120.0)
     with pytest.raises(ParameterError, match="wait"):
         probe_at().wait(-1.0)
+
+
+@pytest.mark.parametrize("way", [(0.2, 0.0), (0.0, 2e-3)])
+@pytest.mark.parametrize(("width", "share"), [(0.1e-3, 0.37), (0.2e-3, 0.66)])
+def test_a_crack_takes_the_share_of_the_beam_that_falls_into_it_in_any_direction(way, width, share):
+    probe, mount = CalibratedProbe(Probe(), Mount(advance=20e-3)), Mount(advance=20e-3)
+    aim = probe.transducer.perpendicular(mount, -0.26), -0.26
+    phi, z = probe.spots(np.array([aim]))[0, :2]
+    ends = (phi - way[0], z - way[1]), (phi + way[0], z + way[1])
+    heights = []
+    for cracks in ((), (Crack(ends, (width, width), depth=1e-3),)):
+        pipe = Pipe(water=-9.99e-3, cracks=cracks, thickness=3e-3)
+        twin = Ultrasound(pipe, mount, noise=0.0, roughness=0.0, grain=0.0)
+        twin.look(*aim)
+        heights.append(np.abs(matched(twin.shot().trace, 10e-9, Pulse()))[900:1150].max())
+    assert 1 - heights[1] / heights[0] == pytest.approx(share, abs=0.03)

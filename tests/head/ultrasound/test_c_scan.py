@@ -8,7 +8,7 @@ import pytest
 
 from minorloop.head.geometry import Mount, Probe, wrapped
 from minorloop.head.reconstruction.depth_map import Patch
-from minorloop.head.ultrasound.c_scan import CRACK, PIT, SweptBurst, beam_width, c_scan
+from minorloop.head.ultrasound.c_scan import CRACK, CUT, PIT, SweptBurst, beam_width, c_scan
 from minorloop.head.ultrasound.echoes import Burst, Pulse
 from minorloop.head.ultrasound.field import CalibratedProbe
 
@@ -111,18 +111,48 @@ def test_a_smooth_dent_is_no_pit():
     found = c_scan(dent, PROBE, PATCH)
     assert found.finds == ()
     assert np.nanmax(found.wall.depth) == pytest.approx(0.2e-3, abs=20e-6)
+    assert found.noise[0] < 3e-6  # the dent is no noise
 
 
-def test_a_slender_loss_of_the_echo_is_a_crack():
-    lossy = swept(lambda x, y: 0.0, lambda x, y: 0.4 if abs(y) < 0.12e-3 and abs(x) < 1.4e-3 else 1)
-    # What the crack takes must not come back as a floor at the wall.
-    for one in lossy:
-        if abs(one.spot[1] - Z) < 0.12e-3 and abs(10e-3 * (one.spot[0] - BOTTOM)) < 1.4e-3:
-            one.burst.trace[:] *= 0.4
-    (find,) = c_scan(lossy, PROBE, PATCH).finds
+def lossy(share, at=0.0, half=1.4e-3, depth_of=None):
+    """Bursts that lose a share of the echo on a line along x."""
+    bursts = swept(depth_of or (lambda x, y: 0.0), lambda x, y: 1.0)
+    for one in bursts:
+        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
+        if abs(y - at) < 0.12e-3 and abs(x) < half:
+            one.burst.trace[:] *= 1 - share
+    return bursts
+
+
+@pytest.mark.parametrize("share", [0.2, 0.6])
+def test_a_slender_loss_of_the_echo_is_a_crack(share):
+    (find,) = c_scan(lossy(share), PROBE, PATCH).finds
     assert find.kind == CRACK
     assert np.isnan(find.depth)
     assert find.length == pytest.approx(2.8e-3, rel=0.2)
+
+
+def test_a_slender_loss_along_the_edge_is_no_claim():
+    (find,) = c_scan(lossy(0.6, at=-1.76e-3), PROBE, PATCH).finds
+    assert find.kind == CUT
+    assert find.length > 2e-3
+
+
+def test_a_slender_loss_between_walls_of_different_depth_is_the_flank_of_a_dent():
+    step = swept(share_of=lambda x, y: 1.0, off=None)
+    for one in step:
+        y = one.spot[1] - Z
+        one.spot[2] -= np.interp(y, [-0.2e-3, 0.2e-3], [0.0, 0.03e-3])
+        if abs(y) < 0.12e-3:
+            one.burst.trace[:] *= 0.5
+    assert c_scan(step, PROBE, PATCH).finds == ()
+
+
+def test_a_loss_in_which_bursts_are_far_apart_is_none():
+    bursts = lossy(0.0)
+    for k, one in enumerate(one for one in bursts if abs(one.spot[1] - Z) < 0.12e-3):
+        one.burst.trace[:] *= 1.0 if k % 2 else 0.5
+    assert c_scan(bursts, PROBE, PATCH).finds == ()
 
 
 def test_floors_in_a_slender_loss_are_the_depth_of_a_crack():

@@ -24,7 +24,7 @@ PROBLEM = b"!"
 """First byte of a sentence that says why there is no picture."""
 FEW_PICTURES = 5
 """Ticks for one picture where an operator only looks on, in a recording, and while the head in a
-simulated pipe scans, or holds before a view that was searched: five pictures a second."""
+simulated pipe scans, or holds or rests before a view that was searched: five pictures a second."""
 CameraCommand: TypeAlias = tuple[str, list[float]]
 """A name of `Perception.commands` and its arguments."""
 

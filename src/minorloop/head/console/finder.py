@@ -47,9 +47,12 @@ class Finder:
     def at_rest_somewhere_new(self, position: Position) -> bool:
         """Return whether the head rests where its view was not searched yet."""
         self._recent.append(position)
-        if len(self._recent) < _REST_TICKS or (np.ptp(self._recent, axis=0) > _REST).any():
-            return False
-        return not self.has_searched(position)
+        return self.at_rest and not self.has_searched(position)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the head has not moved for half a second."""
+        return len(self._recent) == _REST_TICKS and not (np.ptp(self._recent, axis=0) > _REST).any()
 
     def has_searched(self, position: Position) -> bool:
         """Return whether the view from here is the one that was searched last."""

@@ -193,13 +193,15 @@ class Perception:
     def _frame(self, request: CameraRequest) -> Frame | None:
         """Return the frame of a tick; None while it may show the lights before.
 
-        A scan needs none, nor a head that holds where its view was searched, so that a simulated
-        camera draws only some to show; a device that stops is noticed in each tick.
+        A scan needs none, nor a head that holds where its view was searched, or rests there and
+        tracks nothing, so that a simulated camera draws only some to show; a device that stops is
+        noticed in each tick.
         """
         if self._newest is not None:
             return self._newest()
         used = self._work is not None or self._picked is not None
-        known = request.holding and self._finder.has_searched(self._position)
+        still = request.holding or (self._track is None and self._finder.at_rest)
+        known = still and self._finder.has_searched(self._position)
         few = not used and (known or self._echoes is not None)
         return None if few and request.number % FEW_PICTURES else self._tip.frame()
 

@@ -106,6 +106,11 @@ class ProbeSweep(Procedure[SweepState]):
     go: Go = GO
 
     @property
+    def point(self) -> RasterScan:
+        """A raster of one point: its angles, and whether they are within reach, are a sweep's."""
+        return RasterScan(calibration=self.calibration, points=1)
+
+    @property
     def pitch(self) -> float:
         """Distance of lines, and of bursts on a line, in metres."""
         view = self.calibration
@@ -150,8 +155,7 @@ class ProbeSweep(Procedure[SweepState]):
             raise ParameterError(
                 f"a sweep from z {z[0]:.4g} to {z[1]:.4g} m; give z >= 0, the last one greater"
             )
-        scan = RasterScan(calibration=self.calibration)
-        refused = "" if control is None else scan.out_of_reach(control)
+        refused = "" if control is None else self.point.out_of_reach(control)
         cycle = around * (1 / self.rate + 1 / self.fastest) + 2 * self.turning
         return SweepState(phi=phi, z=z, cycle=cycle, refused=refused, done=bool(refused))
 
@@ -197,12 +201,11 @@ class ProbeSweep(Procedure[SweepState]):
 
     def _travel(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
         """Go to before the first line, and let the water in."""
-        scan = RasterScan(calibration=self.calibration)
         if state.go is None:
-            start = float(scan.rolled(state.phi[0], reading.place)[1]) - self.margin
+            start = float(self.point.rolled(state.phi[0], reading.place)[1]) - self.margin
             end = start + state.phi[1] - state.phi[0] + 2 * self.margin
             place = (max(state.z[0] - self.run_up, 0.0), start)
-            go = self.go.begin(place=place, angles=scan.perpendicular)
+            go = self.go.begin(place=place, angles=self.point.perpendicular)
             state = replace(state, rolls=(start, end), go=go)
         assert state.go is not None
         go, request = self.go.step(state.go, reading)

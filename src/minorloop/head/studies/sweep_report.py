@@ -9,7 +9,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.head.reconstruction.pipe_map import PipeMap
 from minorloop.head.studies.mission_report import SHADES, SOURCES, water_angles
-from minorloop.head.ultrasound.c_scan import PIT
+from minorloop.head.ultrasound.c_scan import CRACK, PIT
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 from minorloop.studies.drawing import new_figure
@@ -17,6 +17,7 @@ from minorloop.studies.drawing import new_figure
 _CONTRAST = 0.5
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _DEEPEST = 1.0  # mm, of the colours of depths
+_MARKS = {PIT: "o", CRACK: "s"}
 
 
 def draw_pipe_map(fused: PipeMap) -> Any:
@@ -37,7 +38,9 @@ def draw_pipe_map(fused: PipeMap) -> Any:
     depth = 1e3 * np.where(np.isfinite(wall.depth), wall.depth, np.nan)
     drawn = axes[1].imshow(depth, cmap="viridis", vmin=-0.1, vmax=_DEEPEST, **shown)
     figure.colorbar(drawn, ax=axes[1], label="[mm]")
-    axes[1].set_title("depth; pits in circles, cracks in squares, with their depths in mm")
+    axes[1].set_title(
+        "depth; circles: pits, squares: cracks, diamonds: cut by the edge; with depths in mm"
+    )
     band = 1e3 * PER_DEVIATION * np.where(np.isfinite(wall.sd), wall.sd, np.nan)
     drawn = axes[2].imshow(band, cmap="magma", vmin=0.0, vmax=0.2, **shown)
     figure.colorbar(drawn, ax=axes[2], label="[mm]", extend="max")
@@ -83,10 +86,10 @@ def finds_table(fused: PipeMap) -> Table:
 
 
 def _mark_finds(axes: Any, fused: PipeMap, start: float) -> None:
-    """Draw circles about pits and squares about cracks, with their depths."""
+    """Draw a mark about each find, with its depth."""
     for find in fused.finds:
         phi = float(_on_axis(np.degrees([find.phi]), start)[0])
-        mark = "o" if find.kind == PIT else "s"
+        mark = _MARKS.get(find.kind, "D")
         axes.plot(phi, 1e3 * find.z, mark, ms=16, mec="C1", mfc="none", mew=1.4)
         if np.isfinite(find.depth):
             axes.annotate(

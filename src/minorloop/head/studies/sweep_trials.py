@@ -12,23 +12,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
-from minorloop.head.geometry import Mount, wall_distance
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.sweep import ProbeSweep, SweepState
 from minorloop.head.procedures.values import NOTHING, Reading, apply_to_tip
-from minorloop.head.reconstruction.depth_map import Patch
+from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, coupled_at
 from minorloop.head.reconstruction.pipe_map import PipeMap, pipe_map
 from minorloop.head.studies import scoring
-from minorloop.head.studies.crack_scenes import fine_course
+from minorloop.head.studies.crack_scenes import FINE, fine_course
 from minorloop.head.studies.ultrasonic_scan import resampled
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.pipe import Bore, Crack, Dent, Pipe, draw_crack, draw_pit
 from minorloop.head.twins.rig import GYROSCOPE_NOISE, SimulatedTip
 from minorloop.head.twins.surroundings import Filling, Sway
 from minorloop.head.twins.ultrasound import INTERVAL
-from minorloop.head.ultrasound.c_scan import CRACK, PIT, CScan, EchoFind, c_scan
+from minorloop.head.ultrasound.c_scan import CRACK, CUT, PIT, CScan, EchoFind, c_scan
 from minorloop.head.vision.reflectance_map import LitFrame, lay_flat
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.threads import one_thread
@@ -42,6 +42,9 @@ LEVELS = (-1.5e-3, 0.4e-3)
 is under water too."""
 SAME = 0.5e-3
 """Farthest distance in metres of a find from what it is."""
+_WIDE, _LONG = 0.1e-3, 1.5e-3
+"""Width and length in metres from which on a crack counts for the recall: narrower ones take so
+little of the echo that bursts between two lines miss it."""
 _MARGIN, _APART, _CLEAR = 0.8e-3, 2.5e-3, 2.5
 """Distances of pits in metres from the ends of the swept part and from each other; and from a dent
 in its standard deviations, where it is shallower than 30 um: a pit in a dent is another
@@ -271,15 +274,58 @@ def on_pit(run: ScoredSweep, find: EchoFind) -> bool:
     return any(_apart(find.place, (bore.phi, bore.z)) <= SAME for bore in run.pipe.bores)
 
 
+def within_reach(run: ScoredSweep, crack: Crack) -> bool:
+    """Return whether the sweep passed over enough of a crack, wide enough, under water."""
+    patch = run.scan.wall.patch
+    course, widths = fine_course(crack, patch.radius)
+    wet = coupled_at(course[:, 0], patch.radius, face=Probe().face) > run.level + SAME
+    along = (course[:, 1] - patch.z) / patch.step
+    inside = wet & (along >= 0) & (along < patch.rows) & (widths >= _WIDE)
+    return bool(FINE * inside.sum() >= _LONG)
+
+
+def true_depth(pipe: Pipe, patch: Patch) -> FloatArray:
+    """Return the depth (rows, columns) of a pipe with its dents and beads, in metres."""
+    places = patch.places
+    depth = pipe.depth(places[..., 0], places[..., 1])
+    for dent in pipe.dents:
+        off = wall_distance(places, (dent.phi, dent.z), pipe.radius)
+        depth = depth - dent.height * np.exp(-0.5 * (off / dent.size) ** 2)
+    return depth
+
+
+def _inside(run: ScoredSweep, source: int) -> BoolArray:
+    """Return whether the true depth is inside the 90 % band, for each texel of a source."""
+    wall = run.fused.wall
+    known = (wall.source == source) & np.isfinite(wall.depth)
+    off = np.abs(wall.depth - true_depth(run.pipe, wall.patch))
+    return np.asarray((off <= PER_DEVIATION * wall.sd)[known])
+
+
+def map_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
+    """Return the shares of texels of the maps whose 90 % band has the true depth, by source."""
+    every = {
+        name: np.concatenate([_inside(run, source) for run in runs])
+        for name, source in (("camera", CAMERA), ("echoes", ECHOES), ("both", BOTH))
+    }
+    every["map"] = np.concatenate(list(every.values()))
+    return {
+        f"{name}_coverage": float(each.mean()) if each.size else math.nan
+        for name, each in every.items()
+    }
+
+
 def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
     """Return recall, false finds, errors, and what share was mapped in what time.
 
     A find is false where there is neither a pit nor a crack; one that takes a crack for a pit, or a
-    pit for a crack, is of the wrong kind. A crack counts as found if a part of it is.
+    pit for a crack, is of the wrong kind. What the edge cuts is no claim. A crack counts as found
+    if a part of it is.
     """
     pits = [(pit_found(run, bore), bore) for run in runs for bore in run.pipe.bores]
     hits = [(find, bore) for find, bore in pits if find is not None]
-    finds = [(run, find) for run in runs for find in run.scan.finds]
+    every = [(run, find) for run in runs for find in run.scan.finds]
+    finds = [one for one in every if one[1].kind != CUT]
     errors = 1e6 * np.array([find.depth - bore.depth for find, bore in hits])
     bands = 1e6 * PER_DEVIATION * np.array([find.depth_sd for find, _ in hits])
     off = [1e3 * _apart(find.place, (bore.phi, bore.z)) for find, bore in hits]
@@ -287,7 +333,9 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
     gaps = sum(float(run.scan.gap.sum()) for run in runs)
     area = 1e4 * mapped * runs[0].scan.wall.patch.step ** 2
     cracks = [
-        any(find.kind == CRACK and on_crack(run, find) for find in run.scan.finds) for run in runs
+        any(find.kind == CRACK and on_crack(run, find) for find in run.scan.finds)
+        for run in runs
+        if any(within_reach(run, crack) for crack in run.pipe.cracks)
     ]
     return {
         "recall": len(hits) / max(len(pits), 1),
@@ -306,6 +354,9 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
         if hits
         else math.nan,
         "place_mm": float(np.quantile(off, 0.9)) if hits else math.nan,
-        "cracks_found": float(np.mean(cracks)),
+        "crack_recall": float(np.mean(cracks)) if cracks else math.nan,
+        "cracks": len(cracks),
+        "cut": len(every) - len(finds),
         "water_mm": max(1e3 * abs(run.scan.water.height - run.level) for run in runs),
+        **map_figures(runs),
     }

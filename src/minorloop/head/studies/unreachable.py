@@ -54,7 +54,7 @@ CLAIMS = (
 
 
 @dataclass(frozen=True)
-class Case:
+class ImpossibleTarget:
     """A target, where the wire ends under full current, and what the guard said of it.
 
     ``target`` and ``reach`` are in degrees, ``cause`` is the true one; ``alarm`` is the first.
@@ -77,7 +77,7 @@ class UnreachableStudy:
     """Results of one specimen."""
 
     seed: int
-    cases: tuple[Case, ...]
+    cases: tuple[ImpossibleTarget, ...]
     seconds: float
 
     def figures(self) -> dict[str, Any]:
@@ -118,7 +118,9 @@ def run_study(seed: int) -> UnreachableStudy:
             )
             alarms = [alarm for alarm in run.alarms if alarm.axis == 0]
             others = len(run.alarms) - len(alarms)
-            cases.append(Case(cause, target, reach, alarms[0] if alarms else None, others))
+            cases.append(
+                ImpossibleTarget(cause, target, reach, alarms[0] if alarms else None, others)
+            )
     return UnreachableStudy(seed, tuple(cases), time.perf_counter() - began)
 
 

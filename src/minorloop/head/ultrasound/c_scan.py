@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.head.geometry import wrapped
+from minorloop.head.geometry import wall_point, wrapped
 from minorloop.head.reconstruction.depth_map import (
     ECHOES,
     UNSEEN,
@@ -28,7 +28,8 @@ from minorloop.head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched, v
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.profile import Profile, centred
 
-PIT, CRACK = "pit", "crack"
+Indices = npt.NDArray[np.intp]
+PIT, CRACK, CUT = "pit", "crack", "cut by the edge"
 _BEFORE, _BEYOND = 0.8e-3, 1.4e-3
 """Window of the strongest echo before and beyond the wall in metres, for beads and for the deepest
 pit that is measured."""
@@ -48,20 +49,32 @@ _SURE = 6.0
 """Standard deviations of the map from which on something is no texture of the wall."""
 _FEWEST = 3
 """Fewest bursts on a surface: fewer are outliers."""
-_FLOOR_SD = 6e-6
+_FLOOR_SD = 4e-6
 """Error of a depth by the envelope alone, in metres, from sweeps of the twin."""
-_LOST = 0.3
-"""Least share of the echo of the wall that a crack takes."""
-_SLENDER, _SHORTEST = 3.0, 1.5e-3
+_ABOUT = 36
+"""Bursts whose median is the wall about one of them: a disc 1.6 mm wide, of which a crack of 0.3 mm
+takes a quarter."""
+_LOST, _LOST_SURE = 0.1, 3.0
+"""Least share of the echo of the wall that a crack takes, and over the noise of this share: four
+bursts in a row are not by chance. A crack of 0.06 mm takes 0.1 midway between two lines."""
+_SLENDER, _SHORTEST = 3.0, 1e-3
 """Least length of a crack over its width on the map, and in metres."""
-_FLAT = 0.04e-3
-"""Largest median depth of the wall about a crack in metres: a quarter of a wavelength. The flanks
-of dents and beads take from the echo too."""
+_FLAT, _MOST = 0.04e-3, 0.75
+"""Largest depth of most of the wall about a crack in metres, a quarter of a wavelength, and how
+much is most. The flanks of dents and beads take from the echo too."""
+_LEVEL = 0.02e-3
+"""Largest difference of the depths on both sides of a crack, in metres."""
+_BRIDGED, _CLOSE = 3.0, 0.8
+"""Widths of the beam between bursts on one crack or about one pit, as sway leaves gaps, and fewest
+bursts on such a width of the length of a crack."""
+_NEAR = 2.0
+"""Widths of the beam within which bursts are at the edge of what was swept."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
 """Standard deviations of place and size of a find in metres, half the distance of bursts."""
-_JITTER = 40e-9
-"""Scatter of the time of an envelope at a signal-to-noise ratio of 1, in seconds."""
-Indices = npt.NDArray[np.intp]
+_BESIDE, _ASTRAY = 9, 1.5
+"""Bursts within 0.4 mm of one of them, and how many of their standard deviations the value at a
+place is off where it changes: as much as on 0.3 mm, by the error of the place and the way to the
+nearest burst."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +107,8 @@ class EchoFind:
     Parameters
     ----------
     kind : str
-        ``pit`` or ``crack``.
+        ``pit`` or ``crack``; ``cut by the edge`` where it may be either or neither: a sweep beyond
+        the edge shows what it is.
     phi, z : float
         Centre, in radians and metres.
     diameter : float
@@ -141,7 +155,7 @@ class CScan:
         Depth of the strongest echo below the wall; unseen where there is none, in gaps and above
         the water.
     amplitude, amplitude_sd : (rows, columns) arrays
-        Of the echo at the distance of the wall, as a share of that of a plain wall; NaN in gaps and
+        Of the echo of the wall about a texel, as a share of that of a plain wall; NaN in gaps and
         more than the width of the beam above the water.
     gap : (rows, columns) array of bool
         Flooded texels farther than the width of the beam from every burst.
@@ -150,8 +164,8 @@ class CScan:
     finds : tuple of EchoFind
         Pits by depth, then cracks by length, the greatest first; none by a probe without a lens.
     noise : (float, float)
-        Standard deviations of depth in metres and of amplitude on this wall, by which finds are
-        told from its texture.
+        Standard deviations of depth in metres and of amplitude by the texture of this wall, from
+        which finds are told.
     """
 
     wall: DepthMap
@@ -174,9 +188,12 @@ class WallEchoes:
     depth : (N,) array
         Of the strongest echo below the wall, in metres; NaN without one that a surface can return.
     amplitude : (N,) array
-        Of the echo at the distance of the wall, over the usual one; NaN if the trace is too short.
+        Of the echo at the distance of the wall about it, over the usual one; NaN if the trace is
+        too short.
     strongest, snr : (N,) arrays
         Amplitude of the strongest echo over the usual one, and over noise.
+    near : (N, K) array of int
+        The nearest bursts to each, itself first.
     """
 
     spots: FloatArray
@@ -184,6 +201,22 @@ class WallEchoes:
     amplitude: FloatArray
     strongest: FloatArray
     snr: FloatArray
+    near: Indices
+
+    @property
+    def lost(self) -> FloatArray:
+        """(N,) share of the amplitude about each that it lacks."""
+        return 1 - self.amplitude / np.maximum(_quantile(self.amplitude[self.near]), _RINGING)
+
+    @property
+    def flat(self) -> BoolArray:
+        """(N,) whether most of the wall about each has no depth."""
+        return _quantile(np.abs(self.depth[self.near]), _MOST) < _FLAT
+
+    @property
+    def texture(self) -> FloatArray:
+        """(N,) depth of each less the median of those beside it."""
+        return self.depth - _quantile(self.depth[self.near[:, :_BESIDE]])
 
 
 def beam_width(probe: CalibratedProbe, pulse: Pulse | None = None) -> float:
@@ -224,7 +257,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     water = replace(water, sd=float(np.hypot(water.sd, _PLACE_SD)))
     coupled = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
     used = np.flatnonzero(coupled & np.isfinite(echoes.amplitude))
-    noise = _spread(echoes.depth[used]), _spread(echoes.amplitude[used])
+    noise = _spread(echoes.texture[used]), _spread(echoes.lost[used])
     around = patch.places[..., 0]
     flooded = water.wet(around, probe.radius) | np.isnan(water.height)
     points = _flat(echoes.spots, patch)
@@ -232,39 +265,45 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
         blank = np.full(flooded.shape, np.nan)
         return CScan(unseen_map(patch), blank, blank, flooded, water, (), noise)
     tree = cKDTree(points[used])
-    off, found = map(np.asarray, tree.query(_flat(patch.places, patch), k=_FEWEST))
-    three, near = used[found], off[..., 0] < width
+    off, found = map(np.asarray, tree.query(_flat(patch.places, patch)))
+    nearest, near = used[found], off < width
     # A beam that is partly above the line still has an echo.
     mapped = near & water.wet(around, probe.radius, margin=-width)
     finds: tuple[EchoFind, ...] = ()
     if np.isfinite(probe.transducer.focus):
-        on = _Bursts(points, np.where(near, three[..., 0], -1), patch, width)
+        on = _Bursts(points, np.where(near, nearest, -1), patch, width)
         steepest = 0.5 * probe.transducer.aperture / probe.transducer.focus
         floors = _floors(echoes.depth, used, on, (steepest, noise[0]))
         clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
         finds = _finds(_slender(echoes, clear, on, noise[1]), floors, on)
-    timing = _JITTER / np.maximum(echoes.snr, 1.0) * probe.speed / 2
-    wall = _depth_map(echoes.depth, np.hypot(timing, noise[0]), three, mapped, patch)
-    loud = np.where(mapped, echoes.amplitude[three[..., 0]], np.nan)
-    loud_sd = np.hypot(echoes.amplitude[three].std(axis=-1), noise[1])
-    loud_sd = np.where(mapped, loud_sd, np.nan)
+    floor = np.where(np.abs(echoes.depth) > _PULSE, _FLOOR_SD, 0.0)
+    depth, amplitude = echoes.depth, echoes.amplitude
+    sd = np.hypot(_astray(depth, echoes, noise[0]), floor)
+    seen = mapped & np.isfinite(depth[nearest])
+    wall = DepthMap(
+        patch,
+        np.where(seen, depth[nearest], np.nan),
+        np.where(seen, sd[nearest], np.inf),
+        np.where(seen, ECHOES, UNSEEN).astype(np.uint8),
+    )
+    loud, loud_sd = (
+        np.where(mapped, values[nearest], np.nan)
+        for values in (amplitude, _astray(amplitude, echoes, noise[1]))
+    )
     return CScan(wall, loud, loud_sd, flooded & ~near, water, finds, noise)
 
 
-def _depth_map(
-    depth: FloatArray, sd: FloatArray, three: Indices, mapped: BoolArray, patch: Patch
-) -> DepthMap:
-    """Return the depth of the nearest of three bursts, and how sure it is.
+def _astray(values: FloatArray, echoes: WallEchoes, noise: float) -> FloatArray:
+    """Return the standard deviation (N,) of values at the places of bursts.
 
-    The three differ where the exact place matters, as at a rim.
+    Beside the noise it has their change with the place, as at a rim.
     """
-    own = np.where(mapped, depth[three[..., 0]], np.nan)
-    seen = np.isfinite(own)
-    scatter = np.nan_to_num(depth[three].std(axis=-1), nan=_BEYOND)
-    floor = np.where(np.abs(own) > _PULSE, _FLOOR_SD, 0.0)
-    total = np.sqrt(scatter**2 + sd[three[..., 0]] ** 2 + floor**2)
-    total = np.where(seen, total, np.inf)
-    return DepthMap(patch, own, total, np.where(seen, ECHOES, UNSEEN).astype(np.uint8))
+    beside = values[echoes.near[:, :_BESIDE]]
+    known = np.isfinite(beside)
+    mean = np.where(known, beside, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    square = np.where(known, beside - mean[:, None], 0.0) ** 2
+    change = np.sqrt(square.sum(axis=1) / np.maximum(known.sum(axis=1), 1))
+    return np.asarray(np.hypot(_ASTRAY * change, noise))
 
 
 def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEchoes:
@@ -286,17 +325,37 @@ def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEcho
         change = profile.depths - centred(profile).depths
         wave = np.interp(spots[:, 0], spots[found, 0], change, period=2 * np.pi)
         wave += np.median((depth - wave)[found])
-    wall = np.array(
-        [
-            _amplitude_at(one, each[3], distance, probe.speed)
-            for one, each, distance in zip(swept, heard, spots[:, 2] + wave, strict=True)
-        ]
-    ).reshape(-1)
     usual = float(np.median(loudest[found])) if found.any() else 1.0
     clear = found & (loudest >= _RINGING * usual)
+    depth = np.where(clear, depth - wave, np.nan)
+    near = _nearest(spots, probe.radius)
+    about = np.nan_to_num(_quantile(depth[near]))
+    wall = np.array(
+        [
+            _amplitude_at(one, each[3], distance, probe.speed) / usual
+            for one, each, distance in zip(swept, heard, spots[:, 2] + wave + about, strict=True)
+        ]
+    ).reshape(-1)
     steepest = np.arctan(0.5 * probe.transducer.aperture / probe.transducer.focus)
-    depth = np.where(clear, (depth - wave) / (1 - 0.25 * steepest**2), np.nan)
-    return WallEchoes(spots[:, :2], depth, wall / usual, loudest / usual, snr)
+    depth /= 1 - 0.25 * steepest**2
+    return WallEchoes(spots[:, :2], depth, wall, loudest / usual, snr, near)
+
+
+def _nearest(spots: FloatArray, radius: float) -> Indices:
+    """Return the nearest bursts (N, K) to each, itself among them."""
+    if not len(spots):
+        return np.empty((0, 0), dtype=np.intp)
+    points = wall_point(spots[:, 0], spots[:, 1], radius)
+    count = min(_ABOUT, len(points))
+    return np.asarray(cKDTree(points).query(points, k=count)[1]).reshape(len(points), count)
+
+
+def _quantile(values: FloatArray, share: float = 0.5) -> FloatArray:
+    """Return the median, or another quantile, of the finite values of each row; NaN without any."""
+    some = np.isfinite(values).any(axis=1)
+    found = np.full(len(values), np.nan)
+    found[some] = np.nanquantile(values[some], share, axis=1)
+    return found
 
 
 def _strongest(one: SweptBurst, speed: float) -> tuple[float, float, float, FloatArray | None]:
@@ -341,10 +400,44 @@ class _Bursts:
         edges = chosen[np.unique(np.sort(pairs, axis=1), axis=0)]
         return np.asarray(edges[self.apart(edges) <= 2 * self.width])
 
+    def pairs(self, chosen: Indices) -> Indices:
+        """Return pairs (E, 2) of chosen bursts that are on one crack if they are on any."""
+        near = cKDTree(self.points[chosen]).query_pairs(
+            _BRIDGED * self.width, output_type="ndarray"
+        )
+        return np.asarray(chosen[near])
+
     def apart(self, edges: Indices) -> FloatArray:
         """Return the lengths (E,) of edges, in metres."""
         between = self.points[edges[:, 0]] - self.points[edges[:, 1]]
         return np.asarray(np.linalg.norm(between, axis=1))
+
+    def slender(self, members: Indices) -> bool:
+        """Return whether bursts are close together on a long and narrow part."""
+        one = self.find(CRACK, members)
+        return (
+            one is not None
+            and len(members) >= max(_FEWEST, _CLOSE * one.length / self.width)
+            and one.length > max(_SHORTEST, _SLENDER * max(one.diameter, self.width))
+        )
+
+    def cut(self, members: Indices) -> bool:
+        """Return whether most of some bursts are at the edge of what was swept."""
+        points, low, high = self.points[members], self.points.min(axis=0), self.points.max(axis=0)
+        off = np.minimum(points - low, high - points).min(axis=1)
+        return bool(np.mean(off < _NEAR * self.width) > 0.5)
+
+    def beside(self, members: Indices, others: Indices) -> bool:
+        """Return whether most of some bursts are near others."""
+        off = cKDTree(self.points[others]).query(self.points[members])[0]
+        return bool(np.mean(off < _BRIDGED * self.width) > 0.5)
+
+    def left(self, members: Indices, edges: Indices) -> BoolArray:
+        """Return which edges (E, 2) lead to the left of the line through bursts."""
+        points = self.points[members]
+        across = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][1]
+        way = self.points[edges[:, 1]] - self.points[edges[:, 0]]
+        return np.asarray(way @ across > 0)
 
     def groups(self, edges: Indices) -> Indices:
         """Return the number (N,) of the group of each burst, which edges connect."""
@@ -354,7 +447,10 @@ class _Bursts:
         return np.asarray(connected_components(graph, directed=False)[1])
 
     def find(self, kind: str, members: Indices, **more: float) -> EchoFind | None:
-        """Return the texels nearest to some bursts as a find; None if there are none."""
+        """Return the texels nearest to some bursts as a find; None if there are none.
+
+        At the edge of what was swept it may be anything.
+        """
         texels = self.patch.places[np.isin(self.nearest, members)]
         if not len(texels):
             return None
@@ -366,7 +462,7 @@ class _Bursts:
         diameter = 2 * np.sqrt(area / np.pi)
         phi = _middle(self.patch) + middle[0] / self.patch.radius
         return EchoFind(
-            kind,
+            CUT if self.cut(members) else kind,
             float(wrapped(phi)),
             float(middle[1]),
             float(diameter if kind == PIT else area / length),
@@ -418,39 +514,44 @@ def _floors(
 
 
 def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> list[Indices]:
-    """Return groups of bursts that are long and narrow, on which a flat wall lacks echo."""
-    lost = np.zeros(len(on.points), dtype=bool)
-    lost[used] = echoes.amplitude[used] < 1 - max(_SURE * noise, _LOST)
+    """Return groups of bursts that are long and narrow, on which a flat wall lacks echo.
+
+    The wall on both sides of each is level, unless the edge cuts it.
+    """
+    short = echoes.lost > max(_LOST_SURE * noise, _LOST)
+    lost = np.isin(np.arange(len(short)), used) & echoes.flat & short
+    group = on.groups(on.pairs(np.flatnonzero(lost)))
     edges = on.neighbours(used)
-    group = on.groups(edges[lost[edges].all(axis=1)])
     rim = np.concatenate([edges, edges[:, ::-1]])
-    rim = rim[lost[rim[:, 0]] & ~lost[rim[:, 1]]]
+    rim = rim[lost[rim[:, 0]] & ~short[rim[:, 1]] & np.isfinite(echoes.depth[rim[:, 1]])]
     found = []
     for k in np.unique(group[lost]):
-        members = np.flatnonzero((group == k) & lost)
-        beside = np.abs(echoes.depth[np.unique(rim[group[rim[:, 0]] == k, 1])])
-        beside = beside[np.isfinite(beside)]
-        if beside.size and len(members) >= _FEWEST and np.quantile(beside, 0.8) < _FLAT:
-            one = on.find(CRACK, members)
-            if one and one.length > max(_SHORTEST, _SLENDER * max(one.diameter, on.width)):
+        members, beside = np.flatnonzero((group == k) & lost), rim[group[rim[:, 0]] == k]
+        if on.slender(members):
+            left = on.left(members, beside)
+            sides = [echoes.depth[beside[side, 1]] for side in (left, ~left) if side.any()]
+            if on.cut(members) or (
+                len(sides) == 2 and abs(np.median(sides[0]) - np.median(sides[1])) < _LEVEL
+            ):
                 found.append(members)
     return found
 
 
 def _finds(
-    cracks: Sequence[Indices], floors: Sequence[_Floor], on: _Bursts
+    slender: Sequence[Indices], floors: Sequence[_Floor], on: _Bursts
 ) -> tuple[EchoFind, ...]:
-    """Return cracks with the depth of the floors in them, and the other floors as pits."""
-    finds = []
-    for floor in floors:
-        if not any(np.isin(floor.members, crack).mean() > 0.5 for crack in cracks):
-            finds.append(on.find(PIT, floor.members, depth=floor.depth, depth_sd=floor.sd))
-    finds.sort(key=lambda find: -find.depth if find else 0.0)
-    for crack in cracks:
-        inside = [one for one in floors if np.isin(one.members, crack).mean() > 0.5]
-        most = max(inside, key=lambda one: len(one.members), default=None)
+    """Return floors as pits, and cracks with the depth of the floors in them."""
+    inside = [
+        [one for one in floors if np.isin(one.members, members).mean() > 0.5] for members in slender
+    ]
+    pits = [one for one in floors if not any(one in each for each in inside)]
+    pits.sort(key=lambda one: -one.depth)
+    finds = [on.find(PIT, one.members, depth=one.depth, depth_sd=one.sd) for one in pits]
+    for members, own in zip(slender, inside, strict=True):
+        most = max(own, key=lambda one: len(one.members), default=None)
         known = {} if most is None else {"depth": most.depth, "depth_sd": most.sd}
-        finds.append(on.find(CRACK, crack, **known))
+        if not any(on.beside(members, one.members) for one in pits):
+            finds.append(on.find(CRACK, members, **known))
     return tuple(find for find in finds if find is not None)
 
 

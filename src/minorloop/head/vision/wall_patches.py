@@ -87,7 +87,7 @@ class Patches:
         return Patches(
             self.places[chosen],
             self.points[chosen],
-            self.templates[:, chosen],
+            np.take(self.templates, chosen, axis=1),  # in the order in which loops are compiled
             self.origins[chosen],
             self.sd[chosen],
             self.poor[chosen],

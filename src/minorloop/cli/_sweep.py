@@ -1,0 +1,137 @@
+"""What ``minorloop head sweep`` does: a map of the flooded wall, and what is found in it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.errors import ParameterError, counted
+
+if TYPE_CHECKING:
+    from minorloop.head.procedures.sweep import SweepState
+    from minorloop.head.reconstruction.pipe_map import PipeMap
+
+_MOST = 10.0
+"""Longest part of the pipe in mm: with half an hour of the head for 1 cm."""
+
+
+def carried_out(
+    actuator: str,
+    around: Sequence[float],
+    along: Sequence[float],
+    out: Path,
+    specimen: int | None,
+    seed: int,
+) -> dict[str, Any]:
+    """Sweep a part of the wall, and return the content of ``findings.json``.
+
+    What was fired before an interruption is kept.
+
+    Parameters
+    ----------
+    actuator : str
+        Address; only the simulated pipe has a probe.
+    around, along : (first, last)
+        In degrees and mm.
+    out : path
+        New or empty folder.
+    specimen, seed : int
+        Of the simulated head, and of its noise and its pipe.
+    """
+    from minorloop.files import new_folder
+    from minorloop.head.console.identified_head import head_of
+    from minorloop.head.console.plant import open_plant, open_tip
+    from minorloop.head.console.settings import is_pipe
+    from minorloop.head.procedures.actuator_plant import NO_PROBE
+    from minorloop.head.procedures.rig import InspectionRig
+    from minorloop.head.procedures.sweep import ProbeSweep
+    from minorloop.head.reconstruction.depth_map import Patch
+    from minorloop.head.reconstruction.pipe_map import pipe_map
+    from minorloop.head.ultrasound.c_scan import c_scan
+
+    if not is_pipe(actuator):
+        raise ParameterError(f"{NO_PROBE}; give twin:pipe, whose head has one")
+    if not 0 <= along[0] < along[1] <= along[0] + _MOST:
+        raise ParameterError(
+            f"--along is {along[0]:g},{along[1]:g}; give two places in mm from 0 on, the last one "
+            f"greater by {_MOST:g} at most"
+        )
+    phi = math.radians(around[0]), math.radians(around[1])
+    z = 1e-3 * along[0], 1e-3 * along[1]
+    with new_folder(out) as folder, _common.working("identifying the head", logged=True) as now:
+        plant = open_plant(actuator, specimen=specimen, seed=seed)
+        flow = getattr(plant, "flood", None)
+        tip, view = open_tip(actuator, specimen=specimen, seed=seed, flow=flow)
+        control = head_of(actuator, specimen)
+        rig, sweep = InspectionRig(plant, tip, control, view), ProbeSweep(calibration=view)
+        state = sweep.begin(phi, z, control=control)
+        if state.refused:
+            raise ParameterError(f"the sweep is {state.refused}")
+
+        def told(new: SweepState) -> None:
+            nonlocal state
+            state = new
+            now(f"{new.stage}: {new.progress:.0%}, {len(new.bursts)} bursts")
+
+        def kept(ended: str) -> dict[str, Any]:
+            patch = Patch.ring(*z, radius=view.radius)
+            scan = c_scan(state.bursts, view.probe_at((0.0, 0.0)), patch)
+            return _kept(pipe_map(scan, []), ended, state, folder)
+
+        try:
+            state = rig.run(sweep, state, told)
+        except KeyboardInterrupt:
+            typer.echo(f"{summary(kept('interrupted'))}; kept in {out}", err=True)
+            raise
+        finally:
+            plant.safe()
+        return kept(state.trouble or "finished")
+
+
+def _kept(found: PipeMap, ended: str, state: SweepState, folder: Path) -> dict[str, Any]:
+    """Write findings and report, and return the content of ``findings.json``."""
+    from minorloop.files import write_atomically
+    from minorloop.head.reconstruction.findings import save_findings
+    from minorloop.head.studies.sweep_report import draw_pipe_map, finds_table
+    from minorloop.report import Picture, Report
+
+    rows = [one.finding(found.wall.patch.radius) for one in found.finds]
+    table = finds_table(found)
+    content = {
+        "ended": ended,
+        "bursts": len(state.bursts),
+        "lines": state.lines,
+        "findings": [dict(zip(table.columns, row, strict=True)) for row in table.rows],
+    }
+    save_findings(rows, folder / "findings.csv")
+    write_atomically(folder / "findings.json", json.dumps(content, indent=1) + "\n")
+
+    def drawn() -> Report:
+        report = Report("Sweep of the flooded wall", summary(content))
+        report.add("Finds", table=table)
+        report.add("Map", pictures=[Picture(draw_pipe_map(found), "The pipe, unrolled.")])
+        return report
+
+    _common.write_report(drawn, folder / "report.html", force=False)
+    return content
+
+
+def summary(content: dict[str, Any]) -> str:
+    """Return what was found in how many bursts, and how it ended."""
+    finds, bursts = counted(len(content["findings"]), "find"), counted(content["bursts"], "burst")
+    return f"{finds} in {bursts} on {counted(content['lines'], 'line')}; {content['ended']}"
+
+
+def show(content: dict[str, Any], out: Path) -> None:
+    """Print the finds."""
+    rows = content["findings"]
+    if rows:
+        _common.print_table(list(rows[0]), [list(row.values()) for row in rows])
+    typer.echo(summary(content))
+    typer.echo(f"kept in {out}")
