@@ -4,35 +4,39 @@
     python -m benchmarks.detector score --first 30000 --count 500
 
 With ``--rendered FOLDER``, scenes of ``python -m benchmarks.judge render`` with seeds from 1000 to
-``--until`` are fitted too.
+``--until`` are fitted too. Switched lights are also fitted on half as many scenes in water, and as
+many with holes and pits of 0.4 to 3 mm, slots and corrosion, which are searched in all sizes.
 
 Each seed gives a scene with a hole and one without, beside saturated glints. A finding within
-0.3 mm of the hole is correct; one farther than 0.8 mm off, or without a hole, is false. Places are
-compared on the map of the camera, which knows the pivot to 0.2 mm and the angles to 0.05 degrees,
-so that the error of the pose is not scored.
+0.3 mm of the hole is correct (0.3 diameters of a smaller one); one farther than 0.8 mm off (0.8
+diameters of a larger one), or without a hole, is false. Places are compared on the map of the
+camera, which knows the pivot to 0.2 mm and the angles to 0.05 degrees, so that the error of the
+pose is not scored.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from minorloop.head.geometry import wrapped
-from minorloop.head.twins.scene_view import SceneView, draw_view
+from minorloop.head.studies.detection import FAR, NEAR, misjudged, shots, wilson
+from minorloop.head.twins.scene_view import draw_view
+from minorloop.head.twins.sized_view import DIAMETERS, draw_sized_view
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.candidates import FEATURES, KINDS, Candidate, candidates
-from minorloop.head.vision.defects import ALONE, MODES, SEQUENCE, Hole, strongest
+from minorloop.head.vision.defects import MODES, SIZED, SIZES, SWITCHED, Hole, scales, strongest
 from minorloop.head.vision.reflectance_map import LitFrame, lay_flat
 
-PIVOT, ANGLE, DITHER = 0.2e-3, np.deg2rad(0.05), np.deg2rad(2.0)
-NEAR, FAR = 0.3e-3, 0.8e-3
+OURS, RENDERED, FLOODED = "ours", "rendered", "flooded"
 FALSE = 0.05
-ASKED = {"switched": 0.0125}
+ASKED = {(SWITCHED, OURS): 0.0125}
 """False findings an acquisition at the thresholds, where not ``FALSE``: switched lights leave
 evidence to spare, and one set of scenes has twice as many as another."""
 PARTS = 3
@@ -49,51 +53,49 @@ class Scene:
     inside: str
     found: dict[str, list[tuple[Candidate, np.ndarray]]]
     seconds: dict[str, float]
-    rendered: bool = False
+    source: str = OURS
+
+    @property
+    def near(self) -> float:
+        """Distance within which a finding is at the hole, in metres."""
+        return NEAR * min(self.diameter / 1e-3, 1.0)
+
+    @property
+    def far(self) -> float:
+        """Distance beyond which a finding is not at the hole, in metres."""
+        return FAR * max(self.diameter / 1e-3, 1.0)
 
 
-def shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFrame]:
-    """Take the frames of an acquisition of a view."""
-    turns = np.zeros((len(SEQUENCE), 2))
-    lights = SEQUENCE
-    if mode == "single":
-        lights, turns = SEQUENCE[-1:], turns[:1]
-    elif mode == "dither":
-        lights = (SEQUENCE[-1],) * 5
-        turns = DITHER * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
-    frames = []
-    for on, turn in zip(lights, turns, strict=True):
-        pan, tilt = view.pan + turn[0], view.tilt + turn[1]
-        view.camera.look(pan, tilt)
-        view.camera.switch(on)
-        view.camera.expose(0.01 if all(on) else 0.01 * ALONE, view.gain)
-        seen = np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)
-        frames.append(LitFrame(view.camera.frame().image, float(seen[0]), float(seen[1]), on))
-    return frames
-
-
-def scene(seed: int, hole: bool, modes: tuple[str, ...]) -> Scene:
+def scene(seed: int, hole: bool, modes: tuple[str, ...], source: str = OURS) -> Scene:
     """Draw, photograph and search a scene."""
-    view, rng = draw_view(seed, hole=hole), np.random.default_rng([seed, int(hole), 7])
-    way = rng.uniform(0, 2 * np.pi)
-    off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
-    camera = CalibratedCamera(
-        view.camera.calibration, replace(view.mount, offset=tuple(off)), view.camera.leds
-    )
+    if source == SIZED:
+        view, sizes = draw_sized_view(seed, hole=hole), DIAMETERS
+    else:
+        view, sizes = draw_view(seed, hole=hole, flooded=source == FLOODED), SIZES
+    rng = np.random.default_rng([seed, int(hole), 7])
+    camera = misjudged(view, rng)
     place = camera.place(view.camera._pixel(*view.place), view.pan, view.tilt)
     found, seconds = {}, {}
     for mode in modes:
         frames = shots(view, rng, mode)
         start = time.thread_time()
-        wall = lay_flat(frames, camera)
-        objects = candidates(wall) if wall is not None else []
+        found[mode] = searched(frames, camera, sizes)
         seconds[mode] = time.thread_time() - start
-        found[mode] = [
-            (candidate, wall.window.place(candidate.x, candidate.y, camera.radius))
-            for candidate in objects
-        ]
     bore = view.hole
-    return Scene(place, bore.diameter if bore else 0.0, bore.inside if bore else "", found, seconds)
+    inside = bore.inside if bore else ""
+    return Scene(place, bore.diameter if bore else 0.0, inside, found, seconds, source)
+
+
+def searched(
+    frames: list[LitFrame], camera: CalibratedCamera, sizes: tuple[float, float] = SIZES
+) -> list[tuple[Candidate, np.ndarray]]:
+    """Return candidates of all sizes, with their places."""
+    found = []
+    for scale in scales(sizes):
+        wall = lay_flat(frames, camera, scale)
+        objects = candidates(wall) if wall is not None else []
+        found += [(each, wall.window.place(each.x, each.y, camera.radius)) for each in objects]
+    return found
 
 
 def rendered_scene(drawn: object, radiance: np.ndarray) -> Scene:
@@ -101,14 +103,9 @@ def rendered_scene(drawn: object, radiance: np.ndarray) -> Scene:
     from benchmarks.judge.score import frames_of
 
     camera, frames, place = frames_of(drawn, radiance)
-    wall = lay_flat(frames, camera)
-    objects = candidates(wall) if wall is not None else []
-    places = [wall.window.place(each.x, each.y, camera.radius) for each in objects]
     hole = drawn.hole
     size, inside = (1e-3 * hole.mouth, hole.inside) if hole else (0.0, "")
-    return Scene(
-        place, size, inside, {"switched": list(zip(objects, places, strict=True))}, {}, True
-    )
+    return Scene(place, size, inside, {"switched": searched(frames, camera)}, {}, RENDERED)
 
 
 def errors(scene: Scene, place: np.ndarray, diameter: float) -> tuple[float, float]:
@@ -145,18 +142,18 @@ def fit_kind(scenes: list[Scene], mode: str, kind: str) -> tuple[float, dict[str
     Scenes of the other renderer count as much together as ours.
     """
     rows, labels, shares = [], [], []
-    others = sum(one.rendered for one in scenes)
+    others = sum(one.source == RENDERED for one in scenes)
     share = {False: 1.0, True: max(len(scenes) - others, 1) / max(others, 1)}
     for one in scenes:
         for candidate, place in one.found[mode]:
             if candidate.kind != kind:
                 continue
             off, size = errors(one, place, candidate.diameter)
-            right = one.diameter > 0 and off < 0.2e-3 and abs(size) < 0.2
-            if right or not one.diameter or off > FAR:
+            right = one.diameter > 0 and off < 2 / 3 * one.near and abs(size) < 0.2
+            if right or not one.diameter or off > one.far:
                 rows.append(candidate.features)
                 labels.append(float(right))
-                shares.append(share[one.rendered])
+                shares.append(share[one.source == RENDERED])
     if not labels or sum(labels) < 3:
         return -20.0, {}
     x, y, counts = np.array(rows), np.array(labels), np.array(shares)
@@ -195,23 +192,16 @@ def judged(scenes: list[Scene], mode: str, table: dict) -> tuple[list[float], li
             for candidate, place in one.found[mode]
         ]
         best = None
-        for hole in strongest(holes, 10e-3, -np.inf):
+        smallest = (DIAMETERS if one.source == SIZED else SIZES)[0]
+        for hole in strongest(holes, 10e-3, -np.inf, smallest):
             off, size = errors(one, hole.place, hole.diameter)
-            if one.diameter and off < NEAR:
+            if one.diameter and off < one.near:
                 best = best or (hole.evidence, one, off, size)
-            elif not one.diameter or off > FAR:
+            elif not one.diameter or off > one.far:
                 false.append(hole.evidence)
         if one.diameter:
             right.append(best or (-np.inf, one, np.inf, np.inf))
     return false, right
-
-
-def wilson(hits: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson, 1927)."""
-    z, p = 1.959964, hits / count
-    middle = (p + z * z / (2 * count)) / (1 + z * z / count)
-    half = z / (1 + z * z / count) * np.sqrt(p * (1 - p) / count + z * z / (4 * count**2))
-    return float(middle - half), float(middle + half)
 
 
 def threshold_of(false: list[float], count: int, share: float = FALSE) -> float:
@@ -226,27 +216,36 @@ def table_of(scenes: list[Scene], mode: str) -> dict[str, tuple[float, dict[str,
 
 
 def fit(scenes: list[Scene], modes: tuple[str, ...]) -> tuple[dict, dict, dict]:
-    """Return weights, thresholds, and recall on the halves that were not fitted."""
+    """Return weights, thresholds, and recall by mode and source on the parts not fitted.
+
+    The weights for all sizes are fitted on all scenes under switched lights, those of switched
+    lights on all but those with other sizes.
+    """
     tables, thresholds, recall = {}, {}, {}
     for mode in modes:
-        own = [one for one in scenes if mode in one.found]
-        false: dict[bool, list[float]] = {True: [], False: []}
-        right = []
+        frames = SWITCHED if mode == SIZED else mode
+        own = [s for s in scenes if frames in s.found and (mode == SIZED or s.source != SIZED)]
+        sources = list(dict.fromkeys(one.source for one in own))
+        false, right = {which: [] for which in sources}, {which: [] for which in sources}
         for part in range(PARTS):
             # A seed gives two scenes, one after the other.
-            table = table_of([s for n, s in enumerate(own) if n // 2 % PARTS != part], mode)
-            for which in false:
+            table = table_of([s for n, s in enumerate(own) if n // 2 % PARTS != part], frames)
+            for which in sources:
                 left = [s for n, s in enumerate(own) if n // 2 % PARTS == part]
-                more = judged([s for s in left if s.rendered == which], mode, table)
+                more = judged([s for s in left if s.source == which], frames, table)
                 false[which] += more[0]
-                right += more[1]
-        limits = {True: FALSE, False: ASKED.get(mode, FALSE)}
+                right[which] += more[1]
+        counts = {which: sum(s.source == which for s in own) for which in sources}
         thresholds[mode] = max(
-            threshold_of(false[which], sum(s.rendered == which for s in own), limits[which])
-            for which in (True, False)
+            threshold_of(false[which], counts[which], ASKED.get((mode, which), FALSE))
+            for which in sources
+            if mode != SIZED or which == SIZED
         )
-        recall[mode] = float(np.mean([best[0] >= thresholds[mode] for best in right]))
-        tables[mode] = table_of(own, mode)
+        for which in sources:
+            share = np.mean([best[0] >= thresholds[mode] for best in right[which]])
+            alarms = sum(value >= thresholds[mode] for value in false[which]) / counts[which]
+            recall[mode, which] = float(share), alarms
+        tables[mode] = table_of(own, frames)
     return tables, thresholds, recall
 
 
@@ -258,7 +257,10 @@ def source(tables: dict, thresholds: dict, first: int, count: int) -> str:
         "They give the logarithm of the odds that a candidate is a hole, by logistic regression on",
         f"scenes {first} to {first + count - 1}, each with and without a hole; printed by",
         "``python -m benchmarks.detector fit``. Cross-validation gives at the thresholds",
-        *(f"{ASKED.get(mode, FALSE)} false findings an acquisition ({mode})," for mode in tables),
+        *(
+            f"{ASKED.get((mode, OURS), FALSE)} false findings an acquisition ({mode}),"
+            for mode in tables
+        ),
         "where each half of the seeds is one set of scenes.",
         '"""',
         "",
@@ -322,8 +324,15 @@ def main() -> None:
 
         others = rendered(range(1000, asked.until + 1), asked.rendered)
         scenes += [rendered_scene(*one) for one in others]
+    if asked.what == "fit" and "switched" in modes:
+        for which, part in ((FLOODED, seeds[::2]), (SIZED, seeds)):
+            scenes += [scene(seed, h, (SWITCHED,), which) for seed in part for h in (True, False)]
     if asked.what == "fit":
-        print(source(*fit(scenes, modes)[:2], asked.first, asked.count), end="")
+        modes += (SIZED,) if SWITCHED in modes else ()
+        tables, thresholds, recall = fit(scenes, modes)
+        print(source(tables, thresholds, asked.first, asked.count), end="")
+        for (mode, which), (share, false) in recall.items():
+            print(f"{mode}, {which}: recall {share:.3f}, false {false:.3f}", file=sys.stderr)
     else:
         print(json.dumps({mode: score(scenes, mode) for mode in modes}, indent=2))
 

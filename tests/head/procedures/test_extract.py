@@ -1,7 +1,8 @@
 import numpy as np
 
 from minorloop.head.procedures.extract import SAME, Acquisition, nearest
-from minorloop.head.vision.defects import ALONE, SEQUENCE, Hole
+from minorloop.head.vision.defects import SEQUENCE, Hole
+from minorloop.head.vision.reflectance_map import ALONE
 
 from .fakes import Loop
 

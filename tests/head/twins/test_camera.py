@@ -9,6 +9,7 @@ from minorloop.errors import LimitError, ParameterError
 from minorloop.head.geometry import Mount, Pinhole, wall_point
 from minorloop.head.twins.camera import Camera, ImageSensor, led_positions
 from minorloop.head.twins.pipe import Bore, Crack, Dent, Finish, Pipe
+from minorloop.head.twins.turbid_water import TurbidWater
 from minorloop.lab.actuator import FrameSource
 
 MATT = Finish(specular=1e-6, brush=1e-9, streak=1e-9, stain=1e-9, ambient=1e-9, diffuse=0.6)
@@ -157,6 +158,36 @@ def test_water_hides_what_is_under_it():
     seen, without = camera.frame().image.astype(float), plain.frame().image.astype(float)
     np.testing.assert_allclose(seen[above], without[above], atol=1.0)
     assert np.abs(seen[below] - without[below]).mean() > 2
+
+
+def test_light_decays_in_water_and_comes_back_from_it():
+    pipe = Pipe(length=25.6e-3, finish=Finish(diffuse=0.6, specular=0.0, streak=0.0, stain=0.0))
+    waters = (TurbidWater(0.0, 0.0), TurbidWater(10.0, 0.0), TurbidWater(0.0, 10.0))
+    clear, dark, hazy = (
+        middle(looking_at(pipe, sensor=CLEAN, flooded=water).frame().image) for water in waters
+    )
+    far = np.linalg.norm(MOUNT.pose(*AIM).position - wall_point(*PLACE, 10e-3))
+    assert dark / clear == pytest.approx(math.exp(-10.0 * 2 * far), rel=0.03)
+    assert dark + 0.5 < hazy < clear
+
+
+def test_a_place_under_water_is_where_the_score_expects_it():
+    hole = Pipe(length=51.2e-3, bores=(Bore(*PLACE, 1e-3),))
+    camera = looking_at(hole, sensor=CLEAN, flooded=TurbidWater())
+    camera.look(AIM[0] + 0.2, AIM[1])
+    u, v = np.rint(camera._pixel(*PLACE)).astype(int)
+    dry = looking_at(hole, sensor=CLEAN)
+    dry.look(AIM[0] + 0.2, AIM[1])
+    image = camera.frame().image
+    assert np.hypot(*(camera._pixel(*PLACE) - dry._pixel(*PLACE))) > 20
+    assert image[v, u] < 0.5 * np.median(image[v - 40 : v + 40, u - 40 : u + 40])
+
+
+def test_water_has_either_a_surface_or_fills_the_pipe():
+    with pytest.raises(ParameterError, match=r"surface of water at y = 0\.001 m"):
+        Camera(Pipe(length=6.4e-3, water=1e-3), flooded=TurbidWater())
+    with pytest.raises(ParameterError, match=r"scattering of water is -1"):
+        TurbidWater(scattering=-1.0)
 
 
 def test_noise_is_that_of_electrons_and_reading():

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from minorloop.head.vision.calibrated_camera import Window
-from minorloop.head.vision.candidates import FEATURES, candidates
+from minorloop.head.vision.candidates import FEATURES, Candidate, at_rim, candidates
 from minorloop.head.vision.reflectance_map import ReflectanceMap
 
 STEP = 0.05e-3
@@ -54,6 +54,32 @@ def test_a_round_patch_is_outlined(x, y, diameter, depth):
     assert features["oval"] < 0.03
     assert features["share"] > 0.95
     assert features["rim_all"] > 0.9
+
+
+@pytest.mark.parametrize("fill", [-1.5, 0.0, 0.9])
+def test_the_rim_of_a_mouth_is_where_all_that_differs_from_the_wall_ends(fill):
+    """What fills it is darker, as bright or brighter, and partly in the shadow of the rim."""
+    levels = []
+    for light in range(3):
+        level = disc(80, 70, 1.1e-3, fill)
+        turn = 2 * np.pi * light / 3
+        unshaded = np.hypot(COLUMNS - 80 - 4 * np.cos(turn), ROWS - 70 - 4 * np.sin(turn)) < 10
+        mouth = np.hypot(COLUMNS - 80, ROWS - 70) < 11
+        shadow = ndimage.gaussian_filter((mouth & ~unshaded).astype(float), 0.8)
+        levels.append((1 - shadow) * level - 2.0 * shadow)
+    painted = wall(levels)
+    for x, y, diameter in ((83.0, 68.0, 0.8e-3), (78.0, 73.0, 1.2e-3)):
+        start = Candidate(x, y, diameter, "bright", np.empty(0))
+        rim = at_rim(start, painted)
+        assert np.hypot(rim.x - 80, rim.y - 70) < 0.8
+        assert rim.diameter == pytest.approx(1.1e-3, rel=0.08)
+
+
+def test_a_candidate_stays_where_nothing_ends_about_it():
+    start = Candidate(80.0, 70.0, 1e-3, "dark", np.empty(0))
+    assert at_rim(start, wall([np.zeros(ROWS.shape)] * 3)) is start
+    unseen = wall([disc(80, 70, 1e-3, -1.5)] * 3, hidden=(ROWS > 60) | (COLUMNS > 90))
+    assert at_rim(start, unseen) is start
 
 
 def test_a_hole_half_in_a_shadow_that_moves_is_outlined_by_what_stays():

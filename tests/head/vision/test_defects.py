@@ -2,16 +2,18 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.head.geometry import wrapped
+from minorloop.head.geometry import wall_distance, wrapped
 from minorloop.head.procedures.extract import acquire
 from minorloop.head.twins.scene_view import draw_view
+from minorloop.head.twins.sized_view import draw_sized_view
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.defects import SEQUENCE, Hole, find_holes, strongest
+from minorloop.head.vision.defects import SEQUENCE, Hole, find_holes, scales, strongest
 from minorloop.head.vision.reflectance_map import LitFrame, check_frames, lay_flat
 
 
@@ -228,3 +230,49 @@ def test_a_hole_on_the_seam_of_phi_counts_once():
         for phi, evidence in ((3.14, 2.0), (-3.14, 1.0))
     )
     assert strongest([other, one], 10e-3, 0.0) == (one,)
+
+
+@pytest.mark.parametrize("seed", [1006, 1022])
+def test_holes_and_pits_of_other_sizes_are_found_and_measured(seed):
+    view = draw_sized_view(seed, hole=True)
+    camera = CalibratedCamera(view.camera.calibration, view.mount, view.camera.leds)
+    looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+    first = find_holes(looks, camera, diameters=(0.4e-3, 3e-3)).holes[0]
+    place = camera.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    assert wall_distance(first.place, place, camera.radius) < 0.2e-3
+    assert first.diameter == pytest.approx(view.hole.diameter, rel=0.1)
+
+
+def test_scales_cover_the_diameters():
+    assert scales((0.85e-3, 1.15e-3)) == [1.0]
+    steps = scales((0.4e-3, 3e-3))
+    assert 0.85 * steps[0] == pytest.approx(0.4)
+    assert 1.15 * steps[-1] == pytest.approx(3.0)
+    assert max(b / a for a, b in pairwise(steps)) < 1.42
+
+
+@pytest.mark.parametrize(
+    "diameters", [(1e-3, 0.5e-3), (0.1e-3, 1e-3), (1e-3, 9e-3), (np.nan, 1e-3)]
+)
+def test_diameters_beyond_the_limits_are_refused(diameters):
+    with pytest.raises(ParameterError, match="cannot be searched; give diameters in metres"):
+        find_holes(shots(), lens(), diameters=diameters)
+
+
+def test_several_sizes_need_switched_lights():
+    with pytest.raises(ParameterError, match="cannot be searched in mode 'single'"):
+        find_holes(shots()[4:], lens(), mode="single", diameters=(0.4e-3, 3e-3))
+
+
+def test_a_hole_in_a_flooded_pipe_is_found_with_the_lens_in_water():
+    view = draw_view(1004, hole=True, flooded=True)
+    looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+    lenses = (view.camera.calibration, view.camera.calibration.in_water())
+    air, water = (CalibratedCamera(one, view.mount, view.camera.leds) for one in lenses)
+    place = water.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    first = find_holes(looks, water).holes[0]
+    assert wall_distance(first.place, place, water.radius) < 0.1e-3
+    assert first.diameter == pytest.approx(view.hole.diameter, rel=0.1)
+    assert wall_distance(place, view.place, water.radius) < 0.1e-3
+    wrong = air.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    assert wall_distance(wrong, view.place, water.radius) > 0.5e-3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop.head.geometry import wall_point
-from minorloop.head.vision.frame_checks import check_frame
+from minorloop.head.vision.frame_checks import Brightness, check_frame, same_light
 
 from .walls import CAMERA, LENS, photograph
 
@@ -70,3 +70,9 @@ def test_two_halves_of_different_frames_are_torn(image, row):
     half = image.copy()
     half[row:] = 0
     assert check_frame(half, LENS) == "torn"
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.97, "good"), (0.998, "frozen")])
+def test_lights_that_differ_by_three_percent_are_different_ones(image, share, verdict):
+    other = np.rint(share * image.astype(float)).astype(np.uint8)
+    assert same_light(Brightness.of(image), Brightness.of(other)) == verdict

@@ -46,6 +46,31 @@ def test_the_median_of_a_stack_is_that_of_numpy(count):
     np.testing.assert_array_equal(median(stack), np.median(stack, axis=0).astype(np.float32))
 
 
+def test_light_from_behind_is_no_reflectance():
+    window = np.zeros((CAMERA.lens.height, CAMERA.lens.width), np.uint8)
+    window[:, 200:400] = 40
+    plain = frames()
+    lit = [LitFrame(look.image + window, *AIM, look.lights) for look in plain]
+    found = lay_flat([*lit, LitFrame(window, *AIM, (False,) * 3)], CAMERA)
+    np.testing.assert_allclose(found.stack, lay_flat(plain, CAMERA).stack, atol=0.15)
+    assert np.nanmax(found.glow) == pytest.approx(np.log(11))
+    off = np.abs(lay_flat(lit, CAMERA).stack - found.stack)
+    assert np.nanmax(off) > 0.3  # without the frame that shows it, it is not known
+
+
+def test_a_coarser_map_shows_the_same_places():
+    fine, coarse = (lay_flat(frames(), CAMERA, scale) for scale in (1.0, 2.0))
+    rows, columns = 4, 6
+    place = coarse.window.place(columns, rows, CAMERA.radius)
+    x, y = fine.window.texels(place, CAMERA.radius)
+    assert coarse.window.step == 2 * fine.window.step
+    assert np.isfinite(coarse.stack).sum() < np.isfinite(fine.stack).sum()
+    size = coarse.window.finer(CAMERA.radius)
+    corner = size.texels(place, CAMERA.radius)
+    np.testing.assert_allclose(corner, [2 * columns + 0.5, 2 * rows + 0.5], atol=1e-6)
+    assert np.isfinite([x, y]).all()
+
+
 def test_frames_without_any_light_are_black():
     dark = [LitFrame(look.image, *AIM, (False,) * 3) for look in frames()]
     assert check_frames(dark, CAMERA) == "black"

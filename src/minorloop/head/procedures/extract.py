@@ -11,8 +11,8 @@ import numpy.typing as npt
 from minorloop.head.geometry import wall_distance
 from minorloop.head.procedures.meter import LIMITS, LightLimits
 from minorloop.head.procedures.values import NOTHING, LitCamera, Procedure, Reading, Request
-from minorloop.head.vision.defects import ALONE, SEQUENCE, Hole
-from minorloop.head.vision.reflectance_map import LitFrame
+from minorloop.head.vision.defects import SEQUENCE, Hole
+from minorloop.head.vision.reflectance_map import ALONE, LitFrame
 
 SAME = 1.5e-3
 """Farthest distance in metres between two views of one defect: more than views from two places

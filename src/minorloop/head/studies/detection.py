@@ -1,9 +1,11 @@
 """Detection of holes, on scenes that the weights of the evidence were not fitted on.
 
-Each seed gives a scene with a hole and one without, beside saturated glints. A finding within
-0.3 mm of the hole is right; one farther than 0.8 mm off, or without a hole, is false. Places are
-compared on the map of the calibrated camera, whose pivot is known to 0.2 mm and whose angles are
-known to 0.05 degrees, so that errors of the pose do not count.
+Each seed gives a scene with a hole and one without, beside saturated glints, in air or in water; or
+one with a hole or pit of 0.4 to 3 mm, beside slots and corrosion, that is searched in all sizes. A
+finding within 0.3 mm of the hole, or 0.3 diameters of a smaller one, is right; one farther than
+0.8 mm off, or 0.8 diameters of a larger one, or without a hole, is false. Places are compared on
+the map of the calibrated camera, whose pivot is known to 0.2 mm and whose angles are known to 0.05
+degrees, so that errors of the pose do not count.
 """
 
 from __future__ import annotations
@@ -17,24 +19,26 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from minorloop.arrays import FloatArray
-from minorloop.head.geometry import wrapped
+from minorloop.head.geometry import wall_distance
 from minorloop.head.procedures.meter import LIMITS
 from minorloop.head.studies import scoring
 from minorloop.head.twins.pipe import Pipe
 from minorloop.head.twins.scene_view import AimedCamera, SceneView, draw_view
+from minorloop.head.twins.sized_view import DIAMETERS, SizedView, draw_sized_view
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.defects import (
-    ALONE,
     DITHER,
     LEAST_EVIDENCE,
     MODES,
     SEQUENCE,
     SINGLE,
+    SIZED,
+    SIZES,
     SWITCHED,
     Hole,
     find_holes,
 )
-from minorloop.head.vision.reflectance_map import LitFrame
+from minorloop.head.vision.reflectance_map import ALONE, LitFrame
 
 PIVOT, ANGLE = 0.2e-3, math.radians(0.05)
 """Error of the place of the pivot in metres, and standard deviation of each angle in radians: those
@@ -45,6 +49,9 @@ NEAR, FAR = 0.3e-3, 0.8e-3
 """A finding nearer than the first, in metres, is right: the error of a place that is allowed. One
 beyond the second is false. Between them it counts as neither: of findings less than 0.8 mm apart
 only the strongest is kept."""
+FLOODED = "flooded"
+SMALLEST = 0.6e-3
+"""Least diameter of the holes and pits for which the recall of all sizes is required, in metres."""
 _RIM = 720
 """Points of the true edge: they are less than half a pixel apart."""
 
@@ -56,7 +63,7 @@ class SceneOutcome:
     Parameters
     ----------
     mode : str
-        One of ``MODES``.
+        One of ``MODES``; ``flooded`` or ``sizes`` for switched lights in such scenes.
     hole : bool
         Whether there is one.
     found : bool
@@ -74,6 +81,10 @@ class SceneOutcome:
         Of the hole, however weak; minus infinity if there is no finding.
     alarms : tuple of float
         Evidence of all false findings, however weak.
+    diameter : float
+        True diameter in metres; NaN without a hole.
+    marks : int
+        Number of slots and patches of corrosion that were called holes.
     """
 
     mode: str
@@ -86,6 +97,8 @@ class SceneOutcome:
     inside: str = ""
     evidence: float = -math.inf
     alarms: tuple[float, ...] = ()
+    diameter: float = math.nan
+    marks: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +127,26 @@ class Search:
 
     def off(self, hole: Hole) -> float:
         """Return the distance of a finding from the true place, in metres."""
-        around = Pipe.radius * float(wrapped(hole.place[0] - self.place[0]))
-        return float(np.hypot(around, hole.place[1] - self.place[1]))
+        return float(wall_distance(hole.place, self.place, Pipe.radius))
+
+    def right(self, hole: Hole) -> bool:
+        """Return whether a finding is the hole."""
+        bore = self.view.hole
+        return bore is not None and self.off(hole) < NEAR * min(bore.diameter / 1e-3, 1.0)
+
+    def wrong(self, hole: Hole) -> bool:
+        """Return whether a finding is false."""
+        bore = self.view.hole
+        return bore is None or self.off(hole) > FAR * max(bore.diameter / 1e-3, 1.0)
+
+    def on_mark(self, hole: Hole) -> bool:
+        """Return whether a finding is at a slot or at corrosion."""
+        if not isinstance(self.view, SizedView):
+            return False
+        pixels = scoring.true_pixel(self.view.camera, *np.array(self.view.marks).T)
+        places = self.camera.place(pixels, self.view.pan, self.view.tilt)
+        off = wall_distance(places, hole.place, Pipe.radius)
+        return bool((off < 0.5 * hole.diameter + NEAR).any())
 
     def true_rim(self) -> FloatArray:
         """Return the pixels (N, 2) of the true edge; without a hole, of a circle of 1 mm."""
@@ -134,13 +165,32 @@ def search_scene(
     seed: int, hole: bool, modes: Sequence[str] = (SWITCHED,), *, plain: bool = False
 ) -> list[Search]:
     """Take images of one scene and search them, in every mode."""
-    view, rng = draw_view(seed, hole=hole, plain=plain), np.random.default_rng([seed, int(hole), 7])
+    return _search(draw_view(seed, hole=hole, plain=plain), seed, modes)
+
+
+def search_flooded(seed: int, hole: bool) -> Search:
+    """Take images of one scene in water and search them."""
+    return _search(draw_view(seed, hole=hole, flooded=True), seed)[0]
+
+
+def search_sizes(seed: int, hole: bool) -> Search:
+    """Take images of one scene with a hole or pit of any size, and search them in all sizes."""
+    return _search(draw_sized_view(seed, hole=hole), seed, diameters=DIAMETERS)[0]
+
+
+def _search(
+    view: SceneView,
+    seed: int,
+    modes: Sequence[str] = (SWITCHED,),
+    diameters: tuple[float, float] = SIZES,
+) -> list[Search]:
+    rng = np.random.default_rng([seed, int(view.hole is not None), 7])
     camera = misjudged(view, rng)
     truth = camera.place(scoring.true_pixel(view.camera, *view.place), view.pan, view.tilt)
     searches = []
     for mode in modes:
         frames = tuple(shots(view, rng, mode))
-        holes = find_holes(frames, camera, mode=mode, least=-math.inf).holes
+        holes = find_holes(frames, camera, mode=mode, least=-math.inf, diameters=diameters).holes
         searches.append(Search(view, camera, frames, holes, truth))
     return searches
 
@@ -150,7 +200,8 @@ def misjudged(view: AimedCamera, rng: np.random.Generator) -> CalibratedCamera:
     way = rng.uniform(0, 2 * np.pi)
     off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
     mount = replace(view.mount, offset=(float(off[0]), float(off[1])))
-    return CalibratedCamera(view.camera.calibration, mount, view.camera.leds)
+    lens = view.camera.calibration
+    return CalibratedCamera(lens.in_water() if view.flooded else lens, mount, view.camera.leds)
 
 
 def score_scene(
@@ -159,6 +210,16 @@ def score_scene(
     """Search one scene in every mode, and compare with the truth."""
     searches = search_scene(seed, hole, modes)
     return [_outcome(seed, mode, one) for mode, one in zip(modes, searches, strict=True)]
+
+
+def score_flooded(seed: int, hole: bool) -> SceneOutcome:
+    """Search one scene in water, and compare with the truth."""
+    return _outcome(seed, FLOODED, search_flooded(seed, hole))
+
+
+def score_sizes(seed: int, hole: bool) -> SceneOutcome:
+    """Search one scene with a hole or pit of any size, and compare with the truth."""
+    return _outcome(seed, SIZED, search_sizes(seed, hole))
 
 
 def plain_edges(seed: int) -> FloatArray:
@@ -182,8 +243,8 @@ def plain_edges(seed: int) -> FloatArray:
 
 def detection_figures(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
     """Return recall, false findings per acquisition, and accuracy of the found holes."""
-    found: dict[str, Any] = {}
-    for mode in MODES:
+    found = _of_sizes([each for each in outcomes if each.mode == SIZED])
+    for mode in (*MODES, FLOODED):
         own = [each for each in outcomes if each.mode == mode]
         holes = [each for each in own if each.hole]
         if not holes:
@@ -205,6 +266,24 @@ def detection_figures(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
             else 0.0,
         }
     return found
+
+
+def _of_sizes(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
+    """Return the figures of scenes with holes and pits of all sizes."""
+    holes = [each for each in outcomes if each.hole]
+    if not holes:
+        return {}
+    large = [each for each in holes if each.diameter >= SMALLEST]
+    small = [each for each in holes if each.diameter < SMALLEST]
+    sizes = [abs(each.size) for each in large if each.found]
+    return {
+        "sizes_scenes": len(large),
+        "sizes_recall": float(np.mean([each.found for each in large])) if large else math.nan,
+        "sizes_recall_below": float(np.mean([each.found for each in small])) if small else math.nan,
+        "sizes_diameter_error_pct_p90": 100 * float(np.quantile(sizes, 0.9)) if sizes else math.nan,
+        "sizes_false_per_acquisition": sum(each.false for each in outcomes) / len(outcomes),
+        "sizes_marks_called_holes": sum(each.marks for each in outcomes) / len(outcomes),
+    }
 
 
 def recall_curve(outcomes: Sequence[SceneOutcome]) -> tuple[FloatArray, FloatArray]:
@@ -232,14 +311,10 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 
 
 def _outcome(seed: int, mode: str, search: Search) -> SceneOutcome:
-    bore, least = search.view.hole, LEAST_EVIDENCE[mode]
-    right, alarms = None, []
-    for hole in search.holes:
-        off = search.off(hole)
-        if bore is not None and off < NEAR:
-            right = right or hole
-        elif bore is None or off > FAR:
-            alarms.append(hole.evidence)
+    bore, least = search.view.hole, LEAST_EVIDENCE[SWITCHED if mode == FLOODED else mode]
+    right = next((hole for hole in search.holes if search.right(hole)), None)
+    false = [hole for hole in search.holes if search.wrong(hole)]
+    shown = [hole for hole in false if hole.evidence >= least]
     found = right is not None and right.evidence >= least
     return SceneOutcome(
         mode=mode,
@@ -247,11 +322,13 @@ def _outcome(seed: int, mode: str, search: Search) -> SceneOutcome:
         found=found,
         off=search.off(right) if right and found else math.nan,
         size=right.diameter / bore.diameter - 1 if right and bore and found else math.nan,
-        false=sum(value >= least for value in alarms),
+        false=len(shown),
         seed=seed,
         inside=bore.inside if bore else "",
         evidence=right.evidence if right else -math.inf,
-        alarms=tuple(alarms),
+        alarms=tuple(hole.evidence for hole in false),
+        diameter=bore.diameter if bore else math.nan,
+        marks=sum(search.on_mark(hole) for hole in shown),
     )
 
 

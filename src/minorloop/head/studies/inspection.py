@@ -21,7 +21,9 @@ from minorloop.head.studies.detection import (
     SceneOutcome,
     detection_figures,
     plain_edges,
+    score_flooded,
     score_scene,
+    score_sizes,
 )
 from minorloop.head.studies.flooded import TEMPERATURES, reach_figures
 from minorloop.head.studies.inspection_servo import Scene, ServoRun, servo_figures
@@ -35,6 +37,7 @@ from minorloop.threads import one_thread
 TITLE = "In-pipe inspection with a catheter head"
 FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
 FIRST_SCENE, SCENES, FIRST_PLAIN, FIRST_CRACK = 50_000, 4, 2_000_000, 3_000_000
+FIRST_FLOODED, FIRST_SIZED = 4_000_000, 5_000_000
 FIRST_SCAN, SCANS = 60_000, 6
 """Seeds of the scored scenes; numbers of scenes with and without a hole or a crack, and of
 flat pits, for each specimen."""
@@ -80,6 +83,41 @@ CLAIMS = (
     Claim("centre, 90th percentile [mm]", "detection.centre_mm_p90", "-", most=0.07),
     Claim(
         "sizes within 15 %", "detection.size_within_15pct", "not studied", least=0.95, percent=True
+    ),
+    Claim("in water: holes found", "detection.flooded_recall", "-", percent=True),
+    Claim(
+        "in water: false findings an acquisition", "detection.flooded_false_per_acquisition", "-"
+    ),
+    Claim(
+        "holes and pits of 0.6 to 3 mm found",
+        "detection.sizes_recall",
+        "not studied",
+        least=0.95,
+        percent=True,
+        count="detection.sizes_scenes",
+        enough=20,
+    ),
+    Claim("the same, of 0.4 to 0.6 mm", "detection.sizes_recall_below", "-", percent=True),
+    Claim(
+        "the same, from 0.6 mm: diameter, 90th percentile of errors [%]",
+        "detection.sizes_diameter_error_pct_p90",
+        "not studied",
+        most=10,
+        count="detection.sizes_scenes",
+        enough=20,
+    ),
+    Claim(
+        "the same: false findings an acquisition",
+        "detection.sizes_false_per_acquisition",
+        "-",
+        most=0.05,
+        count="detection.sizes_scenes",
+        enough=20,
+    ),
+    Claim(
+        "the same: slots and corrosion called holes, an acquisition",
+        "detection.sizes_marks_called_holes",
+        "-",
     ),
     Claim(
         "plain edges, 90th percentile [px]", "detection.plain_edge_px_p90", "not studied", most=1.0
@@ -355,7 +393,11 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
         outcome
         for k in range(scenes)
         for hole in (True, False)
-        for outcome in score_scene(FIRST_SCENE + seed * scenes + k, hole)
+        for outcome in (
+            *score_scene(FIRST_SCENE + seed * scenes + k, hole),
+            score_flooded(FIRST_FLOODED + seed * scenes + k, hole),
+            score_sizes(FIRST_SIZED + seed * scenes + k, hole),
+        )
     ]
     return InspectionStudy(
         seed=seed,

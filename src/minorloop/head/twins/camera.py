@@ -21,11 +21,12 @@ from scipy import ndimage
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import LimitError, ParameterError
-from minorloop.head.geometry import Mount, Pinhole, Pose, meet_wall, wall_point
+from minorloop.head.geometry import WATER_INDEX, Mount, Pinhole, Pose, meet_wall, wall_point
 from minorloop.head.twins import _camera_kernels as kernels
 from minorloop.head.twins.mounted import Mounted
 from minorloop.head.twins.pipe import Bore, Crack, Pipe
 from minorloop.head.twins.surface import lay_out
+from minorloop.head.twins.turbid_water import FlatPort, TurbidWater
 from minorloop.lab.actuator import Frame
 
 LENS = Pinhole(k1=-0.12, k2=0.02)
@@ -114,11 +115,14 @@ class Camera(Mounted):
         Seed of the noise and of the spots on the lens.
     sensor : ImageSensor
         Blur, noise, glare and read-out.
+    flooded : TurbidWater, optional
+        Water that fills the whole pipe, the camera behind a flat port in it. ``calibration``
+        remains that in air.
 
     Raises
     ------
     ParameterError
-        If an option is out of its range.
+        If an option is out of its range, or water fills a pipe that has a surface of water.
 
     Notes
     -----
@@ -140,16 +144,25 @@ class Camera(Mounted):
         specimen: int | None = None,
         seed: int = 0,
         sensor: ImageSensor | None = None,
+        flooded: TurbidWater | None = None,
     ) -> None:
         if optics.width % kernels.CELL or optics.height % kernels.CELL:
             raise ParameterError(
                 f"an image of {optics.width} by {optics.height} pixels; give multiples of 8"
             )
+        if flooded is not None and pipe.water is not None:
+            raise ParameterError(
+                f"the pipe has a surface of water at y = {pipe.water} m; give either that or water "
+                "that fills it"
+            )
         self.sensor = sensor or ImageSensor()
         self.leds = led_positions()
+        self._flooded = flooded
         super().__init__(mount)
         self._pipe = pipe
         self._optics, self.calibration, self._strengths = _specimen(optics, specimen)
+        if flooded is not None:
+            self._optics = FlatPort.of(self._optics)
         self._rng = np.random.default_rng([seed, 1])
         self._noise = self._rng.standard_normal(_NOISE_BANK, dtype=np.float32)
         self._on = (True,) * len(self.leds)
@@ -266,7 +279,7 @@ class Camera(Mounted):
         self._texel = np.array([*surface.size, angle], dtype=np.float32)
         metal = (
             finish.diffuse,
-            finish.specular,
+            finish.specular * (self._flooded.gloss if self._flooded else 1.0),
             finish.roughness_around,
             finish.roughness_along,
             finish.ambient,
@@ -285,6 +298,7 @@ class Camera(Mounted):
         self._rays = optics.rays(np.stack([u, v], axis=-1))
         self._lens_dirt = _lens_dirt(optics, self.sensor.lens_dirt, self._rng)
         self._image = np.empty((optics.height, optics.width), dtype=np.float32)
+        self._haze = np.zeros((rows, columns), dtype=np.float32)
         self._spare = np.empty_like(self._image)
 
     def _radiance(self) -> npt.NDArray[np.float32]:
@@ -295,10 +309,19 @@ class Camera(Mounted):
         fields = np.empty(
             (kernels.COMMON + kernels.PER_LED * len(leds), *self._rays.shape[:2]), np.float32
         )
-        lens = (self._optics.focal, self.sensor.aperture, 1 / self._focus, self.sensor.sharpest**2)
+        focal = self._optics.focal * (WATER_INDEX if self._flooded else 1.0)
+        lens = (focal, self.sensor.aperture, 1 / self._focus, self.sensor.sharpest**2)
+        extinction = self._flooded.extinction if self._flooded else 0.0
         kernels.fill_nodes(
-            self._rays, turns, lenses, self._pipe.radius, leds, strengths, 1.0, lens, fields
-        )
+            self._rays, turns, lenses, self._pipe.radius, leds, strengths, 1.0, lens, extinction,
+            fields,
+        )  # fmt: skip
+        self._haze[:] = 0.0
+        if self._flooded:
+            water = (extinction, self._flooded.scattering * self._flooded.backward)
+            kernels.backscatter(
+                self._rays, turns, lenses, self._pipe.radius, leds, strengths, water, self._haze
+            )
         image = self._image
         kernels.shade(fields, self._texels, self._shapes, self._texel, self._metal, image)
         self._add_defects(fields, image)
@@ -377,7 +400,7 @@ class Camera(Mounted):
         out = np.empty(radiance.shape, dtype=np.uint8)
         kernels.expose(
             radiance,
-            self._veil(radiance, 20 * 255 / scale),
+            self._veil(radiance, 20 * 255 / scale) + self._haze,
             self._lens_dirt,
             np.float32(scale),
             self._noise,

@@ -8,16 +8,17 @@ edge in a brushed wall.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
-from minorloop.head.geometry import Mount, Pose, meet_wall, wall_point, wrapped
+from minorloop.head.geometry import Mount, Pinhole, Pose, meet_wall, wall_point, wrapped
 from minorloop.head.twins import pipe as drawing
 from minorloop.head.twins.camera import LENS, Camera, led_positions
 from minorloop.head.twins.pipe import Bore, Dent, Pipe
+from minorloop.head.twins.turbid_water import TurbidWater
 
 LEAST_AXIS = 9.0
 """Least minor axis of a hole in the image, in pixels of a 320 by 240 image."""
@@ -42,6 +43,8 @@ class AimedCamera:
         Of the head, in radians.
     gain : float
         Of the exposure with all LEDs on.
+    flooded : bool
+        Whether the pipe is full of water.
     """
 
     camera: Camera
@@ -49,6 +52,7 @@ class AimedCamera:
     pan: float
     tilt: float
     gain: float
+    flooded: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +72,12 @@ class SceneView(AimedCamera):
 
 
 def draw_view(
-    seed: int, *, hole: bool, inside: str | None = None, plain: bool = False
+    seed: int,
+    *,
+    hole: bool,
+    inside: str | None = None,
+    plain: bool = False,
+    flooded: bool = False,
 ) -> SceneView:
     """Draw a view.
 
@@ -85,6 +94,8 @@ def draw_view(
     plain : bool
         Leave out dents, beads, scratches, dirt, the chamfer of the hole, and views with a
         saturated pixel within 3 mm of the place; the hole is dark.
+    flooded : bool
+        Fill the pipe with water, clear or turbid.
 
     Raises
     ------
@@ -93,35 +104,38 @@ def draw_view(
     """
     rng = np.random.default_rng([seed, int(hole)])
     for _ in range(_TRIES):
-        view = _try_view(rng, hole, "dark" if plain else inside, plain)
+        view = _try_view(rng, hole, "dark" if plain else inside, plain, flooded)
         if view is not None:
             return view
     raise ParameterError(f"no view found for seed {seed} in {_TRIES} tries; give another seed")
 
 
 def _try_view(
-    rng: np.random.Generator, hole: bool, inside: str | None, plain: bool
+    rng: np.random.Generator, hole: bool, inside: str | None, plain: bool, flooded: bool
 ) -> SceneView | None:
     mount, pan, tilt = draw_head(rng)
-    place = draw_place(rng, mount.pose(pan, tilt))
+    lens = LENS.in_water() if flooded else LENS
+    place = draw_place(rng, mount.pose(pan, tilt), lens)
     bore = drawing.draw_hole(rng, *place)
     if inside is not None:
         bore = replace(bore, inside=inside, brightness={"dark": 0.0, "white": 2.0}.get(inside, 1.0))
     if plain:
         bore = replace(bore, chamfer=0.0)
-    if _minor_axis(mount.pose(pan, tilt), bore) < LEAST_AXIS:
+    if minor_axis(mount.pose(pan, tilt), bore, lens) < LEAST_AXIS:
         return None
     wall = _wall(rng, bore, mount.pose(pan, tilt), hole)
     if plain:
         wall = replace(wall, dents=(), scratches=(), dirt=())
-    camera = Camera(wall, mount, seed=int(rng.integers(2**31)), specimen=int(rng.integers(2**31)))
+    water = TurbidWater.draw(rng) if flooded else None
+    seed, specimen = (int(rng.integers(2**31)) for _ in range(2))
+    camera = Camera(wall, mount, seed=seed, specimen=specimen, flooded=water)
     camera.look(pan, tilt)
     focus_near(rng, camera, mount.pose(pan, tilt))
     gain = metered_gain(camera) * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
     if not 0.1 <= gain <= 20:
         return None
     camera.expose(0.01, gain)
-    view = SceneView(camera, mount, pan, tilt, gain, place, bore if hole else None)
+    view = SceneView(camera, mount, pan, tilt, gain, place, bore if hole else None, flooded=flooded)
     if plain:
         return view if not (_saturated(view, bore) < _REACH).any() else None
     return view if _has_a_glint(view, bore) else None
@@ -139,14 +153,14 @@ def draw_head(rng: np.random.Generator) -> tuple[Mount, float, float]:
     return mount, float(away * np.cos(way)), float(away * np.sin(way))
 
 
-def draw_place(rng: np.random.Generator, pose: Pose) -> tuple[float, float]:
+def draw_place(rng: np.random.Generator, pose: Pose, lens: Pinhole = LENS) -> tuple[float, float]:
     """Return where a pixel away from the edges meets the wall."""
-    pixel = rng.uniform([_MARGIN, _MARGIN], [LENS.width - _MARGIN, LENS.height - _MARGIN])
-    phi, z, _ = meet_wall(pose.position, pose.rotation @ LENS.rays(pixel), 10e-3)
+    pixel = rng.uniform([_MARGIN, _MARGIN], [lens.width - _MARGIN, lens.height - _MARGIN])
+    phi, z, _ = meet_wall(pose.position, pose.rotation @ lens.rays(pixel), 10e-3)
     return float(phi), float(np.clip(z, 0.0, 50e-3))
 
 
-def _minor_axis(pose: Pose, bore: Bore) -> float:
+def minor_axis(pose: Pose, bore: Bore, lens: Pinhole = LENS) -> float:
     """Return the minor axis of the image of the mouth, in pixels of a 320 by 240 image.
 
     It is 0 if the mouth is not seen whole.
@@ -156,8 +170,8 @@ def _minor_axis(pose: Pose, bore: Bore) -> float:
     rim = wall_point(
         bore.phi + edge * np.cos(angles), bore.z + bore.diameter / 2 * np.sin(angles), 10e-3
     )
-    pixels = LENS.project(pose.to_camera(rim))
-    inside = (pixels > 20) & (pixels < [LENS.width - 20, LENS.height - 20])
+    pixels = lens.project(pose.to_camera(rim))
+    inside = (pixels > 20) & (pixels < [lens.width - 20, lens.height - 20])
     if not inside.all():
         return 0.0
     spread = np.linalg.svd(pixels - pixels.mean(axis=0), compute_uv=False)

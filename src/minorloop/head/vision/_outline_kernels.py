@@ -33,6 +33,12 @@ search for its edge in the last iteration."""
 _FAINT, _STEEP = 0.03, 0.25
 """Slopes below the first are noise and do not vote; those above the second count as that, so that
 glints do not outweigh a hole."""
+_WALL, _LEAST_WALL = (1.45, 2.1), 30
+"""Ring about an outline in which the wall is known, in radii, and its least number of texels."""
+_TURNS, _FIRST_SCALE, _EVEN = 6, 0.3, 0.02
+"""Iterations of the fit of the wall, and scales of its residuals: at first, and at least."""
+_DEPARTED = 1.0
+"""Largest departure from the wall that counts: that of light 2.7 times as bright or as dark."""
 OUT = 17
 """Numbers that `describe` returns."""
 
@@ -274,6 +280,73 @@ def _half_level(profiles, n, edge, inside, outside):
     if best > 0.3 * edge:
         return np.nan
     return at
+
+
+@njit(cache=True, nogil=True)
+def _wall_plane(image, x, y, radius, plane):
+    """Fit level, slope along columns and along rows of the wall about (x, y), robustly.
+
+    The wall is a ring of ``_WALL`` radii, without what is beyond the image. Return whether it has
+    enough texels.
+    """
+    plane[:] = 0.0
+    rows, columns = image.shape
+    near, far = (_WALL[0] * radius) ** 2, (_WALL[1] * radius) ** 2
+    half = int(_WALL[1] * radius) + 1
+    top, bottom = max(int(y) - half, 0), min(int(y) + half + 1, rows)
+    left, right = max(int(x) - half, 0), min(int(x) + half + 1, columns)
+    size = max((bottom - top) * (right - left), 0)
+    off = np.empty(size)
+    scale = np.inf
+    for _ in range(_TURNS):
+        normal, wanted, count = np.zeros((3, 3)), np.zeros(3), 0
+        for i in range(top, bottom):
+            for j in range(left, right):
+                u, v = (j - x) / radius, (i - y) / radius
+                square = (u * u + v * v) * radius * radius
+                if not (near < square < far and np.isfinite(image[i, j])):
+                    continue
+                value = image[i, j]
+                rest = value - plane[0] - plane[1] * u - plane[2] * v
+                weight = 1.0 / (1.0 + (rest / scale) ** 2)
+                off[count] = abs(rest)
+                count += 1
+                basis = (1.0, u, v)
+                for a in range(3):
+                    wanted[a] += weight * basis[a] * value
+                    for b in range(3):
+                        normal[a, b] += weight * basis[a] * basis[b]
+        if count < _LEAST_WALL:
+            return False
+        # The first fit weighs all alike: its residuals say nothing yet.
+        first = scale == np.inf
+        scale = _FIRST_SCALE if first else 1.48 * np.median(off[:count]) + _EVEN
+        for a in range(3):
+            normal[a, a] += 1e-6
+        plane[:] = _solved(normal, wanted)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def depart(images, x, y, radius, out):
+    """Fill out (rows, columns) with how far the images depart from the wall about a place.
+
+    It is the most of all images, and at most ``_DEPARTED``; 0 where the wall is not known. Return
+    whether the wall about the place is seen.
+    """
+    out[:] = 0.0
+    plane = np.empty(3)
+    half = int(_WALL[1] * radius) + 1
+    for m in range(images.shape[0]):
+        if not _wall_plane(images[m], x, y, radius, plane):
+            return False
+        for i in range(max(int(y) - half, 0), min(int(y) + half + 1, out.shape[0])):
+            for j in range(max(int(x) - half, 0), min(int(x) + half + 1, out.shape[1])):
+                wall = plane[0] + (plane[1] * (j - x) + plane[2] * (i - y)) / radius
+                off = abs(images[m, i, j] - wall)
+                if off > out[i, j]:
+                    out[i, j] = min(off, _DEPARTED)
+    return True
 
 
 @njit(cache=True, nogil=True)

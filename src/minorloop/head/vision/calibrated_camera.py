@@ -117,6 +117,13 @@ class Window:
                 f"a window of {self.rows} by {self.columns} texels of {self.step} m is empty"
             )
 
+    def finer(self, radius: float) -> Window:
+        """Return the window with each texel divided into four."""
+        off = 0.25 * self.step
+        return Window(
+            self.phi - off / radius, self.z - off, self.step / 2, 2 * self.rows, 2 * self.columns
+        )
+
     def place(self, x: npt.ArrayLike, y: npt.ArrayLike, radius: float) -> FloatArray:
         """Return phi and z (..., 2) of columns x and rows y."""
         columns, rows = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)

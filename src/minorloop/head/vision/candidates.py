@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -10,7 +11,7 @@ from scipy import ndimage
 from minorloop.arrays import FloatArray
 from minorloop.head.vision import _outline_kernels as kernels
 from minorloop.head.vision.calibrated_camera import Image32, halved
-from minorloop.head.vision.reflectance_map import ReflectanceMap, median
+from minorloop.head.vision.reflectance_map import STEP, ReflectanceMap, median
 
 DARK, BRIGHT, EITHER, LIT = "dark", "bright", "either", "lit"
 KINDS = (DARK, BRIGHT, EITHER, LIT)
@@ -18,12 +19,14 @@ KINDS = (DARK, BRIGHT, EITHER, LIT)
 light, or light from behind."""
 
 _SIGNS = {DARK: 1.0, BRIGHT: -1.0, EITHER: 0.0, LIT: -1.0}
-# Sizes in metres, for holes of 0.85 to 1.15 mm and some margin: widths of the blob filter, radii
-# where an outline starts, radii that are kept, and radii of the rings of edges.
-_SIGMAS = (0.225e-3, 0.5e-3)
-_RADII = (0.35e-3, 0.65e-3)
-_KEPT = (0.25e-3, 0.8e-3)
-_RINGS = (0.425e-3, 0.575e-3)
+DIAMETERS = (0.85, 1.15)
+"""Diameters in millimetres of the holes on a map of scale 1; others are at another scale."""
+# Sizes in texels, for such holes and some margin: widths of the blob filter, radii where an outline
+# starts, radii that are kept, and radii of the rings of edges.
+_SIGMAS = (4.5, 10.0)
+_RADII = (7.0, 13.0)
+_KEPT = (5.0, 16.0)
+_RINGS = (8.5, 11.5)
 # Most seeds of each kind, and least height of a seed.
 _SEEDS, _RING_SEEDS, _LIT_SEEDS = 8, 10, 5
 _LEAST_RISE = 0.02
@@ -32,6 +35,10 @@ _APART = 3.5  # texels between seeds
 # otherwise outweigh the edge of a hole.
 _RING_CLIP = (-2.5, 0.8)
 _CLIP = {DARK: (-2.5, 1.2), BRIGHT: (-1.5, 2.0), EITHER: (-2.5, 1.5)}
+
+_RIM_TURNS, _RIM_SEEN = 2, 0.5
+"""Turns of the search for a rim, each about the outline of the one before, and least share of the
+rim where something ends."""
 
 FEATURES = (
     "size",
@@ -62,6 +69,7 @@ FEATURES = (
     "whole_share",
     "whole_contrast",
     "ring",
+    "scale",
 )
 """Names of the numbers in ``Candidate.features``, in order."""
 
@@ -100,8 +108,7 @@ class Candidate:
 
 
 def candidates(wall: ReflectanceMap) -> list[Candidate]:
-    """Return round objects of about 0.7 to 1.3 mm on a map, most of which are not holes."""
-    step = wall.window.step
+    """Return round objects of about 14 to 26 texels on a map, most of which are not holes."""
     seen = np.isfinite(wall.ground) & np.isfinite(wall.whole)
     rings = _rings(wall)
     dark, bright = _seeds(wall, seen, _peaks(rings, _RING_SEEDS, 2))
@@ -111,7 +118,7 @@ def candidates(wall: ReflectanceMap) -> list[Candidate]:
         stack = np.clip(wall.stack, wall.ground + low, wall.ground + high)
         found += _outlined(wall, stack, rings, seeds, kind)
     if wall.glow is not None:
-        seeds = _peaks(_blob(wall.glow, seen, step), _LIT_SEEDS, 2)
+        seeds = _peaks(_blob(wall.glow, seen), _LIT_SEEDS, 2)
         found += _outlined(wall, wall.glow[None], rings, seeds, LIT)
     return found
 
@@ -125,7 +132,7 @@ def _rings(wall: ReflectanceMap) -> Image32:
     """
     images = [*wall.stack, wall.whole]
     low, high = _RING_CLIP
-    near, far = (radius / wall.window.step / 2 for radius in _RINGS)
+    near, far = (radius / 2 for radius in _RINGS)
     rings = np.zeros(tuple(n // 2 for n in wall.ground.shape), np.float32)
     for image in images:
         level = halved(np.clip(image - wall.ground, low, high))
@@ -138,21 +145,21 @@ def _seeds(
     wall: ReflectanceMap, seen: np.ndarray, round_edges: list[tuple[float, float]]
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
     """Return columns and rows of dark and of bright places; round edges belong to both."""
-    step, low, high = wall.window.step, wall.ground - 0.8, wall.ground + 0.6
+    low, high = wall.ground - 0.8, wall.ground + 0.6
     dark = round_edges
     for level in (median(wall.stack), wall.darkest, wall.brightest):
-        blob = -_blob(np.clip(level, low, high).astype(np.float32), seen, step)
+        blob = -_blob(np.clip(level, low, high).astype(np.float32), seen)
         dark = _merged(dark, _peaks(blob, _SEEDS, 2))
-    return dark, _merged(round_edges, _peaks(_blob(wall.darkest, seen, step), _SEEDS, 2))
+    return dark, _merged(round_edges, _peaks(_blob(wall.darkest, seen), _SEEDS, 2))
 
 
-def _blob(level: Image32, seen: np.ndarray, step: float) -> Image32:
+def _blob(level: Image32, seen: np.ndarray) -> Image32:
     """Return a difference of two Gaussians at half size; 0 near unseen texels."""
     weight = halved(seen.astype(np.float32))
     value = halved(np.where(seen, level, np.float32(0)))
     means = []
     for sigma in _SIGMAS:
-        width = sigma / step / 2
+        width = sigma / 2
         share = ndimage.gaussian_filter(weight, width, truncate=3.0, mode="constant")
         total = ndimage.gaussian_filter(value, width, truncate=3.0, mode="constant")
         means.append((total / np.maximum(share, 0.05), share))
@@ -189,17 +196,17 @@ def _outlined(
 ) -> list[Candidate]:
     """Return candidates with outlines about seeds."""
     sign, lights, step = _SIGNS[kind], [*wall.stack, wall.whole], wall.window.step
-    least, most = (radius / step for radius in _RADII)
+    scale = math.log(step / STEP)
     fit, each = np.empty(kernels.OUT), np.empty((len(lights), kernels.OUT))
     found = []
     for x, y in seeds:
-        kernels.outline(stack, x, y, sign, least, most, fit)
-        if not (np.isfinite(fit).all() and _KEPT[0] < step * fit[2] < _KEPT[1]):
+        kernels.outline(stack, x, y, sign, *_RADII, fit)
+        if not (np.isfinite(fit).all() and _KEPT[0] < fit[2] < _KEPT[1]):
             continue
         for level, out in zip(lights, each, strict=True):
             kernels.describe(level[None], fit[0], fit[1], sign, fit[2], fit[3], fit[4], out)
         ring = _highest(rings, fit[0], fit[1])
-        features = np.append(_features(fit, np.nan_to_num(each, nan=0.3), step), ring)
+        features = np.array([*_features(fit, np.nan_to_num(each, nan=0.3)), ring, scale])
         wave = (step * float(fit[3]), step * float(fit[4]))
         found.append(
             Candidate(float(fit[0]), float(fit[1]), 2 * step * fit[2], kind, features, wave)
@@ -207,10 +214,34 @@ def _outlined(
     return found
 
 
+def at_rim(candidate: Candidate, wall: ReflectanceMap) -> Candidate:
+    """Return a candidate with place and size of its rim.
+
+    Within the rim of a hole are its far lining, shadows, its floor or what fills it, brighter and
+    darker than the wall and with edges of their own. The rim is the end of all that departs from
+    the wall under some light. Where no such end is found, the candidate is returned as it is.
+    """
+    x, y, radius = candidate.x, candidate.y, 0.5 * candidate.diameter / wall.window.step
+    away, fit = np.empty(wall.ground.shape, np.float32), np.empty(kernels.OUT)
+    for _ in range(_RIM_TURNS):
+        if not kernels.depart(wall.stack, x, y, radius, away):
+            return candidate
+        kernels.outline(away[None], x, y, _SIGNS[BRIGHT], *_RADII, fit)
+        if not np.isfinite(fit).all() or math.hypot(fit[0] - x, fit[1] - y) > radius:
+            return candidate
+        x, y, radius = fit[:3].tolist()
+    if not (_KEPT[0] < radius < _KEPT[1] and fit[12] > _RIM_SEEN):
+        return candidate
+    step = wall.window.step
+    wave = (step * float(fit[3]), step * float(fit[4]))
+    return replace(candidate, x=x, y=y, diameter=2 * step * radius, wave=wave)
+
+
 def compile_outlines() -> None:
     """Compile the fit of outlines, which a picture without a candidate does not use."""
     blank = np.zeros((1, 8, 8), dtype=np.float32)
     kernels.outline(blank, 4.0, 4.0, 1.0, 2.0, 3.0, np.empty(kernels.OUT))
+    kernels.depart(blank, 4.0, 4.0, 2.0, np.empty_like(blank[0]))
 
 
 def _highest(rings: Image32, x: float, y: float) -> float:
@@ -220,9 +251,9 @@ def _highest(rings: Image32, x: float, y: float) -> float:
     return float(near.max(initial=0.0))
 
 
-def _features(fit: FloatArray, each: FloatArray, step: float) -> FloatArray:
-    """Return all ``FEATURES`` but the last: of the outline, and of it under each light."""
-    diameter, lights = 2e3 * step * fit[2], each[:-1]
+def _features(fit: FloatArray, each: FloatArray) -> FloatArray:
+    """Return all ``FEATURES`` but the last two: of the outline, and of it under each light."""
+    diameter, lights = 2e3 * STEP * fit[2], each[:-1]
     oval = float(np.hypot(fit[3], fit[4]) / fit[2])
     contrast = np.clip(fit[7:11], -1.0, 1.5)
     ridges, rims = np.sort(lights[:, 15]), np.sort(lights[:, 12])
@@ -231,7 +262,7 @@ def _features(fit: FloatArray, each: FloatArray, step: float) -> FloatArray:
     half = len(lights) // 2
     return np.array(
         [
-            max(0.85 - diameter, 0.0) + max(diameter - 1.15, 0.0),
+            max(DIAMETERS[0] - diameter, 0.0) + max(diameter - DIAMETERS[1], 0.0),
             oval,
             oval**2,
             fit[5],

@@ -46,7 +46,8 @@ def cut_at_crossings(courses: Sequence[FloatArray]) -> list[FloatArray]:
         ]
         for off in (*offs, _straightness(course) - _AHEAD):
             labels, count = ndimage.label(off < 0)
-            for (at,) in ndimage.minimum_position(off, labels, range(1, count + 1)):
+            for k in range(1, count + 1):
+                at = int(np.argmin(np.where(labels == k, off, np.inf)))
                 left &= np.hypot(*(course - course[at]).T) > _CUT
         labels, _ = ndimage.label(left)
         parts += [course[part] for (part,) in ndimage.find_objects(labels)]

@@ -20,10 +20,15 @@ from minorloop.head.geometry import wall_distance
 from minorloop.head.vision import frame_checks
 from minorloop.head.vision._evidence import THRESHOLDS, WEIGHTS
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.candidates import FEATURES, Candidate, candidates
-from minorloop.head.vision.reflectance_map import LitFrame, ReflectanceMap, check_frames, lay_flat
+from minorloop.head.vision.candidates import DIAMETERS, FEATURES, Candidate, at_rim, candidates
+from minorloop.head.vision.reflectance_map import (
+    LitFrame,
+    ReflectanceMap,
+    check_frames,
+    lay_flat,
+)
 
-SWITCHED, SINGLE, DITHER = "switched", "single", "dither"
+SWITCHED, SINGLE, DITHER, SIZED = "switched", "single", "dither", "sizes"
 MODES = (SWITCHED, SINGLE, DITHER)
 """Acquisition modes: LEDs one by one and a dark frame; a single frame; several frames with all LEDs
 and small turns of the head between them."""
@@ -38,14 +43,21 @@ SEQUENCE = (
 """Lights of the frames of an acquisition."""
 
 LEAST_EVIDENCE = dict(THRESHOLDS)
-"""Least evidence of a hole for each mode; ``_evidence`` has the false findings at these values."""
-
-ALONE = 1.5
-"""Exposure of a frame with one light or none, relative to one with all."""
+"""Least evidence of a hole for each mode, and of several sizes; ``_evidence`` has the false
+findings at these values."""
 
 NOT_IN_VIEW = "no wall in view"
-_APART = 0.8e-3
-"""Least distance of two holes in metres: a hole of 0.85 mm overlaps with any nearer."""
+SIZES = (0.85e-3, 1.15e-3)
+"""Diameters that are searched where no others are given, in metres: those of one map."""
+LIMITS = (0.3, 4.0)
+"""Diameters in millimetres that can be searched: a hole of the least has 12 pixels only where the
+lens is nearer than 13 mm; one of the largest is seen whole only by a part of the views."""
+_OCTAVE = math.sqrt(2.0)
+"""Largest ratio of the scales of two maps next to each other: where the holes of one end, those of
+the next begin, but for 4 %."""
+_APART = 0.94
+"""Least distance of two holes over the mean of their diameters: they would overlap, but for an
+error of their sizes of 6 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +125,9 @@ def find_holes(
     *,
     mode: str = SWITCHED,
     least: float | None = None,
+    diameters: tuple[float, float] = SIZES,
 ) -> Findings:
-    """Find round holes of 0.85 to 1.15 mm; bad frames give a verdict, not an error.
+    """Find round holes; bad frames give a verdict, not an error.
 
     Parameters
     ----------
@@ -126,27 +139,60 @@ def find_holes(
         Acquisition mode, on which the weights of the evidence depend.
     least : float, optional
         Least evidence; without it, ``LEAST_EVIDENCE`` of the mode.
+    diameters : (float, float)
+        Least and largest diameter of the holes, in metres, from 0.3 to 4 mm. Each factor of 1.4
+        takes as long as the search of one size.
 
     Raises
     ------
     ParameterError
-        If the mode is unknown, there are no frames, the least evidence is NaN, or a frame does not
-        have one flag for each light.
+        If the mode is unknown, there are no frames, the least evidence is NaN, the diameters are
+        beyond the limits, or a frame does not have one flag for each light.
     """
     check_option("mode", mode, MODES)
     if not frames:
         raise ParameterError("there are no frames; give at least one")
+    steps = scales(diameters)
+    if len(steps) > 1 and mode != SWITCHED:
+        raise ParameterError(
+            f"holes of several sizes cannot be searched in mode {mode!r}; give mode {SWITCHED!r}, "
+            "or leave the diameters out"
+        )
+    mode = mode if len(steps) == 1 else SIZED
     threshold = LEAST_EVIDENCE[mode] if least is None else least
     if math.isnan(threshold):
         raise ParameterError("the least evidence is nan; give a number, or leave it out")
     verdict = check_frames(frames, camera)
     if verdict != frame_checks.GOOD:
         return Findings((), verdict)
-    wall = lay_flat(frames, camera)
-    if wall is None:
+    walls = [wall for scale in steps if (wall := lay_flat(frames, camera, scale)) is not None]
+    if not walls:
         return Findings((), NOT_IN_VIEW)
-    holes = [_hole(candidate, wall, camera, mode) for candidate in candidates(wall)]
-    return Findings(strongest(holes, camera.radius, threshold), verdict, wall)
+    seen = [(candidate, wall) for wall in walls for candidate in candidates(wall)]
+    found = [_hole(candidate, wall, camera, mode) for candidate, wall in seen]
+    best = strongest(found, camera.radius, threshold, diameters[0])
+    source = {id(hole): pair for hole, pair in zip(found, seen, strict=True)}
+    rims = [_hole(at_rim(*source[id(hole)]), source[id(hole)][1], camera, mode) for hole in best]
+    return Findings(tuple(rims), verdict, walls[0])
+
+
+def scales(diameters: tuple[float, float]) -> list[float]:
+    """Return the scales of the maps on which holes of a range of diameters, in metres, are found.
+
+    Raises
+    ------
+    ParameterError
+        If the range is empty or beyond 0.3 to 4 mm.
+    """
+    low, high = (1e3 * float(value) for value in diameters)
+    if not LIMITS[0] <= low <= high <= LIMITS[1]:
+        raise ParameterError(
+            f"holes of {low:g} to {high:g} mm cannot be searched; give diameters in metres, the "
+            f"least first, from {LIMITS[0]:g}e-3 to {LIMITS[1]:g}e-3"
+        )
+    first, last = low / DIAMETERS[0], max(high / DIAMETERS[1], low / DIAMETERS[0])
+    count = math.ceil(math.log(last / first) / math.log(_OCTAVE) - 1e-9) + 1
+    return [first * (last / first) ** (n / max(count - 1, 1)) for n in range(count)]
 
 
 def evidence(candidate: Candidate, mode: str = SWITCHED) -> float:
@@ -156,12 +202,23 @@ def evidence(candidate: Candidate, mode: str = SWITCHED) -> float:
     return float(constant + sum(weight * values[name] for name, weight in weights.items()))
 
 
-def strongest(holes: Sequence[Hole], radius: float, least: float) -> tuple[Hole, ...]:
-    """Return holes with enough evidence and not beside a stronger one, strongest first."""
+def strongest(
+    holes: Sequence[Hole], radius: float, least: float, smallest: float = SIZES[0]
+) -> tuple[Hole, ...]:
+    """Return holes with enough evidence and not beside a stronger one, strongest first.
+
+    Outlines less than ``smallest`` across, in metres, keep others as far away as a hole of that
+    size.
+    """
     kept: list[Hole] = []
     for hole in sorted(holes, key=lambda hole: -hole.evidence):
         off = [float(wall_distance(hole.place, other.place, radius)) for other in kept]
-        if hole.evidence >= least and all(apart > _APART for apart in off):
+        size = max(hole.diameter, smallest)
+        clear = all(
+            apart > _APART / 2 * (size + max(other.diameter, smallest))
+            for apart, other in zip(off, kept, strict=True)
+        )
+        if hole.evidence >= least and clear:
             kept.append(hole)
     return tuple(kept)
 

@@ -20,6 +20,7 @@ from minorloop.head.vision.calibrated_camera import (
     CalibratedCamera,
     Image32,
     Window,
+    halved,
     irradiance,
     unroll,
     window_in_view,
@@ -31,11 +32,21 @@ NO_ANGLE = "angle unknown"
 FARTHEST = np.pi / 2
 """Largest plausible pan or tilt, in radians: the head looks into the pipe."""
 
+ALONE = 1.5
+"""Exposure of a frame with one light or none, relative to one with all."""
+
 LEAST_SEEN = 14e3
 """Least resolution of the wall in pixels per metre: 12 pixels across a hole of 0.85 mm."""
 
 _FLOOR, _GLOW_FLOOR = 2.0, 4.0
-"""Grey levels added before the logarithm, so that noise in the dark stays small."""
+"""Grey levels added before the logarithm, so that noise in the dark stays small. Fainter light from
+behind than the second is left in the other frames."""
+STEP = 0.05e-3
+"""Texel of the map for holes of about 1 mm, in metres: an outline of 17 to 23 texels across
+scatters by 0.4 % (``_outline_kernels``). It grows with the holes that are searched."""
+_AVERAGED = 1.5
+"""Scale from which a texel is the mean of four finer ones: it is then wider than two pixels of the
+nearest wall, of which interpolation would use some and leave out others."""
 _BLOCK = 16
 """Side of a block in texels, 0.8 mm: a hole of 1.15 mm fills more than half of at most two of the
 nine blocks whose median is the ground."""
@@ -170,7 +181,9 @@ def _plausible(frame: LitFrame, camera: CalibratedCamera) -> bool:
     return max(abs(pan), abs(tilt)) <= FARTHEST and camera.inside(pan, tilt)
 
 
-def lay_flat(frames: Sequence[LitFrame], camera: CalibratedCamera) -> ReflectanceMap | None:
+def lay_flat(
+    frames: Sequence[LitFrame], camera: CalibratedCamera, scale: float = 1.0
+) -> ReflectanceMap | None:
     """Unroll good frames onto one map of the wall.
 
     Parameters
@@ -179,6 +192,8 @@ def lay_flat(frames: Sequence[LitFrame], camera: CalibratedCamera) -> Reflectanc
         At least one with light.
     camera : CalibratedCamera
         The camera.
+    scale : float
+        Of the holes that are searched, over 1 mm: of the texels, and of the least resolution.
 
     Returns
     -------
@@ -186,10 +201,14 @@ def lay_flat(frames: Sequence[LitFrame], camera: CalibratedCamera) -> Reflectanc
         None if no part of the wall is seen by all of them with enough resolution.
     """
     middle = frames[len(frames) // 2]
-    window = window_in_view(camera, middle.pan, middle.tilt, least=LEAST_SEEN)
+    step, least = scale * STEP, LEAST_SEEN / scale
+    window = window_in_view(camera, middle.pan, middle.tilt, step=step, least=least)
     if window is None:
         return None
-    flats = [unroll(k.image, camera, window, k.pan, k.tilt, least=LEAST_SEEN) for k in frames]
+    fine = window if scale < _AVERAGED else window.finer(camera.radius)
+    flats = [unroll(k.image, camera, fine, k.pan, k.tilt, least=least) for k in frames]
+    if fine is not window:
+        flats = [halved(flat) for flat in flats]
     seen = np.isfinite(flats[0])
     for flat in flats[1:]:
         seen &= np.isfinite(flat)
@@ -198,19 +217,22 @@ def lay_flat(frames: Sequence[LitFrame], camera: CalibratedCamera) -> Reflectanc
     light = np.maximum(irradiance(camera, window, middle.pan, middle.tilt), _LEAST_LIGHT)
     alone: list[Image32] = []
     full: list[Image32] = []
-    dark: list[Image32] = []
-    for frame, flat in zip(frames, flats, strict=True):
+    for flat in flats:
         flat[~seen] = np.nan
+    dark = [flat for frame, flat in zip(frames, flats, strict=True) if not any(frame.lights)]
+    behind = np.mean(dark, axis=0) if dark else np.zeros_like(flats[0])
+    own = np.where(behind > _GLOW_FLOOR, behind, 0)  # else noise would be added to the dark
+    for frame, flat in zip(frames, flats, strict=True):
         if not any(frame.lights):
-            dark.append(np.log((flat + _GLOW_FLOOR) / _GLOW_FLOOR))
             continue
         fall = light[np.array(frame.lights, dtype=bool)].sum(axis=0)
-        level = np.log((flat + _FLOOR) / fall)
+        lit = np.maximum(flat - own / (ALONE if all(frame.lights) else 1.0), 0)
+        level = np.log((lit + _FLOOR) / fall)
         (alone if sum(frame.lights) == 1 else full).append(level)
     stack = np.array(alone if len(alone) > 1 else [*full, *alone], dtype=np.float32)
     typical = median(stack)
     whole = np.mean(full, axis=0).astype(np.float32) if full else typical
-    glow = np.mean(dark, axis=0).astype(np.float32) if dark else None
+    glow = np.log(behind / _GLOW_FLOOR + 1).astype(np.float32) if dark else None
     return ReflectanceMap(window, stack, whole, glow, _ground(typical, seen))
 
 
