@@ -47,6 +47,7 @@ ELSEWHERE = {
     "head/studies/touch_trials.py": "head/studies/test_head_study.py",
     "head/studies/tracking_trials.py": "head/studies/test_head_study.py",
     "head/twins/tool.py": "head/procedures/test_mark.py",
+    "head/twins/turbid_water.py": "head/twins/test_camera.py",
     "head/vision/new_mark.py": "head/procedures/test_mark.py",
     "head/vision/patch_pictures.py": "head/vision/test_wall_angles.py",
     "head/vision/wall_patches.py": "head/vision/test_wall_angles.py",

@@ -200,7 +200,6 @@ class InspectionFolder:
         return round(time.monotonic() - self._began, 2)
 
     def _report(self) -> Report:
-        from minorloop.cli.inspect import figure_of
         from minorloop.report import Picture, Report, Table
 
         content = self._all()
@@ -233,6 +232,18 @@ def journal_of(file: Path) -> list[dict[str, Any]]:
     if not found or not all(isinstance(line, dict) and "what" in line for line in found):
         raise RecordError(f"{file} is not the journal of an inspection; give its journal.jsonl")
     return found
+
+
+def figure_of(marked: Any) -> Any:
+    """Return a colour picture of OpenCV as a figure."""
+    from matplotlib.figure import Figure
+
+    height, width = marked.shape[:2]
+    figure = Figure(figsize=(5.0, 5.0 * height / width))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(marked[..., ::-1])
+    axes.set_axis_off()
+    return figure
 
 
 def _angles(pair: tuple[float, float]) -> dict[str, float]:

@@ -403,6 +403,7 @@ def _write(
 def _report(
     columns: Sequence[str], content: dict[str, Any], best: list[Any], source: str
 ) -> Report:
+    from minorloop.cli._inspection import figure_of
     from minorloop.report import Picture, Report, Table
 
     said = "; ".join([_summary(content), *content["advice"]])
@@ -416,18 +417,6 @@ def _report(
 
 def _cells(row: dict[str, Any], columns: Sequence[str]) -> list[str]:
     return ["" if row[name] is None else str(row[name]) for name in columns]
-
-
-def figure_of(marked: Any) -> Any:
-    """Return a colour picture of OpenCV as a figure."""
-    from matplotlib.figure import Figure
-
-    height, width = marked.shape[:2]
-    figure = Figure(figsize=(5.0, 5.0 * height / width))
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(marked[..., ::-1])
-    axes.set_axis_off()
-    return figure
 
 
 def _summary(content: dict[str, Any]) -> str:

@@ -447,7 +447,7 @@ def test_everything_is_gathered_and_reported(mission):
     run = ServoRun("x", np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2)
     outcomes = [
         SceneOutcome(mode, hole, hole, 1e-5, 0.0, 0)
-        for mode in ("switched", "single", "dither")
+        for mode in ("switched", "single", "dither", "flooded", "sizes")
         for hole in (True, False)
     ]
     cracks = [

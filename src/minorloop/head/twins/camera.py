@@ -316,8 +316,8 @@ class Camera(Mounted):
             self._rays, turns, lenses, self._pipe.radius, leds, strengths, 1.0, lens, extinction,
             fields,
         )  # fmt: skip
-        self._haze[:] = 0.0
         if self._flooded:
+            self._haze[:] = 0.0
             water = (extinction, self._flooded.scattering * self._flooded.backward)
             kernels.backscatter(
                 self._rays, turns, lenses, self._pipe.radius, leds, strengths, water, self._haze
@@ -398,9 +398,10 @@ class Camera(Mounted):
         scale = _FULL_SCALE * self._gain * self._exposure / 0.01
         starts = self._rng.integers(0, _NOISE_BANK - optics.width, optics.height)
         out = np.empty(radiance.shape, dtype=np.uint8)
+        veil = self._veil(radiance, 20 * 255 / scale)
         kernels.expose(
             radiance,
-            self._veil(radiance, 20 * 255 / scale) + self._haze,
+            veil + self._haze if self._flooded else veil,
             self._lens_dirt,
             np.float32(scale),
             self._noise,

@@ -30,8 +30,8 @@ _MOST, _MOST_KEPT = 28, 1000
 """Patches that are compared with a picture, the best known of each part of it first: more do not
 make the angles better, but take time. Patches that are kept: ten for each that the wall within
 reach has."""
-_PARTS = 3
-"""Parts of the picture each way: a fouled half leaves patches in three or more of the nine."""
+_PARTS = 4
+"""Parts of the picture each way: a fouled half leaves patches in eight of sixteen."""
 _POOR = 25
 """Pictures in a row in which a patch disagrees, after which another may take its place: 1 s."""
 _OWN_STEPS = 8
