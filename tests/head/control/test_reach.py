@@ -70,6 +70,24 @@ def test_a_wire_whose_resistance_changes_much_is_not_given_up():
     assert watched(62.8, ambient=-10.0, seconds=30.0, specimen=7003, wire=wire)[0] is None
 
 
+@pytest.mark.parametrize(("reference", "ambient"), [(8.0, -24.0), (3.5, -26.0)])
+def test_a_cold_wire_that_has_not_begun_to_turn_is_not_given_up(reference, ambient):
+    # It does not turn for 9 s, and ends at 8.7 and 5.5 degrees.
+    assert watched(reference, ambient=ambient, seconds=25.0)[0] is None
+
+
+def test_weight_on_wires_that_never_turn_is_no_evidence_until_one_turns():
+    watch = ReachWatch(wire=made_up())
+    bank = watch._hypotheses.begin(0.0, PowerObserver(wire=made_up()).found(), moving=False)
+    trial = Trial(bank, 0.0, 0.0, seconds=9.6, full=9.6)
+    final = watch._hypotheses.final(bank, 0.0, watch.highest)
+    contradicted = np.where(final > 15.0, 20.0, 0.0)
+    assert watch._verdict(replace(trial, bank=replace(bank, cost=contradicted)), 20.0, 0.0)
+    bank = replace(bank, cost=np.where((final > 16.0) & (final < 17.0), 0.0, contradicted))
+    assert watch._hypotheses.weights(bank)[final > 15.0].sum() < 1.0 - watch.certainty
+    assert watch._verdict(replace(trial, bank=bank), 20.0, 0.0) is None
+
+
 @pytest.mark.parametrize(
     ("reference", "around", "reason"),
     [
@@ -142,6 +160,16 @@ def test_a_verdict_stands_until_the_target_or_time_changes():
     for _ in range(52):
         state = watch.step(state, 40.0, 0.0, 0.0, estimate)
     assert state.verdict is None
+
+
+@pytest.mark.parametrize(("reading", "kept"), [(9.0, True), (12.5, False), (19.8, False)])
+def test_a_verdict_that_readings_contradict_is_taken_back(reading, kept):
+    watch = ReachWatch(wire=made_up())
+    estimate = PowerObserver(wire=made_up()).found()
+    most = 11.0 if reading < 15.0 else 25.0
+    verdict = Unreachable("ambient too cold", 20.0, 10.0, 9.0, 8.0, most)
+    state = watch.step(ReachState(verdict=verdict), 20.0, reading, 0.4, estimate)
+    assert (state.verdict is verdict) == kept
 
 
 def test_a_target_below_the_angle_needs_no_trial():

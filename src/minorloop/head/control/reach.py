@@ -3,7 +3,9 @@
 While a wire is heated towards a target, it is simulated under many hypotheses about ambient and
 convection. Hypotheses that do not explain the readings lose weight. A target is unreachable if
 nearly all of the weight is on hypotheses under which full current is not enough; a wire that is
-only slow leaves weight on those under which it arrives.
+only slow leaves weight on those under which it arrives. Until a wire turns, its readings tell only
+how late it is, and the weight is mostly that from before the heating: the target is then
+unreachable if no likely hypothesis under which the wire arrives is left.
 """
 
 from __future__ import annotations
@@ -34,6 +36,9 @@ _STILL_DEGREES, _STILL_SECONDS = 0.3, 3.0
 """A wire that moves less than this, for so long, has stopped; the noise is 0.05 degrees."""
 _PATIENCE = 2.3
 """Lags of full current before a wire counts as stopped: 90 % of the heat have arrived."""
+_BEGUN = 2.0
+"""Degrees from which a wire has begun to turn, about three of the model's error. Before, a late
+wire looks like one that never turns."""
 _DEADLINE = 9.5
 """Seconds after which a verdict is given even if its reason is not clear."""
 _CLEAR, _LIKELY = 0.9, 0.8
@@ -217,7 +222,8 @@ class ReachWatch(Loop):
     ) -> ReachState:
         """Keep a verdict until the target is within reach or changes, or the verdict is old.
 
-        A predicted reach that the wire does not come near is corrected.
+        A predicted reach that the wire does not come near is corrected. A verdict is taken back
+        if the wire comes to its target, or farther than the model allows.
         """
         if state.age > _CORRECTED and measurement < verdict.reach - _FAR:
             verdict = replace(verdict, reach=measurement, least=measurement, most=measurement)
@@ -225,7 +231,9 @@ class ReachWatch(Loop):
         same = abs(reference - verdict.reference) <= 0.5 * self.tolerance
         within_reach = reference <= verdict.reach - self.tolerance
         beyond = verdict.reason != "beyond the stroke" and reference > verdict.reach
-        if within_reach or state.age > self.retry or not (same or beyond):
+        reached = measurement > verdict.reference - 0.5 * self.tolerance
+        refuted = reached or measurement > verdict.most + self.tolerance
+        if within_reach or refuted or state.age > self.retry or not (same or beyond):
             return ReachState()
         return replace(state, age=state.age + self.interval)
 
@@ -248,13 +256,19 @@ class ReachWatch(Loop):
         """Return a verdict once it is certain, and its reason is clear or the time is over."""
         if trial.full < self.wire.lag or reference - angle <= self.tolerance:
             return None
-        stopped = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag
+        begun = angle > self.wire.operator.range[0] + _BEGUN
+        still = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag
+        stopped = still and begun
         weight = self._hypotheses.weights(trial.bank)
         final = self._hypotheses.final(trial.bank, angle, self.highest)
         # The predicted motion has an error proportional to it.
         farthest = final + _UNSURE * np.maximum(final - angle, 0.0)
         short = farthest < reference - self.tolerance
-        if not stopped and float(weight[short].sum()) < self.certainty:
+        others = float(weight[~short].sum())
+        if not begun:
+            # The many hypotheses under which it never turns do not count against a single one.
+            others = float(weight[~short].max(initial=0.0) / weight.max())
+        if not stopped and others > 1.0 - self.certainty:
             return None
         if stopped:
             short = final < reference + self.tolerance
