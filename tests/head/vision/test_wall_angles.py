@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import Mount
@@ -18,6 +19,8 @@ from .walls import CAMERA, photograph
 
 REST = np.radians([-30.0, -30.0])
 CLOSE = math.radians(0.15)
+ALIKE = 110
+"""Columns of 320 that look as they did elsewhere: two in five of the patches in view."""
 
 
 class Seen:
@@ -80,6 +83,61 @@ def test_a_jump_that_no_picture_shows_is_found_again(seen):
         if sight.verdict == SEEN:
             break
     assert error(sight, *REST) < CLOSE
+
+
+def test_a_search_may_try_all_angles_in_one_picture(seen):
+    seen.goes(-14.0)
+    seen.eyes = replace(seen.eyes, tries=10_000)
+    assert error(seen.step(*REST), *REST) < CLOSE
+
+
+def dirt(seed):
+    """A blurred texture on the lens, which stands still in the picture."""
+    rough = np.random.default_rng(seed).standard_normal((240, 320))
+    smooth = gaussian_filter(rough, 6.0)
+    return 60.0 + 25.0 * smooth / smooth.std()
+
+
+def noisy(level, seed):
+    noise = np.random.default_rng(seed).normal(0.0, 1.5, level.shape)
+    return np.clip(np.rint(level + noise), 0, 255).astype(np.uint8)
+
+
+def test_dirt_in_which_some_patches_match_elsewhere_is_not_believed(seen):
+    """A third of the picture looks as it did at rest; the head is far from there."""
+    level = dirt(0)
+    level[:, -ALIKE:] = seen.picture(*REST).image[:, -ALIKE:]
+    seen.goes(-14.0)
+    count = len(seen.state.patches.sd)
+    for n in range(3):
+        sight = seen.step(math.radians(-14.0), REST[1], lambda _, n=n: noisy(level, n))
+        assert np.isnan(sight.angles).all()
+    assert len(seen.state.patches.sd) == count
+    pan = math.radians(-14.0)
+    assert error(seen.step(pan, REST[1]), pan) < CLOSE
+
+
+def test_a_view_that_was_found_again_is_not_taken_to_turn(seen):
+    seen.goes(-14.0)
+    for _ in range(6):
+        if seen.step(*REST).verdict == SEEN:
+            break
+    assert error(seen.step(*REST), *REST) < CLOSE
+    assert seen.state.hunted == 0
+
+
+def test_a_view_that_was_found_again_is_learned_from_once_it_turns(seen):
+    seen.goes(-14.0)
+    count, tilt = len(seen.state.patches.sd), REST[1] + math.radians(4.0)
+    for _ in range(6):
+        sight = seen.step(math.radians(-26.0), tilt)
+        if sight.verdict == SEEN:
+            break
+    assert error(sight, math.radians(-26.0), tilt) < CLOSE
+    assert len(seen.state.patches.sd) == count
+    for further in np.radians(np.arange(0.5, 4.0, 0.5)):
+        assert seen.step(math.radians(-26.0), tilt + further).verdict == SEEN
+    assert len(seen.state.patches.sd) > count
 
 
 def dark(image):

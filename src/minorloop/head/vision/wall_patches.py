@@ -126,6 +126,8 @@ class WallState:
         Check sums of the last pictures, to detect repeated ones.
     newest : float
         Time of the newest picture.
+    again : (2,) array
+        Angles at which the view was found again by a search; infinite once it has turned from them.
     """
 
     patches: Patches
@@ -137,6 +139,7 @@ class WallState:
     before: Image
     earlier: tuple[int, ...]
     newest: float
+    again: FloatArray
 
 
 def nothing(verdict: str, agreeing: int = 0, seen: int = 0) -> Sight:
