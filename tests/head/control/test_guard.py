@@ -262,3 +262,30 @@ def test_a_frequent_cause_does_not_displace_others_in_the_log():
 def test_a_step_is_not_a_target_that_moves():
     _, state, _ = loop(guarded(), 40.0, 3.0)
     assert "behind" not in causes(state)
+
+
+@pytest.mark.parametrize("name", ["observer", "internal_model"])
+@pytest.mark.parametrize("target", [10.0, 40.0])
+def test_a_wire_whose_sensor_is_reversed_cools_and_the_log_says_why(name, target):
+    guard, plant = guarded(name), Wire(noise=0.05, seed=1)
+    state, seen, highest = guard.begin(), 0.0, 0.0
+    for k in range(300):
+        current, state = guard.step(state, target, -seen, t=TICK * k)
+        seen = plant.exchange(current)
+        highest = max(highest, angle(plant))
+    assert highest < 6.0
+    assert current == 0.0
+    assert state.fault == "reversed"
+    said = [event.text for event in state.log if event.cause == "sensor"]
+    assert len(said) == 1
+    assert "the sign of the sensor is reversed, or the picture is mirrored" in said[0]
+
+
+@pytest.mark.parametrize("name", ["observer", "internal_model"])
+def test_a_wire_whose_sensor_is_reversed_later_stays_near_its_target(name):
+    guard = guarded(name)
+    _, state, plant = loop(guard, 30.0, 15.0)
+    for _ in range(4):
+        _, state, plant = loop(guard, 30.0, 4.0, state=state, plant=plant, spoil=lambda t, y: -y)
+        assert angle(plant) < 33.0
+    assert state.fault == "implausible"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.head.control.motion import Belief, MotionWatch, fastest
+from minorloop.head.control.motion import Belief, MotionWatch, Sign, SignWatch, fastest
 from wires import TICK, identified, made_up
 
 
@@ -74,3 +74,31 @@ def test_no_wire_turns_faster_than_its_fastest_rate():
 def test_a_bad_option_is_refused():
     with pytest.raises(ParameterError, match="jump is 0"):
         MotionWatch(wire=made_up(), jump=0)
+
+
+def sign_after(readings, models):
+    watch = SignWatch(wire=identified().model)
+    sign = Sign()
+    for reading, model in zip(readings, models, strict=True):
+        sign = watch.step(sign, reading, model)
+    return sign.reversed
+
+
+def test_readings_that_fall_below_a_cold_wire_while_it_is_heated_are_reversed():
+    rise = np.linspace(0.0, 12.0, 60)
+    assert sign_after((-rise).tolist(), rise)
+    assert sign_after([math.nan if k % 3 else -y for k, y in enumerate(rise)], rise)
+
+
+def test_other_readings_below_a_cold_wire_are_not_reversed():
+    rise = np.linspace(0.0, 12.0, 60)
+    assert not sign_after((rise - 10.0).tolist(), rise)
+    assert not sign_after(np.where(rise > 2.0, rise - 20.0, rise).tolist(), rise)
+    assert not sign_after((20.0 - rise).tolist(), rise)
+    assert not sign_after((-rise).tolist(), np.zeros(60))
+
+
+def test_a_bias_that_begins_in_a_second_without_readings_is_not_believed():
+    readings = [*still(50), *[math.nan] * 25, *still(500, around=30.0)]
+    found = believed(MotionWatch(wire=identified().model), readings)
+    assert not any(found[75:])

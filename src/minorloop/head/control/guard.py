@@ -1,9 +1,9 @@
 """Guard around every controller: limits, checks of sensor and target, and a log.
 
 Whatever the controller requests and the sensor reads, the current that leaves the guard keeps the
-limits of current and temperature. If the sensor is lost or stuck, the wire cools; if it reads what
-no wire can do, the wire goes by its model; if a target cannot be reached, the guard holds an angle
-that can. Nothing is raised in the loop; the log gives reasons.
+limits of current and temperature. If the sensor is lost, stuck or has the wrong sign, the wire
+cools; if it reads what no wire can do, the wire goes by its model; if a target cannot be reached,
+the guard holds an angle that can. Nothing is raised in the loop; the log gives reasons.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
+from minorloop.dynamics.heated_wire import HeatedState
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller
 from minorloop.head.control.limits import WireLimits
-from minorloop.head.control.motion import Belief, MotionWatch
+from minorloop.head.control.motion import Belief, MotionWatch, Sign, SignWatch
 from minorloop.head.control.observer import Estimate, PowerObserver
 from minorloop.head.control.reach import STROKE_SHARE, ReachState, ReachWatch, Unreachable
 from minorloop.head.control.sensing import Sensed, SensorWatch, as_number
@@ -94,6 +95,12 @@ class GuardState:
         Of the sensor.
     belief : Belief
         What is known of the angle by its readings.
+    driven : HeatedState
+        Wire by its current alone, whatever the readings say.
+    bias : float
+        Power that the surroundings added at the beginning, in A^2.
+    sign : Sign
+        What is known of the sign of the readings.
     reach : ReachState
         Of the target.
     reference : float
@@ -125,6 +132,9 @@ class GuardState:
     heated: float
     sensed: Sensed
     belief: Belief
+    driven: HeatedState
+    bias: float
+    sign: Sign
     reach: ReachState
     reference: float
     applied: float
@@ -202,7 +212,19 @@ class Guard:
         estimate = self.observer.found(angle, on)
         heated = max(on**2, estimate.wire.power)
         inner = self.controller.begin(angle, on)
-        return GuardState(inner, estimate, heated, Sensed(), Belief(), ReachState(), angle, on)
+        return GuardState(
+            inner,
+            estimate,
+            heated,
+            Sensed(),
+            Belief(),
+            estimate.wire,
+            estimate.ambient,
+            Sign(),
+            ReachState(),
+            angle,
+            on,
+        )
 
     def step(
         self,
@@ -248,12 +270,17 @@ class Guard:
         sensed = self.sensor.step(state.sensed, read, believed=belief.believed)
         if raw is not None and math.isfinite(sensed.value):
             sensed = replace(sensed, value=measurement)
+        driven = self._driven(state, steps)
+        known = as_number(measurement) if usable else math.nan
+        sign = self._sign.step(state.sign, known, driven.angle, steps=steps)
+        if sign.reversed:
+            sensed = replace(sensed, value=math.nan, fault="reversed")
         estimate = self.observer.corrected(estimate, sensed.value)
         reach = self._watched(state, sensed, wanted, estimate)
         target = self._target(wanted, reach)
         # Where readings are not believed, a law goes on with what the model expects.
         doubted = sensed.fault == "implausible" or (usable and not belief.believed)
-        known = expected if doubted else sensed.value
+        known = expected if doubted or sign.reversed else sensed.value
         requested, inner = self.controller.step(state.inner, target, known)
         most = self.observer.highest
         requested = min(max(requested, 0.0), most) if math.isfinite(requested) else 0.0
@@ -269,6 +296,9 @@ class Guard:
             heated,
             sensed,
             belief,
+            driven,
+            state.bias,
+            sign,
             reach,
             wanted,
             current,
@@ -313,6 +343,23 @@ class Guard:
         return MotionWatch(
             wire=self.observer.wire, jump=self.sensor.jump, interval=self.observer.interval
         )
+
+    @cached_property
+    def _sign(self) -> SignWatch:
+        return SignWatch(
+            wire=self.observer.wire,
+            jump=self.sensor.jump,
+            interval=self.observer.interval,
+            highest=self.observer.highest,
+        )
+
+    def _driven(self, state: GuardState, steps: int) -> HeatedState:
+        """Return the wire by its current alone, some intervals later."""
+        wire, driven = self.observer.wire, state.driven
+        power, interval = state.applied**2, self.observer.interval
+        for _ in range(steps):
+            driven = wire.step(driven, power, interval, ambient=state.bias)
+        return driven
 
     def _passed(
         self, state: GuardState, measurement: object, t: object
@@ -401,7 +448,7 @@ class Guard:
         """Return the largest current in A for this state of the sensor and this target."""
         low, top = self.observer.wire.operator.range
         angle = sensed.value if math.isfinite(sensed.value) else estimate.wire.angle
-        if sensed.fault in ("lost", "stuck") or angle > STROKE_SHARE * top:
+        if sensed.fault in ("lost", "stuck", "reversed") or angle > STROKE_SHARE * top:
             return 0.0
         verdict = reach.verdict
         if verdict is None:
@@ -436,6 +483,11 @@ class Guard:
         if new.fault == "implausible":
             present["sensor"] = (
                 f"the sensor is implausible: {self._odd(new.belief)}; the wire goes by its model"
+            )
+        elif new.fault == "reversed":
+            present["sensor"] = (
+                "readings fall while the wire is heated: the sign of the sensor is reversed, or "
+                "the picture is mirrored; the wire cools until it is begun anew"
             )
         elif new.fault:
             present["sensor"] = f"the sensor is {new.fault}; the wire cools"

@@ -2,7 +2,7 @@
 
 The greatest slope of the operator and the constants of the heat bound the rate of a wire. Readings
 that jump further are not believed however long they last: only once they jump back, or agree with
-the model.
+the model. Readings that fall below those of a cold wire while it is heated have the wrong sign.
 """
 
 from __future__ import annotations
@@ -28,6 +28,12 @@ _ROW = 5
 _AGREED = 1.0
 """Seconds for which readings must agree with the model to be believed again, and without readings
 after which they are compared with it, whatever was before."""
+_BLIND = 4.0
+"""Seconds without readings until surroundings may have changed by the whole range of the powers, as
+their square: water flows in within seconds, and heats or cools only then."""
+_RISE, _FALL = 3.0, 2.0
+"""Degrees by which the wire must rise by its current, and its readings fall, until their sign is
+known: far above the noise, and before the head is far on the wrong way."""
 _CLOSE = 0.5
 """Share of `jump` within which they agree then."""
 
@@ -118,11 +124,14 @@ class MotionWatch(Loop):
         """
         gap = before.gap + steps
         if math.isnan(reading):
-            return replace(before, gap=gap, slack=before.slack + self._turn(self._width) * steps)
+            changed = min(gap * self.interval / _BLIND, 1.0) ** 2 * self._width
+            turned = self._turn(changed) * steps + _UNSURE * abs(motion)
+            return replace(before, gap=gap, slack=before.slack + turned)
         error = reading - model
         away = min(abs(error - before.error), abs(error))
         heated = self._turn(abs(heating))
-        most = self.jump + gap * (heated + self._turn(_CHANGED * self._width))
+        once = heated + self._turn(_CHANGED * self._width)
+        most = self.jump + gap * once
         if abs(reading - before.seen) <= most and gap * self.interval <= _AGREED:
             jumped, row = before.jumped, before.row + 1
             if not before.believed and away > _CLOSE * self.jump:
@@ -131,7 +140,7 @@ class MotionWatch(Loop):
         else:
             jumped, row = self._jumped(before, reading, error, motion * gap), 1
             back = not before.believed and abs(jumped) <= most
-            believed = back or away <= before.slack + most
+            believed = back or away <= before.slack + self.jump + once * steps
         if not believed:
             slack = before.slack + _DRIFT * self.interval + _UNSURE * abs(motion)
             return Belief(False, reading, 0, row, before.error, jumped, slack)
@@ -157,6 +166,95 @@ class MotionWatch(Loop):
         if before.believed or math.isnan(before.seen):
             return error - before.error
         return before.jumped + reading - before.seen - motion
+
+
+@dataclass(frozen=True)
+class Sign:
+    """What is known of the sign of the readings.
+
+    Parameters
+    ----------
+    reversed : bool
+        Whether it is wrong; that remains.
+    risen, read : float
+        Angle by the current alone and reading, both in degrees, since which they are compared.
+    seen : float
+        Newest reading in degrees, NaN before the first.
+    gap : int
+        Steps since.
+    """
+
+    reversed: bool = False
+    risen: float = math.inf
+    read: float = math.nan
+    seen: float = math.nan
+    gap: int = 0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SignWatch(Loop):
+    """Finds readings that fall while the wire is heated.
+
+    No wire reads less than a cold one, and none that is heated falls there. The model must follow
+    the current alone: one that is corrected by the readings agrees with a wrong sign too.
+
+    Parameters
+    ----------
+    wire : HeatedWire
+        The model.
+    jump : float
+        As of `MotionWatch`.
+    interval, delay, highest
+        As in `Loop`.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+    """
+
+    wire: HeatedWire
+    jump: float = 1.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        within("jump", self.jump, 1e-6, 1e6, "degrees")
+
+    def step(self, before: Sign, reading: float, model: float, *, steps: int = 1) -> Sign:
+        """Return what is known after one more reading.
+
+        Parameters
+        ----------
+        before : Sign
+        reading : float
+            In degrees; NaN where there is none.
+        model : float
+            Angle of the wire by its current alone, in degrees.
+        steps : int
+            Intervals since the last reading was due.
+        """
+        gap = before.gap + steps
+        if before.reversed or math.isnan(reading):
+            return replace(before, gap=gap)
+        most = self.jump + self._fastest * self.highest**2 * self.interval * gap
+        # After a jump the readings are compared anew: it is no motion.
+        follows = abs(reading - before.seen) <= most
+        if not follows or model < before.risen:
+            return Sign(False, model, reading, reading)
+        if model < before.risen + _RISE:
+            return replace(before, seen=reading, gap=0)
+        fallen = reading < before.read - _FALL
+        below = reading < self.wire.operator.range[0] - _FALL
+        if fallen and below:
+            return replace(before, reversed=True)
+        # Readings are late: they have twice the rise to fall.
+        if model < before.risen + 2 * _RISE:
+            return replace(before, seen=reading, gap=0)
+        return Sign(False, model, reading, reading)
+
+    @cached_property
+    def _fastest(self) -> float:
+        return fastest(self.wire)
 
 
 def fastest(wire: HeatedWire) -> float:

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import within
 
-Fault: TypeAlias = Literal["", "lost", "stuck", "implausible"]
+Fault: TypeAlias = Literal["", "lost", "stuck", "implausible", "reversed"]
 _SEEN, _SELDOM = 10, 0.1
 """A sensor is noisy if at least so many readings differed, and at most this share did not."""
 
@@ -22,8 +22,9 @@ class Sensed:
     ----------
     value : float
         Usable reading, NaN if there is none now.
-    fault : {"", "lost", "stuck", "implausible"}
-        Fault of the sensor, once it is certain.
+    fault : {"", "lost", "stuck", "implausible", "reversed"}
+        Fault of the sensor, once it is certain. That it is reversed is found by
+        `minorloop.head.control.motion.SignWatch`.
     last : float
         Last plausible reading, NaN before the first.
     repeats : int
