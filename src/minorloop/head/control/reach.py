@@ -294,6 +294,8 @@ class ReachWatch(Loop):
         likely = cost[weight > 0]
         lost = likely.size == 0 or float(likely.min()) > best + max(_WORSE, independent)
         if lost or best > _POOR * independent:
+            if not late:  # A wire that nothing explains is not predicted either.
+                return None
             still = angle - trial.began < 0.5 * self.tolerance
             return "no motion" if still else "load or ageing"
         share = float(weight[self._colder].sum()) / total
