@@ -70,6 +70,18 @@ def test_a_wire_whose_resistance_changes_much_is_not_given_up():
     assert watched(62.8, ambient=-10.0, seconds=30.0, specimen=7003, wire=wire)[0] is None
 
 
+def test_a_wire_that_no_hypothesis_explains_is_not_given_up_while_it_turns():
+    wire = identified().model
+    watch, observer = ReachWatch(wire=wire), PowerObserver(wire=wire)
+    end, state, estimate = 0.95 * wire.operator.range[1], ReachState(), observer.found()
+    for k in range(round(6.0 / TICK)):
+        # It is hot from the start, and slower towards its end.
+        reading = end * np.interp(k * TICK, (0.0, 1.0, 2.0, 3.0, 6.0), (0.0, 0.28, 0.54, 0.77, 1.0))
+        estimate = observer.update(estimate, 0.4, reading)
+        state = watch.step(state, end, reading, 0.4, estimate)
+        assert state.verdict is None
+
+
 @pytest.mark.parametrize(("reference", "ambient"), [(8.0, -24.0), (3.5, -26.0)])
 def test_a_cold_wire_that_has_not_begun_to_turn_is_not_given_up(reference, ambient):
     # It does not turn for 9 s, and ends at 8.7 and 5.5 degrees.
