@@ -44,8 +44,8 @@ _DEADLINE = 9.5
 _CLEAR, _LIKELY = 0.9, 0.8
 """Share of the weight that makes a reason clear, and share from which it is given in the end;
 below, both are."""
-_UNSURE = 0.35
-"""Most by which a predicted motion is too small, as a share of it."""
+_UNSURE = 0.2
+"""Error of a predicted motion, as a share of it."""
 _BAND = 0.95
 """Weight of the hypotheses within the stated reach."""
 _WORSE, _POOR = 12.0, 6.0
