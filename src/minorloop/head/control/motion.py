@@ -38,6 +38,38 @@ _CLOSE = 0.5
 """Share of `jump` within which they agree then."""
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Watch(Loop):
+    """Compares the readings of a wire with what it can do.
+
+    Parameters
+    ----------
+    wire : HeatedWire
+        The model.
+    jump : float
+        Most degrees by which readings differ beside the motion of the wire: noise, and the steps
+        of a coarse sensor.
+    interval, delay, highest
+        As in `Loop`.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+    """
+
+    wire: HeatedWire
+    jump: float = 1.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        within("jump", self.jump, 1e-6, 1e6, "degrees")
+
+    @cached_property
+    def _fastest(self) -> float:
+        return fastest(self.wire)
+
+
 @dataclass(frozen=True)
 class Belief:
     """What is known of an angle by its readings.
@@ -70,31 +102,8 @@ class Belief:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MotionWatch(Loop):
-    """Believes only readings to which a wire can have turned.
-
-    Parameters
-    ----------
-    wire : HeatedWire
-        The model.
-    jump : float
-        Most degrees by which readings differ beside the motion of the wire: noise, and the steps
-        of a coarse sensor.
-    interval, delay, highest
-        As in `Loop`.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
-    """
-
-    wire: HeatedWire
-    jump: float = 1.5
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        within("jump", self.jump, 1e-6, 1e6, "degrees")
+class MotionWatch(Watch):
+    """Believes only readings to which a wire can have turned; parameters as of `Watch`."""
 
     def step(
         self,
@@ -154,10 +163,6 @@ class MotionWatch(Loop):
         return self._fastest * heating * self.interval
 
     @cached_property
-    def _fastest(self) -> float:
-        return fastest(self.wire)
-
-    @cached_property
     def _width(self) -> float:
         return width(self.wire)
 
@@ -192,33 +197,12 @@ class Sign:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SignWatch(Loop):
-    """Finds readings that fall while the wire is heated.
+class SignWatch(Watch):
+    """Finds readings that fall while the wire is heated; parameters as of `Watch`.
 
     No wire reads less than a cold one, and none that is heated falls there. The model must follow
     the current alone: one that is corrected by the readings agrees with a wrong sign too.
-
-    Parameters
-    ----------
-    wire : HeatedWire
-        The model.
-    jump : float
-        As of `MotionWatch`.
-    interval, delay, highest
-        As in `Loop`.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
     """
-
-    wire: HeatedWire
-    jump: float = 1.5
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        within("jump", self.jump, 1e-6, 1e6, "degrees")
 
     def step(self, before: Sign, reading: float, model: float, *, steps: int = 1) -> Sign:
         """Return what is known after one more reading.
@@ -251,10 +235,6 @@ class SignWatch(Loop):
         if model < before.risen + 2 * _RISE:
             return replace(before, seen=reading, gap=0)
         return Sign(False, model, reading, reading)
-
-    @cached_property
-    def _fastest(self) -> float:
-        return fastest(self.wire)
 
 
 def fastest(wire: HeatedWire) -> float:
