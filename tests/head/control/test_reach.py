@@ -50,9 +50,9 @@ def test_an_ambient_that_is_too_cold_is_diagnosed_within_ten_seconds():
 
 
 def test_a_target_that_is_a_little_out_of_reach_is_found_while_the_wire_still_moves():
-    verdict, _ = watched(29.2, ambient=-16.0, seconds=25.0)
+    verdict, _ = watched(29.2, ambient=-16.0, seconds=30.0)
     assert verdict.reason == "ambient too cold"
-    assert verdict.least < 20.0 < 24.7 < verdict.most  # It ends at 24.7 degrees.
+    assert verdict.least < 22.0 < 24.7 < verdict.most  # It ends at 24.7 degrees.
 
 
 def test_hypotheses_between_a_colder_ambient_and_a_stronger_cooling_are_not_left_out():
@@ -102,7 +102,7 @@ def test_weight_on_wires_that_never_turn_is_no_evidence_until_one_turns():
     final = watch._hypotheses.final(bank, 0.0, watch.highest)
     contradicted = np.where(final > 15.0, 20.0, 0.0)
     assert watch._verdict(replace(trial, bank=replace(bank, cost=contradicted)), 20.0, 0.0)
-    bank = replace(bank, cost=np.where((final > 16.0) & (final < 17.0), 0.0, contradicted))
+    bank = replace(bank, cost=np.where((final > 17.0) & (final < 17.3), 0.0, contradicted))
     assert watch._hypotheses.weights(bank)[final > 15.0].sum() < 1.0 - watch.certainty
     assert watch._verdict(replace(trial, bank=bank), 20.0, 0.0) is None
 

@@ -44,8 +44,8 @@ _DEADLINE = 9.5
 _CLEAR, _LIKELY = 0.9, 0.8
 """Share of the weight that makes a reason clear, and share from which it is given in the end;
 below, both are."""
-_UNSURE = 0.2
-"""Error of a predicted motion, as a share of it."""
+_UNSURE = 0.15
+"""Error of a predicted motion, as a share of it, beside what the hypotheses differ by."""
 _BAND = 0.95
 """Weight of the hypotheses within the stated reach."""
 _WORSE, _POOR = 12.0, 6.0
@@ -164,7 +164,7 @@ class ReachWatch(Loop):
     rise: float = 676.0
     cold_resistance: float = 0.8
     tolerance: float = 1.0
-    certainty: float = 0.97
+    certainty: float = 0.99
     retry: float = 60.0
 
     def __post_init__(self) -> None:
