@@ -119,7 +119,7 @@ class HeatedWire:
         least, top = self.begin(power), float(self.operator.levels[-1])
         most = self.moved(self.moved(cold, top), power)
         near = _NEAR * float(np.ptp(self.operator.range))
-        if abs(angle - least.angle) <= near and not least.angle < angle < most.angle:
+        if abs(angle - least.angle) <= near and not least.angle < angle <= most.angle:
             return least
         if not least.angle < angle <= most.angle + near:
             return self.moved(cold, cold.tracker.aim(angle))
