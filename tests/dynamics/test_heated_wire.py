@@ -68,7 +68,7 @@ def test_the_state_after_a_rise_and_a_return_is_recovered(peak, share):
     power = share * peak
     angle = wire.moved(wire.begin(peak), power).angle
     found = wire.found(power, angle)
-    assert found.angle == pytest.approx(angle, abs=0.01 * 60.0 + 1e-9)
+    assert found.angle == pytest.approx(angle, abs=1e-6)
     assert found.power == power
 
 

@@ -34,8 +34,9 @@ export interface Labels {
 
 const QUIET = "#93a3ad";
 
-/** Draw a plane and its memory into a canvas, at the resolution of the screen. */
+/** Draw a plane and its memory into a canvas, at the resolution of the screen; not if it is hidden. */
 export function drawPlane(canvas: HTMLCanvasElement, plane: Plane, memory: number[] | null, labels: Labels): void {
+  if (canvas.clientWidth === 0) return;
   const context = fitted(canvas);
   const { width, height } = canvas;
   const ratio = width / canvas.clientWidth || 1;

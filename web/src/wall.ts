@@ -20,7 +20,9 @@ export class WallMap {
     this.bitmap = bitmap;
   }
 
+  /** Draw the map, unless nobody can see it. */
   draw(hello: Hello, state: LoopState): void {
+    if (this.canvas.clientWidth === 0) return;
     const context = fitted(this.canvas);
     const { width, height } = this.canvas;
     const ratio = width / this.canvas.clientWidth || 1;

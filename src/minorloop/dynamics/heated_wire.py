@@ -105,8 +105,8 @@ class HeatedWire:
         """Return the state of a wire that has settled under a power, at an angle.
 
         Its past is not known; it is assumed to be a rise to some power and a return. If none
-        gives the angle to within 1 % of the range, the effective power is the one that gives it
-        from cold.
+        gives the angle, it is the rise alone, or the longest return, where that comes to within
+        1 % of the range, and otherwise the effective power is the one that gives it from cold.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class HeatedWire:
         least, top = self.begin(power), float(self.operator.levels[-1])
         most = self.moved(self.moved(cold, top), power)
         near = _NEAR * float(np.ptp(self.operator.range))
-        if abs(angle - least.angle) <= near:
+        if abs(angle - least.angle) <= near and not least.angle < angle <= most.angle:
             return least
         if not least.angle < angle <= most.angle + near:
             return self.moved(cold, cold.tracker.aim(angle))

@@ -19,7 +19,7 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, frozen
 from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.export import _gradient_kernels
 from minorloop.identification import _kernels as tree_kernels
@@ -180,7 +180,9 @@ class _PreisachLoops:
         nodes = self._swing * plane.nodes_from_weights(np.tril(weights))
         bow = nodes.diagonal(-1).copy() if self._spread else np.zeros(len(weights))
         off = offset - self._shift * float(np.tril(weights).sum())
-        return self._plane._replace(nodes=nodes, bow=bow, saturation=off, slope=slope)
+        return self._plane._replace(
+            nodes=frozen(nodes), bow=frozen(bow), saturation=off, slope=slope
+        )
 
 
 class _PlaysLoops:

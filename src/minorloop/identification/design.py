@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_levels
+from minorloop.arrays import FloatArray, as_finite, as_levels, writable
 from minorloop.errors import ParameterError
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import PlaneSpec
@@ -300,8 +300,7 @@ def _rows(posterior: Posterior, memory: Memory, candidates: FloatArray) -> Float
     spec = posterior.spec
     shares = np.empty((candidates.size, spec.cells))
     past = np.array(memory.extrema)
-    levels = np.asarray(spec.levels, dtype=np.float64)
-    _kernels.look_ahead(levels, spec.diagonal == "uniform", past, candidates, shares)
+    _kernels.look_ahead(writable(spec.levels), spec.diagonal == "uniform", past, candidates, shares)
     columns = [relay_outputs(spec.relay, shares)]
     if spec.offset:
         columns.append(np.ones((candidates.size, 1)))

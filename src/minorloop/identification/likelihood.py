@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import BoolArray, FloatArray, writable
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.prior import Hyperparameters, PlanePrior
@@ -138,8 +138,8 @@ def regressors(
     count = int(np.count_nonzero(measured))
     shares, features = np.empty((count, spec.cells)), np.empty((count, 3))
     past = np.array(memory.extrema, dtype=np.float64)
-    levels = np.asarray(spec.levels, dtype=np.float64)
-    _kernels.walk(levels, spec.diagonal == "uniform", past, u, measured, shares, features)
+    levels, uniform = writable(spec.levels), spec.diagonal == "uniform"
+    _kernels.walk(levels, uniform, past, writable(u), measured, shares, features)
     columns = [relay_outputs(spec.relay, shares)]
     if spec.offset:
         columns.append(np.ones((count, 1)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray, writable
 from minorloop.identification import _condensing_kernels as _kernels
 from minorloop.identification.curves import Curves
 
@@ -45,7 +45,7 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
     near, narrowest = _TOLERANCE * (high - low), _NARROWEST * (high - low)
     found = []
     for first, last in curves.parts(u.size):
-        part = u[first:last]
+        part = writable(u[first:last])
         begin, end = np.empty(part.size, dtype=np.int64), np.empty(part.size, dtype=np.int64)
         extreme = bool(min(part[0] - part.min(), part.max() - part[0]) <= near)
         count = _kernels.closed_loops(part, extreme, _TOLERANCE, _GAP, narrowest, begin, end)

@@ -14,7 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, Levels, as_finite, as_levels, check_option
+from minorloop.arrays import (
+    BoolArray,
+    FloatArray,
+    Levels,
+    as_finite,
+    as_levels,
+    check_option,
+    writable,
+)
 from minorloop.errors import ParameterError
 from minorloop.identification import _recursive_kernels as _kernels
 from minorloop.identification.design_matrix import PlaneSpec, pack
@@ -235,7 +243,7 @@ class Recursive:
         row = np.ones(self.spec.unknowns)
         extrema = np.array(memory.extrema)
         spread = self.diagonal == "uniform"
-        switched_on(self.levels, spread, extrema, extrema.size, row[:-1])
+        switched_on(writable(self.levels), spread, extrema, extrema.size, row[:-1])
         row[:-1] = relay_outputs(self.relay, row[:-1])
         return row
 

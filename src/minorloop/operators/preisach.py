@@ -19,6 +19,7 @@ from minorloop.arrays import (
     as_triangle,
     check_option,
     frozen,
+    writable,
 )
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import NotebookView, figure_of
@@ -427,7 +428,7 @@ class Preisach(NotebookView):
 
     def _simulate_row(self, start: Start, u: FloatArray, y: FloatArray) -> None:
         stack, rows = self.stack(start, u.size)
-        _kernels.simulate(self.tables, stack, rows, u, y)
+        _kernels.simulate(self.tables, stack, rows, writable(u), y)
 
     def _check_size(self) -> None:
         """Refuse outputs so large that their differences overflow."""

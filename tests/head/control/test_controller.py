@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
@@ -44,13 +44,14 @@ def test_every_closed_loop_compensates_a_warmer_ambient(name):
 
 @NAMES
 @given(peak=st.floats(0.09, 0.16), share=st.floats(0.6, 1.0))
+@example(peak=0.12473, share=0.98107)  # a return so short that it is nearly a rise alone
 @settings(max_examples=15)
 def test_a_settled_wire_is_taken_over_with_its_current(name, peak, share):
     wire = made_up()
     found = wire.moved(wire.begin(peak), share * peak)
     law, current = controller(name, wire), math.sqrt(share * peak)
     first, _ = law.step(law.begin(found.angle, current), found.angle, found.angle)
-    assert first**2 == pytest.approx(current**2, abs=0.1 * 0.16)
+    assert first**2 == pytest.approx(current**2, abs=0.01 * 0.16)
 
 
 @NAMES

@@ -17,6 +17,7 @@ from minorloop.head.studies.head_loop import circle, constant, ramps, run_loop, 
 from minorloop.head.studies.picture_sensor import PictureSensor
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.surroundings import Course, Surroundings
+from minorloop.head.vision import wall_refinement
 from minorloop.studies.claims import claim_table
 
 
@@ -25,9 +26,9 @@ def study():
     """The study on one specimen, with fewer targets in its longest runs, and shorter ones."""
     ramp = Surroundings(ambient=Course(20.0, 30.0, at=14.0, duration=10.0))
     shorter = {
-        "OPEN_TARGETS": 4, "OLD_TARGETS": 4, "FASTER": (), "STEP_SECONDS": 20.0,
-        "FAULT_SECONDS": 18.0, "RAMPS_SECONDS": 60.0, "RAMP_SECONDS": 34.0, "RAMP_AT": 14.0,
-        "RAMP": ramp, "LATER": (1.0,), "LATER_SECONDS": 40.0, "CIRCLE_WAIT": 10.0, "TURNS": 1,
+        "OPEN_TARGETS": 3, "OLD_TARGETS": 3, "FASTER": (), "STEP_SECONDS": 16.0,
+        "FAULT_SECONDS": 15.0, "RAMPS_SECONDS": 60.0, "RAMP_SECONDS": 30.0, "RAMP_AT": 14.0,
+        "RAMP": ramp, "LATER": (1.0,), "LATER_SECONDS": 40.0, "CIRCLE_WAIT": 8.0, "TURNS": 1,
         "IMPOSSIBLE_SECONDS": 14.0,
         "DISTURBED": {what: head.DISTURBED[what] for what in ("ambient 10 C", "convection 90")},
     }  # fmt: skip
@@ -38,6 +39,7 @@ def study():
             patch.setattr(head_report, name, shorter[name])
         # The wires of one specimen are the same for its control, its sight and its camera.
         patch.setattr(head_static, "_wire", cache(head_static._wire))
+        patch.setattr(wall_refinement, "_ROUNDS", 1)
         patch.setattr(tracking_trials, "WALLS", ("drawn", "repeated"))
         patch.setattr(tracking_trials, "FRAMES", 16)
         patch.setattr(touch_trials, "TOUCHES", 1)

@@ -70,8 +70,8 @@ def drip(instrument, line):
 
 
 def flood(instrument, line):
-    while not instrument.over.is_set():
-        line.sendall(b"1" * 65536)
+    while not instrument.over.wait(1e-3):  # a faster one would keep a core busy
+        line.sendall(b"1" * 4096)
         instrument.began.set()
 
 
