@@ -442,7 +442,7 @@ def test_everything_is_gathered_and_reported(mission):
     scored = scan_trials.measured(trial, [])
     dry = scan_trials.measured(scan_trials.draw_trial(60_003, kind="dry"), [], "camera")
     kinds = dict.fromkeys(
-        ("pit", "gyroscope", "joints", "unfocused", "dished", "hole", "fused"), (scored,)
+        ("pit", "gyroscope", "joints", "unfocused", "dished", "dented", "hole", "fused"), (scored,)
     ) | {"dry": (dry,)}
     run = ServoRun("x", np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2)
     outcomes = [

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.ultrasound.echoes import Burst
+from minorloop.head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.joint_fit import CENTRE, JointFit
 from minorloop.head.ultrasound.pit_model import PitModel
-from minorloop.head.ultrasound.spectra import Spectra, first_echo
+from minorloop.head.ultrasound.spectra import Spectra, first_echo, least_deviations
 from minorloop.head.ultrasound.wall_shape import WallShape, smooth_shape
 
 BESIDE = 0.1e-3
@@ -28,10 +28,13 @@ _STEEP = 0.02
 pivot."""
 _ROUNDS = 3
 """Renewals of a shape: from the second on, it changes by less than a distance errs."""
-_WINDOW, _EQUAL, _STILL = 0.3e-6, 2.5, 0.5
-"""Duration in seconds over which the power of the difference of two traces is taken; its greatest
-value, over that of noise, below which they are equal, 2 by noise alone; and share of pairs in a
+_EQUAL, _STILL = 5.0, 0.5
+"""Largest correlation of the difference of two traces with a pulse, in deviations of the noise, up
+to which they are equal: noise alone reaches it once in some thousand pairs; and share of pairs in a
 row that may be: traces of a head that does not move are equal, and show no bent wall."""
+_ASTRAY = 0.1e-3
+"""Distance of a first echo from a curved wall in metres from which on it is that of something else:
+dents from which echoes return are within 0.05 mm of one."""
 
 
 def is_bent(fit: JointFit, most: float) -> bool:
@@ -43,12 +46,11 @@ def is_bent(fit: JointFit, most: float) -> bool:
 
 def moves(bursts: Sequence[Burst]) -> bool:
     """Return whether the traces of a raster differ by more than noise, as those of places do."""
-    count = round(_WINDOW / bursts[0].sample_interval)
-    window = np.ones(count) / count
     equal = []
-    for one, other in zip(bursts, bursts[1:], strict=False):
-        power = np.convolve((one.trace - other.trace) ** 2, window, mode="valid")
-        equal.append(power.max() < _EQUAL * (one.noise**2 + other.noise**2))
+    for one, other in pairwise(bursts):
+        interval, noise = one.sample_interval, np.hypot(one.noise, other.noise)
+        change = np.abs(matched(one.trace - other.trace, interval, Pulse()))
+        equal.append(change[int(DEAD_TIME / interval) :].max() < _EQUAL * noise)
     return bool(np.mean(equal) < _STILL)
 
 
@@ -87,6 +89,12 @@ def bent_fit(
     if beside.size < FEWEST:
         return None
     depths = ranges[beside] * plain.facing[beside]
+    x, y = plain.off()[beside].T
+    curved = np.stack([np.ones(len(x)), x, y, x * x, x * y, y * y], axis=1)
+    sane = np.abs(depths - curved @ least_deviations(curved, depths)) < _ASTRAY
+    beside, depths = beside[sane], depths[sane]
+    if beside.size < FEWEST:
+        return None
     fit = _fitted(plain, spectra, beside, depths)
     for _ in range(_ROUNDS - 1):
         fit = renewed(fit, _open_mouth())

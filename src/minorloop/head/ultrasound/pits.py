@@ -218,7 +218,9 @@ def _measured(
     if np.isfinite(probe.transducer.focus):
         if is_bent(fit, _ASTRAY):
             bent = bent_fit(good, spectra, probe, centre, diameter / 2) if moves(good) else None
-            fit = bent or fit
+            if bent is None:
+                return PitDepth(ASTRAY, *centre)
+            fit = bent
         if fit.range_error > _ASTRAY or fit.unknown > MOST_UNKNOWN:
             return PitDepth(ASTRAY, *centre)
     start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)

@@ -87,7 +87,7 @@ def spectra_of(
         return None
     plane = np.stack([np.ones(len(x)), x, y], axis=1)
     chosen = far[found]
-    fitted = _robust(plane[chosen], delay[found])
+    fitted = least_deviations(plane[chosen], delay[found])
     delays = plane @ fitted
     spectra = np.array(
         [
@@ -108,7 +108,7 @@ def first_echo(burst: Burst, expected: float) -> float:
     return echoes[0].time if echoes else np.nan
 
 
-def _robust(design: FloatArray, values: FloatArray) -> FloatArray:
+def least_deviations(design: FloatArray, values: FloatArray) -> FloatArray:
     """Solve by least absolute deviations, with reweighted least squares."""
     weights = np.ones(len(values))
     solution: FloatArray = np.zeros(design.shape[1])

@@ -63,7 +63,7 @@ class WallShape:
         """
         turn = 2 * np.pi * np.arange(_RIM) / _RIM
         off = radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        places = off + (around, along)
+        places = off + np.array([around, along])
         depths = self.depth(places)
         slopes = 2 * (depths @ off) / (_RIM * radius**2)
         mean = self._with(places).mean(axis=0)
