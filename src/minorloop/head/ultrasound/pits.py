@@ -84,7 +84,7 @@ class PitDepth:
         nearly as much, or the floor is louder than possible); ``no pit`` (a plain wall explains
         all); or the reason why there is no depth: ``too faint`` (noise would hide a pit),
         ``too few echoes``, ``no coupling``, ``distances disagree`` (the distances of the wall do
-        not fit the angles: a head that does not move, shots out of time, or a bent wall),
+        not fit a smooth wall: a head that does not move, shots out of time, or a bead beside it),
         ``too short`` (traces end before the echo of a floor), ``raster too small`` (no point on
         the wall beside the mouth), ``part missing`` (of the scan: mouth or wall is not covered),
         ``raster beside the mouth``, ``all at one place``, ``frozen`` (the same trace again), and
