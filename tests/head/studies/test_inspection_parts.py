@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ModelFileError
-from minorloop.head.geometry import Mount
+from minorloop.head.geometry import Mount, Tool
 from minorloop.head.procedures import steps
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
+from minorloop.head.procedures.mark import Marking
 from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.procedures.trace import likely
 from minorloop.head.reconstruction.depth_map import (
@@ -103,6 +105,30 @@ def test_a_mission_traces_its_crack_and_measures_it(mission):
     assert crack.wall.depth[deep] == pytest.approx(crack.found.depth)
     assert np.isnan(crack.wall.depth).any()
     assert mission.ring.patch.z < crack.wall.patch.z
+
+
+def test_a_mission_tests_its_tool_beside_the_pit_before_it_touches_the_pit(mission):
+    steps = [step.what for step in mission.log]
+    assert steps.index("extract") < steps.index("test mark") < steps.index("touch")
+    assert steps.count("test mark") == 1
+
+
+@pytest.mark.parametrize(
+    ("most", "moved"), [((90.0, 90.0), False), ((90.0, 50.0), True), ((0.0, 0.0), False)]
+)
+def test_the_catheter_goes_where_both_wires_turn_the_tool_to_a_place(monkeypatch, most, moved):
+    view = HeadCalibration(lens=LENS, leds=np.empty((0, 3)), tool=Tool())
+    home, place, went = np.array([2.6e-3, 0.0]), np.array([-1.15, 26.2e-3]), []
+    ends = np.stack([np.full(2, -90.0), most], axis=1)
+    control = SimpleNamespace(reach=lambda wanted: ends)
+    rig = SimpleNamespace(calibration=view, control=control, place=home)
+    monkeypatch.setattr(steps, "go", lambda rig, place: went.append(place))
+    marking = Marking(calibration=view)
+    steps.bring_in_reach(rig, marking, place)
+    assert bool(went) == moved
+    if moved:
+        assert (view.joints(marking.angles(place, home)) > most).any()
+        assert (view.joints(marking.angles(place, went[0])) < most).all()
 
 
 @pytest.mark.parametrize("what", ["centre", "touch", "scan"])
@@ -442,7 +468,7 @@ def test_everything_is_gathered_and_reported(mission):
     scored = scan_trials.measured(trial, [])
     dry = scan_trials.measured(scan_trials.draw_trial(60_003, kind="dry"), [], "camera")
     kinds = dict.fromkeys(
-        ("pit", "gyroscope", "joints", "unfocused", "dished", "hole", "fused"), (scored,)
+        ("pit", "gyroscope", "joints", "unfocused", "dished", "dented", "hole", "fused"), (scored,)
     ) | {"dry": (dry,)}
     run = ServoRun("x", np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2)
     outcomes = [

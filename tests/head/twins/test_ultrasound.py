@@ -105,6 +105,16 @@ def test_a_floor_is_late_by_twice_its_depth_and_a_hole_has_none():
     assert energy_about(received(probe_at(Pipe(bores=(through,), water=FULL))), late) < 0.02 * pit
 
 
+def test_a_pit_in_a_dent_begins_where_the_wall_is():
+    def floor_late(dents):
+        pipe = Pipe(water=FULL, bores=(Bore(0.0, 20e-3, 1.5e-3, depth=0.8e-3),), dents=dents)
+        loud = np.abs(matched(probe_at(pipe).shot().trace, 10e-9, Pulse()))
+        return np.argmax(loud[900:]) * 10e-9 * SPEED / 2
+
+    sunk = floor_late((Dent(0.0, 20e-3, 6e-3, -0.3e-3),)) - floor_late(())
+    assert sunk == pytest.approx(0.3e-3, abs=0.02e-3)
+
+
 def test_the_steel_rings_behind_the_wall_at_its_own_time():
     thin = received(probe_at(Pipe(water=FULL, thickness=2e-3)))
     n = int((2 * 8e-3 / SPEED + 2 * 2e-3 / 5900) / 10e-9) - 250

@@ -29,4 +29,5 @@ def fit_of(unknowns, *, noise=0.01, seed=0):
     rng, sd = np.random.default_rng(seed), noise * float(np.abs(echoes).max())
     parts = rng.normal(size=(2, *echoes.shape))
     disturbed = echoes + sd * (parts[0] + 1j * parts[1])
-    return JointFit(model, Spectra(disturbed, np.full(len(echoes), sd), model.angles))
+    around = np.full(len(echoes), sd), model.angles, np.zeros(len(echoes))
+    return JointFit(model, Spectra(disturbed, *around))

@@ -180,9 +180,13 @@ class Marking(Procedure[MarkState]):
 
     def reaches(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> bool:
         """Return whether the tool reaches phi and z (2,) from a place (2,) of the catheter."""
+        return self.angles(place, catheter) is not None
+
+    def angles(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> FloatArray | None:
+        """Return pan and tilt (2,) at which the tool meets phi and z (2,); None out of reach."""
         tool, where = self.calibration.tool, np.asarray(place, dtype=np.float64)
         guess = aim_at(self.calibration, where, catheter)
-        return tool is not None and self._angles(tool, where, catheter, guess) is not None
+        return None if tool is None else self._angles(tool, where, catheter, guess)
 
     def _next(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
         tool = self.calibration.tool

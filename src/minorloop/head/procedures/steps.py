@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -33,9 +34,17 @@ axis; and degrees by which a wire must reach farther than a place needs, for too
 CENTRED_PX, WITHIN = 2.0, 0.3e-3
 """Farthest distance of a centred point from the middle of the image in pixels, and of a touch from
 its place in metres."""
+STEADY_PX, CENTRINGS = 0.8, 3
+"""Distance in pixels within which an outline is held, less than half of what it may be off, since
+the head goes on to move; and most tries until the outline, found anew, is in the middle."""
 STEPS = (0.0, -3e-3, 3e-3, -6e-3, 6e-3)
 """Travels in metres from which a tool reaches what the camera has in its middle. The tool is 3.5 mm
 beside the lens, which is 8 mm along a wall that it meets at 25 degrees."""
+TURNS = np.radians((0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0))
+"""Rolls of the catheter that bring the tool to the side of its wires where they reach a place."""
+TESTED, TEST_MARK = "test mark", (1.5e-3, 0.0)
+"""Step of the log, and place of a mark from that of the pit, around and along the pipe in metres:
+beside the largest pit, and near enough for its error to be that of the touch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,15 +133,34 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
         Phi and z.
     outlined : bool
         Whether the middle of the round outline there is centred instead, if there is one: places
-        from another view are some pixels off.
+        from another view are some pixels off. The outline is found anew then, as the place is seen
+        in the middle, and centred again if it is not there.
     """
-    centring, pixel = Centring(calibration=rig.calibration, interval=TWO_TICKS), None
-    if outlined:
-        now, image = rig.look()
-        camera = rig.calibration.camera_at(now.place)
-        guess = np.asarray(camera.pixel(place, *now.angles.tolist()))
-        pixel = rig.compute(lambda: centring.outlined(image, guess, now))
-    _centred(rig, rig.run(centring, centring.begin(place, pixel)), "centre")
+    centring = Centring(calibration=rig.calibration, interval=TWO_TICKS)
+    if not outlined:
+        _centred(rig, rig.run(centring, centring.begin(place)), "centre")
+        return
+    centring = replace(centring, in_middle=STEADY_PX)
+    pixel = _outlined(rig, centring, place)
+    for left in reversed(range(CENTRINGS)):
+        state = rig.run(centring, centring.begin(place, pixel))
+        if state.verdict == NOT_IN_VIEW:
+            break
+        pixel = _outlined(rig, centring, state.place)
+        lens = rig.calibration.lens
+        off = float(lens.focal * np.hypot(*lens.normalised(pixel)))
+        state = replace(state, error=max(off, state.error))
+        if state.error <= STEADY_PX or not left:
+            break
+    _centred(rig, state, "centre")
+
+
+def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> FloatArray:
+    """Return the pixel (2,) in the middle of the round outline about a place, as it is seen now."""
+    now, image = rig.look()
+    camera = rig.calibration.camera_at(now.place)
+    guess = np.asarray(camera.pixel(place, *now.angles.tolist()))
+    return rig.compute(lambda: centring.outlined(image, guess, now))
 
 
 def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
@@ -180,7 +208,9 @@ def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
 
 
 def bring_in_reach(rig: InspectionRig, marking: Marking, where: npt.ArrayLike) -> None:
-    """Let the catheter travel to where the tool reaches phi and z (2,), if it does not from here.
+    """Bring the catheter to where the tool reaches phi and z (2,), if it does not from here.
+
+    It travels, and rolls only if that is not enough: both wires must reach the angles of the tool.
 
     Parameters
     ----------
@@ -189,19 +219,35 @@ def bring_in_reach(rig: InspectionRig, marking: Marking, where: npt.ArrayLike) -
     where : (2,) array_like
     """
     home = rig.place
-    for by in STEPS:
-        place = home + np.array([by, 0.0])
-        if (not by or place[0] >= FIRST) and marking.reaches(where, place):
-            if by:
-                go(rig, place=place)
-            return
+    for turn, by in product(TURNS, STEPS):
+        place = home + np.array([by, turn])
+        if (by and place[0] < FIRST) or not _in_reach(rig, marking, where, place):
+            continue
+        if by or turn:
+            go(rig, place=place)
+        return
+
+
+def _in_reach(
+    rig: InspectionRig, marking: Marking, where: npt.ArrayLike, place: FloatArray
+) -> bool:
+    """Return whether the wires turn the tool to phi and z (2,) from a place of the catheter."""
+    angles = marking.angles(where, place)
+    if angles is None:
+        return False
+    wanted = rig.calibration.joints(angles)
+    least, most = rig.control.reach(wanted).T
+    return bool((wanted > least + SPARE).all() and (wanted < most - SPARE).all())
 
 
 def touch(rig: InspectionRig, hole: Hole) -> Image:
     """Touch a hole with the point of the tool; return the image after it.
 
-    The catheter travels to where the tool reaches it, if it does not from here.
+    The catheter travels and rolls to where the tool reaches it, if it does not from here. The first
+    touch of a rig comes after one of the wall beside it, whose mark gives the error of the tool.
     """
+    if not any(entry.what == TESTED for entry in rig.log):
+        _test_tool(rig, hole)
     marking = Marking(calibration=rig.calibration)
     bring_in_reach(rig, marking, hole.place)
     state = rig.run(marking, marking.begin(hole.place, rig.gain))
@@ -213,3 +259,18 @@ def touch(rig: InspectionRig, hole: Hole) -> Image:
     words = state.verdict if off < WITHIN or math.isinf(off) else f"{1e3 * off:.2f} mm beside"
     rig.say("touch", f"phi {phi:.1f} deg, z {z:.2f} mm: {words}", succeeded=off <= WITHIN)
     return photo(rig).image
+
+
+def _test_tool(rig: InspectionRig, hole: Hole) -> None:
+    """Set a mark beside a hole, and correct the calibration of the tool by where it is."""
+    view, metres = rig.calibration, np.array([rig.calibration.radius, 1.0])
+    marking = Marking(calibration=view)
+    bring_in_reach(rig, marking, hole.place + np.array(TEST_MARK) / metres)
+    state = rig.run(marking, marking.begin(hole.place, rig.gain, TEST_MARK))
+    rig.gain = state.gain
+    words = state.verdict
+    if state.tool is not None and view.tool is not None:
+        rig.calibration = replace(view, tool=state.tool)
+        moved = 1e3 * float(np.linalg.norm(np.subtract(state.tool.offset, view.tool.offset)))
+        words = f"the tool is {moved:.2f} mm beside where its calibration has it"
+    rig.say(TESTED, words)

@@ -222,6 +222,14 @@ CLAIMS = (
         percent=True,
         count="depth.unfocused_scans",
     ),
+    Claim(
+        "pits in and beside dents measured",
+        "depth.dented_measured_fraction",
+        "-",
+        percent=True,
+        count="depth.dented_scans",
+    ),
+    Claim("the same: largest error [um]", "depth.dented_worst_um", "-"),
     Claim("dished floors: worst error [mm]", "depth.dished_error_mm", "-", most=0.1),
     Claim("slowest scan of any kind [s, one core]", "depth.seconds_worst", "-", most=5),
     Claim("finding: position [mm]", "fusion.position_mm", "announced", most=0.3),
@@ -438,7 +446,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             **depth,
             **{
                 f"{kind}_{key}": value
-                for kind in ("gyroscope", "joints", "unfocused")
+                for kind in ("gyroscope", "joints", "unfocused", "dented")
                 for key, value in scan_trials.depth_figures(kinds[kind]).items()
             },
             "dished_error_mm": scan_trials.dished_figure(kinds["dished"]),
@@ -501,6 +509,7 @@ def _scored_scans(seed: int, pits: int) -> dict[str, tuple[ScoredScan, ...]]:
         "joints": [scan_trials.draw_trial(seed + 4, pose="joints")],
         "unfocused": [scan_trials.draw_trial(seed + 4, lens=False)],
         "dished": [scan_trials.draw_trial(seed + 1, kind="dished")],
+        "dented": [scan_trials.draw_trial(seed + 1, kind="dented")],
         "hole": [scan_trials.draw_trial(seed + 2, kind="hole")],
         "dry": [scan_trials.draw_trial(seed + 3, kind="dry")],
     }

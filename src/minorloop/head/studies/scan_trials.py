@@ -25,7 +25,7 @@ from minorloop.head.procedures.values import NOTHING, Reading, Request, apply_to
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.studies import scoring
 from minorloop.head.twins.camera import LENS
-from minorloop.head.twins.pipe import Bore, Pipe, draw_pit
+from minorloop.head.twins.pipe import Bore, Dent, Pipe, draw_dent, draw_pit
 from minorloop.head.twins.rig import GYROSCOPE_NOISE, SimulatedTip
 from minorloop.head.twins.surroundings import Sway
 from minorloop.head.twins.ultrasound import Ultrasound
@@ -36,11 +36,14 @@ from minorloop.head.vision.calibrated_camera import Image
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.lab.actuator import Shot
 
-KINDS = ("pit", "dished", "hole", "mark", "dry")
+KINDS = ("pit", "dished", "dented", "hole", "mark", "dry")
 POSES = ("camera", "gyroscope", "joints")
 """What gives the pose of a burst besides the joints: pictures, a gyroscope in the base, nothing."""
 DISH = 0.1e-3
 """Difference in depth between the middle and the rim of a dished floor, in metres."""
+_DENTED = 2.5e-3
+"""Farthest distance of the middle of a dent from that of a pit in or beside it, in metres: where
+the widest one slopes most, and a raster."""
 _Z = 20e-3
 FLOODED = -9.999e-3
 """Height of the water of a full pipe, in metres."""
@@ -153,9 +156,9 @@ def draw_trial(
     ----------
     seed : int
         Of all draws.
-    kind : {"pit", "dished", "hole", "mark", "dry"}
-        A pit with a flat floor, a pit that is 0.1 mm shallower at its rim, a through-hole, a spot
-        of dirt, or a pit in a dry pipe.
+    kind : {"pit", "dished", "dented", "hole", "mark", "dry"}
+        A pit with a flat floor, a pit that is 0.1 mm shallower at its rim, a pit in or beside a
+        dent, a through-hole, a spot of dirt, or a pit in a dry pipe.
     lens : bool
         Whether the probe has its lens.
     snr : float
@@ -180,11 +183,12 @@ def draw_trial(
     true, probe, thickness, warm = draw_probe(rng, phi, _Z, transducer)
     pipe = Pipe(
         bores=() if kind == "mark" else (pit,),
+        dents=(_dent_beside(pit, np.random.default_rng([seed, 78])),) if kind == "dented" else (),
         water=None if kind == "dry" else FLOODED,
         thickness=thickness,
     )
     level = 1.0
-    if kind in ("pit", "dished", "dry"):
+    if kind in ("pit", "dished", "dented", "dry"):
         level = scoring.floor_level(
             Ultrasound(
                 pipe, true, transducer, noise=0.0, temperature=warm, specimen=seed, seed=seed
@@ -216,6 +220,15 @@ def draw_trial(
         pose=pose,
         specimen=seed,
     )
+
+
+def _dent_beside(pit: Bore, rng: np.random.Generator) -> Dent:
+    """Draw a dent that a pit is in or beside; no bead."""
+    way, off = rng.uniform(-np.pi, np.pi), _DENTED * math.sqrt(rng.uniform())
+    phi, z = pit.phi + off * math.cos(way) / Pipe.radius, pit.z + off * math.sin(way)
+    while (dent := draw_dent(rng, float(phi), float(z))).height > 0:
+        pass
+    return dent
 
 
 def draw_probe(

@@ -40,6 +40,7 @@ _LOWEST, _HIGHEST = 2e6, 18e6  # Hz
 _LEAD = 1e-6  # s before the first echo
 _FACET = 0.03e-3  # m, a fifth of a wavelength at 10 MHz
 _CELL = 0.12e-3  # m, of the roughness
+_RIM = 24  # places on the rim of a pit that give its plane: it is 3 mm long, a dent 1 mm wide
 _STEEL = 5900.0  # m/s, of longitudinal waves
 _STEPS = 4096  # of the converter, from -FULL_SCALE to FULL_SCALE
 _SETTINGS = {"frequency": 10e6, "bandwidth": 0.6, "skew": 0.0, "steel": _STEEL, "loss": 0.75}
@@ -185,11 +186,12 @@ class Ultrasound(Mounted):
             probe.aperture, probe.focus, self._k,
             near=stand_off - 2e-3, far=stand_off + 1.6e-3, off=self._reach + 0.8e-3,
         )  # fmt: skip
+        self._features = _features(self._pipe)
         pits = [bore for bore in self._pipe.bores if not bore.through]
         self._bases: list[PitBasis] = [basis_of(pit, radius, self._k[-1]) for pit in pits]
         self._pits: list[Bore] = pits
+        self._mouths = [self._mouth(pit) for pit in pits]
         self._courses = [basis_of_crack(crack, radius) for crack in self._pipe.cracks]
-        self._features = _features(self._pipe)
         self._ring_down = _ring_down(self._settings["frequency"])
         self._scale = 1.0
         plain = Pipe(radius=radius, thickness=self._pipe.thickness)
@@ -197,6 +199,22 @@ class Ultrasound(Mounted):
         quiet = (self._surface[0], 0.0 * self._surface[1], 0.0)
         spectrum = self._pulse() * self._wall(*squarely, _features(plain), quiet, -np.inf)[0]
         self._scale = 1 / np.abs(self._to_time(spectrum, 2 * stand_off / self._speed)).max()
+
+    def _mouth(self, pit: Bore) -> FloatArray:
+        """Return the plane (3,) through the rim of a pit: depth in its middle, and two slopes.
+
+        The slopes are around and along the pipe. A pit in a dent begins where the wall is.
+        """
+        turn = 2 * np.pi * np.arange(_RIM) / _RIM
+        x, y = 0.5 * pit.diameter * np.cos(turn), 0.5 * pit.diameter * np.sin(turn)
+        smooth, dents = (np.zeros((1, 1)), 1.0, 0.0), self._features[1]
+        rim = [
+            -kernels.height_at(pit.phi + a / self._pipe.radius, pit.z + b, self._pipe.radius,
+                               *smooth, dents)
+            for a, b in zip(x.tolist(), y.tolist(), strict=True)
+        ]  # fmt: skip
+        plane = np.linalg.lstsq(np.stack([np.ones(_RIM), x, y], axis=1), rim, rcond=None)[0]
+        return np.asarray(plane, dtype=np.float64)
 
     def _pulse(self) -> Spectrum:
         """Return the spectrum of the pulse there and back, reflected by steel in water."""
@@ -264,8 +282,8 @@ class Ultrasound(Mounted):
     def _spectrum(self, origin: FloatArray, axis: FloatArray, water: float) -> Spectrum:
         wall, grain = self._wall(origin, axis, self._features, self._surface, water)
         received = wall * (1 + self._steel(self._pipe.thickness)) + grain
-        for pit, basis in zip(self._pits, self._bases, strict=True):
-            received += self._floor(pit, basis, origin, axis, water)
+        for pit, basis, mouth in zip(self._pits, self._bases, self._mouths, strict=True):
+            received += self._floor(pit, basis, mouth, origin, axis, water)
         for crack, course in zip(self._pipe.cracks, self._courses, strict=True):
             received += self._crack(crack, course, origin, axis, water)
         spectrum: Spectrum = received * self._pulse()
@@ -290,9 +308,15 @@ class Ultrasound(Mounted):
         return change
 
     def _floor(
-        self, pit: Bore, basis: PitBasis, origin: FloatArray, axis: FloatArray, water: float
+        self,
+        pit: Bore,
+        basis: PitBasis,
+        mouth: FloatArray,
+        origin: FloatArray,
+        axis: FloatArray,
+        water: float,
     ) -> Spectrum:
-        """Return the echo of the floor of a pit, if the beam is near."""
+        """Return the echo of the floor of a pit with a plane mouth (3,), if the beam is near."""
         radius = self._pipe.radius
         spot_phi, spot_z, _ = meet_wall(origin, axis, radius)
         far = np.hypot(radius * float(wrapped(spot_phi - pit.phi)), spot_z - pit.z)
@@ -302,7 +326,9 @@ class Ultrasound(Mounted):
         around = np.array([-normal[1], normal[0], 0.0])
         centre = wall_point(pit.phi, pit.z, radius)
         x, y = basis.places.T
-        points = centre + x[:, None] * around + y[:, None] * np.array([0.0, 0.0, 1.0])
+        sunk = mouth[0] + mouth[1] * x + mouth[2] * y
+        flat = x[:, None] * around + y[:, None] * np.array([0.0, 0.0, 1.0])
+        points = centre + flat + sunk[:, None] * normal
         under = self._steel(self._pipe.thickness - pit.depth)
         pressure = self._pressure(points, origin, axis)
         floor: Spectrum = basis.echo(pressure, self._k) * (1 + under)
@@ -334,10 +360,10 @@ class Ultrasound(Mounted):
 
     def _floor_level(self, pit: int = 0) -> float:
         """Return the peak of the floor echo of a pit at right angles, over that of a plain wall."""
-        bore, basis = self._pits[pit], self._bases[pit]
+        bore, basis, mouth = self._pits[pit], self._bases[pit], self._mouths[pit]
         axis = np.array([np.cos(bore.phi), np.sin(bore.phi), 0.0])
         origin = axis * self.probe.face + np.array([0.0, 0.0, bore.z])
-        spectrum = self._floor(bore, basis, origin, axis, -np.inf) * self._pulse()
+        spectrum = self._floor(bore, basis, mouth, origin, axis, -np.inf) * self._pulse()
         return float(np.abs(self._to_time(spectrum, 2 * self._stand_off / self._speed)).max())
 
 

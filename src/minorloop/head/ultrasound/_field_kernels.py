@@ -118,17 +118,23 @@ def field_at(table, steps, origins, axes, starts, points, k0, dk, out):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def wall_sum(table, steps, origins, axes, starts, spots, radius, half, step, k0, dk, out):
-    """Add p^2 dS over facets of a plain wall about the spots (K, 2) phi, z to out (K, 2, F)."""
+def wall_sum(table, steps, origins, axes, starts, spots, radii, radius, half, step, k0, dk, out):
+    """Add p^2 dS over facets of a wall about the spots (K, 2) phi, z to out (K, 2, F).
+
+    ``radii`` (K, n, n) are the distances of the facets from the axis of a pipe of a ``radius``,
+    n of them around and along it, the spot in their middle.
+    """
     reach, count = int(np.ceil(half / step)), out.shape[2]
     field, turn, point = np.empty((2, count)), np.empty((2, count)), np.empty(3)
     for b in range(origins.shape[0]):
         for m in range(-reach, reach + 1):
             phi = spots[b, 0] + m * step / radius
-            point[0], point[1] = radius * np.cos(phi), radius * np.sin(phi)
+            x_normal, y_normal = np.cos(phi), np.sin(phi)
             for n in range(-reach, reach + 1):
                 if (m * m + n * n) * step * step > half * half:
                     continue
+                r = radii[b, m + reach, n + reach]
+                point[0], point[1] = r * x_normal, r * y_normal
                 point[2] = spots[b, 1] + n * step
                 along = _look_up(table, steps, point, origins[b], axes[b], field)
                 if along > _FARTHEST:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -21,6 +22,10 @@ FACET = 0.06e-3
 """Step of the integral over the wall, in metres: less than half a wavelength at 10 MHz."""
 
 ComplexArray = npt.NDArray[np.complex128]
+
+_SUNK = 1e-3
+"""Greatest distance of a wall behind the nominal one at which the field is known, in metres: that
+of the deepest dent whose flanks send echoes back, 0.7 mm, and the slant of a beam."""
 
 
 @dataclass(frozen=True)
@@ -140,11 +145,21 @@ class SoundField:
         starts: FloatArray,
         spots: FloatArray,
         radius: float,
+        sunk: Callable[[FloatArray], FloatArray] | None = None,
     ) -> ComplexArray:
-        """Return the echo (K, F) of a plain wall, 2 i k times the integral of p^2 over it."""
+        """Return the echo (K, F) of a wall, 2 i k times the integral of p^2 over it.
+
+        ``sunk`` returns how much farther than ``radius`` from the axis it is, in metres, at
+        places (..., 2), phi and z; without it, it is nowhere.
+        """
+        side = FACET * np.arange(-np.ceil(self.reach / FACET), np.ceil(self.reach / FACET) + 1)
+        radii = np.full((len(origins), side.size, side.size), radius)
+        if sunk is not None:
+            around, along = np.meshgrid(side / radius, side, indexing="ij")
+            radii += sunk(spots[:, None, None, :] + np.stack([around, along], axis=-1))
         out = np.zeros((len(origins), 2, len(self.wavenumbers)))
         kernels.wall_sum(
-            self.table, self.steps, origins, axes, starts, spots, radius, self.reach, FACET,
+            self.table, self.steps, origins, axes, starts, spots, radii, radius, self.reach, FACET,
             self.first, self.step, out,
         )  # fmt: skip
         return 2j * self.wavenumbers * as_complex(out)
@@ -184,7 +199,7 @@ def _sound_field(aperture: float, focus: float, speed: float, standoff: float) -
     lens = np.isfinite(focus)
     reach = 1.4e-3 if lens else 0.5 * aperture + 1.2e-3
     off = np.arange(0.0, reach + 0.9e-3, 0.016e-3 if lens else 0.03e-3)
-    along = np.arange(standoff - 0.8e-3, standoff + 0.5e-3, 0.06e-3)
+    along = np.arange(standoff - 0.8e-3, standoff + _SUNK, 0.06e-3)
     nodes, weights = np.polynomial.legendre.leggauss(36 if lens else 48)
     rings = 0.25 * aperture * (nodes + 1)
     areas = 2 * np.pi * rings * 0.25 * aperture * weights

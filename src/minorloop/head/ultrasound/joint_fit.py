@@ -97,6 +97,12 @@ class JointFit:
         return float(4 * self.scale * np.log1p(1 / (4 * self.scale)) * count)
 
     @property
+    def unknown(self) -> float:
+        """Standard deviation of the wall at the rim of the pit, in metres; 0 if it is not bent."""
+        shape = self.model.shape
+        return 0.0 if shape is None else shape.rim(0.0, 0.0, self.model.radius)[1]
+
+    @property
     def range_error(self) -> float:
         """Distance of the wall from its plane in the traces that give the pulse, in metres.
 

@@ -21,6 +21,7 @@ from minorloop.head.ultrasound.field import (
     as_complex,
     sound_field,
 )
+from minorloop.head.ultrasound.wall_shape import WallShape
 
 NAMES = ("around", "along", "size", "depth", "gain", "tilt around", "tilt along", "dish")
 """Names of the unknowns: metres off the guess, ln(radius / guess), metres, 1, slopes, metres."""
@@ -109,28 +110,54 @@ class PitModel:
         First guess of the centre of the pit, phi and z.
     radius : float
         First guess of the radius of its mouth, in metres.
+    beyond : (K,) array, optional
+        Distances behind the nominal wall, along the beams, from which phases count; zeros without
+        it.
+    shape : WallShape, optional
+        Of a bent wall, about the centre. The pit begins at the plane through its rim.
     """
 
     probe: CalibratedProbe
     angles: FloatArray
     centre: tuple[float, float]
     radius: float
+    beyond: FloatArray | None = None
+    shape: WallShape | None = None
     sound: SoundField = field(init=False)
     plain: ComplexArray = field(init=False)
+    facing: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
         self.sound = sound_field(self.probe)
         self._origins, self._axes = self.probe.beams(self.angles)
         self.spots = self.probe.spots(self.angles)
-        self._starts = self.spots[:, 2].copy()
+        normals = np.stack([np.cos(self.spots[:, 0]), np.sin(self.spots[:, 0])], axis=1)
+        self.facing = (self._axes[:, :2] * normals).sum(axis=1)
+        self._starts = self.spots[:, 2] + (0.0 if self.beyond is None else self.beyond)
         self.plain = self.sound.wall(
-            self._origins, self._axes, self._starts, self.spots[:, :2].copy(), self.probe.radius
+            self._origins,
+            self._axes,
+            self._starts,
+            self.spots[:, :2].copy(),
+            self.probe.radius,
+            None if self.shape is None else self._sunk,
         )
         k = self.sound.wavenumbers
         # Farther traces receive nothing from the pit.
         near = self.radius * 1.15 + self.sound.reach / 2
         self.near = np.flatnonzero(np.linalg.norm(self.off(), axis=1) < near)
         self._disc = unit_disc(round(_STEEPEST * float(k[-1]) * self.radius * 1.15, 0))
+        self._lid = np.zeros(len(self._disc.places))
+        if self.shape is not None:
+            places = self.radius * self._disc.places
+            middle, *slopes = self.shape.rim(0.0, 0.0, self.radius)[0]
+            self._lid = middle + places @ np.array(slopes) - self.shape.depth(places)
+
+    def _sunk(self, places: FloatArray) -> FloatArray:
+        """Return how far behind the nominal wall it is at places (..., 2), phi and z."""
+        assert self.shape is not None
+        around = self.probe.radius * wrapped(places[..., 0] - self.centre[0])
+        return self.shape.depth(np.stack([around, places[..., 1] - self.centre[1]], axis=-1))
 
     def off(self) -> FloatArray:
         """Return (K, 2) offsets of the spots from the first guess of the centre, in metres."""
@@ -143,9 +170,9 @@ class PitModel:
         x = around + a * self._disc.places[:, 0]
         z = self.centre[1] + along + a * self._disc.places[:, 1]
         phi = self.centre[0] + x / self.probe.radius
-        points = np.stack(
-            [self.probe.radius * np.cos(phi), self.probe.radius * np.sin(phi), z], axis=1
-        )
+        sunk = 0.0 if self.shape is None else self._sunk(np.stack([phi, z], axis=1))
+        r = self.probe.radius + sunk
+        points = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
         near = self.near
         return self.sound.at(self._origins[near], self._axes[near], self._starts[near], points)
 
@@ -162,7 +189,7 @@ class PitModel:
         """Return squares (N, M, 2, F) of the amplitudes of the modes, with the floor's shape."""
         a = self.radius * np.exp(size)
         x, y = a * self._disc.places.T
-        shape = tilt[0] * x + tilt[1] * y + dish * (1 - 2 * (x * x + y * y) / a**2)
+        shape = tilt[0] * x + tilt[1] * y + dish * (1 - 2 * (x * x + y * y) / a**2) + self._lid
         disc, sound = self._disc, self.sound
         out = np.empty((len(pressure), disc.across.size, *pressure.shape[2:]))
         kernels.mode_squares(

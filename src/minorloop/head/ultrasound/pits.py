@@ -11,6 +11,7 @@ from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import ParameterError
 from minorloop.head.geometry import wall_point
 from minorloop.head.ultrasound import deep_pit
+from minorloop.head.ultrasound.bent_wall import MOST_UNKNOWN, bent_fit, is_bent, moves, renewed
 from minorloop.head.ultrasound.burst_checks import FEW, coverage_fault, rejections, usable_bursts
 from minorloop.head.ultrasound.deep_pit import DEEPER_DEPTHS
 from minorloop.head.ultrasound.echoes import Burst
@@ -83,7 +84,7 @@ class PitDepth:
         nearly as much, or the floor is louder than possible); ``no pit`` (a plain wall explains
         all); or the reason why there is no depth: ``too faint`` (noise would hide a pit),
         ``too few echoes``, ``no coupling``, ``distances disagree`` (the distances of the wall do
-        not fit the angles: a head that does not move, shots out of time, or a bent wall),
+        not fit a smooth wall: a head that does not move, shots out of time, or a bead beside it),
         ``too short`` (traces end before the echo of a floor), ``raster too small`` (no point on
         the wall beside the mouth), ``part missing`` (of the scan: mouth or wall is not covered),
         ``raster beside the mouth``, ``all at one place``, ``frozen`` (the same trace again), and
@@ -214,13 +215,23 @@ def _measured(
         return PitDepth("no coupling", *centre)
     fit = JointFit(PitModel(probe, spectra.angles, centre, diameter / 2), spectra)
     # Without a lens all traces contain the mouth, and none shows the wall alone.
-    if np.isfinite(probe.transducer.focus) and fit.range_error > _ASTRAY:
-        return PitDepth(ASTRAY, *centre)
+    if np.isfinite(probe.transducer.focus):
+        if is_bent(fit, _ASTRAY):
+            bent = bent_fit(good, spectra, probe, centre, diameter / 2) if moves(good) else None
+            if bent is None:
+                return PitDepth(ASTRAY, *centre)
+            fit = bent
+        if fit.range_error > _ASTRAY or fit.unknown > MOST_UNKNOWN:
+            return PitDepth(ASTRAY, *centre)
     start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
     if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
         return PitDepth(_no_pit_or_faint(fit, JointSolution(start, float(costs.min()))), *centre)
     start[3] = DEPTHS[np.argmin(costs)]
-    return _assessed(fit, *resolve_ambiguity(fit, best_fit(fit, start)), good)
+    best, ambiguous = resolve_ambiguity(fit, best_fit(fit, start))
+    if fit.model.shape is not None:
+        fit = renewed(fit, best.unknowns)
+        best = fit.solve(best.unknowns)
+    return _assessed(fit, best, ambiguous, good)
 
 
 def _too_few(bursts: Sequence[Burst], good: Sequence[Burst]) -> str:
@@ -312,7 +323,7 @@ def _verdict(fit: JointFit, best: JointSolution, hole: float) -> tuple[str, floa
         return HOLE, np.nan
     # The echo of a floor that is not flat weighs its middle and its rim differently.
     bent = max(abs(float(best.unknowns[7])) - _FLAT, 0.0)
-    depth_sd = float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2))
+    depth_sd = float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2 + fit.unknown**2))
     return (UNEVEN, _WIDE) if gain < _UNEVEN or depth_sd > _WIDEST else (MEASURED, depth_sd)
 
 

@@ -39,11 +39,14 @@ class Spectra:
         Standard deviation of each part of a spectrum.
     angles : (K, 2) array
         Pan and tilt, in radians.
+    beyond : (K,) array
+        Distances behind the nominal wall, along the beams, from which phases count, in metres.
     """
 
     received: ComplexArray
     noise: FloatArray
     angles: FloatArray
+    beyond: FloatArray
 
 
 def spectra_of(
@@ -77,14 +80,14 @@ def spectra_of(
     y = spots[:, 1] - centre[1]
     expected = 2 * spots[:, 2] / probe.speed
     far = np.argsort(-np.hypot(x, y))[: max(FAR, len(bursts) // 3)]
-    first = [_first(bursts[n], expected[n]) for n in far]
+    first = [first_echo(bursts[n], float(expected[n])) for n in far]
     delay = np.array(first) - expected[far]
     found = np.isfinite(delay)
     if found.sum() < 5:
         return None
     plane = np.stack([np.ones(len(x)), x, y], axis=1)
     chosen = far[found]
-    fitted = _robust(plane[chosen], delay[found])
+    fitted = least_deviations(plane[chosen], delay[found])
     delays = plane @ fitted
     spectra = np.array(
         [
@@ -94,16 +97,18 @@ def spectra_of(
     )
     window = tapered(round(WINDOW / bursts[0].sample_interval))
     noise = np.array([burst.noise for burst in bursts]) * np.sqrt((window**2).sum() / 2)
-    return Spectra(spectra, np.maximum(noise, 1e-9), angles)
+    beyond = 0.5 * probe.speed * delays
+    return Spectra(spectra, np.maximum(noise, 1e-9), angles, beyond)
 
 
-def _first(burst: Burst, expected: float) -> float:
+def first_echo(burst: Burst, expected: float) -> float:
+    """Return the time of the envelope of the first echo about a time; NaN without one."""
     gate = (expected - 1.2e-6, expected + 1.2e-6)
     echoes = find_echoes(burst.trace, burst.sample_interval, Pulse(), gate=gate, fine=False)
     return echoes[0].time if echoes else np.nan
 
 
-def _robust(design: FloatArray, values: FloatArray) -> FloatArray:
+def least_deviations(design: FloatArray, values: FloatArray) -> FloatArray:
     """Solve by least absolute deviations, with reweighted least squares."""
     weights = np.ones(len(values))
     solution: FloatArray = np.zeros(design.shape[1])
