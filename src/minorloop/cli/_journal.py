@@ -136,7 +136,7 @@ def _restored(noted: dict[str, Any]) -> Hole | TracedCrack:
     from minorloop.head.vision.cracks import TracedCrack
     from minorloop.head.vision.defects import Hole
 
-    values = {
+    values: dict[str, Any] = {
         name: np.array(value) if isinstance(value, list) else math.inf if value is None else value
         for name, value in noted.items()
     }

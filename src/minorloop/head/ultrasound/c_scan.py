@@ -62,6 +62,8 @@ _SLENDER, _SHORTEST = 3.0, 1e-3
 _FLAT, _MOST = 0.04e-3, 0.75
 """Largest depth of most of the wall about a crack in metres, a quarter of a wavelength, and how
 much is most. The flanks of dents and beads take from the echo too."""
+_FLANK = 2.0
+"""Widths of the beam about bursts without an echo of the wall in which a loss is that of a flank."""
 _LEVEL = 0.02e-3
 """Largest difference of the depths on both sides of a crack, in metres."""
 _BRIDGED, _CLOSE = 3.0, 0.8
@@ -212,6 +214,14 @@ class WallEchoes:
     def flat(self) -> BoolArray:
         """(N,) whether most of the wall about each has no depth."""
         return _quantile(np.abs(self.depth[self.near]), _MOST) < _FLAT
+
+    @property
+    def scattered(self) -> BoolArray:
+        """(N,) whether the wall sends the beam elsewhere, or is the top of a bead.
+
+        A crack, which is narrower than the beam, does neither.
+        """
+        return np.isnan(self.depth) | (self.depth < -_FLAT)
 
     @property
     def texture(self) -> FloatArray:
@@ -427,6 +437,12 @@ class _Bursts:
         off = np.minimum(points - low, high - points).min(axis=1)
         return bool(np.mean(off < _NEAR * self.width) > 0.5)
 
+    def within(self, others: Indices, reach: float) -> BoolArray:
+        """Return which bursts (N,) are within a distance of others."""
+        if not others.size:
+            return np.zeros(len(self.points), dtype=bool)
+        return np.asarray(cKDTree(self.points[others]).query(self.points)[0] <= reach)
+
     def beside(self, members: Indices, others: Indices) -> bool:
         """Return whether most of some bursts are near others."""
         off = cKDTree(self.points[others]).query(self.points[members])[0]
@@ -519,7 +535,8 @@ def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> li
     The wall on both sides of each is level, unless the edge cuts it.
     """
     short = echoes.lost > max(_LOST_SURE * noise, _LOST)
-    lost = np.isin(np.arange(len(short)), used) & echoes.flat & short
+    flank = on.within(used[echoes.scattered[used]], _FLANK * on.width)
+    lost = np.isin(np.arange(len(short)), used) & echoes.flat & short & ~flank
     group = on.groups(on.pairs(np.flatnonzero(lost)))
     edges = on.neighbours(used)
     rim = np.concatenate([edges, edges[:, ::-1]])
