@@ -148,6 +148,23 @@ def test_a_slender_loss_between_walls_of_different_depth_is_the_flank_of_a_dent(
     assert c_scan(step, PROBE, PATCH).finds == ()
 
 
+def test_losses_at_the_foot_of_beads_are_no_crack():
+    bursts = swept()
+    for one in bursts:
+        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
+        away = min(math.hypot(x - at, y - 0.1e-3) for at in (-0.9e-3, 0.9e-3))
+        # No echo of a steep flank; a part of it at its foot.
+        one.burst.trace[:] *= 0.05 if 0.15e-3 < away < 0.4e-3 else 0.6 if away < 0.8e-3 else 1.0
+    assert c_scan(bursts, PROBE, PATCH).finds == ()
+
+
+def test_the_wall_about_the_top_of_a_bead_is_no_pit():
+    bead = swept(round_pit(-0.25e-3, 1e-3))
+    found = c_scan(bead, PROBE, PATCH)
+    assert np.nanmin(found.wall.depth) == pytest.approx(-0.25e-3, abs=20e-6)
+    assert found.finds == ()
+
+
 def test_a_loss_in_which_bursts_are_far_apart_is_none():
     bursts = lossy(0.0)
     for k, one in enumerate(one for one in bursts if abs(one.spot[1] - Z) < 0.12e-3):

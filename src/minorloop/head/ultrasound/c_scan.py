@@ -500,9 +500,9 @@ class _Floor:
 def _floors(
     depth: FloatArray, used: Indices, on: _Bursts, limits: tuple[float, float]
 ) -> list[_Floor]:
-    """Return the surfaces that are deeper than those beyond their edges.
+    """Return the surfaces that are deeper than those beyond their edges, and than the pipe.
 
-    ``limits`` are the steepest slope without an edge and the noise of depths.
+    The wall about a bead is deeper than its top, and no floor. ``limits`` are the steepest slope without an edge and the noise of depths.
     """
     steepest, noise = limits
     edges = on.neighbours(used[np.isfinite(depth[used])])
@@ -515,7 +515,8 @@ def _floors(
     drop = depth[rim[:, 0]] - depth[rim[:, 1]]
     least = max(_SURE * noise, _PULSE)
     inner = surface[rim[:, 0]]
-    deep = [k for k in np.unique(inner) if (drop[inner == k] > least).mean() > 0.5]
+    below = [k for k in np.unique(inner) if np.median(depth[surface == k]) > 0.5 * least]
+    deep = [k for k in below if (drop[inner == k] > least).mean() > 0.5]
     floor = np.isin(surface, deep)
     whole = on.groups(edges[floor[edges].all(axis=1)])  # floors that touch are one
     found = []
