@@ -207,7 +207,13 @@ def _look_up(fields, row, lines, texels, shapes, size, look):
             gloss[u] = wa * pa[3] + wb * pb[3] + wc * pc[3] + wd * pd[3]
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+_EXACT = {"nnan", "ninf", "nsz", "reassoc", "contract"}
+"""What may be assumed of numbers where quotients and roots stay exact: estimates of reciprocals
+differ between processors."""
+
+
+# Without a check of each divisor, loops that divide become loops of vectors too.
+@njit(cache=True, nogil=True, fastmath=_EXACT, error_model="numpy")
 def _shade(lines, look, metal, spare, out):
     """Compute the radiance along a row, in short loops that the compiler vectorises."""
     around, along = _ONE / metal[2], _ONE / metal[3]
