@@ -34,7 +34,7 @@ its irradiance at 10 mm."""
 
 @njit(cache=True, nogil=True)
 def fill_nodes(
-    rays, rotations, positions, radius, leds, strengths, lobe, optics, extinction, fields
+    rays, rotations, positions, radius, leds, strengths, optics, extinction, fields
 ):
     """Intersect the rays of the nodes with the wall.
 
@@ -81,7 +81,7 @@ def fill_nodes(
                 far = np.sqrt(lx * lx + ly * ly + lz * lz)
                 lx, ly, lz = lx / far, ly / far, lz / far
                 ahead = -(lx * turn[0, 2] + ly * turn[1, 2] + lz * turn[2, 2])
-                power = strengths[k] * max(ahead, 0.0) ** lobe * _NEAR / far**2
+                power = strengths[k] * max(ahead, 0.0) * _NEAR / far**2
                 power *= np.exp(-extinction * (far + length))
                 hx, hy, hz = lx - dx, ly - dy, lz - dz
                 up = max(hx * nx + hy * ny, 0.05)
@@ -421,7 +421,7 @@ def add_crack(fields, radius, corners, albedo, box, metal, radiance):
 
 
 @njit(cache=True, nogil=True)
-def add_water(fields, radius, height, rays, rotations, positions, leds, strengths, lobe, radiance):
+def add_water(fields, radius, height, rays, rotations, positions, leds, strengths, radiance):
     """Draw the surface of the water: dull, with a mirrored spot for each LED."""
     slope, d, way = np.empty((2, 2)), np.empty(3), np.empty(3)
     for v in range(radiance.shape[0]):
@@ -453,7 +453,7 @@ def add_water(fields, radius, height, rays, rotations, positions, leds, strength
                 way /= np.sqrt(far)
                 for a in range(3):
                     ahead -= way[a] * turn[a, 2]
-                power = strengths[k] * max(ahead, 0.0) ** lobe * _NEAR / far
+                power = strengths[k] * max(ahead, 0.0) * _NEAR / far
                 face = max(-way[1], 0.0)
                 half = way - d
                 up = max(-half[1], 0.05)
