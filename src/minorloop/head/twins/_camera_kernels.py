@@ -33,9 +33,7 @@ its irradiance at 10 mm."""
 
 
 @njit(cache=True, nogil=True)
-def fill_nodes(
-    rays, rotations, positions, radius, leds, strengths, optics, extinction, fields
-):
+def fill_nodes(rays, rotations, positions, radius, leds, strengths, optics, extinction, fields):
     """Intersect the rays of the nodes with the wall.
 
     ``rays`` (V, U, 3) in the camera, ``rotations`` (V, 3, 3) and ``positions`` (V, 3) of each row

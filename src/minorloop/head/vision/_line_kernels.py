@@ -7,7 +7,7 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def keep_highest(smooth, step, side, heights, sides):  # type: ignore[no-untyped-def]
+def keep_highest(smooth, step, side, heights, sides):
     """Keep the height of a line through each texel, and its side, where it is the highest yet.
 
     ``smooth`` (K, R, C) are maps smoothed along the line, one a light, and longer than ``heights``
