@@ -132,6 +132,18 @@ def test_a_slender_loss_of_the_echo_is_a_crack(share):
     assert find.length == pytest.approx(2.8e-3, rel=0.2)
 
 
+def test_the_place_of_a_bent_crack_is_on_it():
+    bursts, arch = swept(), lambda x: 0.8e-3 - 1.4e-3 * (x / 1.4e-3) ** 2
+    for one in bursts:
+        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
+        if abs(y - arch(x)) < 0.25e-3 and abs(x) < 1.4e-3:
+            one.burst.trace[:] *= 0.5
+    (find,) = c_scan(bursts, PROBE, PATCH).finds
+    assert find.kind == CRACK
+    x, y = 10e-3 * (find.phi - BOTTOM), find.z - Z
+    assert abs(y - arch(x)) < 0.3e-3
+
+
 def test_a_slender_loss_along_the_edge_is_no_claim():
     (find,) = c_scan(lossy(0.6, at=-1.76e-3), PROBE, PATCH).finds
     assert find.kind == CUT

@@ -113,7 +113,7 @@ class EchoFind:
         ``pit`` or ``crack``; ``cut by the edge`` where it may be either or neither: a sweep beyond
         the edge shows what it is.
     phi, z : float
-        Centre, in radians and metres.
+        Centre, in radians and metres; the place of a crack that is nearest to it.
     diameter : float
         Of a pit where it is half as deep, in metres; width of a crack on the map, which is at least
         that of the beam.
@@ -477,6 +477,8 @@ class _Bursts:
         length = float(np.sqrt(12) * spread[0]) + self.patch.step  # of an even line
         area = len(texels) * self.patch.step**2
         diameter = 2 * np.sqrt(area / np.pi)
+        if kind == CRACK:  # the middle of an arch is beside it
+            middle = flat[np.argmin(np.linalg.norm(flat - middle, axis=1))]
         phi = _middle(self.patch) + middle[0] / self.patch.radius
         return EchoFind(
             CUT if self.cut(members) else kind,
