@@ -205,9 +205,9 @@ def _look_up(fields, row, lines, texels, shapes, size, look):
             gloss[u] = wa * pa[3] + wb * pb[3] + wc * pc[3] + wd * pd[3]
 
 
-_EXACT = {"nnan", "ninf", "nsz", "reassoc", "contract"}
-"""What may be assumed of numbers where quotients and roots stay exact: estimates of reciprocals
-differ between processors."""
+_EXACT = {"nnan", "ninf", "nsz", "reassoc"}
+"""What may be assumed of numbers where each product, quotient and root is rounded by itself: fused
+products and estimates of reciprocals differ between processors."""
 
 
 # Without a check of each divisor, loops that divide become loops of vectors too.
