@@ -4,6 +4,7 @@ import shutil
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -367,7 +368,7 @@ def inspected(monkeypatch):
     save_head(HeadFile(serial="H-07"), "head.json")
     state = SimpleNamespace(safe=False, travels=False, then=lambda: None, first=[], nothing=False)
 
-    def views(rig, advances):
+    def views(rig, advances, done):
         yield from state.first
         if state.nothing:
             return
@@ -467,6 +468,108 @@ def test_the_pictures_of_an_inspection_are_searched_again_by_its_journal(
         Path("bad.jsonl").write_text(text)
         status, _, error = run("inspect found/pictures --poses bad.jsonl --head head.json")
         assert (status, "the journal of an inspection" in error) == (2, True), error
+
+
+@pytest.fixture
+def scripted(monkeypatch):
+    """An inspection with four views, three visits and a crack, and the names of what it took."""
+    pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    from minorloop.head.procedures import inspection, rig
+    from minorloop.head.vision.cracks import TracedCrack
+    from minorloop.head.vision.defects import Findings, Hole
+
+    view = HeadCalibration(lens=Pinhole(320, 240, 200.0, (159.5, 119.5)), leds=np.zeros((3, 3)))
+    head = HeadFile(serial="H-07", calibration=view, calibrated=datetime(2026, 1, 1, tzinfo=UTC))
+    save_head(head, "head.json")
+    circle = np.linspace(0.0, 6.0, 9)
+
+    def hole(phi, z, evidence):
+        rim = np.stack([phi + 0.05 * np.cos(circle), z + 0.5e-3 * np.sin(circle)], axis=1)
+        return Hole(np.array([phi, z]), 1e-3 / 3, evidence, "dark", rim)
+
+    course = np.stack([np.linspace(-0.4, 0.1, 9), np.full(9, 22e-3)], axis=1)
+    crack = TracedCrack(course, np.linspace(0.1e-3, 0.3e-3, 9), 5e-3, 0.3)
+    sure, lost = hole(-1.4, 20e-3, 5.1), hole(1.1, 24e-3, 3.3)
+    shown = {"view 1": [sure], "view 3": [hole(-1.401, 20.02e-3, 4.2), lost], "hole 1": [sure]}
+    taken, traced = [], {"view 2": (crack,), "crack 1": (crack,)}
+
+    def seen(rig, name):
+        taken.append(name)
+        found = Findings(tuple(shown.get(name, ())), "good")
+        image = np.full((240, 320), 40 + len(name), np.uint8)
+        camera = view.camera_at((0.0, 0.0))
+        return inspection._Seen(
+            name, 1.0, image, found, camera, (0.1, 0.2), (0.61234, 0.7), (1e-3, 0.0)
+        )
+
+    @contextmanager
+    def opened(actuator, camera, head, told):
+        def say(what, outcome, **_):
+            told(rig_module.LogEntry(0.0, what, outcome))
+
+        yield SimpleNamespace(
+            calibration=view, travels=True, place=(0.0, 0.0), say=say,
+            compute=lambda work: work(), check_sensors=lambda: None,
+        )  # fmt: skip
+
+    rig_module = rig
+    monkeypatch.setattr(rig, "rig_at", opened)
+    for name in ("_go", "pick", "centre"):
+        monkeypatch.setattr(inspection, name, lambda *_, **__: None)
+    monkeypatch.setattr(inspection, "_seen", seen)
+    monkeypatch.setattr(inspection, "views_of", lambda _: np.zeros((2, 2)))
+    monkeypatch.setattr(inspection, "traces_of", lambda *_: traced.get(taken[-1], ()))
+    monkeypatch.setattr(inspection, "traced_again", lambda *_: traced.get(taken[-1], ()))
+    return taken
+
+
+def test_an_inspection_that_a_power_cut_ended_is_resumed_from_its_journal(run, scripted):
+    def content():
+        found = json.loads(Path("found/findings.json").read_text())
+        return {name: value for name, value in found.items() if name != "seconds"}
+
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    whole, every = content(), list(scripted)
+    assert every[4:] == ["hole 1", "hole 2", "hole 2 again", "crack 1"]
+    kinds = [row["kind"] for row in whole["findings"]]
+    assert (kinds, len(whole["unconfirmed"])) == (["hole or pit", "crack"], 1)
+    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
+    views = [number for number, line in enumerate(lines) if '"what": "view"' in line]
+    for left, torn in ((0, 9), (3, 200), (6, 0), (8, 5)):
+        end = views[left] if left < len(views) else len(lines) - 1
+        # The cut is in the next line; what it would have ended with ends in a brace, too.
+        piece = lines[end][:torn] if torn < 100 else lines[end][: lines[end].index("}") + 1]
+        Path("found/journal.jsonl").write_text("".join(lines[:end]) + piece)
+        for name in every[left:]:  # the picture is written before its line
+            Path(f"found/pictures/{name}.png").write_bytes(b"torn")
+        scripted.clear()
+        status, _, error = run(f"{command} --resume")
+        assert (status, scripted) == (0, every[left:]), error
+        assert content() == whole
+        again = journal()
+        assert [each["what"] for each in again if each["what"] in ("begin", "resume", "end")] == [
+            "begin", "resume", "end",
+        ]  # fmt: skip
+        assert all(each["t"] <= later["t"] for each, later in pairwise(again))
+    for options, sentence in (
+        ("--advances 0,5 --resume", "is finished"),
+        ("--advances 0,4 --resume", "is finished"),
+        ("--advances 0,5", "is not empty"),
+    ):
+        status, _, error = run(f"{INSPECT} {options}")
+        assert (status, sentence in error) == (2, True), error
+    Path("found/journal.jsonl").write_text("".join(lines[:-1]))
+    assert (
+        "advances [mm] was [0.0, 5.0] and is [0.0, 4.0] now"
+        in run(f"{INSPECT} --advances 0,4 --resume")[2]
+    )
+    # A picture that the disk lost is taken again.
+    Path("found/pictures/hole 1.png").unlink()
+    scripted.clear()
+    assert run(f"{command} --resume")[0] == 0
+    kinds = [row["kind"] for row in content()["findings"]]
+    assert (scripted, sorted(kinds)) == (["hole 1"], ["crack", "hole or pit"])
 
 
 def looked_round(verdict="good", **more):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from contextlib import nullcontext
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import OutputError, ParameterError, RecordError, SafetyError, counted
+from minorloop.cli._journal import NAME, journal_of, kept_views, lost_row, row, view_line
+from minorloop.errors import OutputError, ParameterError, SafetyError, counted
+from minorloop.files import first_difference, new_folder, write_atomically
 
 if TYPE_CHECKING:
-    from minorloop.head.procedures.inspection import InspectedView, Unconfirmed
+    from minorloop.head.procedures.head_file import HeadFile
+    from minorloop.head.procedures.inspection import InspectedView
     from minorloop.head.procedures.rig import LogEntry
-    from minorloop.head.reconstruction.findings import Finding
     from minorloop.report import Report
 
 FINISHED = "finished"
@@ -33,7 +35,13 @@ _COLUMNS = ("kind", "phi [deg]", "z [mm]", "width [mm]", "length [mm]", "evidenc
 
 
 def carried_out(
-    actuator: str, camera: str, head: Path, out: Path, advances: Sequence[float]
+    actuator: str,
+    camera: str,
+    head: Path,
+    out: Path,
+    advances: Sequence[float],
+    *,
+    resume: bool = False,
 ) -> dict[str, Any]:
     """Inspect the wall, and return the content of ``findings.json``.
 
@@ -49,16 +57,19 @@ def carried_out(
         New or empty folder.
     advances : sequence of float
         In metres.
+    resume : bool
+        Whether to go on with the inspection in the folder, which was cut off.
     """
-    from minorloop.files import new_folder
     from minorloop.head.procedures.head_file import read_head
     from minorloop.head.procedures.inspection import inspect_wall
     from minorloop.head.procedures.rig import rig_at
 
-    serial = read_head(head).serial
+    known = read_head(head)
+    begun = _begun(known, actuator, camera, advances)
+    before = _Before.of(out, begun, known) if resume else _Before()
     kept: InspectionFolder | None = None
     opening = _common.working("opening the devices", logged=True)
-    with new_folder(out) as folder, opening as now:
+    with nullcontext(out) if resume else new_folder(out) as folder, opening as now:
 
         def told(entry: LogEntry) -> None:
             now(f"{entry.what}: {entry.outcome}", kept=entry.what.startswith(_VISITS))
@@ -72,17 +83,66 @@ def carried_out(
                         f"{actuator} has no catheter, so that it looks round from 0 mm only; leave "
                         "--advances out"
                     )
-                kept = InspectionFolder(folder, head=serial, actuator=actuator, camera=camera)
-                for view in inspect_wall(rig, advances):
+                kept = InspectionFolder(folder, begun, before)
+                for view in inspect_wall(rig, advances, before.views):
                     kept.add(view)
         except BaseException as error:
             if kept is not None:
                 content = kept.end(_reason(error), not isinstance(error, SafetyError))
                 typer.echo(f"{summary(content)}; kept in {out}", err=True)
             elif isinstance(error, KeyboardInterrupt):
-                typer.echo("nothing was inspected yet, and nothing is kept", err=True)
+                typer.echo(
+                    f"what was found before is kept in {out}"
+                    if resume
+                    else "nothing was inspected yet, and nothing is kept",
+                    err=True,
+                )
             raise
     return kept.end(FINISHED, True)
+
+
+def _begun(head: HeadFile, actuator: str, camera: str, advances: Sequence[float]) -> dict[str, Any]:
+    """Return what is inspected, and by what."""
+    return {
+        "head": head.serial,
+        "calibrated": None if head.calibrated is None else head.calibrated.isoformat(),
+        "actuator": actuator,
+        "camera": camera,
+        "advances [mm]": [round(1e3 * advance, 4) for advance in advances],
+    }
+
+
+@dataclass(frozen=True)
+class _Before:
+    """What is known of an inspection that was cut off: nothing of a new one.
+
+    Parameters
+    ----------
+    lines : tuple of dict
+        Of its journal.
+    views : tuple of InspectedView
+        That need not be taken again.
+    """
+
+    lines: tuple[dict[str, Any], ...] = ()
+    views: tuple[InspectedView, ...] = ()
+
+    @classmethod
+    def of(cls, folder: Path, begun: dict[str, Any], head: HeadFile) -> _Before:
+        """Return it by the journal in a folder; refuse one of another inspection."""
+        lines = journal_of(folder / NAME)
+        if lines[-1].get("why") == FINISHED:
+            raise ParameterError(
+                f"the inspection in {folder} is finished; give another folder, without --resume"
+            )
+        other = first_difference({name: lines[0].get(name) for name in begun}, begun)
+        if other:
+            raise ParameterError(
+                f"the inspection in {folder} is another one: {other}; resume it as it was begun, "
+                "or give another folder"
+            )
+        view = head.calibration
+        return cls(tuple(lines), () if view is None else tuple(kept_views(folder, lines, view)))
 
 
 class InspectionFolder:
@@ -91,19 +151,30 @@ class InspectionFolder:
     Parameters
     ----------
     folder : path
-        Existing and empty.
-    **begun
+        Existing, and empty but for an inspection that was cut off.
+    begun : dict
         What is inspected, and by what.
+    before : _Before
+        What is known of an inspection that was cut off.
     """
 
-    def __init__(self, folder: Path, **begun: Any) -> None:
-        self._folder, self._began = folder, time.monotonic()
-        self._content = {**begun, "began": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
-        self._views: list[InspectedView] = []
+    def __init__(self, folder: Path, begun: dict[str, Any], before: _Before) -> None:
+        now, lines = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}", before.lines
+        passed = max((float(line["t"]) for line in lines), default=0.0)
+        self._folder, self._began = folder, time.monotonic() - passed
+        self._content = {**begun, "began": lines[0]["began"] if lines else now}
+        self._views = list(before.views)
         self._marked: list[tuple[str, Any]] = []
-        (folder / "pictures").mkdir()
-        self._journal = (folder / "journal.jsonl").open("x", encoding="utf-8")
-        self._note("begin", **self._content)
+        (folder / "pictures").mkdir(exist_ok=bool(lines))
+        # A line that was not written to its end is left out.
+        write_atomically(folder / NAME, "".join(f"{json.dumps(line)}\n" for line in lines))
+        self._journal = (folder / NAME).open("a", encoding="utf-8")
+        if lines:
+            self._note("resume", resumed=now, views=len(self._views))
+        else:
+            self._note("begin", **self._content)
+        for view in self._views:
+            self._mark(view)
         self._write_findings()
 
     def log(self, entry: LogEntry) -> None:
@@ -112,31 +183,21 @@ class InspectionFolder:
 
     def add(self, view: InspectedView) -> None:
         """Keep a view: its picture, and the finding if it has one."""
-        from minorloop.head.procedures.pictures import annotated
-
-        picture, (advance, roll) = view.picture, view.place
         self._views.append(view)
-        self._write_picture(f"{picture.name}.png", view.image)
-        self._note(
-            "view",
-            picture=f"{picture.name}.png",
-            verdict=picture.verdict,
-            pose={
-                **_angles(view.joints),
-                "advance [mm]": round(1e3 * advance, 4),
-                "roll [deg]": round(math.degrees(roll), 4),
-            },
-            sight=_angles(view.angles),
-            shown=picture.rows(),
-            finding=None if view.finding is None else _row(view),
-            unconfirmed=None if view.unconfirmed is None else _lost_row(view.unconfirmed),
-        )
-        if view.finding is not None:
-            marked = annotated(view.image, picture.findings)
-            self._write_picture(f"{picture.name} marked.jpg", marked)
-            self._marked.append((picture.name, marked))
+        self._write_picture(f"{view.picture.name}.png", view.image)
+        self._note("view", **view_line(view))
+        self._mark(view)
         if view.finding is not None or view.unconfirmed is not None:
             self._write_findings()
+
+    def _mark(self, view: InspectedView) -> None:
+        """Write the picture of a view with its finding marked, if it has one."""
+        from minorloop.head.procedures.pictures import annotated
+
+        if view.finding is not None:
+            marked = annotated(view.image, view.picture.findings)
+            self._write_picture(f"{view.picture.name} marked.jpg", marked)
+            self._marked.append((view.picture.name, marked))
 
     def end(self, why: str, safe: bool) -> dict[str, Any]:
         """Note the end, write the report, and return the content of ``findings.json``.
@@ -152,13 +213,13 @@ class InspectionFolder:
         self._note("end", why=why, safe=safe)
         self._write_findings()
         self._journal.close()
-        _common.write_report(self._report, self._folder / "report.html", force=False)
+        _common.write_report(self._report, self._folder / "report.html", force=True)
         return self._all()
 
     def _all(self) -> dict[str, Any]:
         verdicts = [view.picture.verdict for view in self._views]
         bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != "good"}
-        found = [_row(view) for view in self._views if view.finding is not None]
+        found = [row(view) for view in self._views if view.finding is not None]
         return {
             **self._content,
             "views": len(self._views),
@@ -169,10 +230,10 @@ class InspectionFolder:
 
     def _lost(self) -> list[dict[str, Any]]:
         """Return what was not confirmed, as rows."""
-        return [_lost_row(view.unconfirmed) for view in self._views if view.unconfirmed is not None]
+        return [lost_row(view.unconfirmed) for view in self._views if view.unconfirmed is not None]
 
     def _write_findings(self) -> None:
-        from minorloop.files import table_text, write_atomically
+        from minorloop.files import table_text
         from minorloop.head.reconstruction.findings import finding_table
 
         found = [view.finding for view in self._views if view.finding is not None]
@@ -186,8 +247,10 @@ class InspectionFolder:
         from minorloop.head.vision.imaging import opencv
 
         path = self._folder / "pictures" / name
-        if not opencv().imwrite(str(path), picture):
+        whole, data = opencv().imencode(path.suffix, picture)
+        if not whole:
             raise OutputError(f"{path} cannot be written; check the disk")
+        write_atomically(path, data.tobytes())  # it is on the disk before the journal names it
 
     def _note(self, what: str, **content: Any) -> None:
         """Add a line to the journal; it is on the disk when this returns."""
@@ -214,26 +277,6 @@ class InspectionFolder:
         return report
 
 
-def journal_of(file: Path) -> list[dict[str, Any]]:
-    """Return the lines of a journal; one that was not written to its end is left out.
-
-    Raises
-    ------
-    RecordError
-        If it is no journal.
-    """
-    try:
-        *lines, rest = file.read_text(encoding="utf-8").split("\n")
-        found = [json.loads(line) for line in lines]
-        if rest.endswith("}"):
-            found.append(json.loads(rest))
-    except (OSError, ValueError):
-        found = []
-    if not found or not all(isinstance(line, dict) and "what" in line for line in found):
-        raise RecordError(f"{file} is not the journal of an inspection; give its journal.jsonl")
-    return found
-
-
 def figure_of(marked: Any) -> Any:
     """Return a colour picture of OpenCV as a figure."""
     from matplotlib.figure import Figure
@@ -246,50 +289,10 @@ def figure_of(marked: Any) -> Any:
     return figure
 
 
-def _angles(pair: tuple[float, float]) -> dict[str, float]:
-    """Return pan and tilt in degrees."""
-    return {
-        f"{name} [deg]": round(math.degrees(angle), 4)
-        for name, angle in zip(("pan", "tilt"), pair, strict=True)
-    }
-
-
 def _reason(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
     return " ".join(str(error).split()) or type(error).__name__
-
-
-def _row(view: InspectedView) -> dict[str, Any]:
-    """Return a finding in degrees and millimetres, null where unknown."""
-    found: Finding | None = view.finding
-    assert found is not None
-    row: dict[str, Any] = {}
-    for name, value in asdict(found).items():
-        if isinstance(value, str):
-            row[name] = value
-            continue
-        angle = name.startswith("phi")
-        shown = math.degrees(value) if angle else 1e3 * value
-        row[f"{name} [{'deg' if angle else 'mm'}]"] = (
-            round(shown, 4) if math.isfinite(value) else None
-        )
-    row["evidence"] = None if math.isnan(view.evidence) else round(view.evidence, 1)
-    row["picture"] = f"{view.picture.name}.png"
-    row["course"] = None if view.course is None else view.course.round(6).tolist()
-    return row
-
-
-def _lost_row(lost: Unconfirmed) -> dict[str, Any]:
-    """Return a candidate that was not confirmed in degrees and millimetres."""
-    return {
-        "kind": lost.kind,
-        "phi [deg]": round(math.degrees(lost.phi), 4),
-        "z [mm]": round(1e3 * lost.z, 4),
-        "evidence": None if math.isnan(lost.evidence) else round(lost.evidence, 1),
-        "seen in": list(lost.seen_in),
-        "why": lost.why,
-    }
 
 
 def table(rows: Sequence[dict[str, Any]], columns: Sequence[str]) -> list[list[str]]:

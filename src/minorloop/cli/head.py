@@ -241,12 +241,21 @@ def inspect(
             help="Advances of the catheter in mm from which it looks round; 0 without a catheter.",
         ),
     ] = "0",
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on with the inspection in --out that was cut off, with the other options as "
+            "they were.",
+        ),
+    ] = False,
     as_json: _common.Json = False,
 ) -> None:
     """Search the wall within reach for holes, pits and cracks, centre and measure each, alone.
 
     The head is made safe at the end, and after an error or Ctrl-C. What was found until then is
-    kept. Without a probe no depth is measured. The exit status is 1 if no view could be searched.
+    kept, and --resume goes on from there, also after a power cut. Without a probe no depth is
+    measured. The exit status is 1 if no view could be searched.
     """
     from minorloop.cli import _inspection
     from minorloop.cli.inspect import check_usable
@@ -255,7 +264,9 @@ def inspect(
     for place in places:
         if not 0.0 <= place <= _FARTHEST:
             raise ParameterError(f"--advances has {place:g}; give 0 to {_FARTHEST:g} mm")
-    content = _inspection.carried_out(actuator, camera, head, out, [_MM * each for each in places])
+    content = _inspection.carried_out(
+        actuator, camera, head, out, [_MM * each for each in places], resume=resume
+    )
     if as_json:
         _common.print_json(content)
     else:

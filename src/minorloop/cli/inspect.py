@@ -305,7 +305,7 @@ def _journalled(file: Path, wanted: dict[str, str], *, joints: bool) -> dict[str
 
     A line that was not written to its end, as when the program was killed, is left out.
     """
-    from minorloop.cli._inspection import journal_of
+    from minorloop.cli._journal import journal_of
     from minorloop.head.procedures.pictures import PicturePose
 
     views = [line for line in journal_of(file) if line["what"] == "view"]

@@ -132,6 +132,18 @@ def test_a_slender_loss_of_the_echo_is_a_crack(share):
     assert find.length == pytest.approx(2.8e-3, rel=0.2)
 
 
+def test_the_place_of_a_bent_crack_is_on_it():
+    bursts, arch = swept(), lambda x: 0.8e-3 - 1.4e-3 * (x / 1.4e-3) ** 2
+    for one in bursts:
+        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
+        if abs(y - arch(x)) < 0.25e-3 and abs(x) < 1.4e-3:
+            one.burst.trace[:] *= 0.5
+    (find,) = c_scan(bursts, PROBE, PATCH).finds
+    assert find.kind == CRACK
+    x, y = 10e-3 * (find.phi - BOTTOM), find.z - Z
+    assert abs(y - arch(x)) < 0.3e-3
+
+
 def test_a_slender_loss_along_the_edge_is_no_claim():
     (find,) = c_scan(lossy(0.6, at=-1.76e-3), PROBE, PATCH).finds
     assert find.kind == CUT
@@ -146,6 +158,23 @@ def test_a_slender_loss_between_walls_of_different_depth_is_the_flank_of_a_dent(
         if abs(y) < 0.12e-3:
             one.burst.trace[:] *= 0.5
     assert c_scan(step, PROBE, PATCH).finds == ()
+
+
+def test_losses_at_the_foot_of_beads_are_no_crack():
+    bursts = swept()
+    for one in bursts:
+        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
+        away = min(math.hypot(x - at, y - 0.1e-3) for at in (-0.9e-3, 0.9e-3))
+        # No echo of a steep flank; a part of it at its foot.
+        one.burst.trace[:] *= 0.05 if 0.15e-3 < away < 0.4e-3 else 0.6 if away < 0.8e-3 else 1.0
+    assert c_scan(bursts, PROBE, PATCH).finds == ()
+
+
+def test_the_wall_about_the_top_of_a_bead_is_no_pit():
+    bead = swept(round_pit(-0.25e-3, 1e-3))
+    found = c_scan(bead, PROBE, PATCH)
+    assert np.nanmin(found.wall.depth) == pytest.approx(-0.25e-3, abs=20e-6)
+    assert found.finds == ()
 
 
 def test_a_loss_in_which_bursts_are_far_apart_is_none():

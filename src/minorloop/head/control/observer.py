@@ -8,7 +8,7 @@ convection add.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from minorloop.dynamics.heated_wire import HeatedState, HeatedWire
 from minorloop.head.control.controller import Loop, heating, mean_slope, within
@@ -112,7 +112,7 @@ class PowerObserver(Loop):
         The last of its ``past`` is the angle that is read now.
         """
         wire = self.wire.step(estimate.wire, current**2, self.interval, ambient=estimate.ambient)
-        return replace(estimate, wire=wire, past=(wire.angle, *estimate.past))
+        return Estimate(wire, estimate.ambient, estimate.error, (wire.angle, *estimate.past))
 
     def corrected(self, predicted: Estimate, measurement: float) -> Estimate:
         """Return a predicted estimate after its reading, NaN where there is none."""

@@ -9,7 +9,7 @@ probe, so that depths stay unknown.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -43,9 +43,8 @@ from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
 from minorloop.head.vision.frame_checks import GOOD
-from minorloop.head.vision.reflectance_map import LitFrame
 
-__all__ = ["InspectedView", "Unconfirmed", "inspect_wall", "views_of"]
+__all__ = ["InspectedView", "Unconfirmed", "inspect_wall", "view_with", "views_of", "with_finding"]
 
 NO_PROBE = "no probe"
 """Verdict of the echoes of each finding."""
@@ -101,6 +100,8 @@ class InspectedView:
         Pan and tilt that the joints read there, in radians, as a file of poses has them.
     place : (float, float)
         Advance in metres and roll in radians of the catheter.
+    seen : tuple of Hole and TracedCrack
+        What the picture shows: with them an inspection that was cut off goes on.
     finding : Finding, optional
         The candidate that was visited, if it was seen again.
     evidence : float
@@ -116,6 +117,7 @@ class InspectedView:
     angles: tuple[float, float]
     joints: tuple[float, float]
     place: tuple[float, float]
+    seen: tuple[Hole | TracedCrack, ...] = ()
     finding: Finding | None = None
     evidence: float = math.nan
     course: FloatArray | None = None
@@ -124,36 +126,27 @@ class InspectedView:
 
 @dataclass(eq=False)
 class _Seen:
-    """A view with its findings."""
+    """A view with all that its search found."""
 
     name: str
     t: float
-    frames: Sequence[LitFrame]
+    image: Image
     found: Findings
     camera: CalibratedCamera
+    angles: tuple[float, float]
     joints: tuple[float, float]
     place: tuple[float, float]
 
-    @property
-    def angles(self) -> tuple[float, float]:
-        return self.frames[-1].pan, self.frames[-1].tilt
-
-    def view(self, *shown: PictureFinding) -> InspectedView:
-        """Return the view with some of its findings."""
-        picture = InspectedPicture(
-            name=self.name, t=self.t, verdict=self.found.verdict, findings=shown
-        )
-        return InspectedView(
-            picture=picture,
-            image=self.frames[-1].image,
+    def view(self, *shown: Hole | TracedCrack) -> InspectedView:
+        """Return the view with some of what was found."""
+        view = InspectedView(
+            picture=InspectedPicture(name=self.name, t=self.t, verdict=self.found.verdict),
+            image=self.image,
             angles=self.angles,
             joints=self.joints,
             place=self.place,
         )
-
-    def sighting(self, shown: Candidate) -> _Sighting[Candidate]:
-        """Return one of its findings with what is needed to look from here again."""
-        return _Sighting(shown, self.name, self.angles, self.place)
+        return view_with(view, shown, self.camera)
 
     @property
     def missing(self) -> str:
@@ -162,21 +155,40 @@ class _Seen:
             return "not seen again"
         return f"the frames cannot be used: {self.found.verdict}"
 
-    def hole(self, hole: Hole) -> PictureFinding:
-        return hole_in(hole, self.camera, self.angles)
-
-    def crack(self, crack: TracedCrack) -> PictureFinding:
-        return crack_in(crack, self.camera, self.angles)
-
 
 @dataclass(frozen=True, eq=False)
 class _Sighting(Generic[Candidate]):
     """A candidate on the way round, and the view that shows it."""
 
     shown: Candidate
-    view: str
-    angles: tuple[float, float]
-    place: tuple[float, float]
+    view: InspectedView
+
+
+def view_with(
+    view: InspectedView, shown: Sequence[Hole | TracedCrack], camera: CalibratedCamera
+) -> InspectedView:
+    """Return a view that shows holes and cracks, as seen by the camera at its place."""
+    found = tuple(_in_picture(each, camera, view.angles) for each in shown)
+    return replace(view, seen=tuple(shown), picture=replace(view.picture, findings=found))
+
+
+def with_finding(view: InspectedView, radius: float) -> InspectedView:
+    """Return the view of a visit with the one that it shows as its finding."""
+    (shown,) = view.seen
+    if isinstance(shown, Hole):
+        phi, z = shown.place.tolist()
+        found = outlined(phi, z, shown.diameter, NO_PROBE, radius=radius)
+        return replace(view, finding=found, evidence=shown.evidence, course=shown.rim)
+    found = crack_finding(shown.places, widest(shown)[1], CrackDepth(NO_PROBE), radius)
+    return replace(view, finding=found, course=shown.places)
+
+
+def _in_picture(
+    shown: Hole | TracedCrack, camera: CalibratedCamera, angles: tuple[float, float]
+) -> PictureFinding:
+    if isinstance(shown, Hole):
+        return hole_in(shown, camera, angles)
+    return crack_in(shown, camera, angles)
 
 
 def views_of(lens: Pinhole) -> FloatArray:
@@ -194,7 +206,9 @@ def views_of(lens: Pinhole) -> FloatArray:
     return np.concatenate(rings)
 
 
-def inspect_wall(rig: InspectionRig, advances: Sequence[float] = (0.0,)) -> Iterator[InspectedView]:
+def inspect_wall(
+    rig: InspectionRig, advances: Sequence[float] = (0.0,), done: Sequence[InspectedView] = ()
+) -> Iterator[InspectedView]:
     """Look round from each place, visit what was seen, and yield each view as it is searched.
 
     Parameters
@@ -202,6 +216,8 @@ def inspect_wall(rig: InspectionRig, advances: Sequence[float] = (0.0,)) -> Iter
     rig : InspectionRig
     advances : sequence of float
         Places of the catheter in metres. A head without one stays where it is.
+    done : sequence of InspectedView
+        Of an inspection of the same wall that was cut off: they are not taken again, nor yielded.
 
     Raises
     ------
@@ -210,38 +226,60 @@ def inspect_wall(rig: InspectionRig, advances: Sequence[float] = (0.0,)) -> Iter
         was yielded before stays valid.
     """
     radius = rig.calibration.radius
-    holes: list[_Sighting[Hole]] = []
-    traces: list[_Sighting[TracedCrack]] = []
-    number = 0
-    for advance in advances:
-        _go(rig, place=(advance, 0.0))
-        for angles in views_of(rig.calibration.lens):
-            number += 1
-            _go(rig, angles=angles)
-            seen = _seen(rig, f"view {number}")
-            lines = _traced(rig, seen.found)
-            holes += [seen.sighting(hole) for hole in seen.found.holes]
-            traces += [seen.sighting(line) for line in lines]
-            many = f"{counted(len(seen.found.holes), 'candidate')}, {counted(len(lines), 'line')}"
-            rig.say(seen.name, many if seen.found.verdict == GOOD else seen.found.verdict)
-            yield seen.view(*map(seen.hole, seen.found.holes), *map(seen.crack, lines))
+    known = {view.picture.name: view for view in done}
+    views = yield from _looked_round(rig, advances, known)
+    holes = [_Sighting(one, view) for view in views for one in view.seen if isinstance(one, Hole)]
     found: list[Hole] = []
     best = strongest([each.shown for each in holes], radius, -math.inf)
     _say_limit(rig, "holes", len(best), _MOST_HOLES)
     for k, hole in enumerate(best[:_MOST_HOLES], 1):
         if not _known(hole, found, radius):
             same = [each for each in holes if _known(each.shown, [hole], radius)]
-            again = yield from _visited(rig, hole, same, f"hole {k}")
+            again = yield from _visited(rig, hole, same, f"hole {k}", known)
             found += [] if again is None or _known(again, found, radius) else [again]
+    traces = [
+        _Sighting(one, view) for view in views for one in view.seen if isinstance(one, TracedCrack)
+    ]
     cracks: list[TracedCrack] = []
     courses = [trace for trace, _ in likely([each.shown for each in traces], (), radius)]
     _say_limit(rig, "cracks", len(courses), _MOST_CRACKS)
     for k, trace in enumerate(courses[:_MOST_CRACKS], 1):
-        if not any(one_course(trace.places, known.places, radius) for known in cracks):
-            names = [e.view for e in traces if one_course(e.shown.places, trace.places, radius)]
-            view, crack = _followed(rig, trace, names, f"crack {k}")
-            cracks += [] if crack is None else [crack]
-            yield view
+        if not any(one_course(trace.places, each.places, radius) for each in cracks):
+            name = f"crack {k}"
+            if name not in known:
+                alike = [e for e in traces if one_course(e.shown.places, trace.places, radius)]
+                known[name] = _followed(rig, trace, _names(alike), name)
+                yield known[name]
+            cracks += [one for one in known[name].seen if isinstance(one, TracedCrack)]
+
+
+def _looked_round(
+    rig: InspectionRig, advances: Sequence[float], known: dict[str, InspectedView]
+) -> Generator[InspectedView, None, list[InspectedView]]:
+    """Look round from each place, but for the known views; return all views."""
+    views: list[InspectedView] = []
+    for advance in advances:
+        there = False
+        for angles in views_of(rig.calibration.lens):
+            name = f"view {len(views) + 1}"
+            if name not in known:
+                if not there:
+                    _go(rig, place=(advance, 0.0))
+                there = True
+                _go(rig, angles=angles)
+                known[name] = _searched(rig, name)
+                yield known[name]
+            views.append(known[name])
+    return views
+
+
+def _searched(rig: InspectionRig, name: str) -> InspectedView:
+    """Return a view with all candidates in it."""
+    seen = _seen(rig, name)
+    lines = rig.compute(lambda: traces_of(seen.found, rig.calibration.radius))
+    many = f"{counted(len(seen.found.holes), 'candidate')}, {counted(len(lines), 'line')}"
+    rig.say(name, many if seen.found.verdict == GOOD else seen.found.verdict)
+    return seen.view(*seen.found.holes, *lines)
 
 
 def _say_limit(rig: InspectionRig, what: str, count: int, most: int) -> None:
@@ -261,12 +299,10 @@ def _seen(rig: InspectionRig, name: str) -> _Seen:
     frames, t, place = acquire(rig), rig.t, rig.place
     found = search(rig, frames)
     (advance, roll), view = place.tolist(), rig.calibration
-    pan, tilt = np.radians(view.joints((frames[-1].pan, frames[-1].tilt))).tolist()
-    return _Seen(name, t, frames, found, view.camera_at(place), (pan, tilt), (advance, roll))
-
-
-def _traced(rig: InspectionRig, found: Findings) -> tuple[TracedCrack, ...]:
-    return rig.compute(lambda: traces_of(found, rig.calibration.radius))
+    sight = frames[-1].pan, frames[-1].tilt
+    pan, tilt = np.radians(view.joints(sight)).tolist()
+    camera, image = view.camera_at(place), frames[-1].image
+    return _Seen(name, t, image, found, camera, sight, (pan, tilt), (advance, roll))
 
 
 def _known(hole: Hole, found: Sequence[Hole], radius: float) -> bool:
@@ -287,37 +323,43 @@ def _approached(
 
 
 def _visited(
-    rig: InspectionRig, hole: Hole, same: Sequence[_Sighting[Hole]], name: str
+    rig: InspectionRig,
+    hole: Hole,
+    same: Sequence[_Sighting[Hole]],
+    name: str,
+    known: Mapping[str, InspectedView],
 ) -> Generator[InspectedView, None, Hole | None]:
     """Visit a candidate for a hole, from two sides if need be; return it if it is seen again."""
-    radius = rig.calibration.radius
-    words = f"evidence {hole.evidence:+.1f}"
-    seen = _approached(rig, hole.place, words, name, outlined=True)
-    again = nearest(seen.found.holes, hole.place, radius)
+    view = known.get(name)
+    if view is None:
+        words = f"evidence {hole.evidence:+.1f}"
+        seen = _approached(rig, hole.place, words, name, outlined=True)
+        view = _seen_again(rig, seen, hole)
+        if view.finding is None:
+            rig.say(name, f"{seen.missing}; looked at from another side")
+        yield view
+    if view.finding is None:
+        name = f"{name} again"
+        view = known.get(name)
+        if view is None:
+            seen = _from_aside(rig, next(each for each in same if each.shown is hole), name)
+            view = _seen_again(rig, seen, hole)
+            if view.finding is None:
+                phi, z = hole.place.tolist()
+                view = _not_confirmed(rig, seen, UNDECIDED, (phi, z), hole.evidence, _names(same))
+            yield view
+    return next((one for one in view.seen if isinstance(one, Hole)), None)
+
+
+def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:
+    """Return the view of a visit, with the hole as its finding if it is seen again."""
+    again = nearest(seen.found.holes, hole.place, rig.calibration.radius)
     if again is None:
-        rig.say(name, f"{seen.missing}; looked at from another side")
-        yield seen.view()
-        seen = _from_aside(rig, next(each for each in same if each.shown is hole), f"{name} again")
-        again = nearest(seen.found.holes, hole.place, radius)
-    if again is None:
-        names = tuple(dict.fromkeys(each.view for each in same))
-        phi, z = hole.place.tolist()
-        lost = Unconfirmed(
-            kind=UNDECIDED, phi=phi, z=z, evidence=hole.evidence, seen_in=names, why=seen.missing
-        )
-        rig.say(seen.name, f"{seen.missing}; {_not_confirmed(names)}")
-        yield replace(seen.view(), unconfirmed=lost)
-        return None
+        return seen.view()
     phi, z = again.place.tolist()
     where = f"phi {math.degrees(phi):.1f} deg, z {1e3 * z:.2f} mm"
     rig.say(seen.name, f"{1e3 * again.diameter:.2f} mm wide at {where}")
-    yield replace(
-        seen.view(seen.hole(again)),
-        finding=outlined(phi, z, again.diameter, NO_PROBE, radius=radius),
-        evidence=again.evidence,
-        course=again.rim,
-    )
-    return again
+    return with_finding(seen.view(again), rig.calibration.radius)
 
 
 def _from_aside(rig: InspectionRig, sighting: _Sighting[Hole], name: str) -> _Seen:
@@ -325,38 +367,45 @@ def _from_aside(rig: InspectionRig, sighting: _Sighting[Hole], name: str) -> _Se
 
     Neither of them is repeated, so that what is seen here too is no accident of one picture.
     """
-    _go(rig, place=sighting.place)
+    _go(rig, place=sighting.view.place)
     centred = aim_at(rig.calibration, sighting.shown.place, rig.place)
-    _go(rig, angles=(np.asarray(centred) + sighting.angles) / 2.0)
+    _go(rig, angles=(np.asarray(centred) + sighting.view.angles) / 2.0)
     return _seen(rig, name)
 
 
-def _not_confirmed(names: Sequence[str]) -> str:
-    return f"seen in {counted(len(names), 'view')}, not confirmed"
+def _not_confirmed(
+    rig: InspectionRig,
+    seen: _Seen,
+    kind: str,
+    place: tuple[float, float],
+    evidence: float,
+    names: tuple[str, ...],
+) -> InspectedView:
+    """Return the view of a visit with its candidate, which views show and this one does not."""
+    lost = Unconfirmed(
+        kind=kind, phi=place[0], z=place[1], evidence=evidence, seen_in=names, why=seen.missing
+    )
+    rig.say(seen.name, f"{seen.missing}; seen in {counted(len(names), 'view')}, not confirmed")
+    return replace(seen.view(), unconfirmed=lost)
+
+
+def _names(same: Sequence[_Sighting[Candidate]]) -> tuple[str, ...]:
+    """Return the names of the views that show a candidate."""
+    return tuple(dict.fromkeys(each.view.picture.name for each in same))
 
 
 def _followed(
-    rig: InspectionRig, trace: TracedCrack, names: Sequence[str], name: str
-) -> tuple[InspectedView, TracedCrack | None]:
-    """Visit a candidate for a crack; return its course if it is seen again."""
+    rig: InspectionRig, trace: TracedCrack, names: tuple[str, ...], name: str
+) -> InspectedView:
+    """Visit a candidate for a crack, and return the view."""
     radius = rig.calibration.radius
     middle = trace.places[len(trace.places) // 2]
     seen = _approached(rig, middle, f"a line of {1e3 * trace.length:.1f} mm", name)
     again = rig.compute(lambda: traced_again(seen.found, trace.places, radius))
     if not again:
-        once = tuple(dict.fromkeys(names))
         phi, z = middle.tolist()
-        lost = Unconfirmed(
-            kind=CRACK, phi=phi, z=z, evidence=math.nan, seen_in=once, why=seen.missing
-        )
-        rig.say(name, f"{seen.missing}; {_not_confirmed(once)}")
-        return replace(seen.view(), unconfirmed=lost), None
+        return _not_confirmed(rig, seen, CRACK, (phi, z), math.nan, names)
     course = whole_course(max(again, key=lambda other: other.length), trace)
     _, width = widest(course)
     rig.say(name, f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest")
-    view = replace(
-        seen.view(seen.crack(course)),
-        finding=crack_finding(course.places, width, CrackDepth(NO_PROBE), radius),
-        course=course.places,
-    )
-    return view, course
+    return with_finding(seen.view(course), radius)

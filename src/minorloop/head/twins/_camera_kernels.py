@@ -33,9 +33,7 @@ its irradiance at 10 mm."""
 
 
 @njit(cache=True, nogil=True)
-def fill_nodes(
-    rays, rotations, positions, radius, leds, strengths, lobe, optics, extinction, fields
-):
+def fill_nodes(rays, rotations, positions, radius, leds, strengths, optics, extinction, fields):
     """Intersect the rays of the nodes with the wall.
 
     ``rays`` (V, U, 3) in the camera, ``rotations`` (V, 3, 3) and ``positions`` (V, 3) of each row
@@ -81,7 +79,7 @@ def fill_nodes(
                 far = np.sqrt(lx * lx + ly * ly + lz * lz)
                 lx, ly, lz = lx / far, ly / far, lz / far
                 ahead = -(lx * turn[0, 2] + ly * turn[1, 2] + lz * turn[2, 2])
-                power = strengths[k] * max(ahead, 0.0) ** lobe * _NEAR / far**2
+                power = strengths[k] * max(ahead, 0.0) * _NEAR / far**2
                 power *= np.exp(-extinction * (far + length))
                 hx, hy, hz = lx - dx, ly - dy, lz - dz
                 up = max(hx * nx + hy * ny, 0.05)
@@ -207,7 +205,13 @@ def _look_up(fields, row, lines, texels, shapes, size, look):
             gloss[u] = wa * pa[3] + wb * pb[3] + wc * pc[3] + wd * pd[3]
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+_EXACT = {"nnan", "ninf", "nsz", "reassoc"}
+"""What may be assumed of numbers where each product, quotient and root is rounded by itself: fused
+products and estimates of reciprocals differ between processors."""
+
+
+# Without a check of each divisor, loops that divide become loops of vectors too.
+@njit(cache=True, nogil=True, fastmath=_EXACT, error_model="numpy")
 def _shade(lines, look, metal, spare, out):
     """Compute the radiance along a row, in short loops that the compiler vectorises."""
     around, along = _ONE / metal[2], _ONE / metal[3]
@@ -415,7 +419,7 @@ def add_crack(fields, radius, corners, albedo, box, metal, radiance):
 
 
 @njit(cache=True, nogil=True)
-def add_water(fields, radius, height, rays, rotations, positions, leds, strengths, lobe, radiance):
+def add_water(fields, radius, height, rays, rotations, positions, leds, strengths, radiance):
     """Draw the surface of the water: dull, with a mirrored spot for each LED."""
     slope, d, way = np.empty((2, 2)), np.empty(3), np.empty(3)
     for v in range(radiance.shape[0]):
@@ -447,7 +451,7 @@ def add_water(fields, radius, height, rays, rotations, positions, leds, strength
                 way /= np.sqrt(far)
                 for a in range(3):
                     ahead -= way[a] * turn[a, 2]
-                power = strengths[k] * max(ahead, 0.0) ** lobe * _NEAR / far
+                power = strengths[k] * max(ahead, 0.0) * _NEAR / far
                 face = max(-way[1], 0.0)
                 half = way - d
                 up = max(-half[1], 0.05)
@@ -537,10 +541,12 @@ def blur(image, fields, spare):
             for u in range(gap):
                 target[u] = source[u]
                 target[columns - 1 - u] = source[columns - 1 - u]
-            for u in range(gap, columns - gap):
-                target[u] = source[u] + line[u] * (
-                    source[u - gap] + source[u + gap] - source[u] - source[u]
-                )
+            # Parts that begin at 0: the compiler makes vectors of no other loop.
+            left, right = source[: columns - 2 * gap], source[2 * gap :]
+            middle, part = source[gap : columns - gap], line[gap : columns - gap]
+            inner = target[gap : columns - gap]
+            for u in range(inner.size):
+                inner[u] = middle[u] + part[u] * (left[u] + right[u] - middle[u] - middle[u])
         for v in range(rows):
             _variances(fields, v, line)
             up, here = spare[max(v - gap, 0)], spare[v]

@@ -313,7 +313,7 @@ class Camera(Mounted):
         lens = (focal, self.sensor.aperture, 1 / self._focus, self.sensor.sharpest**2)
         extinction = self._flooded.extinction if self._flooded else 0.0
         kernels.fill_nodes(
-            self._rays, turns, lenses, self._pipe.radius, leds, strengths, 1.0, lens, extinction,
+            self._rays, turns, lenses, self._pipe.radius, leds, strengths, lens, extinction,
             fields,
         )  # fmt: skip
         if self._flooded:
@@ -328,7 +328,7 @@ class Camera(Mounted):
         if self._pipe.water is not None:
             kernels.add_water(
                 fields, self._pipe.radius, self._pipe.water, self._rays, turns, lenses, leds,
-                strengths, 1.0, image,
+                strengths, image,
             )  # fmt: skip
         return self._blurred(fields, image)
 

@@ -220,10 +220,11 @@ class SimulatedTip:
             self.camera._advance(self.camera.sensor.interval)
         self._stance, self._framed = stance, False
         pan, tilt, pan_rate, tilt_rate, *_ = stance
-        self.camera.move(self._mount_now())
+        mount = self._mount_now()
+        self.camera.move(mount)
         self.camera.look(pan, tilt, rates=(pan_rate, tilt_rate))
         marks = len(self.tool.marks)
-        self.tool.move(self._mount_now())
+        self.tool.move(mount)
         self.tool.look(pan, tilt)
         self.tool._advance(self.camera.sensor.interval)
         if len(self.tool.marks) > marks:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, ndimage
 
+from minorloop.head.vision._line_kernels import keep_highest
 from minorloop.head.vision.calibrated_camera import Image32
 
 _HEADINGS = 16
@@ -53,20 +54,16 @@ def line_heights(
     u = 2 * np.pi * np.fft.rfftfreq(shape[1])[None].astype(np.float32)
     best = np.full((rows, columns), -np.inf, dtype=np.float32)
     sides = np.zeros((2, rows, columns), dtype=np.int8)
+    smooth, product = np.empty((len(stack), *shape), dtype=np.float32), np.empty_like(waves[0])
     for heading in np.pi * np.arange(_HEADINGS) / _HEADINGS:
         c, s = float(np.cos(heading)), float(np.sin(heading))
         along, across = c * u + s * v, c * v - s * u
         for wide, aside in _ACROSS:
             filtered = np.exp(-0.5 * ((_ALONG * along) ** 2 + (wide * across) ** 2))
-            least = None
-            for wave in waves:
-                smooth = fft.irfft2(wave * filtered, shape)
-                height = _height(smooth, (round(aside * c), round(-aside * s)))[:rows, :columns]
-                least = height if least is None else np.minimum(least, height)
-            assert least is not None
-            higher = least > best
-            best[higher] = least[higher]
-            sides[0][higher], sides[1][higher] = round(1.4 * c), round(-1.4 * s)
+            for wave, one in zip(waves, smooth, strict=True):
+                one[:] = fft.irfft2(np.multiply(wave, filtered, out=product), shape)
+            step = round(aside * c), round(-aside * s)
+            keep_highest(smooth, step, (round(1.4 * c), round(-1.4 * s)), best, sides)
     return best, _middle(best, sides)
 
 
@@ -79,17 +76,6 @@ def _middle(heights: Image32, sides: npt.NDArray[np.int8]) -> npt.NDArray[np.boo
         y, x = np.clip(np.stack([i, j]) + sign * sides, 0, last)
         middle &= heights >= heights[y, x]
     return middle
-
-
-def _height(smooth: Image32, step: tuple[int, int]) -> Image32:
-    """Return the lower of two sides (rows, columns) away, less the middle.
-
-    The map is padded on one side of each axis, so that beyond either edge is the padding.
-    """
-    i, j = step
-    sides = np.minimum(np.roll(smooth, (i, j), (0, 1)), np.roll(smooth, (-i, -j), (0, 1)))
-    height: Image32 = sides - smooth
-    return height
 
 
 def _levelled(level: Image32, seen: npt.NDArray[np.bool_]) -> Image32:
