@@ -39,7 +39,7 @@ _CLOSE = 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Watch(Loop):
+class WireWatch(Loop):
     """Compares the readings of a wire with what it can do.
 
     Parameters
@@ -102,8 +102,8 @@ class Belief:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MotionWatch(Watch):
-    """Believes only readings to which a wire can have turned; parameters as of `Watch`."""
+class MotionWatch(WireWatch):
+    """Believes only readings to which a wire can have turned; parameters as of `WireWatch`."""
 
     def step(
         self,
@@ -197,8 +197,8 @@ class Sign:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SignWatch(Watch):
-    """Finds readings that fall while the wire is heated; parameters as of `Watch`.
+class SignWatch(WireWatch):
+    """Finds readings that fall while the wire is heated; parameters as of `WireWatch`.
 
     No wire reads less than a cold one, and none that is heated falls there. The model must follow
     the current alone: one that is corrected by the readings agrees with a wrong sign too.

@@ -44,8 +44,9 @@ _DEADLINE = 9.5
 _CLEAR, _LIKELY = 0.9, 0.8
 """Share of the weight that makes a reason clear, and share from which it is given in the end;
 below, both are."""
-_UNSURE = 0.15
-"""Error of a predicted motion, as a share of it, beside what the hypotheses differ by."""
+_UNSURE, _OFF = 0.1, 0.7
+"""Error of a predicted motion beside what the hypotheses differ by: as a share of it, and in
+degrees, that of the model."""
 _BAND = 0.95
 """Weight of the hypotheses within the stated reach."""
 _WORSE, _POOR = 12.0, 6.0
@@ -261,8 +262,7 @@ class ReachWatch(Loop):
         stopped = still and begun
         weight = self._hypotheses.weights(trial.bank)
         final = self._hypotheses.final(trial.bank, angle, self.highest)
-        # The predicted motion has an error proportional to it.
-        farthest = final + _UNSURE * np.maximum(final - angle, 0.0)
+        farthest = final + _OFF + _UNSURE * np.maximum(final - angle, 0.0)
         short = farthest < reference - self.tolerance
         others = float(weight[~short].sum())
         if not begun:
