@@ -9,9 +9,9 @@ _SIDES, _TURN = 8, 0.09
 """Headings that are tried to either side of the last one, and angle between two of them in radians:
 41 degrees to a side. A crack turns less within ``AHEAD``."""
 _KEPT = 0.6
-"""Share of the last heading in the next one, so that a dark texel beside a line does not turn it."""
+"""Share of the last heading in the next one: a dark texel beside a line does not turn it."""
 _COST = 0.3
-"""Share of the least height that a turn by one radian costs: of two ways as dark, the straight one."""
+"""Share of the least height that a turn by a radian costs: of two dark ways, the straight one."""
 AHEAD = 8
 """Texels whose mean height decides, twice the standard deviation of the filter along a line: with
 fewer, a spot of noise ends a line, with more, a turn does."""

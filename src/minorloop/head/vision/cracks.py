@@ -183,7 +183,9 @@ def dark_wall(
     _mask_out(heights, window, radius, apart)
     heights = np.where(ndimage.binary_dilation(middle, np.ones((3, 3), dtype=bool)), heights, 0)
     courses = [course.astype(float) for course in _courses(heights, _SHORTEST / window.step)]
-    return DarkWall(levels[:, near[0], near[1]], heights, seen, margin, tuple(cut_at_crossings(courses)))
+    return DarkWall(
+        levels[:, near[0], near[1]], heights, seen, margin, tuple(cut_at_crossings(courses))
+    )
 
 
 def whole_courses(parts: Sequence[FloatArray], wall: DarkWall) -> list[FloatArray]:
