@@ -18,17 +18,16 @@ from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control import _hypotheses_kernels as _kernels
 from minorloop.head.control.observer import Estimate
 
-_EACH = 3000
+_EACH = 8000
 """Hypotheses of a change of the ambient, and as many of a change of the convection: so many that
-about ten of them lie within the model's error of the truth."""
+about thirty of them lie within the model's error of the truth. They are drawn at random: points of
+an even sequence lie on lines, and whole lines of them explain the readings alike."""
 _AMBIENTS, _COOLINGS = (-65.0, 30.0), (-0.3, 3.5)
 """Changes of the ambient in K and of the logarithm of the convection: from a cold room to a flooded
 pipe."""
 _RESISTANCE_SPREAD = 0.08
 """Standard deviation of the cold over the hot resistance among wires; data sheets of
 nickel-titanium give 0.7 to 0.9."""
-_STEPS = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)
-"""Steps of an even sequence in the unit cube: powers of the root of x**4 = x + 1."""
 _TABLE = 257
 """Points of the table of the rising branch."""
 _MODEL_ERROR, _MOST_MISS = 0.7, 5.0
@@ -179,17 +178,15 @@ class Hypotheses:
     def _drawn(self) -> FloatArray:
         """Changes of the ambient in K and of the logarithm of the convection, and resistances.
 
-        Either the ambient is spread evenly over its range or the convection; the other one follows
+        Either the ambient is drawn evenly from its range or the convection; the other one follows
         its prior, and so does the resistance in standard deviations: (3, M).
         """
-        from scipy.special import ndtri
-
-        even = (0.5 + np.outer(_STEPS, np.arange(1.0, _EACH + 1.0))) % 1.0
-        beside = -np.sign(even[1] - 0.5) * np.log1p(-2 * np.abs(even[1] - 0.5))
-        scales = ndtri(even[2])
-        first = [np.interp(even[0], (0, 1), _AMBIENTS), _BESIDE[1] * beside, scales]
-        second = [_BESIDE[0] * beside, np.interp(even[0], (0, 1), _COOLINGS), scales]
-        return np.concatenate([first, second], axis=1)
+        rng = np.random.default_rng(0)
+        ambients, coolings = rng.uniform(*_AMBIENTS, _EACH), rng.uniform(*_COOLINGS, _EACH)
+        first = [ambients, rng.laplace(scale=_BESIDE[1], size=_EACH)]
+        second = [rng.laplace(scale=_BESIDE[0], size=_EACH), coolings]
+        changes = np.concatenate([first, second], axis=1)
+        return np.concatenate([changes, rng.standard_normal((1, 2 * _EACH))])
 
     @cached_property
     def _low(self) -> float:
