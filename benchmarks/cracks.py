@@ -123,9 +123,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=("fit", "score"))
     parser.add_argument("--first", type=int, nargs="+")
-    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--count", type=int, default=200)
     options = parser.parse_args()
-    first = options.first or ([1000, 2000] if options.what == "fit" else [3000])
+    first = options.first or [5000 if options.what == "fit" else 3000]
     if options.what == "score":
         score([start + k for start in first for k in range(options.count)])
         return

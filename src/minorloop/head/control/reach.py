@@ -44,7 +44,7 @@ _DEADLINE = 9.5
 _CLEAR, _LIKELY = 0.9, 0.8
 """Share of the weight that makes a reason clear, and share from which it is given in the end;
 below, both are."""
-_UNSURE, _OFF = 0.1, 0.7
+_UNSURE, _OFF = 0.05, 0.7
 """Error of a predicted motion beside what the hypotheses differ by: as a share of it, and in
 degrees, that of the model."""
 _BAND = 0.95

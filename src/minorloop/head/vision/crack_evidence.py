@@ -16,14 +16,14 @@ from scipy import ndimage
 from minorloop.arrays import FloatArray
 from minorloop.head.vision.calibrated_camera import Image32
 
-LEAST_EVIDENCE = -1.5
+LEAST_EVIDENCE = -0.25
 """Evidence above which a line counts as a crack: 0.03 false findings an acquisition of the scenes
-of the fit, and as many cracks as with more."""
-ALONG = (10.62, -6.03, 9.92, -13.9, 0.87)
-WHOLE = (1.86, 0.59, 3.87)
+of the fit, and as many cracks as with less."""
+ALONG = (9.77, -5.29, 9.39, -11.52, 0.98)
+WHOLE = (0.22, 2.44, 1.6)
 """Constant and weights of the features of places along a line, and of a whole line, by logistic
-regression on scenes 1000 to 1099 and 2000 to 2099 of `minorloop.head.studies.crack_scenes`, each
-with and without a crack; by ``python -m benchmarks.cracks fit --count 100``."""
+regression on scenes 5000 to 5199 of `minorloop.head.studies.crack_scenes`, each with and without a
+crack; by ``python -m benchmarks.cracks fit --first 5000 --count 200``."""
 _DARK = 0.93
 """Share of the light of the wall that a crack takes."""
 _SIDE, _CORE = 14, 9
@@ -69,7 +69,7 @@ def _core() -> slice:
 
 def profiles_of(course: FloatArray, levels: Image32) -> Profiles:
     """Return the profiles of a course (N, 2) of rows and columns on maps (K, rows, columns)."""
-    smooth = ndimage.gaussian_filter1d(course, _SMOOTH, axis=0, mode="nearest")
+    smooth = smoothed(course, _SMOOTH)
     off = np.arange(-_SIDE, _SIDE + 1) / 2
     for last in (False, True):
         heading = np.gradient(smooth, axis=0)
@@ -93,6 +93,14 @@ def profiles_of(course: FloatArray, levels: Image32) -> Profiles:
     return Profiles(smooth, taken, float(steps.sum()))
 
 
+def smoothed(course: FloatArray, sd: float) -> FloatArray:
+    """Return a course (N, 2) smoothed along itself, with its ends where they are."""
+    beyond = round(4 * sd)
+    # An end that is repeated would draw the smooth course back from it.
+    padded = np.pad(course, ((beyond, beyond), (0, 0)), mode="reflect", reflect_type="odd")
+    return np.asarray(ndimage.gaussian_filter1d(padded, sd, axis=0)[beyond:-beyond])
+
+
 def _off(taken: FloatArray, off: FloatArray) -> FloatArray:
     """Return how far (N,) in texels the middle of the line is from its course."""
     dark = np.maximum(ndimage.gaussian_filter1d(taken.mean(axis=0), 1.5, axis=0), 0.0)
@@ -102,9 +110,9 @@ def _off(taken: FloatArray, off: FloatArray) -> FloatArray:
     return shifted
 
 
-_MOST, _FINEST = 3.0, 0.2
-"""Most evidence of a place that counts for its line, so that no short part decides alone; and
-texels of a course below which its bends are noise; both by trial."""
+_LEAST, _MOST, _FINEST = -1.0, 3.0, 0.2
+"""Evidence of a place above which it counts for its line, and most of it, so that no short part
+decides alone; and texels of a course below which its bends are noise; by trial."""
 FEATURES = ("net", "peak", "bright", "bent")
 _LIKELY, _POSSIBLE, _FEWEST = -0.5, -2.0, 8
 """Evidence of a texel that may be of a crack, that of a part which goes on from such texels, and
@@ -149,16 +157,19 @@ def likely_parts(found: Profiles, weights: Sequence[float] = ALONG) -> list[Floa
 
 
 def whole_features(found: Profiles, weights: Sequence[float] = ALONG) -> FloatArray:
-    """Return the features (2,) of a whole line: its evidence for a crack, and how it is bent.
+    """Return the features (2,) of a whole line: how it is bent, and its evidence for a crack.
 
-    Of the evidence the positive parts are added up: what crosses a crack does not count against it.
     A scratch is drawn by one motion, so that a parabola fits its course; grains turn a crack.
+    Places count by their evidence: what crosses a crack does not count against it, and what noise
+    bends does not count for it.
     """
-    along = np.clip(evidence_along(found, weights), 0.0, _MOST)
+    along = np.clip(evidence_along(found, weights), _LEAST, _MOST) - _LEAST
+    share = (along + 1e-6) / (along + 1e-6).sum()
     _, axes = np.linalg.eigh(np.cov(found.course.T))
     across, length = (found.course @ axes).T
-    bent = across - np.polynomial.Polynomial.fit(length, across, 2)(length)
-    return np.log([1.0 + along.sum(), _FINEST + bent.std()])
+    bent = across - np.polynomial.Polynomial.fit(length, across, 2, w=np.sqrt(share))(length)
+    spread = float(np.sqrt((share * bent**2).sum()))
+    return np.array([np.log(_FINEST + spread), (share * along).sum()])
 
 
 def crack_evidence(found: Profiles) -> float:

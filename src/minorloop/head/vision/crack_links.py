@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial.distance import cdist
 
 from minorloop.arrays import BoolArray, FloatArray
+from minorloop.head.vision import _line_kernels as kernels
 from minorloop.head.vision.calibrated_camera import Image32
 
 _REACH = 28.0
@@ -24,13 +26,15 @@ _TOUCHING = 4.0
 """Gap in texels below which the way between two ends has no direction."""
 _HEADING = 8
 """Texels whose chord is the heading of an end."""
-_CORNER, _TIP = 3, 12
-"""Texels at an end that are left out, since a path ends at a corner of a line; and most texels,
-0.6 mm, by which an end is then extended: the tip of a crack is too faint to be judged, but goes on
-from where it is not."""
-_NEAR, _FAINT = 16, 0.5
+_CORNER = 3
+"""Texels at an end that are left out, since a path ends at a corner of a line."""
+_FARTHEST = 60
+"""Most texels by which a line is followed from an end, 3 mm: by then another part of it begins."""
+_NEAR, _FAINT = 16, 0.4
 """Texels at an end whose median height is that of the line there, and the share of it above which
-the line goes on: half of the filter is beyond an end."""
+the line goes on: half of the filter is beyond an end, and a crack is narrower at its tip."""
+_BESIDE = 3
+"""Texels from a course that belong to it."""
 
 
 def cut_at_crossings(courses: Sequence[FloatArray]) -> list[FloatArray]:
@@ -88,44 +92,71 @@ def joined(courses: Sequence[FloatArray]) -> list[FloatArray]:
     return [_concatenated(courses, chain) for chain in chains if chain]
 
 
-def extended(
-    course: FloatArray, heights: Image32, least: float, margin: BoolArray | None = None
-) -> FloatArray:
-    """Return a course (N, 2) extended straight from both ends.
+def followed(
+    courses: Sequence[FloatArray],
+    heights: Image32,
+    least: float,
+    seen: BoolArray,
+    margin: BoolArray,
+) -> list[FloatArray]:
+    """Return courses (N, 2) followed from both ends along the line, to its tips or to another.
 
+    Parts that are too faint or too disturbed to be judged belong to a line that goes on in them.
     The height of a line halves where it ends, since half of the filter is beyond its end.
 
     Parameters
     ----------
-    course : (N, 2) array
+    courses : sequence of (N, 2) arrays
         Rows and columns.
     heights : (rows, columns) array of float32
         Of the lines.
     least : float
         Least height of a line.
-    margin : (rows, columns) array of bool, optional
-        Where heights are not known; a line that reaches it goes on.
+    seen : (rows, columns) array of bool
+        Where the wall is seen.
+    margin : (rows, columns) array of bool
+        Where it is, but heights are not known; a line that reaches it goes on.
     """
-    for _ in range(2):
-        course = _extended(course, heights, least, margin)[::-1]
-    return course
+    known = seen & ~margin
+    heights = ndimage.maximum_filter(heights, 3)  # a line is between texels
+    whole = [course[_CORNER : len(course) - _CORNER] for course in courses]
+    owner = np.zeros(heights.shape, dtype=np.int32)
+    longest = sorted(range(len(whole)), key=lambda n: -len(whole[n]))
+    for n in longest:
+        _claim(owner, whole[n], n + 1)
+    for n in longest:
+        for _ in range(2):
+            more = _followed(whole[n], heights, least, (known, seen), owner, n + 1)
+            _claim(owner, more, n + 1)
+            whole[n] = np.concatenate([whole[n], more])[::-1]
+    return whole
 
 
-def _extended(
-    course: FloatArray, heights: Image32, least: float, margin: BoolArray | None
+def _claim(owner: npt.NDArray[np.int32], course: FloatArray, own: int) -> None:
+    """Mark the texels about a course that belong to no other."""
+    for i, j in np.rint(course).astype(int):
+        about = owner[
+            max(i - _BESIDE, 0) : max(i + _BESIDE + 1, 0),
+            max(j - _BESIDE, 0) : max(j + _BESIDE + 1, 0),
+        ]
+        about[about == 0] = own
+
+
+def _followed(
+    course: FloatArray,
+    heights: Image32,
+    least: float,
+    view: tuple[BoolArray, BoolArray],
+    owner: npt.NDArray[np.int32],
+    own: int,
 ) -> FloatArray:
-    last = np.array(heights.shape) - 1
-    course = course[: max(len(course) - _CORNER, 2)]
-    i, j = np.clip(np.rint(course[-_NEAR:]).astype(int), 0, last).T
+    """Return the texels (N, 2) of a line beyond the end of its course."""
+    i, j = np.clip(np.rint(course[-_NEAR:]).astype(int), 0, np.array(heights.shape) - 1).T
+    faintest = max(least, _FAINT * float(np.median(heights[i, j])))
     way = course[-1] - course[-1 - min(_HEADING, len(course) - 1)]
-    steps = course[-1] + np.arange(1, _TIP + 1)[:, None] * way / max(float(np.hypot(*way)), 1e-9)
-    texels = np.rint(steps).astype(int)
-    inside = ((texels >= 0) & (texels <= last)).all(axis=1)
-    k, m = np.clip(texels, 0, last).T
-    dark = heights[k, m] > max(least, _FAINT * float(np.median(heights[i, j])))
-    if margin is not None:
-        dark |= margin[k, m]
-    return np.concatenate([course, steps[: int(np.argmin(np.append(inside & dark, False)))]])
+    out = np.empty((_FARTHEST, 2))
+    count = kernels.follow(heights, *view, owner, own, course[-1], way, faintest, out)
+    return out[:count]
 
 
 def _links(

@@ -28,7 +28,7 @@ from minorloop.head.vision.crack_evidence import (
     profiles_of,
 )
 from minorloop.head.vision.crack_lines import line_heights
-from minorloop.head.vision.crack_links import FEWEST, cut_at_crossings, extended, joined
+from minorloop.head.vision.crack_links import FEWEST, cut_at_crossings, followed, joined
 
 _HIGH, _LOW = 0.16, 0.1
 """Heights that a piece reaches and stays above: half of the texels of a crack of 50 um are above
@@ -153,6 +153,8 @@ class DarkWall:
         Logarithm of the reflectance; what is not seen has the value of the nearest texel that is.
     heights : (rows, columns) array of float32
         Of the lines.
+    seen : (rows, columns) array of bool
+        Texels that are seen.
     margin : (rows, columns) array of bool
         Texels that are seen but too near to the edge for a height.
     courses : tuple of (N, 2) arrays
@@ -161,6 +163,7 @@ class DarkWall:
 
     levels: Image32
     heights: Image32
+    seen: BoolArray
     margin: BoolArray
     courses: tuple[FloatArray, ...]
 
@@ -180,14 +183,15 @@ def dark_wall(
     _mask_out(heights, window, radius, apart)
     heights = np.where(ndimage.binary_dilation(middle, np.ones((3, 3), dtype=bool)), heights, 0)
     courses = [course.astype(float) for course in _courses(heights, _SHORTEST / window.step)]
-    return DarkWall(levels[:, near[0], near[1]], heights, margin, tuple(cut_at_crossings(courses)))
+    return DarkWall(
+        levels[:, near[0], near[1]], heights, seen, margin, tuple(cut_at_crossings(courses))
+    )
 
 
 def whole_courses(parts: Sequence[FloatArray], wall: DarkWall) -> list[FloatArray]:
     """Return courses (N, 2) of parts joined where they continue each other, to their tips."""
     whole = joined([part for part in parts if len(part) >= FEWEST])
-    beside: Image32 = ndimage.maximum_filter(wall.heights, 3)  # a line is straight only nearly
-    return [extended(course, beside, _LOW, wall.margin) for course in whole]
+    return joined(followed(whole, wall.heights, _LOW, wall.seen, wall.margin))
 
 
 def _courses(heights: Image32, least: float) -> list[npt.NDArray[np.int64]]:
