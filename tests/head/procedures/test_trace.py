@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from minorloop.head.procedures import trace
 from minorloop.head.procedures.trace import between, one_course, patch_about, whole_course, widest
 from minorloop.head.vision.cracks import TracedCrack
 
@@ -25,6 +26,14 @@ def test_the_width_of_a_crack_is_averaged_over_half_a_millimetre():
     place, width = widest(line(0.02, widths=widths))
     assert place[0] == pytest.approx(0.3, abs=0.04)
     assert width == pytest.approx(0.3e-3, rel=0.1)
+
+
+@pytest.mark.parametrize(("width", "count"), [(3e-6, 0), (20e-6, 1)])
+def test_a_line_that_is_nowhere_open_from_nearer_is_no_crack(monkeypatch, width, count):
+    known = line(0.02)
+    near = line(0.02, widths=np.full(41, width))
+    monkeypatch.setattr(trace, "traces_of", lambda *_, **__: (near, line(0.03)))
+    assert len(trace.traced_again(None, known.places, RADIUS)) == count
 
 
 def test_courses_beside_one_another_are_one_and_a_patch_holds_them():
