@@ -40,6 +40,15 @@ def test_a_camera_that_gives_few_pictures_is_at_fault_only_after_a_row_without_a
     assert after(by_camera, [*few, *[math.nan] * 25]).fault == "lost"
 
 
+def test_a_camera_that_gives_few_pictures_is_trusted_again_after_as_many_readings():
+    by_camera = SensorWatch(patience=25, makes_up=25, recovery=10)
+    few = [math.nan if k % 2 else reading for k, reading in enumerate(wiggling(20))]
+    lost = [*wiggling(30), *[math.nan] * 25]
+    assert after(by_camera, [*lost, *few[:18]]).fault == "lost"
+    assert after(by_camera, [*lost, *few[:19]]).fault == ""
+    assert after(by_camera, [*lost, *few[:10], *[math.nan] * 25, *few[:18]]).fault == "lost"
+
+
 def test_a_lost_sensor_is_at_fault_after_a_fifth_of_a_second():
     readings = wiggling(30)
     assert after(SensorWatch(), [*readings, *[math.nan] * 4]).fault == ""

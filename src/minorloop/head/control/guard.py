@@ -2,8 +2,9 @@
 
 Whatever the controller requests and the sensor reads, the current that leaves the guard keeps the
 limits of current and temperature. If the sensor is lost, stuck or has the wrong sign, the wire
-cools; if it reads what no wire can do, the wire goes by its model; if a target cannot be reached,
-the guard holds an angle that can. Nothing is raised in the loop; the log gives reasons.
+cools; if it reads what no wire can do, the wire goes by its model for some seconds, and then cools
+until both agree, as they do for a cold wire; if a target cannot be reached, the guard holds an
+angle that can. Nothing is raised in the loop; the log gives reasons.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.motion import Belief, MotionWatch, Sign, SignWatch
 from minorloop.head.control.observer import Estimate, PowerObserver
 from minorloop.head.control.reach import STROKE_SHARE, ReachState, ReachWatch, Unreachable
-from minorloop.head.control.sensing import Sensed, SensorWatch, as_number
+from minorloop.head.control.sensing import Fault, Sensed, SensorWatch, as_number
 
 Cause: TypeAlias = Literal[
     "sensor",
@@ -40,6 +41,8 @@ MOST_EVENTS, MOST_ALIKE = 64, 8
 """How many events the log keeps: the newest, and those of one cause."""
 _HOLD_SHARE = 0.9
 """Share of the reach of a wire at which an unreachable target is held: some current is left."""
+_COOLED = ("lost", "stuck", "unconfirmed", "reversed")
+"""Faults of the sensor at which the wire cools."""
 _COLD = 0.3
 """Degrees above the cold wire below which a target means no current."""
 _BEHIND_BY, _BEHIND_FOR = 2.0, 1.0
@@ -47,6 +50,9 @@ _BEHIND_BY, _BEHIND_FOR = 2.0, 1.0
 _IDLE_LAGS = 4.0
 """Lags without current after which a wire above its target means surroundings that are too warm:
 98 % of the heat have left it by then."""
+_ASTRAY = 10.0
+"""Seconds for which a wire goes by its model while readings contradict it: either may be wrong, the
+model after readings that were wrong and looked right. A cold wire shows which."""
 _UNREAD = 5
 """Missing readings from which the log says so, where the patience is longer: more than are lost by
 chance."""
@@ -273,8 +279,9 @@ class Guard:
         driven = self._driven(state, steps)
         known = as_number(measurement) if usable else math.nan
         sign = self._sign.step(state.sign, known, driven.angle, steps=steps)
-        if sign.reversed:
-            sensed = replace(sensed, value=math.nan, fault="reversed")
+        if sign.reversed or belief.astray > _ASTRAY:
+            fault: Fault = "reversed" if sign.reversed else "unconfirmed"
+            sensed = replace(sensed, value=math.nan, fault=fault)
         estimate = self.observer.corrected(estimate, sensed.value)
         reach = self._watched(state, sensed, wanted, estimate)
         target = self._target(wanted, reach)
@@ -448,7 +455,7 @@ class Guard:
         """Return the largest current in A for this state of the sensor and this target."""
         low, top = self.observer.wire.operator.range
         angle = sensed.value if math.isfinite(sensed.value) else estimate.wire.angle
-        if sensed.fault in ("lost", "stuck", "reversed") or angle > STROKE_SHARE * top:
+        if sensed.fault in _COOLED or angle > STROKE_SHARE * top:
             return 0.0
         verdict = reach.verdict
         if verdict is None:
@@ -475,7 +482,7 @@ class Guard:
     ) -> GuardState:
         """Return the new state with its log; a persistent cause is logged when it begins."""
         present = dict(notes)
-        unread = not new.fault and new.sensed.good == 0
+        unread = not new.fault and math.isnan(new.sensed.value)
         if unread and new.sensed.missing >= _UNREAD:
             present["unread"] = "there is no reading; the wire goes by its model"
         elif unread and new.sensed.odd >= _UNREAD:
@@ -488,6 +495,11 @@ class Guard:
             present["sensor"] = (
                 "readings fall while the wire is heated: the sign of the sensor is reversed, or "
                 "the picture is mirrored; the wire cools until it is begun anew"
+            )
+        elif new.fault == "unconfirmed":
+            present["sensor"] = (
+                f"readings have contradicted the model for {_ASTRAY:g} s, and one of both is "
+                "wrong; the wire cools until they agree"
             )
         elif new.fault:
             present["sensor"] = f"the sensor is {new.fault}; the wire cools"
@@ -508,7 +520,8 @@ class Guard:
             present["stress"] = (
                 f"the stress of the wire is above {self.limits.stress / 1e6:.0f} MPa"
             )
-        fresh = [(cause, text) for cause, text in present.items() if cause not in old.active]
+        known = old.active if new.fault == old.fault else old.active - {"sensor"}
+        fresh = [(cause, text) for cause, text in present.items() if cause not in known]
         if "sensor" in old.active and "sensor" not in present:
             fresh.append(("sensor back", "the sensor is trusted again"))
         if "unread" in old.active and "unread" not in present and not new.fault:

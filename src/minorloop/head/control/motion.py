@@ -90,6 +90,8 @@ class Belief:
         Degrees by which readings have jumped since.
     slack : float
         Degrees by which the wire may have left the model since; infinite before any is known.
+    astray : float
+        Seconds for which readings have not been believed.
     """
 
     believed: bool = False
@@ -99,6 +101,7 @@ class Belief:
     error: float = 0.0
     jumped: float = 0.0
     slack: float = math.inf
+    astray: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -152,7 +155,8 @@ class MotionWatch(WireWatch):
             believed = back or away <= before.slack + self.jump + once * steps
         if not believed:
             slack = before.slack + _DRIFT * self.interval + _UNSURE * abs(motion)
-            return Belief(False, reading, 0, row, before.error, jumped, slack)
+            astray = before.astray + steps * self.interval
+            return Belief(False, reading, 0, row, before.error, jumped, slack, astray)
         if reading == before.seen:  # It says nothing of a motion.
             slack = before.slack + (heated + abs(motion)) * steps
             return Belief(True, reading, 0, row, before.error, 0.0, slack)

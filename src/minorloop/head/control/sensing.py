@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import within
 
-Fault: TypeAlias = Literal["", "lost", "stuck", "implausible", "reversed"]
+Fault: TypeAlias = Literal["", "lost", "stuck", "implausible", "unconfirmed", "reversed"]
 _SEEN, _SELDOM = 10, 0.1
 """A sensor is noisy if at least so many readings differed, and at most this share did not."""
 
@@ -22,16 +22,18 @@ class Sensed:
     ----------
     value : float
         Usable reading, NaN if there is none now.
-    fault : {"", "lost", "stuck", "implausible", "reversed"}
-        Fault of the sensor, once it is certain. That it is reversed is found by
-        `minorloop.head.control.motion.SignWatch`.
+    fault : {"", "lost", "stuck", "implausible", "unconfirmed", "reversed"}
+        Fault of the sensor, once it is certain. That it is unconfirmed or reversed is found by
+        `minorloop.head.control.motion`.
     last : float
         Last plausible reading, NaN before the first.
     repeats : int
         Number of equal readings since.
-    missing, odd, good : int
+    missing, odd : int
         Number of missing and of implausible readings, less those that the good ones since make up
-        for; number of usable readings in a row.
+        for.
+    good : int
+        Number of usable readings since the sensor was at fault.
     changes, equals : int
         How often a reading differed from the one before, and how often it did not; stuck runs do
         not count. They tell whether the sensor is noisy.
@@ -63,7 +65,7 @@ class SensorWatch:
     patience : int
         Readings missing or implausible in a row after which the sensor is at fault.
     recovery : int
-        Usable readings in a row after which it is trusted again.
+        Usable readings after which it is trusted again, if it is not at fault anew between them.
     low, high : float
         Limits of plausible angles, in degrees.
     jump : float
@@ -113,10 +115,12 @@ class SensorWatch:
         value = as_number(measurement)
         if math.isnan(value):
             missing = min(state.missing + 1, self.patience)
-            known = replace(state, value=math.nan, missing=missing, good=0)
+            good = state.good if missing < self.patience else 0
+            known = replace(state, value=math.nan, missing=missing, good=good)
         elif not (believed and self.possible(value)):
             odd = min(state.odd + 1, self.patience)
-            known = replace(state, value=math.nan, odd=odd, good=0)
+            good = state.good if odd < self.patience else 0
+            known = replace(state, value=math.nan, odd=odd, good=good)
         else:
             known = self._usable(state, value)
         fault = self._fault(known)
