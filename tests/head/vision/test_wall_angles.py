@@ -85,6 +85,18 @@ def test_a_jump_that_no_picture_shows_is_found_again(seen):
     assert error(sight, *REST) < CLOSE
 
 
+def test_a_head_that_stopped_beside_what_it_saw_is_found_within_a_few_pictures(seen):
+    """Far down the pipe, looks change so fast that steps of a search have to be short."""
+    for each in np.radians(np.linspace(-30.0, -6.0, 40)):
+        seen.step(each, each)
+    there = math.radians(-0.5)
+    for _ in range(8):
+        sight = seen.step(there, there)
+        if sight.verdict == SEEN:
+            break
+    assert error(sight, there, there) < math.radians(0.3)
+
+
 def test_a_search_may_try_all_angles_in_one_picture(seen):
     seen.goes(-14.0)
     seen.eyes = replace(seen.eyes, tries=10_000)

@@ -56,9 +56,15 @@ change fast, and half of them may not; at wrong angles one in seven agrees on av
 _SEARCHED = 2
 """After a search one in two must agree, and twice as many as else: among many angles, dirt on the
 lens matches at some. Of 160 textures of dirt, 21 reached one in three, and none one in two."""
+_ALL = 6
+"""Where fewer patches are in view than must agree after a search, all do, and are as many as this:
+a head that stopped beside what it remembers."""
 _HUNT = math.radians(2.0)
 """Distance between angles that are tried for a lost view: those between lead to the same peak.
 A view that was found again is learned from once it has turned by as much: dirt does not turn."""
+_BESIDE, _FINE = math.radians(6.0), math.radians(1.0)
+"""Distance about the last angles, and between those that are tried there: a head that is not seen
+stops near, and with few patches in view the steps lead to the peak from less than a degree."""
 _GOING = 5
 """Pictures for which the head is taken to go on turning while it is not seen."""
 _TURNED = math.radians(0.4)
@@ -90,7 +96,8 @@ class WallAngles:
         Time in seconds from the first row of a picture to the last, 0 if they are taken at once.
         What it is wrong by is not part of the standard deviations.
     tries : int
-        Angles that are tried in each picture while the view is lost.
+        Angles that are tried in each picture while the view is lost, and half as many beside the
+        last.
 
     Raises
     ------
@@ -297,7 +304,7 @@ class WallAngles:
         counts = int(agree.sum()), int(seen.sum())
         fewest, one_in = self.fewest, _ONE_IN
         if searched:
-            fewest, one_in = 2 * self.fewest, _SEARCHED
+            fewest, one_in = min(2 * self.fewest, max(counts[1], _ALL)), _SEARCHED
         if counts[0] < fewest or one_in * counts[0] < counts[1]:
             return nothing(FEW, *counts), patches
         inside = (angles > np.array(self.low)) & (angles < np.array(self.high))
@@ -345,15 +352,21 @@ class WallAngles:
     def _hunted(
         self, pyramid: list[Image32], state: WallState
     ) -> tuple[tuple[Sight, Patches] | None, WallState]:
-        """Try further angles for a lost view, first those of old patches, the nearest first."""
+        """Try further angles for a lost view: beside the last, at old patches, and all others.
+
+        The nearest come first.
+        """
         grid = self._grid
         pan, tilt = (np.abs(grid[:, n, None] - state.patches.origins[:, n]) for n in range(2))
         apart = np.maximum(pan, tilt).min(axis=1)
         order = np.lexsort((np.hypot(*(grid - state.angles).T), apart > 0.5 * _HUNT))
-        near, far = np.split(order, [min(self.tries // 2, len(order) - 1)])
-        first = state.hunted % len(far)
-        tried = grid[np.concatenate([near, far[first : first + self.tries - len(near)]])]
-        state = replace(state, hunted=state.hunted + len(tried) - len(near))
+        each = self.tries // 2
+        near, far = np.split(order, [min(each, len(order) - 1)])
+        beside = state.angles + self._beside
+        once, again = state.hunted % len(far), state.hunted % len(beside)
+        parts = beside[again : again + each], grid[near], grid[far[once : once + each]]
+        tried = np.concatenate(parts)
+        state = replace(state, hunted=state.hunted + each)
         poses = [self.camera.mount.pose(*each.tolist()) for each in tried]
         across = [np.hypot(*pose.position[:2]) for pose in poses]
         inside = np.array(across) < self.camera.radius
@@ -371,14 +384,24 @@ class WallAngles:
             numbers(self.pictures.lenses[-1]),
             np.array([pose.rotation for pose in poses]),
             np.array([pose.position for pose in poses]),
-            2 * self.fewest,
+            _ALL,
             found,
         )
-        for index in np.argsort(np.where(inside, -found, np.inf))[:2]:
+        ranks = np.where(inside, -found, np.inf)
+        best = int(np.argmin(ranks[: len(parts[0])]))
+        others = len(parts[0]) + np.argsort(ranks[len(parts[0]) :])[:2]
+        for index in (best, *others.tolist()):
             found_again = self._found(pyramid, state, tried[index])
             if found_again[0].verdict == SEEN:
                 return found_again, state
         return None, state
+
+    @cached_property
+    def _beside(self) -> FloatArray:
+        """Turns (n, 2) from the last angles that are tried first, the smallest first."""
+        axis = np.arange(-_BESIDE, _BESIDE + _FINE, _FINE)
+        turns = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        return np.asarray(turns[np.argsort(np.hypot(*turns.T), kind="stable")])
 
     @cached_property
     def _grid(self) -> FloatArray:
