@@ -87,9 +87,9 @@ def test_a_jump_that_no_picture_shows_is_found_again(seen):
 
 def test_a_head_that_stopped_beside_what_it_saw_is_found_within_a_few_pictures(seen):
     """Far down the pipe, looks change so fast that steps of a search have to be short."""
-    for each in np.radians(np.linspace(-30.0, -6.0, 40)):
+    for each in np.radians(np.linspace(-30.0, -6.0, 60)):
         seen.step(each, each)
-    there = math.radians(-0.5)
+    there = math.radians(-1.0)
     for _ in range(8):
         sight = seen.step(there, there)
         if sight.verdict == SEEN:
