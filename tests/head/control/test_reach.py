@@ -102,7 +102,7 @@ def test_weight_on_wires_that_never_turn_is_no_evidence_until_one_turns():
     final = watch._hypotheses.final(bank, 0.0, watch.highest)
     contradicted = np.where(final > 15.0, 20.0, 0.0)
     assert watch._verdict(replace(trial, bank=replace(bank, cost=contradicted)), 20.0, 0.0)
-    bank = replace(bank, cost=np.where((final > 17.0) & (final < 17.3), 0.0, contradicted))
+    bank = replace(bank, cost=np.where((final > 17.5) & (final < 17.8), 0.0, contradicted))
     assert watch._hypotheses.weights(bank)[final > 15.0].sum() < 1.0 - watch.certainty
     assert watch._verdict(replace(trial, bank=bank), 20.0, 0.0) is None
 

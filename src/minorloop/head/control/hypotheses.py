@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, IntArray
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control import _hypotheses_kernels as _kernels
 from minorloop.head.control.observer import Estimate
@@ -129,17 +129,20 @@ class Hypotheses:
         weight = self._prior * np.exp(-0.5 * (bank.cost - bank.cost.min()))
         return np.asarray(weight / weight.sum())
 
-    def final(self, bank: Bank, angle: float, current: float) -> FloatArray:
-        """Return the final angle (M,) under a current for each hypothesis, in degrees.
+    def final(
+        self, bank: Bank, angle: float, current: float, chosen: IntArray | None = None
+    ) -> FloatArray:
+        """Return the final angle under a current for each chosen hypothesis, in degrees.
 
         Its error at the present angle is assumed to remain.
         """
+        some = np.arange(bank.power.size) if chosen is None else chosen
         final: FloatArray = _kernels.settled(
-            bank.power,
+            bank.power[some],
             bank.branch,
             self._low,
             self._per_unit,
-            self._around,
+            self._around[:, some],
             self.wire.operator.range,
             current**2,
             angle,

@@ -47,6 +47,8 @@ below, both are."""
 _UNSURE, _OFF = 0.05, 0.7
 """Error of a predicted motion beside what the hypotheses differ by: as a share of it, and in
 degrees, that of the model."""
+_NEGLIGIBLE = 1e-7
+"""Share of the largest weight below which a hypothesis is left out: all of them are below 0.2 %."""
 _BAND = 0.95
 """Weight of the hypotheses within the stated reach."""
 _WORSE, _POOR = 12.0, 6.0
@@ -260,8 +262,10 @@ class ReachWatch(Loop):
         begun = angle > self.wire.operator.range[0] + _BEGUN
         still = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag
         stopped = still and begun
-        weight = self._hypotheses.weights(trial.bank)
-        final = self._hypotheses.final(trial.bank, angle, self.highest)
+        weights = self._hypotheses.weights(trial.bank)
+        likely = np.flatnonzero(weights > _NEGLIGIBLE * weights.max())
+        weight = weights[likely]
+        final = self._hypotheses.final(trial.bank, angle, self.highest, likely)
         farthest = final + _OFF + _UNSURE * np.maximum(final - angle, 0.0)
         short = farthest < reference - self.tolerance
         others = float(weight[~short].sum())
@@ -273,7 +277,9 @@ class ReachWatch(Loop):
         if stopped:
             short = final < reference + self.tolerance
         late = stopped or trial.seconds > _DEADLINE
-        reason = self._reason(trial, np.where(short, weight, 0.0), angle, late=late)
+        falling = np.zeros_like(weights)
+        falling[likely[short]] = weight[short]
+        reason = self._reason(trial, falling, angle, late=late)
         if reason is None:
             return None
         reach = angle if stopped else max(float(weight @ final), angle)
