@@ -47,6 +47,9 @@ below, both are."""
 _UNSURE, _OFF = 0.05, 0.7
 """Error of a predicted motion beside what the hypotheses differ by: as a share of it, and in
 degrees, that of the model."""
+_RARE = 0.01
+"""Weight over the largest below which no hypothesis may be under which a wire arrives that has not
+begun to turn."""
 _NEGLIGIBLE = 1e-7
 """Share of the largest weight below which a hypothesis is left out: all of them are below 0.2 %."""
 _BAND = 0.95
@@ -167,7 +170,7 @@ class ReachWatch(Loop):
     rise: float = 676.0
     cold_resistance: float = 0.8
     tolerance: float = 1.0
-    certainty: float = 0.99
+    certainty: float = 0.997
     retry: float = 60.0
 
     def __post_init__(self) -> None:
@@ -272,7 +275,7 @@ class ReachWatch(Loop):
         if not begun:
             # The many hypotheses under which it never turns do not count against a single one.
             others = float(weight[~short].max(initial=0.0) / weight.max())
-        if not stopped and others > 1.0 - self.certainty:
+        if not stopped and others > (1.0 - self.certainty if begun else _RARE):
             return None
         if stopped:
             short = final < reference + self.tolerance
