@@ -170,7 +170,7 @@ class ReachWatch(Loop):
     rise: float = 676.0
     cold_resistance: float = 0.8
     tolerance: float = 1.0
-    certainty: float = 0.997
+    certainty: float = 0.995
     retry: float = 60.0
 
     def __post_init__(self) -> None:
