@@ -119,8 +119,8 @@ def test_it_waits_while_it_sees_nothing_and_goes_on_when_it_sees_again():
 def test_a_place_out_of_reach_and_a_head_without_a_tool_are_said():
     loop = Loop(place=CATHETER)
     marking = Marking(calibration=CALIBRATED)
-    assert not marking.reaches((0.5, 8e-3), CATHETER)
-    assert marking.reaches(PLACE, CATHETER)
+    assert marking.angles((0.5, 8e-3), CATHETER) is None
+    assert marking.angles(PLACE, CATHETER) is not None
     assert loop.run(marking, marking.begin((0.5, 8e-3))).verdict == BEYOND
     bare = Marking(calibration=CALIBRATION)
     assert loop.run(bare, bare.begin(PLACE)).verdict == NO_TOOL

@@ -97,6 +97,13 @@ def test_a_head_that_stopped_beside_what_it_saw_is_found_within_a_few_pictures(s
     assert error(sight, there, there) < math.radians(0.3)
 
 
+def test_a_search_may_try_one_angle_in_a_picture(seen):
+    seen.goes(-14.0)
+    seen.eyes = replace(seen.eyes, tries=1)
+    assert np.isnan(seen.step(*REST).angles).all()
+    assert error(seen.step(math.radians(-14.0), REST[1]), math.radians(-14.0)) < CLOSE
+
+
 def test_a_search_may_try_all_angles_in_one_picture(seen):
     seen.goes(-14.0)
     seen.eyes = replace(seen.eyes, tries=10_000)

@@ -265,9 +265,10 @@ class Guard:
         estimate, heated = self._predicted(state, steps)
         number, expected = as_number(read), estimate.past[-1]
         usable = math.isfinite(number) and self.sensor.possible(number)
+        angle = as_number(measurement) if usable else math.nan
         belief = self._motion.step(
             state.belief,
-            as_number(measurement) if usable else math.nan,
+            angle,
             expected,
             motion=estimate.wire.angle - state.estimate.wire.angle,
             heating=state.applied**2 + estimate.ambient - state.estimate.wire.power,
@@ -277,8 +278,7 @@ class Guard:
         if raw is not None and math.isfinite(sensed.value):
             sensed = replace(sensed, value=measurement)
         driven = self._driven(state, steps)
-        known = as_number(measurement) if usable else math.nan
-        sign = self._sign.step(state.sign, known, driven.angle, steps=steps)
+        sign = self._sign.step(state.sign, angle, driven.angle, steps=steps)
         if sign.reversed or belief.astray > _ASTRAY:
             fault: Fault = "reversed" if sign.reversed else "unconfirmed"
             sensed = replace(sensed, value=math.nan, fault=fault)
@@ -487,22 +487,8 @@ class Guard:
             present["unread"] = "there is no reading; the wire goes by its model"
         elif unread and new.sensed.odd >= _UNREAD:
             present["unread"] = f"{self._odd(new.belief)}; the wire goes by its model"
-        if new.fault == "implausible":
-            present["sensor"] = (
-                f"the sensor is implausible: {self._odd(new.belief)}; the wire goes by its model"
-            )
-        elif new.fault == "reversed":
-            present["sensor"] = (
-                "readings fall while the wire is heated: the sign of the sensor is reversed, or "
-                "the picture is mirrored; the wire cools until it is begun anew"
-            )
-        elif new.fault == "unconfirmed":
-            present["sensor"] = (
-                f"readings have contradicted the model for {_ASTRAY:g} s, and one of both is "
-                "wrong; the wire cools until they agree"
-            )
-        elif new.fault:
-            present["sensor"] = f"the sensor is {new.fault}; the wire cools"
+        if new.fault:
+            present["sensor"] = self._faulty(new)
         if new.unreachable is not None:
             present["unreachable"] = str(new.unreachable)
         if hot:
@@ -533,6 +519,24 @@ class Guard:
             return new
         log = _newest((*old.log, *events)) if events else old.log
         return replace(new, active=frozenset(present), log=log)
+
+    def _faulty(self, state: GuardState) -> str:
+        """Return what is wrong with the sensor, and what the wire does."""
+        if state.fault == "implausible":
+            return (
+                f"the sensor is implausible: {self._odd(state.belief)}; the wire goes by its model"
+            )
+        if state.fault == "reversed":
+            return (
+                "readings fall while the wire is heated: the sign of the sensor is reversed, or "
+                "the picture is mirrored; the wire cools until it is begun anew"
+            )
+        if state.fault == "unconfirmed":
+            return (
+                f"readings have contradicted the model for {_ASTRAY:g} s, and one of both is "
+                "wrong; the wire cools until they agree"
+            )
+        return f"the sensor is {state.fault}; the wire cools"
 
     def _odd(self, belief: Belief) -> str:
         """Return what is wrong with readings that are not believed."""

@@ -65,6 +65,10 @@ class WireWatch(Loop):
         super().__post_init__()
         within("jump", self.jump, 1e-6, 1e6, "degrees")
 
+    def _turn(self, heating: float) -> float:
+        """Return the most degrees by which a heating power in A^2 turns the wire in an interval."""
+        return self._fastest * heating * self.interval
+
     @cached_property
     def _fastest(self) -> float:
         return fastest(self.wire)
@@ -162,10 +166,6 @@ class MotionWatch(WireWatch):
             return Belief(True, reading, 0, row, before.error, 0.0, slack)
         return Belief(True, reading, 0, row, error, 0.0, 0.0 if row >= _ROW else before.slack)
 
-    def _turn(self, heating: float) -> float:
-        """Return the most degrees by which a heating power in A^2 turns the wire in an interval."""
-        return self._fastest * heating * self.interval
-
     @cached_property
     def _width(self) -> float:
         return width(self.wire)
@@ -224,7 +224,7 @@ class SignWatch(WireWatch):
         gap = before.gap + steps
         if before.reversed or math.isnan(reading):
             return replace(before, gap=gap)
-        most = self.jump + self._fastest * self.highest**2 * self.interval * gap
+        most = self.jump + self._turn(self.highest**2) * gap
         # After a jump the readings are compared anew: it is no motion.
         follows = abs(reading - before.seen) <= most
         if not follows or model < before.risen:

@@ -271,11 +271,12 @@ class ReachWatch(Loop):
         final = self._hypotheses.final(trial.bank, angle, self.highest, likely)
         farthest = final + _OFF + _UNSURE * np.maximum(final - angle, 0.0)
         short = farthest < reference - self.tolerance
-        others = float(weight[~short].sum())
-        if not begun:
-            # The many hypotheses under which it never turns do not count against a single one.
-            others = float(weight[~short].max(initial=0.0) / weight.max())
-        if not stopped and others > (1.0 - self.certainty if begun else _RARE):
+        arriving = weight[~short]
+        if begun:
+            open_still = float(arriving.sum()) > 1.0 - self.certainty
+        else:  # The many hypotheses under which it never turns do not count against a single one.
+            open_still = float(arriving.max(initial=0.0) / weight.max()) > _RARE
+        if open_still and not stopped:
             return None
         if stopped:
             short = final < reference + self.tolerance

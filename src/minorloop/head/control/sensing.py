@@ -115,14 +115,14 @@ class SensorWatch:
         value = as_number(measurement)
         if math.isnan(value):
             missing = min(state.missing + 1, self.patience)
-            good = state.good if missing < self.patience else 0
-            known = replace(state, value=math.nan, missing=missing, good=good)
+            known = replace(state, value=math.nan, missing=missing)
         elif not (believed and self.possible(value)):
             odd = min(state.odd + 1, self.patience)
-            good = state.good if odd < self.patience else 0
-            known = replace(state, value=math.nan, odd=odd, good=good)
+            known = replace(state, value=math.nan, odd=odd)
         else:
             known = self._usable(state, value)
+        if max(known.missing, known.odd) >= self.patience:
+            known = replace(known, good=0)
         fault = self._fault(known)
         if not fault and not known.fault:
             return known

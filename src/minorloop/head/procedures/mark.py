@@ -178,12 +178,11 @@ class Marking(Procedure[MarkState]):
             beside=np.asarray(beside, dtype=np.float64),
         )
 
-    def reaches(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> bool:
-        """Return whether the tool reaches phi and z (2,) from a place (2,) of the catheter."""
-        return self.angles(place, catheter) is not None
-
     def angles(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> FloatArray | None:
-        """Return pan and tilt (2,) at which the tool meets phi and z (2,); None out of reach."""
+        """Return pan and tilt (2,) at which the tool meets phi and z (2,); None out of reach.
+
+        ``catheter`` (2,) is the place of the catheter.
+        """
         tool, where = self.calibration.tool, np.asarray(place, dtype=np.float64)
         guess = aim_at(self.calibration, where, catheter)
         return None if tool is None else self._angles(tool, where, catheter, guess)

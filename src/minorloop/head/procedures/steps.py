@@ -142,7 +142,7 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
         return
     centring = replace(centring, in_middle=STEADY_PX)
     pixel = _outlined(rig, centring, place)
-    for left in reversed(range(CENTRINGS)):
+    for _ in range(CENTRINGS):
         state = rig.run(centring, centring.begin(place, pixel))
         if state.verdict == NOT_IN_VIEW:
             break
@@ -150,7 +150,7 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
         lens = rig.calibration.lens
         off = float(lens.focal * np.hypot(*lens.normalised(pixel)))
         state = replace(state, error=max(off, state.error))
-        if state.error <= STEADY_PX or not left:
+        if state.error <= STEADY_PX:
             break
     _centred(rig, state, "centre")
 

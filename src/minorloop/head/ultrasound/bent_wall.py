@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched
-from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.joint_fit import CENTRE, JointFit
 from minorloop.head.ultrasound.pit_model import PitModel
 from minorloop.head.ultrasound.spectra import Spectra, first_echo, least_deviations
@@ -54,38 +53,26 @@ def moves(bursts: Sequence[Burst]) -> bool:
     return bool(np.mean(equal) < _STILL)
 
 
-def bent_fit(
-    bursts: Sequence[Burst],
-    spectra: Spectra,
-    probe: CalibratedProbe,
-    centre: tuple[float, float],
-    radius: float,
-) -> JointFit | None:
+def bent_fit(bursts: Sequence[Burst], fit: JointFit) -> JointFit | None:
     """Return a fit about a mouth in a bent wall; None where too few bursts show the wall.
 
     Parameters
     ----------
     bursts : sequence of Burst
         Usable ones.
-    spectra : Spectra
-        Of them.
-    probe : CalibratedProbe
-        The probe and what is known of the pipe.
-    centre : (float, float)
-        Phi and z of the mouth.
-    radius : float
-        Of the mouth in the image, in metres.
+    fit : JointFit
+        Of them, with a wall that is not bent.
 
     Notes
     -----
     The first echoes of the bursts beside the mouth give a shape, and the distances at which their
     traces fit the echoes of this shape give a better one.
     """
-    plain = PitModel(probe, spectra.angles, centre, radius)
-    expected = 2 * plain.spots[:, 2] / probe.speed
+    plain, speed = fit.model, fit.model.probe.speed
+    expected = 2 * plain.spots[:, 2] / speed
     first = [first_echo(burst, float(t)) for burst, t in zip(bursts, expected, strict=True)]
-    ranges = 0.5 * probe.speed * (np.array(first) - expected)
-    beside = np.flatnonzero(np.isfinite(ranges) & _beside(plain, radius))
+    ranges = 0.5 * speed * (np.array(first) - expected)
+    beside = np.flatnonzero(np.isfinite(ranges) & _beside(plain))
     if beside.size < FEWEST:
         return None
     depths = ranges[beside] * plain.facing[beside]
@@ -95,7 +82,7 @@ def bent_fit(
     beside, depths = beside[sane], depths[sane]
     if beside.size < FEWEST:
         return None
-    fit = _fitted(plain, spectra, beside, depths)
+    fit = _fitted(plain, fit.spectra, beside, depths)
     for _ in range(_ROUNDS - 1):
         fit = renewed(fit, _open_mouth())
     return fit
@@ -120,9 +107,9 @@ def _fitted(
     return JointFit(bent, spectra, far=beside)
 
 
-def _beside(model: PitModel, radius: float) -> npt.NDArray[np.bool_]:
+def _beside(model: PitModel) -> npt.NDArray[np.bool_]:
     """Return for each trace whether its echo comes from the wall."""
-    found: npt.NDArray[np.bool_] = np.linalg.norm(model.off(), axis=1) > radius + BESIDE
+    found: npt.NDArray[np.bool_] = np.linalg.norm(model.off(), axis=1) > model.radius + BESIDE
     return found
 
 

@@ -217,7 +217,7 @@ def _measured(
     # Without a lens all traces contain the mouth, and none shows the wall alone.
     if np.isfinite(probe.transducer.focus):
         if is_bent(fit, _ASTRAY):
-            bent = bent_fit(good, spectra, probe, centre, diameter / 2) if moves(good) else None
+            bent = bent_fit(good, fit) if moves(good) else None
             if bent is None:
                 return PitDepth(ASTRAY, *centre)
             fit = bent

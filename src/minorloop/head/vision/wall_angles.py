@@ -360,7 +360,7 @@ class WallAngles:
         pan, tilt = (np.abs(grid[:, n, None] - state.patches.origins[:, n]) for n in range(2))
         apart = np.maximum(pan, tilt).min(axis=1)
         order = np.lexsort((np.hypot(*(grid - state.angles).T), apart > 0.5 * _HUNT))
-        each = self.tries // 2
+        each = (self.tries + 1) // 2
         near, far = np.split(order, [min(each, len(order) - 1)])
         beside = state.angles + self._beside
         once, again = state.hunted % len(far), state.hunted % len(beside)
