@@ -32,6 +32,7 @@ from minorloop.head.twins.sized_view import DIAMETERS, draw_sized_view
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.candidates import FEATURES, KINDS, Candidate, candidates
 from minorloop.head.vision.defects import MODES, SIZED, SIZES, SWITCHED, Hole, scales, strongest
+from minorloop.head.vision.frame_alignment import aligned
 from minorloop.head.vision.reflectance_map import LitFrame, lay_flat
 
 OURS, RENDERED, FLOODED = "ours", "rendered", "flooded"
@@ -90,7 +91,7 @@ def searched(
     frames: list[LitFrame], camera: CalibratedCamera, sizes: tuple[float, float] = SIZES
 ) -> list[tuple[Candidate, np.ndarray]]:
     """Return candidates of all sizes, with their places."""
-    found = []
+    found, frames = [], aligned(frames, camera)
     for scale in scales(sizes):
         wall = lay_flat(frames, camera, scale)
         objects = candidates(wall) if wall is not None else []
@@ -249,19 +250,21 @@ def fit(scenes: list[Scene], modes: tuple[str, ...]) -> tuple[dict, dict, dict]:
     return tables, thresholds, recall
 
 
-def source(tables: dict, thresholds: dict, first: int, count: int) -> str:
-    """The module ``_evidence.py``."""
+def source(tables: dict, thresholds: dict, seeds: range, others: int) -> str:
+    """The module ``_evidence.py``, of a fit on our seeds and a number of rendered scenes."""
     lines = [
         '"""Weights of the features of a candidate, for each acquisition mode.',
         "",
         "They give the logarithm of the odds that a candidate is a hole, by logistic regression on",
-        f"scenes {first} to {first + count - 1}, each with and without a hole; printed by",
-        "``python -m benchmarks.detector fit``. Cross-validation gives at the thresholds",
+        f"our scenes {seeds[0]} to {seeds[-1]}, each with and without a hole, and, as much, on",
+        f"{others} of the other renderer; switched lights on half of ours in water too, all sizes",
+        "on ours with holes of 0.4 to 3 mm too. Printed by ``python -m benchmarks.detector fit``.",
+        "The thresholds give at most",
         *(
-            f"{ASKED.get((mode, OURS), FALSE)} false findings an acquisition ({mode}),"
+            f"{ASKED.get((mode, OURS), FALSE)} false findings an acquisition of ours ({mode}),"
             for mode in tables
         ),
-        "where each half of the seeds is one set of scenes.",
+        f"and {FALSE} of each other kind, by cross-validation in {PARTS} parts.",
         '"""',
         "",
         "from __future__ import annotations",
@@ -330,7 +333,7 @@ def main() -> None:
     if asked.what == "fit":
         modes += (SIZED,) if SWITCHED in modes else ()
         tables, thresholds, recall = fit(scenes, modes)
-        print(source(tables, thresholds, asked.first, asked.count), end="")
+        print(source(tables, thresholds, seeds, sum(s.source == RENDERED for s in scenes)), end="")
         for (mode, which), (share, false) in recall.items():
             print(f"{mode}, {which}: recall {share:.3f}, false {false:.3f}", file=sys.stderr)
     else:

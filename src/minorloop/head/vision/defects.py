@@ -21,6 +21,7 @@ from minorloop.head.vision import frame_checks
 from minorloop.head.vision._evidence import THRESHOLDS, WEIGHTS
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.candidates import DIAMETERS, FEATURES, Candidate, at_rim, candidates
+from minorloop.head.vision.frame_alignment import aligned
 from minorloop.head.vision.reflectance_map import (
     LitFrame,
     ReflectanceMap,
@@ -165,6 +166,7 @@ def find_holes(
     verdict = check_frames(frames, camera)
     if verdict != frame_checks.GOOD:
         return Findings((), verdict)
+    frames = aligned(frames, camera)
     walls = [wall for scale in steps if (wall := lay_flat(frames, camera, scale)) is not None]
     if not walls:
         return Findings((), NOT_IN_VIEW)
@@ -173,7 +175,8 @@ def find_holes(
     best = strongest(found, camera.radius, threshold, diameters[0])
     source = {id(hole): pair for hole, pair in zip(found, seen, strict=True)}
     rims = [_hole(at_rim(*source[id(hole)]), source[id(hole)][1], camera, mode) for hole in best]
-    return Findings(tuple(rims), verdict, walls[0])
+    # Two outlines may have one rim.
+    return Findings(strongest(rims, camera.radius, threshold, diameters[0]), verdict, walls[0])
 
 
 def scales(diameters: tuple[float, float]) -> list[float]:
