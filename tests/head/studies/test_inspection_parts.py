@@ -76,7 +76,7 @@ def test_a_pit_at_the_edge_of_the_picture_on_a_wall_that_was_white_is_centred():
     """Exposed for the whole picture, half of the wall about the pit of this seed is white."""
     rig, truth = draw_mission(1015)
     place = np.array([truth.bore.phi, truth.bore.z])
-    photo, pixel = steps.pick(rig, place + (0.01, 0.1e-3), "")
+    photo, pixel = steps.pick(rig, np.add(place, (0.01, 0.1e-3)), "")
     column, row = pixel.astype(int)
     assert 80 < photo[row - 50 : row + 50, column - 50 : column + 50].mean() < 120
     steps.go(rig, angles=np.radians((-6.0, -6.0)))

@@ -181,7 +181,7 @@ class ProbeSweep(Procedure[SweepState]):
 
     def _next(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
         if reading.shots:
-            state = replace(state, bursts=(*state.bursts, self._burst(state, reading)))
+            state = replace(state, bursts=(*state.bursts, self.burst(state.last, reading)))
         state, request = self._moved(state, reading)
         return replace(state, last=(reading.t, reading.place)), request
 
@@ -247,9 +247,9 @@ class ProbeSweep(Procedure[SweepState]):
     def _rates(self, advance: float, roll: float, *, shots: int = 0) -> Request:
         return Request(rates=np.array([advance, roll]), shots=shots)
 
-    def _burst(self, state: SweepState, reading: Reading) -> SweptBurst:
-        """Return the burst of a reading, at the place in its middle."""
-        (before, place), count = state.last, len(reading.shots)
+    def burst(self, last: tuple[float, FloatArray], reading: Reading) -> SweptBurst:
+        """Return the burst of a reading at the place in its middle; ``last`` as in the state."""
+        (before, place), count = last, len(reading.shots)
         half = 0.5 * (reading.shots[-1].t - reading.shots[0].t)
         rate = (reading.place - place) / max(reading.t - before, 1e-3)
         here = reading.place + half * np.nan_to_num(rate)
