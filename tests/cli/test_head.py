@@ -776,6 +776,40 @@ def test_an_interrupted_sweep_is_kept(run, identified_at_once, monkeypatch, tmp_
     assert status == 130
     assert "0 finds in 0 bursts on 0 lines; interrupted; kept in swept" in error
     kept = {each.name for each in (tmp_path / "swept").iterdir()}
-    assert kept == {"findings.csv", "findings.json", "report.html"}
+    assert kept == {"journal.jsonl", "findings.csv", "findings.json", "report.html"}
     content = json.loads((tmp_path / "swept" / "findings.json").read_text())
     assert content == {"ended": "interrupted", "bursts": 0, "lines": 0, "findings": []}
+
+
+def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identified_at_once):
+    """The pit of the pipe is on both sides of the cut."""
+    sweep = "head sweep --actuator twin:pipe --around 16,36 --along 19.3,20.5 --out"
+
+    def bursts(lines):
+        return [each["trace"] for each in map(json.loads, lines) if each["what"] == "burst"]
+
+    assert run(f"{sweep} whole")[0] == 0
+    lines = Path("whole/journal.jsonl").read_text().splitlines()
+    Path("cut").mkdir()
+    half = len(lines) // 2
+    Path("cut/journal.jsonl").write_text("\n".join([*lines[:half], lines[half][:300]]))
+    status, _, error = run(f"{sweep} cut --resume")
+    assert status == 0, error
+    again = Path("cut/journal.jsonl").read_text().splitlines()
+    assert again[:half] == lines[:half]
+    assert len(bursts(again[half:])) < 0.75 * len(bursts(lines))
+    assert [json.loads(again[k])["what"] for k in (0, half, -1)] == ["begin", "resume", "end"]
+    whole, cut = (
+        json.loads(Path(f"{name}/findings.json").read_text()) for name in ("whole", "cut")
+    )
+    assert (cut["bursts"], cut["ended"]) == (len(bursts(again)), "finished")
+    assert cut["lines"] == whole["lines"]
+    (one,), (other,) = whole["findings"], cut["findings"]
+    assert one["find"] == other["find"] == "pit"
+    assert float(other["depth, mm"]) == pytest.approx(float(one["depth, mm"]), abs=0.02)
+    assert float(other["z, mm"]) == pytest.approx(float(one["z, mm"]), abs=0.15)
+    assert "the sweep in cut is finished" in run(f"{sweep} cut --resume")[2]
+    Path("cut/journal.jsonl").write_text("\n".join(lines[:half]))
+    assert "along [mm] was [19.3, 20.5] and is" in run(f"{sweep} cut --along 19,20 --resume")[2]
+    Path("cut/journal.jsonl").write_text("\n".join([lines[0], '{"what": "burst", "t": 1}']))
+    assert "line 2 of cut/journal.jsonl is not the whole" in run(f"{sweep} cut --resume")[2]

@@ -80,6 +80,7 @@ export class Guide {
   }
 
   private sentence(step: number, state: LoopState): string {
+    if (state.mode === "SCAN" && state.scan?.finding === 0) return SWEEPING[state.scan.stage] ?? "Sweeping the wall, line by line.";
     if (step === 4 && this.noProbe) return `There is no depth: ${this.noProbe}. The finding is in the list.`;
     if (step === 2 && state.mode === "TRACK") return state.centred ? "In the middle: focusing on it." : "Turning until the point is in the middle.";
     if (step === 4 && state.mode === "SCAN") return SCANNING[state.scan?.stage ?? ""] ?? "";
@@ -98,6 +99,10 @@ export class Guide {
     });
   }
 }
+
+const SWEEPING: Record<string, string> = {
+  travel: "The catheter brings the probe to the first line of the sweep.",
+};
 
 const SCANNING: Record<string, string> = {
   travel: "The catheter brings the probe to the finding.",

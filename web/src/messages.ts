@@ -89,6 +89,14 @@ export interface Scan {
   finding?: number | null;
 }
 
+/** Map the flooded wall about the place in the middle of the picture with the probe. */
+export interface Sweep {
+  type: "sweep";
+  seq: number;
+  t: number;
+  grant: number;
+}
+
 /** Start or end a recording. */
 export interface RecordSession {
   type: "record";
@@ -165,7 +173,7 @@ export interface DriveReceipt {
   t: number;
 }
 
-/** Stage of a scan, and the share of its points that were measured. */
+/** Stage of a scan of a finding, 0 of a sweep, and the share of it that was measured. */
 export interface ScanProgress {
   finding: number;
   stage: string;
@@ -297,6 +305,13 @@ export interface ScanEnded {
   finding: number;
 }
 
+/** The map of a sweep is there, with a number that rises from sweep to sweep. */
+export interface SweepMapped {
+  type: "swept";
+  number: number;
+  finds: number;
+}
+
 /** Stage of the fit of a finding, and seconds since it began; empty when it has ended. */
 export interface DepthProgress {
   type: "depth";
@@ -310,6 +325,6 @@ export interface ReplayEnded {
   type: "ended";
 }
 
-export type FromPage = Drive | SetMode | Pick | Measure | Focus | Find | Sharpen | Mark | Scan | RecordSession | Forget | Release | Take | Ping;
+export type FromPage = Drive | SetMode | Pick | Measure | Focus | Find | Sharpen | Mark | Scan | Sweep | RecordSession | Forget | Release | Take | Ping;
 
-export type ToPage = Hello | LoopState | Controls | FindingList | RecordingStatus | Notice | Failed | Pong | SearchResult | FocusResult | ScanEnded | DepthProgress | ReplayEnded;
+export type ToPage = Hello | LoopState | Controls | FindingList | RecordingStatus | Notice | Failed | Pong | SearchResult | FocusResult | ScanEnded | SweepMapped | DepthProgress | ReplayEnded;

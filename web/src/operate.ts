@@ -73,6 +73,9 @@ const commands = {
   depth() {
     order("scan", {});
   },
+  sweep() {
+    order("sweep", {});
+  },
   sharpen() {
     order("sharpen", {});
   },
@@ -111,7 +114,7 @@ const connection = new Connection(
           hello = message;
           charts ??= [new AngleChart(byId("chart-pan"), hello.cone), new AngleChart(byId("chart-tilt"), hello.cone)];
           byId<HTMLButtonElement>("take").disabled = replay !== null;
-          if ((guide.noProbe = hello.no_probe)) byId("depth").title = hello.no_probe;
+          if ((guide.noProbe = hello.no_probe)) byId("depth").title = byId("sweep").title = hello.no_probe;
           break;
         case "state":
           state = message;
@@ -148,6 +151,11 @@ const connection = new Connection(
           if (message.verdict === "sharp") setFocus(1000 * message.distance);
           break;
         case "scanned":
+          break;
+        case "swept":
+          byId("swept").hidden = false;
+          byId("swept").querySelector("img")!.src = `/api/sweep.png?${message.number}`;
+          text("swept-finds", message.finds === 1 ? "1 find" : `${message.finds} finds`);
           break;
         case "ended":
           notice("The recording has ended.");
@@ -193,6 +201,7 @@ function showState(s: LoopState): void {
   text("pan", angle(s.angle[0]));
   text("tilt", angle(s.angle[1]));
   byId<HTMLButtonElement>("depth").disabled = !controls?.grant || !!hello?.no_probe || findings.length === 0 || s.mode === "SCAN";
+  byId<HTMLButtonElement>("sweep").disabled = !controls?.grant || !!hello?.no_probe || s.mode === "SCAN";
   if (s.received && controls?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.received.t)).toFixed(0)} ms`);
   if (s.trouble) notice(s.trouble);
   else if (holdReason() && controls?.grant) {
@@ -376,6 +385,7 @@ async function showMenu(): Promise<void> {
 byId("take").onclick = commands.take;
 byId("measure").onclick = commands.measure;
 byId("depth").onclick = commands.depth;
+byId("sweep").onclick = commands.sweep;
 byId("sharpen").onclick = commands.sharpen;
 byId("mark").onclick = commands.mark;
 byId("record").onclick = commands.record;

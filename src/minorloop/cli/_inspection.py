@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import json
-import os
-import time
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._journal import NAME, journal_of, kept_views, lost_row, row, view_line
+from minorloop.cli._journal import (
+    FINISHED,
+    Journal,
+    kept_views,
+    lost_row,
+    resumed_lines,
+    row,
+    view_line,
+)
 from minorloop.errors import OutputError, ParameterError, SafetyError, counted
-from minorloop.files import first_difference, new_folder, write_atomically
+from minorloop.files import new_folder, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.head_file import HeadFile
@@ -25,7 +30,6 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.rig import LogEntry
     from minorloop.report import Report
 
-FINISHED = "finished"
 _VISITS = ("hole", "crack", "device", "camera")
 """Steps whose outcome stays on the terminal: visits of candidates, failures of a device, and what
 the camera cannot do."""
@@ -130,17 +134,7 @@ class _Before:
     @classmethod
     def of(cls, folder: Path, begun: dict[str, Any], head: HeadFile) -> _Before:
         """Return it by the journal in a folder; refuse one of another inspection."""
-        lines = journal_of(folder / NAME)
-        if lines[-1].get("why") == FINISHED:
-            raise ParameterError(
-                f"the inspection in {folder} is finished; give another folder, without --resume"
-            )
-        other = first_difference({name: lines[0].get(name) for name in begun}, begun)
-        if other:
-            raise ParameterError(
-                f"the inspection in {folder} is another one: {other}; resume it as it was begun, "
-                "or give another folder"
-            )
+        lines = resumed_lines(folder, begun, "inspection")
         view = head.calibration
         return cls(tuple(lines), () if view is None else tuple(kept_views(folder, lines, view)))
 
@@ -159,33 +153,24 @@ class InspectionFolder:
     """
 
     def __init__(self, folder: Path, begun: dict[str, Any], before: _Before) -> None:
-        now, lines = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}", before.lines
-        passed = max((float(line["t"]) for line in lines), default=0.0)
-        self._folder, self._began = folder, time.monotonic() - passed
-        self._content = {**begun, "began": lines[0]["began"] if lines else now}
-        self._views = list(before.views)
+        self._folder, self._views = folder, list(before.views)
         self._marked: list[tuple[str, Any]] = []
-        (folder / "pictures").mkdir(exist_ok=bool(lines))
-        # A line that was not written to its end is left out.
-        write_atomically(folder / NAME, "".join(f"{json.dumps(line)}\n" for line in lines))
-        self._journal = (folder / NAME).open("a", encoding="utf-8")
-        if lines:
-            self._note("resume", resumed=now, views=len(self._views))
-        else:
-            self._note("begin", **self._content)
+        (folder / "pictures").mkdir(exist_ok=bool(before.lines))
+        self._journal = Journal(folder, begun, before.lines, views=len(self._views))
+        self._content = {**begun, "began": self._journal.began}
         for view in self._views:
             self._mark(view)
         self._write_findings()
 
     def log(self, entry: LogEntry) -> None:
         """Note a step."""
-        self._note("step", step=entry.what, outcome=entry.outcome)
+        self._journal.note("step", step=entry.what, outcome=entry.outcome)
 
     def add(self, view: InspectedView) -> None:
         """Keep a view: its picture, and the finding if it has one."""
         self._views.append(view)
         self._write_picture(f"{view.picture.name}.png", view.image)
-        self._note("view", **view_line(view))
+        self._journal.note("view", **view_line(view))
         self._mark(view)
         if view.finding is not None or view.unconfirmed is not None:
             self._write_findings()
@@ -209,8 +194,8 @@ class InspectionFolder:
         safe : bool
             Whether the head has confirmed that it is safe.
         """
-        self._content |= {"ended": why, "safe": safe, "seconds": self._seconds()}
-        self._note("end", why=why, safe=safe)
+        self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
+        self._journal.note("end", why=why, safe=safe)
         self._write_findings()
         self._journal.close()
         _common.write_report(self._report, self._folder / "report.html", force=True)
@@ -251,16 +236,6 @@ class InspectionFolder:
         if not whole:
             raise OutputError(f"{path} cannot be written; check the disk")
         write_atomically(path, data.tobytes())  # it is on the disk before the journal names it
-
-    def _note(self, what: str, **content: Any) -> None:
-        """Add a line to the journal; it is on the disk when this returns."""
-        line = {"what": what, "t": self._seconds(), **content}
-        self._journal.write(json.dumps(line) + "\n")
-        self._journal.flush()
-        os.fsync(self._journal.fileno())
-
-    def _seconds(self) -> float:
-        return round(time.monotonic() - self._began, 2)
 
     def _report(self) -> Report:
         from minorloop.report import Picture, Report, Table

@@ -1,23 +1,107 @@
-"""The journal of an inspection: a line for each view, from which a cut-off inspection goes on."""
+"""The journal of an inspection or a sweep, from which it goes on after it was cut off.
+
+It has a line for each view of an inspection, and for each burst of a sweep.
+"""
 
 from __future__ import annotations
 
+import base64
 import json
 import math
+import os
+import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from minorloop.errors import RecordError
+from minorloop.errors import ParameterError, RecordError
+from minorloop.files import first_difference, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.inspection import InspectedView, Unconfirmed
+    from minorloop.head.ultrasound.c_scan import SweptBurst
     from minorloop.head.vision.cracks import TracedCrack
     from minorloop.head.vision.defects import Hole
 
+FINISHED = "finished"
 NAME = "journal.jsonl"
+
+
+class Journal:
+    """A journal that is being written; each line is on the disk when its method returns.
+
+    Parameters
+    ----------
+    folder : path
+        Existing.
+    begun : dict
+        What is begun, and by what.
+    lines : sequence of dict
+        Of one that was cut off, which is continued.
+
+    Attributes
+    ----------
+    began : str
+        When its first line was written.
+    """
+
+    def __init__(
+        self, folder: Path, begun: dict[str, Any], lines: Sequence[dict[str, Any]] = (), **kept: int
+    ) -> None:
+        now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+        passed = max((float(line["t"]) for line in lines), default=0.0)
+        self._began = time.monotonic() - passed
+        self.began = str(lines[0]["began"]) if lines else now
+        # A line that was not written to its end is left out.
+        write_atomically(folder / NAME, "".join(f"{json.dumps(line)}\n" for line in lines))
+        self._file = (folder / NAME).open("a", encoding="utf-8")
+        if lines:
+            self.note("resume", resumed=now, **kept)
+        else:
+            self.note("begin", **begun, began=self.began)
+
+    def note(self, what: str, **content: Any) -> None:
+        """Add a line."""
+        line = {"what": what, "t": self.seconds(), **content}
+        self._file.write(json.dumps(line) + "\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def seconds(self) -> float:
+        """Return for how many seconds it has been written."""
+        return round(time.monotonic() - self._began, 2)
+
+    def close(self) -> None:
+        """End it."""
+        self._file.close()
+
+
+def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[str, Any]]:
+    """Return the lines of the journal of an inspection or a sweep that was cut off.
+
+    Raises
+    ------
+    RecordError
+        If there is no journal.
+    ParameterError
+        If it is finished, or another one was begun.
+    """
+    lines = journal_of(folder / NAME)
+    if lines[-1].get("why") == FINISHED:
+        raise ParameterError(
+            f"the {what} in {folder} is finished; give another folder, without --resume"
+        )
+    other = first_difference({name: lines[0].get(name) for name in begun}, begun)
+    if other:
+        raise ParameterError(
+            f"the {what} in {folder} is another one: {other}; resume it as it was begun, or give "
+            "another folder"
+        )
+    return lines
 
 
 def journal_of(file: Path) -> list[dict[str, Any]]:
@@ -37,6 +121,62 @@ def journal_of(file: Path) -> list[dict[str, Any]]:
         found.append(json.loads(rest))
     if not found or not all(isinstance(line, dict) and "what" in line for line in found):
         raise RecordError(f"{file} is not the journal of an inspection; give its {NAME}")
+    return found
+
+
+def burst_line(swept: SweptBurst) -> dict[str, Any]:
+    """Return the content of the line of a burst; its numbers are exact."""
+    import numpy as np
+
+    burst = swept.burst
+    return {
+        "fired": swept.t,
+        "place": swept.place.tolist(),
+        "spot": swept.spot.tolist(),
+        "angles": burst.angles.tolist(),
+        "shots": [burst.used, burst.fired],
+        "noise": burst.noise,
+        "verdict": burst.verdict,
+        "interval": burst.sample_interval,
+        "trace": base64.b64encode(np.asarray(burst.trace, dtype="<f8").tobytes()).decode(),
+    }
+
+
+def kept_bursts(file: Path, lines: list[dict[str, Any]]) -> list[SweptBurst]:
+    """Return the bursts of the journal of a sweep.
+
+    Raises
+    ------
+    RecordError
+        If a line of a burst lacks something.
+    """
+    import numpy as np
+
+    from minorloop.head.ultrasound.c_scan import SweptBurst
+    from minorloop.head.ultrasound.echoes import Burst
+
+    found = []
+    for number, line in enumerate(lines, 1):
+        if line["what"] != "burst":
+            continue
+        try:
+            trace = np.frombuffer(base64.b64decode(line["trace"], validate=True), "<f8")
+            used, fired = line["shots"]
+            burst = Burst(
+                trace.astype(np.float64),
+                line["interval"],
+                np.array(line["angles"]),
+                used,
+                fired,
+                line["noise"],
+                line["verdict"],
+            )
+            place, spot = np.array(line["place"]), np.array(line["spot"])
+            found.append(SweptBurst(line["fired"], place, spot, burst))
+        except (KeyError, TypeError, ValueError):
+            raise RecordError(
+                f"line {number} of {file} is not the whole line of a burst; sweep into a new folder"
+            ) from None
     return found
 
 

@@ -11,6 +11,14 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._journal import (
+    FINISHED,
+    NAME,
+    Journal,
+    burst_line,
+    kept_bursts,
+    resumed_lines,
+)
 from minorloop.errors import ParameterError, counted
 
 if TYPE_CHECKING:
@@ -28,10 +36,13 @@ def carried_out(
     out: Path,
     specimen: int | None,
     seed: int,
+    *,
+    resume: bool = False,
 ) -> dict[str, Any]:
     """Sweep a part of the wall, and return the content of ``findings.json``.
 
-    What was fired before an interruption is kept.
+    Each burst is in the journal as soon as it was fired, and the map of all of them is kept after
+    an interruption.
 
     Parameters
     ----------
@@ -43,7 +54,11 @@ def carried_out(
         New or empty folder.
     specimen, seed : int
         Of the simulated head, and of its noise and its pipe.
+    resume : bool
+        Whether to go on with the sweep in the folder, which was cut off.
     """
+    from contextlib import nullcontext
+
     from minorloop.files import new_folder
     from minorloop.head.console.identified_head import head_of
     from minorloop.head.console.plant import open_plant, open_tip
@@ -64,34 +79,50 @@ def carried_out(
         )
     phi = math.radians(around[0]), math.radians(around[1])
     z = 1e-3 * along[0], 1e-3 * along[1]
-    with new_folder(out) as folder, _common.working("identifying the head", logged=True) as now:
+    begun = {
+        "actuator": actuator,
+        "specimen": specimen,
+        "seed": seed,
+        "around [deg]": list(around),
+        "along [mm]": list(along),
+    }
+    lines = resumed_lines(out, begun, "sweep") if resume else []
+    before = kept_bursts(out / NAME, lines)
+    opened = nullcontext(out) if resume else new_folder(out)
+    with opened as folder, _common.working("identifying the head", logged=True) as now:
         plant = open_plant(actuator, specimen=specimen, seed=seed)
         flow = getattr(plant, "flood", None)
         tip, view = open_tip(actuator, specimen=specimen, seed=seed, flow=flow)
         control = head_of(actuator, specimen)
         rig, sweep = InspectionRig(plant, tip, control, view), ProbeSweep(calibration=view)
-        state = sweep.begin(phi, z, control=control)
+        state = sweep.begin(phi, z, control=control, bursts=before)
         if state.refused:
             raise ParameterError(f"the sweep is {state.refused}")
+        journal = Journal(folder, begun, lines, bursts=len(before))
 
         def told(new: SweepState) -> None:
             nonlocal state
+            for burst in new.bursts[len(state.bursts) :]:
+                journal.note("burst", **burst_line(burst))
             state = new
             now(f"{new.stage}: {new.progress:.0%}, {len(new.bursts)} bursts")
 
         def kept(ended: str) -> dict[str, Any]:
             patch = Patch.ring(*z, radius=view.radius)
             scan = c_scan(state.bursts, view.probe_at((0.0, 0.0)), patch)
-            return _kept(pipe_map(scan, []), ended, state, folder)
+            content = _kept(pipe_map(scan, []), ended, state, folder)
+            journal.note("end", why=ended)
+            journal.close()
+            return content
 
         try:
-            state = rig.run(sweep, state, told)
+            told(rig.run(sweep, state, told))
         except KeyboardInterrupt:
             typer.echo(f"{summary(kept('interrupted'))}; kept in {out}", err=True)
             raise
         finally:
             plant.safe()
-        return kept(state.trouble or "finished")
+        return kept(state.trouble or FINISHED)
 
 
 def _kept(found: PipeMap, ended: str, state: SweepState, folder: Path) -> dict[str, Any]:
@@ -109,7 +140,7 @@ def _kept(found: PipeMap, ended: str, state: SweepState, folder: Path) -> dict[s
         "lines": state.lines,
         "findings": [dict(zip(table.columns, row, strict=True)) for row in table.rows],
     }
-    save_findings(rows, folder / "findings.csv")
+    save_findings(rows, folder / "findings.csv", force=True)
     write_atomically(folder / "findings.json", json.dumps(content, indent=1) + "\n")
 
     def drawn() -> Report:
@@ -118,7 +149,7 @@ def _kept(found: PipeMap, ended: str, state: SweepState, folder: Path) -> dict[s
         report.add("Map", pictures=[Picture(draw_pipe_map(found), "The pipe, unrolled.")])
         return report
 
-    _common.write_report(drawn, folder / "report.html", force=False)
+    _common.write_report(drawn, folder / "report.html", force=True)
     return content
 
 

@@ -284,7 +284,8 @@ def sweep(
         Path,
         typer.Option(
             show_default=False,
-            help="New or empty folder for findings.csv, findings.json and report.html.",
+            help="New or empty folder for journal.jsonl, findings.csv, findings.json and "
+            "report.html.",
         ),
     ],
     around: Annotated[
@@ -299,12 +300,21 @@ def sweep(
     ] = "19,21",
     specimen: _common.Specimen = None,
     seed: _common.Seed = 0,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on with the sweep in --out that was cut off, with the other options as they "
+            "were.",
+        ),
+    ] = False,
     as_json: _common.Json = False,
 ) -> None:
     """Map the flooded wall by ultrasound, and find pits and cracks in it, without the camera.
 
     The probe fires while the catheter rolls. A square centimetre takes the head two to three
-    minutes. After Ctrl-C, the map of what was fired is kept. Only the simulated head has a probe.
+    minutes. After Ctrl-C, the map of what was fired is kept, and --resume goes on from there, also
+    after a power cut. Only the simulated head has a probe.
     """
     from minorloop.cli import _sweep
 
@@ -312,7 +322,7 @@ def sweep(
         _common.numbers(name, text, (2,), f"two numbers in {unit}")
         for name, text, unit in (("around", around, "degrees"), ("along", along, "mm"))
     ]
-    content = _sweep.carried_out(actuator, ends[0], ends[1], out, specimen, seed)
+    content = _sweep.carried_out(actuator, ends[0], ends[1], out, specimen, seed, resume=resume)
     if as_json:
         _common.print_json(content)
     else:

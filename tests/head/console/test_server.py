@@ -279,6 +279,32 @@ def test_a_dropped_finding_takes_its_fit_and_its_mesh_with_it(served):
     assert served.link.orders == []
 
 
+def test_the_map_of_a_sweep_is_shown_and_downloaded_and_its_finds_go_to_the_loop(
+    served, monkeypatch
+):
+    async def mapped(self, task, **options):
+        found = {"finds": [{"kind": "pit"}], "files": {"png": b"picture", "csv": b"table"}}
+        return found if (task, options) == ("sweep", {"z": 1.0}) else {"error": "no echo"}
+
+    monkeypatch.setattr(workers.Workers, "ask", mapped)
+    job = bytes([messages.JOB])
+    with served.page() as socket:
+        page = Page(socket)
+        assert served.client.get("/api/sweep.png").status_code == 404
+        send(served, None, job + pickle.dumps({"z": 1.0}))
+        assert (page.until("depth")["finding"], page.until("depth")["stage"]) == (0, "")
+        assert page.until("swept") == {"type": "swept", "number": 1, "finds": 1}
+        for kind, content in (("png", b"picture"), ("csv", b"table")):
+            assert served.client.get(f"/api/sweep.{kind}").content == content
+        assert served.client.get("/api/sweep.exe").status_code == 404
+        (order,) = served.link.orders
+        assert order == messages.SweepFitted(finds=[{"kind": "pit"}])
+        send(served, None, job + pickle.dumps({"z": 2.0}))
+        assert "there is no map of the sweep: no echo" in page.until("notice")["text"]
+    with served.page() as socket:  # a page that comes later
+        assert Page(socket).until("swept")["number"] == 1
+
+
 def test_no_worker_takes_time_and_memory_before_it_is_needed(tmp_path, monkeypatch):
     begun = []
 

@@ -1,5 +1,5 @@
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import msgspec
 import numpy as np
@@ -11,6 +11,7 @@ from minorloop.head.console.settings import LoopSettings
 from minorloop.head.procedures.actuator_plant import NO_PROBE
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.twins.sensor import Fault
+from minorloop.head.ultrasound.c_scan import EchoFind
 
 HOLE = {"phi": PIT[0], "z": PIT[1], "diameter": PIT[2], "evidence": 1.0}
 EXTRACTED = {"what": "extracted", "hole": HOLE, "verdict": "dark"}
@@ -521,3 +522,71 @@ def test_a_head_without_sensors_waits_for_its_zero_and_goes_by_the_pictures():
     camera.zero = False  # its process was started anew
     assert not pilot.session.tick(pilot.now).any() or not pilot.session.tick(pilot.now).any()
     assert "does not know the angles" in session.state.reason
+
+
+def sweeping():
+    """In SCAN of a sweep, the head looking at the wall."""
+    pilot = Pilot().steering()
+    pilot.drive(150, pose=right(20.0, -10.0))
+    pilot.order(messages.Sweep)
+    pilot.drive(2)
+    assert pilot.session.state.mode == "SCAN"
+    return pilot
+
+
+def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
+    monkeypatch.setattr("minorloop.head.console.sweep.ALONG", 0.5e-3)  # a few lines
+    pilot = sweeping()
+    scans = []
+    pilot.until(
+        lambda s: scans.append(s._scan_progress()) or s.state.mode != "SCAN",
+        ticks=4000,
+    )
+    session, commands = pilot.session, pilot.camera.commands
+    assert (session.state.mode, session.scan) == ("HOLD", None)
+    assert "the sweep is done" in session.state.reason
+    assert [commands.count(name) for name in ("begin_sweep", "end_sweep", "end_scan")] == [1, 1, 0]
+    assert commands.count("fire_on") > 50
+    assert commands.index("begin_sweep") < commands.index("fire_on")
+    shares = [each.progress for each in scans if each is not None]
+    assert {each.finding for each in scans if each is not None} == {0}
+    assert shares == sorted(shares)
+    assert shares[-1] > 0.8
+    find = EchoFind("pit", 0.45, 20e-3, 1e-3, 1e-3, 0.5e-3, 5e-6)
+    other = replace(find, kind="crack", depth=math.nan, depth_sd=math.nan)
+    finds = [asdict(each.finding(10e-3)) for each in (find, other)]
+    session.receive(messages.SweepFitted(finds=finds), pilot.now)
+    listed = sent(session, "findings")[-1]["findings"]
+    assert [(each["number"], each["kind"], each["depth"]) for each in listed] == [
+        (1, "pit", 0.5),
+        (2, "crack", None),
+    ]
+
+
+def test_a_sweep_is_stopped_at_any_time_and_what_was_fired_is_mapped():
+    pilot = sweeping()
+    pilot.until(lambda s: pilot.camera.commands.count("fire_on") > 5)
+    pilot.mode("HOLD")
+    pilot.drive()
+    session = pilot.session
+    assert (session.state.mode, session.state.rates, session.scan) == ("HOLD", (0.0, 0.0), None)
+    assert pilot.camera.commands[-1] == "end_sweep"
+    assert "what was fired is mapped" in sent(session, "notice")[-1]["text"]
+
+
+def test_a_sweep_needs_wall_in_the_middle_of_the_picture_within_reach_and_a_probe():
+    pilot = Pilot().steering(150)
+    pilot.order(messages.Sweep)
+    pilot.drive(150, pose=right(20.0, -10.0))
+    pilot.session.view = replace(pilot.session.view, temperature=1.0)
+    pilot.order(messages.Sweep)
+    pilot.drive(1, pose=right(20.0, -10.0))
+    pilot.session.no_probe = NO_PROBE
+    pilot.order(messages.Sweep)
+    pilot.drive(1, pose=right(20.0, -10.0))
+    assert pilot.session.state.mode == "HEAD"
+    said = [notice["text"] for notice in sent(pilot.session, "notice")]
+    for words, sentence in zip(
+        ("middle of the picture", "out of reach", NO_PROBE), said, strict=True
+    ):
+        assert words in sentence

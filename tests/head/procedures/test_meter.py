@@ -50,3 +50,18 @@ def test_the_focus_follows_the_wall_ahead_within_its_limits():
     assert ahead[0] == LIMITS.farthest
     assert ahead == sorted(ahead, reverse=True)
     assert ahead[-1] >= LIMITS.nearest
+
+
+def test_a_place_is_exposed_for_though_the_rest_of_the_picture_is_dark():
+    lens = CALIBRATION.lens
+    angles = np.array([0.4, 0.0])
+    camera = CALIBRATION.camera_at(np.zeros(2))
+    place = camera.place(np.add(lens.centre, (0.2 * lens.width, 0.0)), *angles)
+    image = np.full((lens.height, lens.width), 10, np.uint8)
+    image[:, lens.width // 2 :] = 200
+    reading = Reading(t=0.0, angles=angles, image=image)
+    whole, _ = METERING.step(METERING.begin(), reading)
+    state, request = METERING.step(METERING.begin(place=place), reading)
+    assert state.gain == request.exposure[1] == pytest.approx((LIMITS.grey / 200) ** METERING.share)
+    away, _ = METERING.step(METERING.begin(place=np.add(place, (np.pi, 0.0))), reading)
+    assert away.gain == whole.gain > 1.5 * state.gain

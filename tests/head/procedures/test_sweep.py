@@ -127,3 +127,18 @@ def test_a_large_pipe_is_swept_no_faster_than_the_loop_fires():
     wide = ProbeSweep(calibration=replace(CALIBRATION, radius=20e-3))
     assert wide.rate * 20e-3 * TICK == pytest.approx(wide.pitch)
     assert ProbeSweep(calibration=replace(CALIBRATION, radius=4e-3)).rate == SWEEP.fastest
+
+
+def test_a_sweep_that_was_cut_off_goes_on_with_its_last_line(swept):
+    _, whole = swept
+    half = whole.bursts[: len(whole.bursts) // 2]
+    state = SWEEP.begin(PHI, Z, bursts=half)
+    assert 0 < state.lines < whole.lines
+    last = [one for one in half if one.place[0] >= Z[0] + state.lines * SWEEP.pitch - 1e-4]
+    loop = Loop()
+    state = loop.run(SWEEP, state)
+    assert state.bursts[: len(half)] == half
+    assert state.lines == whole.lines
+    anew = np.array([one.place[0] for one in state.bursts[len(half) :]])
+    assert abs(anew.min() - last[0].place[0]) < SWEEP.pitch
+    assert np.ptp(anew) < 0.7 * np.ptp(Z)

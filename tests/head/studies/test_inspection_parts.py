@@ -32,6 +32,7 @@ from minorloop.head.studies import (
     mission_cracks,
     mission_scene,
     scan_trials,
+    scoring,
 )
 from minorloop.head.studies import mission as missions
 from minorloop.head.studies.crack_trials import CrackOutcome
@@ -69,6 +70,21 @@ def mission():
         patch.setattr("minorloop.head.studies.mission.ADVANCES", (4e-3,))
         patch.setattr("minorloop.head.studies.mission.VIEWS", 4)
         return run_mission(1)
+
+
+def test_a_pit_at_the_edge_of_the_picture_on_a_wall_that_was_white_is_centred():
+    """Exposed for the whole picture, half of the wall about the pit of this seed is white."""
+    rig, truth = draw_mission(1015)
+    place = np.array([truth.bore.phi, truth.bore.z])
+    photo, pixel = steps.pick(rig, np.add(place, (0.01, 0.1e-3)), "")
+    column, row = pixel.astype(int)
+    assert 80 < photo[row - 50 : row + 50, column - 50 : column + 50].mean() < 120
+    steps.go(rig, angles=np.radians((-6.0, -6.0)))
+    camera = rig.calibration.camera_at(rig.place)
+    assert 0 < camera.lens.height - camera.pixel(place, *rig.angles)[1] < 40
+    steps.centre(rig, place, outlined=True)
+    assert rig.log[-1].succeeded
+    assert scoring.off_middle(rig.tip, truth.bore) < 1.0
 
 
 def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):

@@ -104,6 +104,7 @@ class Clients:
         self.findings = messages.encode(messages.FindingList(findings=[]))
         self.recording = messages.encode(messages.RecordingStatus(name=None))
         self.failed: bytes | None = None
+        self.swept: bytes | None = None
         self._count = 0
         self._newest: dict[str, bytes] = {}
 
@@ -113,7 +114,7 @@ class Clients:
         viewer = Viewer(self._count)
         viewer.last_message = time.monotonic()
         self.viewers.add(viewer)
-        known = (self.failed, self.hello, self.findings, self.recording)
+        known = (self.failed, self.hello, self.findings, self.recording, self.swept)
         for text in known:
             if text is not None:
                 viewer.send(text)

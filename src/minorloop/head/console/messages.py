@@ -115,6 +115,10 @@ class Scan(_Order, frozen=True, kw_only=True):
     finding: _Number | None = None
 
 
+class Sweep(_Order, frozen=True, kw_only=True):
+    """Map the flooded wall about the place in the middle of the picture with the probe."""
+
+
 class RecordSession(_Order, frozen=True, kw_only=True, tag="record"):
     """Start or end a recording."""
 
@@ -240,7 +244,7 @@ class DriveReceipt(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ScanProgress(msgspec.Struct, frozen=True, kw_only=True):
-    """Stage of a scan, and the share of its points that were measured."""
+    """Stage of a scan of a finding, 0 of a sweep, and the share of it that was measured."""
 
     finding: int
     stage: str
@@ -343,6 +347,13 @@ class ScanEnded(_ToPage, frozen=True, kw_only=True, tag="scanned"):
     finding: int
 
 
+class SweepMapped(_ToPage, frozen=True, kw_only=True, tag="swept"):
+    """The map of a sweep is there, with a number that rises from sweep to sweep."""
+
+    number: int
+    finds: int
+
+
 class DepthProgress(_ToPage, frozen=True, kw_only=True, tag="depth"):
     """Stage of the fit of a finding, and seconds since it began; empty when it has ended."""
 
@@ -369,6 +380,12 @@ class DepthFitted(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", t
     result: dict[str, Any]
 
 
+class SweepFitted(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="mapped"):
+    """Finds of a sweep, as `minorloop.head.console.depth_work` gives them."""
+
+    finds: list[dict[str, Any]]
+
+
 class KnownFindings(msgspec.Struct, frozen=True, tag_field="type", tag="known"):
     """The findings so far, for a control loop that was restarted."""
 
@@ -385,13 +402,14 @@ Order: TypeAlias = (
     | Sharpen
     | Mark
     | Scan
+    | Sweep
     | RecordSession
     | Forget
     | Release
 )
 Message: TypeAlias = Order | Take | Ping
 """What a page may send."""
-ToLoop: TypeAlias = Order | DepthFitted | ControlsTaken | KnownFindings
+ToLoop: TypeAlias = Order | DepthFitted | SweepFitted | ControlsTaken | KnownFindings
 """What the server sends to the control loop."""
 ToPage: TypeAlias = (
     Hello
@@ -405,6 +423,7 @@ ToPage: TypeAlias = (
     | SearchResult
     | FocusResult
     | ScanEnded
+    | SweepMapped
     | DepthProgress
     | ReplayEnded
 )

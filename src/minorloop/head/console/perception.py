@@ -19,6 +19,7 @@ from minorloop.head.console.camera_protocol import FEW_PICTURES, CameraReport, C
 from minorloop.head.console.finder import Finder
 from minorloop.head.console.plant import reading_at
 from minorloop.head.console.scan_echoes import ScanEchoes
+from minorloop.head.console.sweep import SweepEchoes
 from minorloop.head.console.units import Position
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
@@ -104,6 +105,7 @@ class Perception:
         self._extending = 0.0
         self._queue: list[Callable[[], None]] = []
         self._echoes: ScanEchoes | None = None
+        self._sweep: SweepEchoes | None = None
         self._position: Position = (0.0, 0.0, 0.0, 0.0)
         self._now = 0.0
         self._events: list[dict[str, Any]] = []
@@ -122,6 +124,9 @@ class Perception:
             "fire": self._fire,
             "finish_scan": self._finish_scan,
             "end_scan": self._end_scan,
+            "begin_sweep": self._begin_sweep,
+            "fire_on": self._fire_on,
+            "end_sweep": self._end_sweep,
         }
 
     def tick(self, request: CameraRequest) -> CameraReport:
@@ -135,6 +140,8 @@ class Perception:
         self._tip.move_to(request.stance)
         if self._echoes is not None:
             self._echoes.read(request.t, request.position)
+        if self._sweep is not None:
+            self._sweep.read(request.t, request.position)
         self._now = request.t
         for name, numbers in request.commands:
             self._try(self.commands[name], numbers)
@@ -143,6 +150,7 @@ class Perception:
         if (
             not self._busy
             and self._echoes is None
+            and self._sweep is None
             and (self._seen_angles is None or self._seen_angles.known)
             and self._finder.at_rest_somewhere_new(request.position)
         ):
@@ -209,7 +217,8 @@ class Perception:
         used = used or (self._echoes is not None and self._echoes.waiting)
         still = request.holding or (self._track is None and self._finder.at_rest)
         known = still and self._finder.has_searched(self._position)
-        few = not used and (known or self._echoes is not None)
+        fires = self._echoes is not None or self._sweep is not None
+        few = not used and (known or fires)
         return None if few and request.number % FEW_PICTURES else self._tip.frame()
 
     def _reading(self, image: Image | None = None) -> Reading:
@@ -458,3 +467,30 @@ class Perception:
         """Drain the pipe, and drop the echoes."""
         self._tip.flood(False)
         self._echoes = None
+
+    # --- the echoes of a sweep
+
+    def _begin_sweep(self, first: float, last: float) -> None:
+        """Flood the pipe for a sweep between two z in metres."""
+        self._abort()
+        try:
+            self._tip.flood(True)
+        except MinorloopError as error:
+            self._report("unscanned", text=str(error))
+            return
+        self._sweep = SweepEchoes(self.view, (first, last))
+        self._sweep.read(self._now, self._position)
+
+    def _fire_on(self) -> None:
+        """Fire on the way along a line of the sweep."""
+        if self._sweep is None:
+            self._report("unscanned", text="the camera was started anew")
+        else:
+            self._sweep.fire(self._tip)
+
+    def _end_sweep(self) -> None:
+        """Drain the pipe, and hand over what was fired to be mapped."""
+        sweep, self._sweep = self._sweep, None
+        if sweep is not None and sweep.bursts:
+            self.jobs.append(sweep.job())
+        self._tip.flood(False)

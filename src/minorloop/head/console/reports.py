@@ -26,6 +26,17 @@ def camera_finding(
 ) -> ReportedFinding:
     """Return a finding by its outline alone."""
     found = tables.outlined(hole["phi"], hole["z"], hole["diameter"], NO_ECHOES, radius=radius)
+    return _reported(number, t, found, round(hole["evidence"], 2))
+
+
+def swept_finding(number: int, t: float, found: Mapping[str, Any]) -> ReportedFinding:
+    """Return a find of a sweep; ``found`` has the fields of a `tables.Finding`."""
+    return _reported(number, t, tables.Finding(**found), None)
+
+
+def _reported(
+    number: int, t: float, found: tables.Finding, evidence: float | None
+) -> ReportedFinding:
     return ReportedFinding(
         number=number,
         t=t,
@@ -37,9 +48,9 @@ def camera_finding(
         z_sd=mm(found.z_sd),
         diameter=mm(found.width),
         diameter_sd=mm(found.width_sd),
-        depth=None,
-        depth_sd=None,
-        evidence=round(hole["evidence"], 2),
+        depth=None if math.isnan(found.depth) else mm(found.depth),
+        depth_sd=None if math.isnan(found.depth_sd) else mm(found.depth_sd),
+        evidence=evidence,
     )
 
 

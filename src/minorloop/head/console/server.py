@@ -50,6 +50,7 @@ _JOB = bytes([messages.JOB])
 _MOST_MESHES = 100
 """Findings whose meshes are kept in memory."""
 _MESHES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
+_SWEPT = {"png": "image/png", "csv": "text/csv"}
 _MEASURED = ("phi", "phi_sd", "z", "z_sd", "diameter", "diameter_sd", "depth", "depth_sd")
 _CLOSED, _REFUSED = 1001, 1008  # codes of RFC 6455
 
@@ -89,6 +90,8 @@ class _Server:
         self._painting = False
         self._images = 0
         self._meshes: dict[int, dict[str, bytes]] = {}
+        self._sweeps, self._swept = 0, dict[str, bytes]()
+        self._mapping: set[asyncio.Task[None]] = set()
         self._fitting: dict[asyncio.Task[None], int] = {}
         self._known: set[int] = set()
         self._fitters = Workers(
@@ -115,6 +118,7 @@ class _Server:
             Route("/api/findings.csv", self._findings_csv),
             Route("/api/findings/{number}.{kind}", self._mesh),
             Route("/api/map.png", self._map),
+            Route("/api/sweep.{kind}", self._sweep),
             *self._lab.routes(),
         ]
         if STATIC.is_dir():
@@ -212,6 +216,11 @@ class _Server:
                 self._send_progress(number, "", 0.0)
 
     def _begin_fit(self, job: dict[str, Any]) -> None:
+        if "finding" not in job:
+            mapping = asyncio.get_running_loop().create_task(self._map_sweep(job))
+            self._mapping.add(mapping)
+            mapping.add_done_callback(self._mapping.discard)
+            return
         if job["finding"] not in self._known:  # deleted during its scan
             return
         fitting = asyncio.get_running_loop().create_task(self._fit(job))
@@ -235,6 +244,22 @@ class _Server:
                 del self._meshes[next(iter(self._meshes))]
             self._link.order(messages.DepthFitted(finding=number, result=last["result"]))
         self._send_progress(number, "", 0.0)
+
+    async def _map_sweep(self, job: dict[str, Any]) -> None:
+        """Have the bursts of a sweep mapped, and send the finds to the loop and the pages."""
+        self._send_progress(0, "mapping the wall", 0.0)
+        found = await self._fitters.ask("sweep", **job)
+        self._send_progress(0, "", 0.0)
+        if "error" in found:
+            text = f"there is no map of the sweep: {found['error']}"
+            self._clients.send(messages.encode(messages.Notice(text=text)))
+            return
+        self._sweeps, self._swept = self._sweeps + 1, found["files"]
+        self._clients.swept = messages.encode(
+            messages.SweepMapped(number=self._sweeps, finds=len(found["finds"]))
+        )
+        self._clients.send(self._clients.swept)
+        self._link.order(messages.SweepFitted(finds=found["finds"]))
 
     def _send_progress(self, number: int, stage: str, seconds: float) -> None:
         progress = messages.DepthProgress(finding=number, stage=stage, seconds=seconds)
@@ -353,6 +378,14 @@ class _Server:
             sentence = f"finding {number[:20]} has no {kind[:8]} yet; measure its depth first"
             return JSONResponse({"error": sentence}, status_code=404)
         return _download(mesh, _MESHES[kind], f"finding-{number}.{kind}")
+
+    async def _sweep(self, request: Request) -> Response:
+        kind = request.path_params["kind"]
+        content = self._swept.get(kind)
+        if content is None:
+            sentence = f"there is no {kind[:8]} of a sweep; press Sweep, or ask for png or csv"
+            return JSONResponse({"error": sentence}, status_code=404)
+        return _download(content, _SWEPT[kind], f"sweep.{kind}")
 
     async def _map(self, request: Request) -> Response:
         if self._wall_image is None:

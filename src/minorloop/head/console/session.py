@@ -7,6 +7,7 @@ network or picture; `minorloop.head.console.loop` supplies those.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
@@ -24,8 +25,16 @@ from minorloop.head.console.head_pose import Quaternion
 from minorloop.head.console.messages import Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
 from minorloop.head.console.plant import reading_at
-from minorloop.head.console.reports import camera_finding, in_si, introduction, pair, with_depth
+from minorloop.head.console.reports import (
+    camera_finding,
+    in_si,
+    introduction,
+    pair,
+    swept_finding,
+    with_depth,
+)
 from minorloop.head.console.scan import ConsoleScan, begin_scan, scanned
+from minorloop.head.console.sweep import LOOK_AT_THE_WALL, ConsoleSweep, begin_sweep, swept
 from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -100,7 +109,7 @@ class Session:
         self._request: messages.Mode | None = None
         self.seen = CameraReport(number=0, zero=self.sensors)
         self._joints: Pair | None = None
-        self.scan: ConsoleScan | None = None
+        self.scan: ConsoleScan | ConsoleSweep | None = None
         self._commands: list[CameraCommand] = []
         self._centred_at: float | None = None
         self._marking: Literal["", "aim", "touch"] = ""
@@ -136,8 +145,14 @@ class Session:
             self._begin_mark()
         elif isinstance(message, messages.Scan):
             self._begin_scan(message.finding)
+        elif isinstance(message, messages.Sweep):
+            self._begin_sweep()
         elif isinstance(message, messages.DepthFitted):
             self._add_depth(message)
+        elif isinstance(message, messages.SweepFitted):
+            for found in message.finds:
+                self._add(swept_finding, found)
+            self.send_findings()
         elif isinstance(message, messages.Focus):
             self.focus = "by hand"
             self._command("focus", message.distance)
@@ -297,9 +312,14 @@ class Session:
             self.focus = ""
             self._command("autofocus")
         if self.scan is not None and mode != "SCAN":
+            sweeps = isinstance(self.scan, ConsoleSweep)
             if self.scan.stage != "done":
-                self.notice("the scan was stopped; press Depth to start it again")
-            self._command("end_scan")
+                self.notice(
+                    "the sweep was stopped; what was fired is mapped"
+                    if sweeps
+                    else "the scan was stopped; press Depth to start it again"
+                )
+            self._command("end_sweep" if sweeps else "end_scan")
             self.scan = None
 
     def _command(self, name: str, *numbers: float) -> None:
@@ -365,7 +385,7 @@ class Session:
                 )
             elif kind == "extracted":
                 self._extracted(event)
-            elif kind == "burst" and self.scan is not None:
+            elif kind == "burst" and isinstance(self.scan, ConsoleScan):
                 self.scan = replace(self.scan, fired=True)
             elif kind == "unscanned" and self.state.mode == "SCAN":
                 self.hold(f"there are no echoes: {event['text']}; press a mode to continue")
@@ -495,10 +515,14 @@ class Session:
         if hole is None:
             self.notice(f"this cannot be measured: {event['verdict']}")
             return
+        self._add(camera_finding, hole, self.view.radius)
+        self.send_findings()
+
+    def _add(self, reported: Callable[..., ReportedFinding], *found: Any) -> None:
+        """Add a finding with the next number and the time."""
         self._last_number += 1  # never used again: a late fit must not meet another finding
         t = round(self.ticks * self.interval, 2)
-        self.findings.append(camera_finding(self._last_number, t, hole, self.view.radius))
-        self.send_findings()
+        self.findings.append(reported(self._last_number, t, *found))
 
     def _begin_scan(self, number: int | None) -> None:
         if self.no_probe:
@@ -523,11 +547,38 @@ class Session:
             return
         self.scan, self._request = scan, "SCAN"
 
+    def _begin_sweep(self) -> None:
+        if self.no_probe:
+            self.notice(self.no_probe)
+            return
+        sweep = begin_sweep(self.view, self.position(), self.control)
+        if sweep is None:
+            self.notice(LOOK_AT_THE_WALL)
+        elif sweep.state.refused:
+            self.notice(f"the sweep is {sweep.state.refused}")
+        else:
+            self.scan, self._request = sweep, "SCAN"
+
+    def _swept(self, sweep: ConsoleSweep) -> tuple[Pair, Pair] | None:
+        """Return the angles and rates of the sweep."""
+        sweep, requested = swept(
+            sweep, self.view, self.position(), self.state.command, self.interval
+        )
+        self.scan = sweep
+        self._commands += requested.commands
+        if sweep.stage != "done":
+            return requested.angles, requested.rates
+        how = f"has ended early: {sweep.state.trouble}" if sweep.state.trouble else "is done"
+        self.hold(f"the sweep {how}; press a mode to continue")
+        return None
+
     def _scan_tick(self) -> tuple[Pair, Pair] | None:
-        """Return the angles and rates of the scan; it advances only while its mode is on."""
+        """Return the angles and rates of scan or sweep, which advance only in their mode."""
         if self.scan is None or self.scan.stage == "done":
             return None
         if self.state.mode == "SCAN":
+            if isinstance(self.scan, ConsoleSweep):
+                return self._swept(self.scan)
             here, command = self.position(), self.state.command
             self.scan, requested = scanned(self.scan, self.view, here, command, self.interval)
             self._commands += requested.commands

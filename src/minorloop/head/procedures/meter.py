@@ -6,12 +6,18 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
+from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.values import Procedure, Reading, Request, passed
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.jacobian import wall_depth
+
+_AROUND = 2.4e-3
+"""Metres around and along the wall from a place to the edge of what is exposed for: the wall by
+which it is tracked, but for the corners."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +60,13 @@ LIMITS = LightLimits()
 
 @dataclass(frozen=True, kw_only=True)
 class MeterState:
-    """Gain, and the times at which metering began, metered last and set the focus last."""
+    """Gain, and the times at which metering began, metered last and set the focus last.
+
+    The picture is metered about ``place`` (2,), phi and z, if there is one.
+    """
 
     gain: float = 1.0
+    place: FloatArray | None = None
     began: float | None = None
     metered: float = -math.inf
     focused: float = -math.inf
@@ -92,9 +102,9 @@ class Metering(Procedure[MeterState]):
     focusing: bool = True
     seconds: float = 1.0
 
-    def begin(self, gain: float = 1.0) -> MeterState:
-        """Return the state of a camera whose gain is known."""
-        return MeterState(gain=gain)
+    def begin(self, gain: float = 1.0, place: npt.ArrayLike | None = None) -> MeterState:
+        """Return the state of a camera whose gain is known, and phi and z (2,) to expose for."""
+        return MeterState(gain=gain, place=None if place is None else np.asarray(place))
 
     def _next(self, state: MeterState, reading: Reading) -> tuple[MeterState, Request]:
         t = reading.t
@@ -102,7 +112,8 @@ class Metering(Procedure[MeterState]):
         state = replace(state, began=began, done=passed(began, t, self.seconds))
         exposure = focus = None
         if reading.image is not None and passed(state.metered, t, self.every):
-            gain = self.limits.gain(state.gain, reading.image, self.share)
+            shown = self._about(state.place, reading, reading.image)
+            gain = self.limits.gain(state.gain, shown, self.share)
             state = replace(state, gain=gain, metered=t)
             exposure = self.limits.exposure, state.gain
         if self.focusing and passed(state.focused, t, self.refocus):
@@ -110,6 +121,21 @@ class Metering(Procedure[MeterState]):
         # A frame that is metered at the next tick or later is requested now.
         due = not state.done and passed(state.metered, t, self.every - 0.05)
         return state, Request(exposure=exposure, focus=focus, frame=due)
+
+    def _about(self, place: FloatArray | None, reading: Reading, image: Image) -> Image:
+        """Return the part of an image about a place; all of it if the place is not in it."""
+        if place is None:
+            return image
+        camera = self.calibration.camera_at(reading.place)
+        metres = np.array([camera.radius, 1.0])
+        corners = place + _AROUND * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) / metres
+        pixels = np.asarray(camera.pixel(corners, *reading.angles.tolist()))
+        if not np.isfinite(pixels).all():
+            return image
+        left, top = np.maximum(pixels.min(axis=0).astype(int), 0)
+        right, bottom = np.maximum(pixels.max(axis=0).astype(int), 0)
+        part = image[top:bottom, left:right]
+        return part if part.size else image
 
     def ahead(self, reading: Reading) -> float:
         """Return the distance of the wall ahead, within the limits of the focus."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wall_distance, wrapped
-from minorloop.head.procedures.centre import NOT_IN_VIEW, TWO_TICKS, CentreState, Centring
+from minorloop.head.procedures.centre import TWO_TICKS, CentreState, Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
 from minorloop.head.procedures.go import GO
@@ -22,6 +22,7 @@ from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.defects import Findings, Hole, find_holes
 from minorloop.head.vision.reflectance_map import LitFrame
+from minorloop.head.vision.tracking import TRACKED
 
 CENTRED = np.radians(23.0)
 """Deflection at which a candidate is centred, in radians."""
@@ -71,10 +72,10 @@ def go(rig: InspectionRig, **where: npt.ArrayLike) -> None:
         rig.run(GO, GO.begin(**where))
 
 
-def meter(rig: InspectionRig) -> None:
-    """Focus on the wall ahead, and expose for a middle grey."""
+def meter(rig: InspectionRig, place: FloatArray | None = None) -> None:
+    """Focus on the wall ahead, and expose it, or a place (2,) of it, for a middle grey."""
     metering = Metering(calibration=rig.calibration)
-    rig.gain = rig.run(metering, metering.begin(rig.gain)).gain
+    rig.gain = rig.run(metering, metering.begin(rig.gain, place)).gain
 
 
 def acquire(rig: InspectionRig) -> tuple[LitFrame, ...]:
@@ -100,7 +101,7 @@ def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, Floa
     """Go to where a place is within the cone, turn towards it, and return image and pixel."""
     go(rig, place=_near(rig, place))
     go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
-    meter(rig)
+    meter(rig, place)
     where = f"phi {np.degrees(wrapped(place[0])):.0f} deg, z {1e3 * place[1]:.1f} mm"
     rig.say("pick", f"{where}, {words}")
     seen = photo(rig)
@@ -126,6 +127,9 @@ def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
 def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> None:
     """Centre a place of the wall in the image.
 
+    Where the picture does not show it whole, at its edge or white, or it is lost, the joints turn
+    the head there; it is exposed for the place, and the picture is tried again.
+
     Parameters
     ----------
     rig : InspectionRig
@@ -137,16 +141,21 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
         in the middle, and centred again if it is not there.
     """
     centring = Centring(calibration=rig.calibration, interval=TWO_TICKS)
-    if not outlined:
-        _centred(rig, rig.run(centring, centring.begin(place)), "centre")
-        return
-    centring = replace(centring, in_middle=STEADY_PX)
-    pixel = _outlined(rig, centring, place)
+    if outlined:
+        centring = replace(centring, in_middle=STEADY_PX)
+    pixel = None
     for _ in range(CENTRINGS):
+        if outlined and pixel is None:
+            pixel = _outlined(rig, centring, place)
         state = rig.run(centring, centring.begin(place, pixel))
-        if state.verdict == NOT_IN_VIEW:
+        if state.verdict != TRACKED:
+            pixel = None
+            go(rig, angles=aim_at(rig.calibration, place, rig.place))
+            meter(rig, place)
+            continue
+        if not outlined:
             break
-        pixel = _outlined(rig, centring, state.place)
+        place, pixel = state.place, _outlined(rig, centring, state.place)
         lens = rig.calibration.lens
         off = float(lens.focal * np.hypot(*lens.normalised(pixel)))
         state = replace(state, error=max(off, state.error))
@@ -164,10 +173,9 @@ def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> Floa
 
 
 def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
-    """Log the distance from the middle; turn by the joints if the place is not in view."""
-    if state.verdict == NOT_IN_VIEW:
-        go(rig, angles=aim_at(rig.calibration, state.place, rig.place))
-        words = "not whole in view; turned there by the joints alone"
+    """Log the distance from the middle, or why the picture did not give it."""
+    if state.verdict != TRACKED:
+        words = f"{state.verdict} in {CENTRINGS} tries; turned there by the joints alone"
         rig.say(step, words, succeeded=False)
     else:
         lens = rig.calibration.lens

@@ -11,6 +11,7 @@ has all bursts in the last state.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -127,6 +128,7 @@ class ProbeSweep(Procedure[SweepState]):
         z: tuple[float, float],
         *,
         control: HeadControl | None = None,
+        bursts: Sequence[SweptBurst] = (),
     ) -> SweepState:
         """Return the state before a sweep of an area.
 
@@ -139,6 +141,8 @@ class ProbeSweep(Procedure[SweepState]):
         control : HeadControl, optional
             Of the head. A sweep whose angles it does not reach in the water is refused: it is done,
             and its state says why.
+        bursts : sequence of SweptBurst
+            Of the same sweep, in their order, which was cut off: it goes on with their last line.
 
         Raises
         ------
@@ -157,11 +161,27 @@ class ProbeSweep(Procedure[SweepState]):
             )
         refused = "" if control is None else self.point.out_of_reach(control)
         cycle = around * (1 / self.rate + 1 / self.fastest) + 2 * self.turning
-        return SweepState(phi=phi, z=z, cycle=cycle, refused=refused, done=bool(refused))
+        rolls = np.array([each.place[1] for each in bursts])
+        # Within a line the roll falls by the noise of its sensor only.
+        back = -0.5 * (around + 2 * self.margin)
+        lines = int(np.count_nonzero(np.diff(rolls) < back))
+        return SweepState(
+            phi=phi,
+            z=z,
+            cycle=cycle,
+            bursts=tuple(bursts),
+            lines=lines,
+            refused=refused,
+            done=bool(refused),
+        )
+
+    def _first(self, state: SweepState) -> float:
+        """Return the advance at which the next line begins."""
+        return state.z[0] + state.lines * self.pitch
 
     def _next(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
         if reading.shots:
-            state = replace(state, bursts=(*state.bursts, self._burst(state, reading)))
+            state = replace(state, bursts=(*state.bursts, self.burst(state.last, reading)))
         state, request = self._moved(state, reading)
         return replace(state, last=(reading.t, reading.place)), request
 
@@ -175,7 +195,7 @@ class ProbeSweep(Procedure[SweepState]):
         elif passed(since, reading.t, self.stalled):
             return replace(state, trouble=STUCK, done=True), Request()
         advance, roll = reading.place.tolist()
-        if state.stage == "run up" and advance < state.z[0]:
+        if state.stage == "run up" and advance < self._first(state):
             return state, self._rates(self.hurry, 0.0)
         if state.stage == "return" and roll > state.rolls[0]:
             return state, self._rates(state.pace, -self.fastest)
@@ -204,7 +224,7 @@ class ProbeSweep(Procedure[SweepState]):
         if state.go is None:
             start = float(self.point.rolled(state.phi[0], reading.place)[1]) - self.margin
             end = start + state.phi[1] - state.phi[0] + 2 * self.margin
-            place = (max(state.z[0] - self.run_up, 0.0), start)
+            place = (max(self._first(state) - self.run_up, 0.0), start)
             go = self.go.begin(place=place, angles=self.point.perpendicular)
             state = replace(state, rolls=(start, end), go=go)
         assert state.go is not None
@@ -216,8 +236,8 @@ class ProbeSweep(Procedure[SweepState]):
 
     def _begun(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:
         """Begin a line, at the pace that brings the next one to its place."""
-        cycle = state.cycle if state.lines == 0 else reading.t - state.since
-        due = state.z[0] + (state.lines + 1) * self.pitch - float(reading.place[0])
+        cycle = state.cycle if state.stage == "run up" else reading.t - state.since
+        due = self._first(state) + self.pitch - float(reading.place[0])
         pace = float(np.clip(due, 0.5 * self.pitch, 1.5 * self.pitch)) / cycle
         state = replace(
             state, stage="line", since=reading.t, cycle=cycle, pace=pace, fired=math.nan
@@ -227,9 +247,9 @@ class ProbeSweep(Procedure[SweepState]):
     def _rates(self, advance: float, roll: float, *, shots: int = 0) -> Request:
         return Request(rates=np.array([advance, roll]), shots=shots)
 
-    def _burst(self, state: SweepState, reading: Reading) -> SweptBurst:
-        """Return the burst of a reading, at the place in its middle."""
-        (before, place), count = state.last, len(reading.shots)
+    def burst(self, last: tuple[float, FloatArray], reading: Reading) -> SweptBurst:
+        """Return the burst of a reading at the place in its middle; ``last`` as in the state."""
+        (before, place), count = last, len(reading.shots)
         half = 0.5 * (reading.shots[-1].t - reading.shots[0].t)
         rate = (reading.place - place) / max(reading.t - before, 1e-3)
         here = reading.place + half * np.nan_to_num(rate)
