@@ -49,19 +49,26 @@ def advance(power, cost, branch, low, scale, around, ends, wire, heat, interval,
 
 
 @njit(cache=True, nogil=True)
-def settled(power, branch, low, scale, around, ends, heat, angle, iterations):
+def settled(power, branch, low, scale, around, ends, heat, angle, beyond, stop):
     """Return the final angles (M,) under a heating power for a wire that is at an angle now.
 
-    The error of each hypothesis at the present angle is assumed to remain.
+    The branch of each hypothesis is taken to be off by its error at the present angle and by
+    ``beyond`` (M,). A hotter wire has more resistance, so that its angle feeds back: the iteration
+    rises from the present angle to the next equilibrium. ``stop`` are the change in degrees and
+    the number of iterations that end it.
     """
+    near, most = stop
     out = np.empty_like(power)
     for k in range(power.size):
         left, share = place(power[k], low, scale, branch.size)
-        at = branch[left] + share * (branch[left + 1] - branch[left])
-        error = angle - at
-        for _ in range(iterations):
+        error = angle - branch[left] - share * (branch[left + 1] - branch[left]) + beyond[k]
+        at = angle
+        for _ in range(most):
             reached = equivalent(around[0, k], around[2, k], at, ends) + heat / around[1, k]
             left, share = place(reached, low, scale, branch.size)
-            at = branch[left] + share * (branch[left + 1] - branch[left])
-        out[k] = min(at + error, ends[1])
+            before = at
+            at = min(branch[left] + share * (branch[left + 1] - branch[left]) + error, ends[1])
+            if abs(at - before) < near:
+                break
+        out[k] = at
     return out

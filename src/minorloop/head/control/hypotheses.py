@@ -38,8 +38,9 @@ _DECORRELATION, _MEMORY = 0.5, 6.0
 _LIKELY, _BESIDE = (15.0, 0.7), (5.0, 0.07)
 """Scales of the changes in K and as logarithm of the convection: of one that is looked for, and of
 the other beside it."""
-_ITERATIONS = 4
-"""Of the fixed point for the final angle; the resistance varies little with the angle."""
+_NEAR, _ITERATIONS = 0.01, 200
+"""Change in degrees, and number of iterations, that end the fixed point for the final angle: in
+deep cold the resistance feeds up to nine tenths of a change of the angle back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,11 +131,17 @@ class Hypotheses:
         return np.asarray(weight / weight.sum())
 
     def final(
-        self, bank: Bank, angle: float, current: float, chosen: IntArray | None = None
+        self,
+        bank: Bank,
+        angle: float,
+        current: float,
+        chosen: IntArray | None = None,
+        beyond: FloatArray | float = 0.0,
     ) -> FloatArray:
         """Return the final angle under a current for each chosen hypothesis, in degrees.
 
-        Its error at the present angle is assumed to remain.
+        Its error at the present angle is assumed to remain, and the branch to be higher by
+        ``beyond`` degrees.
         """
         some = np.arange(bank.power.size) if chosen is None else chosen
         final: FloatArray = _kernels.settled(
@@ -146,7 +153,8 @@ class Hypotheses:
             self.wire.operator.range,
             current**2,
             angle,
-            _ITERATIONS,
+            np.broadcast_to(np.float64(beyond), some.shape),
+            (_NEAR, _ITERATIONS),
         )
         return final
 
@@ -169,6 +177,17 @@ class Hypotheses:
     def resistance(self) -> FloatArray:
         """Resistance (M,) of each hypothesis, cold over hot."""
         return np.asarray(self.cold_resistance + _RESISTANCE_SPREAD * self._drawn[2])
+
+    @cached_property
+    def density(self) -> FloatArray:
+        """Density (M,) of what each hypothesis was drawn with beside its change; 1 at the middle.
+
+        A weight does not have it, as more hypotheses are drawn where it is higher. It compares
+        single ones.
+        """
+        changes = np.abs(self._drawn[:2])
+        beside = changes[1, :_EACH] / _BESIDE[1], changes[0, _EACH:] / _BESIDE[0]
+        return np.asarray(np.exp(-np.concatenate(beside) - 0.5 * self._drawn[2] ** 2))
 
     @cached_property
     def _prior(self) -> FloatArray:

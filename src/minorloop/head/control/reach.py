@@ -269,13 +269,14 @@ class ReachWatch(Loop):
         likely = np.flatnonzero(weights > _NEGLIGIBLE * weights.max())
         weight = weights[likely]
         final = self._hypotheses.final(trial.bank, angle, self.highest, likely)
-        farthest = final + _OFF + _UNSURE * np.maximum(final - angle, 0.0)
+        off = _OFF + _UNSURE * np.maximum(final - angle, 0.0)
+        farthest = self._hypotheses.final(trial.bank, angle, self.highest, likely, off)
         short = farthest < reference - self.tolerance
-        arriving = weight[~short]
         if begun:
-            open_still = float(arriving.sum()) > 1.0 - self.certainty
+            open_still = float(weight[~short].sum()) > 1.0 - self.certainty
         else:  # The many hypotheses under which it never turns do not count against a single one.
-            open_still = float(arriving.max(initial=0.0) / weight.max()) > _RARE
+            single = weight * self._hypotheses.density[likely]
+            open_still = float(single[~short].max(initial=0.0) / single.max()) > _RARE
         if open_still and not stopped:
             return None
         if stopped:
