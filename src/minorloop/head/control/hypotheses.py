@@ -28,6 +28,9 @@ pipe."""
 _RESISTANCE_SPREAD = 0.08
 """Standard deviation of the cold over the hot resistance among wires; data sheets of
 nickel-titanium give 0.7 to 0.9."""
+_STEEPER = 0.05
+"""Most by which the branch rises faster than the identified one. The holds of an identification end
+after about three time constants of a wire where it turns most, with a twentieth of the way left."""
 _TABLE = 257
 """Points of the table of the rising branch."""
 _MODEL_ERROR, _MOST_MISS = 0.7, 5.0
@@ -179,6 +182,11 @@ class Hypotheses:
         return np.asarray(self.cold_resistance + _RESISTANCE_SPREAD * self._drawn[2])
 
     @cached_property
+    def steeper(self) -> FloatArray:
+        """Slope (M,) of the branch of each hypothesis over that of the identified one."""
+        return np.asarray(1.0 + _STEEPER * self._drawn[3])
+
+    @cached_property
     def density(self) -> FloatArray:
         """Density (M,) of what each hypothesis was drawn with beside its change; 1 at the middle.
 
@@ -201,14 +209,16 @@ class Hypotheses:
         """Changes of the ambient in K and of the logarithm of the convection, and resistances.
 
         Either the ambient is drawn evenly from its range or the convection; the other one follows
-        its prior, and so does the resistance in standard deviations: (3, M).
+        its prior, and so does the resistance in standard deviations. The last row are shares of the
+        largest error of the branch: (4, M).
         """
         rng = np.random.default_rng(0)
         ambients, coolings = rng.uniform(*_AMBIENTS, _EACH), rng.uniform(*_COOLINGS, _EACH)
         first = [ambients, rng.laplace(scale=_BESIDE[1], size=_EACH)]
         second = [rng.laplace(scale=_BESIDE[0], size=_EACH), coolings]
         changes = np.concatenate([first, second], axis=1)
-        return np.concatenate([changes, rng.standard_normal((1, 2 * _EACH))])
+        resistances = rng.standard_normal((1, 2 * _EACH))
+        return np.concatenate([changes, resistances, rng.random((1, 2 * _EACH))])
 
     @cached_property
     def _low(self) -> float:
@@ -224,4 +234,4 @@ class Hypotheses:
 
     @cached_property
     def _around(self) -> FloatArray:
-        return np.array([self.ambient, self.cooling, self.resistance])
+        return np.array([self.ambient, self.cooling, self.resistance, self.steeper])

@@ -269,8 +269,10 @@ class ReachWatch(Loop):
         likely = np.flatnonzero(weights > _NEGLIGIBLE * weights.max())
         weight = weights[likely]
         final = self._hypotheses.final(trial.bank, angle, self.highest, likely)
-        off = _OFF + _UNSURE * np.maximum(final - angle, 0.0)
-        farthest = self._hypotheses.final(trial.bank, angle, self.highest, likely, off)
+        farthest = final + _OFF + _UNSURE * np.maximum(final - angle, 0.0)
+        if begun:  # An error of the branch where the wire turns feeds back as its angle does.
+            off = farthest - final
+            farthest = self._hypotheses.final(trial.bank, angle, self.highest, likely, off)
         short = farthest < reference - self.tolerance
         if begun:
             open_still = float(weight[~short].sum()) > 1.0 - self.certainty
