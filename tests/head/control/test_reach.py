@@ -155,6 +155,12 @@ def test_the_stated_reach_is_a_band_or_a_bound():
     assert said.endswith("the wire would reach at most 55 degrees")
 
 
+def test_a_reach_near_zero_is_stated_to_the_digits_of_a_reading():
+    said = str(Unreachable("convection too high", 40.0, 0.0123, 9.0, -0.0123, 0.0987))
+    assert said.startswith("target 40 degrees")
+    assert said.endswith("the wire would reach 0 to 0.1 degrees")
+
+
 def test_a_target_beyond_the_stroke_is_reported_at_once():
     verdict, after = watched(80.0)
     assert verdict.reason == "beyond the stroke"

@@ -92,10 +92,11 @@ class Unreachable:
     most: float = math.nan
 
     def __str__(self) -> str:
-        least, most = f"{self.least:.3g}", f"{self.most:.3g}"
-        known = f"at most {self.reach:.3g}" if "nan" in (least, most) else f"{least} to {most}"
+        known = f"{_shown(self.least)} to {_shown(self.most)}"
+        if math.isnan(self.least) or math.isnan(self.most):
+            known = f"at most {_shown(self.reach)}"
         return (
-            f"target {self.reference:.3g} degrees is unreachable: {self.reason}; the wire would "
+            f"target {_shown(self.reference)} degrees is unreachable: {self.reason}; the wire would "
             f"reach {known} degrees"
         )
 
@@ -327,3 +328,8 @@ class ReachWatch(Loop):
     @cached_property
     def _hypotheses(self) -> Hypotheses:
         return Hypotheses(wire=self.wire, rise=self.rise, cold_resistance=self.cold_resistance)
+
+
+def _shown(angle: float) -> str:
+    """Return an angle in degrees to one decimal: readings have a noise of 0.05."""
+    return f"{round(angle, 1) + 0.0:g}"
