@@ -1,9 +1,9 @@
 """Hypotheses about the surroundings of a wire that is being heated.
 
-A hypothesis is a change of the ambient or of the convection since identification, and a resistance
-of the cold wire, which nothing before has determined. The wire is simulated under all hypotheses at
-once, on the rising branch of its operator. The weight of a hypothesis follows from its errors; each
-predicts the angle that full current would reach.
+A hypothesis is a change of the ambient or of the convection since identification, a resistance of
+the cold wire, which nothing before has determined, and an error of the identified branch. The wire
+is simulated under all hypotheses at once, on the rising branch of its operator. The weight of a
+hypothesis follows from its errors; each predicts the angle that full current would reach.
 """
 
 from __future__ import annotations
@@ -206,11 +206,11 @@ class Hypotheses:
 
     @cached_property
     def _drawn(self) -> FloatArray:
-        """Changes of the ambient in K and of the logarithm of the convection, and resistances.
+        """Changes of ambient and convection, resistances and errors of the branch, (4, M).
 
-        Either the ambient is drawn evenly from its range or the convection; the other one follows
-        its prior, and so does the resistance in standard deviations. The last row are shares of the
-        largest error of the branch: (4, M).
+        Changes are in K, and of the logarithm of the convection. Either the ambient is drawn evenly
+        from its range or the convection; the other one follows its prior, and so does the
+        resistance in standard deviations. Errors of the branch are even shares of the largest one.
         """
         rng = np.random.default_rng(0)
         ambients, coolings = rng.uniform(*_AMBIENTS, _EACH), rng.uniform(*_COOLINGS, _EACH)

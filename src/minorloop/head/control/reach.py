@@ -5,7 +5,7 @@ convection. Hypotheses that do not explain the readings lose weight. A target is
 nearly all of the weight is on hypotheses under which full current is not enough; a wire that is
 only slow leaves weight on those under which it arrives. Until a wire turns, its readings tell only
 how late it is, and the weight is mostly that from before the heating: the target is then
-unreachable if no likely hypothesis under which the wire arrives is left.
+unreachable if every single hypothesis under which the wire arrives is unlikely.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _UNSURE, _OFF = 0.05, 0.7
 """Error of a predicted motion beside what the hypotheses differ by: as a share of it, and in
 degrees, that of the model."""
 _RARE = 0.01
-"""Weight over the largest below which no hypothesis may be under which a wire arrives that has not
+"""Density over the largest below which no hypothesis may be under which a wire arrives that has not
 begun to turn."""
 _NEGLIGIBLE = 1e-7
 """Share of the largest weight below which a hypothesis is left out: all of them are below 0.2 %."""
@@ -95,10 +95,8 @@ class Unreachable:
         known = f"{_shown(self.least)} to {_shown(self.most)}"
         if math.isnan(self.least) or math.isnan(self.most):
             known = f"at most {_shown(self.reach)}"
-        return (
-            f"target {_shown(self.reference)} degrees is unreachable: {self.reason}; the wire would "
-            f"reach {known} degrees"
-        )
+        target = f"target {_shown(self.reference)} degrees"
+        return f"{target} is unreachable: {self.reason}; the wire would reach {known} degrees"
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +269,7 @@ class ReachWatch(Loop):
         weight = weights[likely]
         final = self._hypotheses.final(trial.bank, angle, self.highest, likely)
         farthest = final + _OFF + _UNSURE * np.maximum(final - angle, 0.0)
-        if begun:  # An error of the branch where the wire turns feeds back as its angle does.
+        if begun:  # Where the wire turns, an error of the branch feeds back as the angle does.
             off = farthest - final
             farthest = self._hypotheses.final(trial.bank, angle, self.highest, likely, off)
         short = farthest < reference - self.tolerance
