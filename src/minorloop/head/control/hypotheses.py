@@ -28,7 +28,7 @@ pipe."""
 _RESISTANCE_SPREAD = 0.08
 """Standard deviation of the cold over the hot resistance among wires; data sheets of
 nickel-titanium give 0.7 to 0.9."""
-_STEEPER = 0.065
+_STEEPER = 0.06
 """Most by which the branch rises faster than the identified one. The holds of an identification,
 40 s, are three time constants of the slowest wires where they turn most, and end with a twentieth
 of the way left; on simulated wires the branch rises faster by up to 6 %."""
