@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
 from minorloop.head.control.guard import MOST_ALIKE, MOST_EVENTS, Guard
-from minorloop.head.control.head import CONTROLLERS, controller
+from minorloop.head.control.head import CONTROLLERS, controller, head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.observer import PowerObserver
 from minorloop.head.control.sensing import SensorWatch
@@ -288,6 +288,17 @@ def test_a_frequent_cause_does_not_displace_others_in_the_log():
 def test_a_step_is_not_a_target_that_moves():
     _, state, _ = loop(guarded(), 40.0, 3.0)
     assert "behind" not in causes(state)
+
+
+def test_a_constant_target_that_is_led_step_by_step_does_not_move():
+    wire = identified().model
+    law, plant = head_control("observer", (wire,), lead=6.0), Wire(noise=0.05, seed=1)
+    state, seen = law.begin(), 0.0
+    for _ in range(150):
+        current, state = law.step(state, (50.0,), (seen,))
+        seen = plant.exchange(float(current[0]))
+    assert seen > 20.0
+    assert "behind" not in causes(state.axes[0])
 
 
 @pytest.mark.parametrize("name", ["observer", "internal_model"])

@@ -65,3 +65,31 @@ def test_a_bank_that_begins_in_motion_continues_from_there():
     np.testing.assert_allclose(bank.power, 0.12)
     assert bank.branch[0] == pytest.approx(warm.angle)
     assert bank.branch[-1] == pytest.approx(wire.operator.range[1])
+
+
+def test_the_final_angle_is_that_at_which_the_heat_balances():
+    wire, hypotheses = bank_of(ratio=0.8)
+    bank = hypotheses.begin(0.0, PowerObserver(wire=wire).found(), moving=False)
+    final = hypotheses.final(bank, 0.0, 0.4)
+    low, top = wire.operator.range
+    resistance = hypotheses.resistance
+    # A hotter wire has more resistance: the same ambient takes less of its power away.
+    ambient = hypotheses.ambient / (resistance + (1.0 - resistance) * (final - low) / (top - low))
+    grid = np.linspace(*wire.operator.levels[[0, -1]], bank.branch.size)
+    start = grid[np.flatnonzero(bank.branch - bank.branch[0] < 0.5)[-1]]
+    power = start + hypotheses.steeper * (ambient + 0.16 / hypotheses.cooling - start)
+    some = (hypotheses.ambient < 0.0) & (final > 3.0) & (final < top - 1.0)
+    assert some.sum() > 500
+    np.testing.assert_allclose(final[some], np.interp(power, grid, bank.branch)[some], atol=0.02)
+
+
+def test_an_error_of_the_branch_feeds_back_in_the_cold():
+    wire, hypotheses = bank_of(ratio=0.7)
+    bank = hypotheses.begin(0.0, PowerObserver(wire=wire).found(), moving=False)
+    final = hypotheses.final(bank, 0.0, 0.4)
+    more = hypotheses.final(bank, 0.0, 0.4, beyond=0.5) - final
+    between = (final > 15.0) & (final < 45.0)
+    warm = between & (np.abs(hypotheses.ambient * RISE) < 2.0)
+    cold = between & (hypotheses.ambient * RISE < -25.0)
+    assert more[warm] == pytest.approx(0.5, abs=0.1)
+    assert np.median(more[cold]) > 0.7

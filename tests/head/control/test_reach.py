@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
+from minorloop.head.control.head import head_control
 from minorloop.head.control.observer import PowerObserver
 from minorloop.head.control.reach import ReachState, ReachWatch, Trial, Unreachable
+from minorloop.head.studies.head_loop import constant, run_loop
 from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.surroundings import Surroundings
 from minorloop.head.twins.wire import Wire
@@ -75,6 +77,21 @@ def test_a_wire_whose_resistance_changes_much_is_not_given_up():
     # and slowly, and reaches 65.5 degrees in the end.
     wire = identify_head(7003)[0][0]
     assert watched(62.8, ambient=-10.0, seconds=30.0, specimen=7003, wire=wire)[0] is None
+
+
+def test_a_cold_head_whose_identified_branch_rises_too_late_is_not_given_up():
+    # Its holds ended 3.5 degrees short where it turns most; it reaches 43.4 degrees in the end.
+    wires, coupling = identify_head(95544)
+    run = run_loop(
+        "observer",
+        head_control("observer", wires, coupling=coupling),
+        constant(42.83),
+        25.0,
+        specimen=95544,
+        seed=95544,
+        surroundings=Surroundings(ambient=-17.7527),
+    )
+    assert run.alarms == ()
 
 
 def test_a_wire_that_no_hypothesis_explains_is_not_given_up_while_it_turns():
@@ -153,6 +170,12 @@ def test_the_stated_reach_is_a_band_or_a_bound():
     assert said.endswith("the wire would reach 14.2 to 38.1 degrees")
     said = str(Unreachable("beyond the stroke", 80.0, 55.0, 0.0))
     assert said.endswith("the wire would reach at most 55 degrees")
+
+
+def test_a_reach_near_zero_is_stated_to_the_digits_of_a_reading():
+    said = str(Unreachable("convection too high", 40.0, 0.0123, 9.0, -0.0123, 0.0987))
+    assert said.startswith("target 40 degrees")
+    assert said.endswith("the wire would reach 0 to 0.1 degrees")
 
 
 def test_a_target_beyond_the_stroke_is_reported_at_once():

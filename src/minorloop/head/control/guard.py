@@ -111,6 +111,8 @@ class GuardState:
         Of the target.
     reference : float
         Last target that was a number, in degrees.
+    asked : float
+        What it was computed from, in degrees; NaN if that was no number.
     applied : float
         Present current in A.
     steps : int
@@ -143,6 +145,7 @@ class GuardState:
     sign: Sign
     reach: ReachState
     reference: float
+    asked: float
     applied: float
     steps: int = 0
     t: float = math.nan
@@ -229,6 +232,7 @@ class Guard:
             Sign(),
             ReachState(),
             angle,
+            math.nan,
             on,
         )
 
@@ -260,6 +264,7 @@ class Guard:
             What was asked for, if the reference was computed from it.
         """
         reading = measurement if raw is None else raw
+        whole = as_number(reference if asked is None else asked)
         steps, read, notes, clock = self._passed(state, reading, t)
         wanted, notes = self._wanted(state, reference, asked, notes)
         estimate, heated = self._predicted(state, steps)
@@ -295,7 +300,8 @@ class Guard:
         current = min(requested, cool, self._useful(sensed, reach, estimate))
         if current != requested:
             inner = replace(inner, applied=current)
-        behind = self._behind(state, wanted, sensed.value, current)
+        moving = math.isfinite(whole) and whole != state.asked
+        behind = self._behind(state, wanted, sensed.value, current, moving=moving)
         idle = self._idle(state, wanted, sensed.value, current)
         new = GuardState(
             inner,
@@ -308,6 +314,7 @@ class Guard:
             sign,
             reach,
             wanted,
+            whole,
             current,
             state.steps + 1,
             *clock,
@@ -463,10 +470,11 @@ class Guard:
         nothing = verdict.reach < low + self._watch.tolerance
         return 0.0 if nothing or verdict.reason == "no motion" else self.observer.highest
 
-    def _behind(self, state: GuardState, wanted: float, value: float, current: float) -> float:
+    def _behind(
+        self, state: GuardState, wanted: float, value: float, current: float, *, moving: bool
+    ) -> float:
         """Return the seconds for which the wire, at a limit, has been behind a moving target."""
         at_limit = current >= self.observer.highest or current <= 0.0
-        moving = wanted != state.reference
         if at_limit and moving and abs(wanted - value) > _BEHIND_BY:
             return state.behind + self.observer.interval
         return 0.0
@@ -499,7 +507,7 @@ class Guard:
             present["behind"] = "the target moves faster than the wire can follow"
         if new.idle > _IDLE_LAGS * self.observer.wire.lag:
             present["warm"] = (
-                f"without a current it stays above {new.reference:.3g} degrees: the surroundings "
+                f"without a current it stays above {new.reference:.1f} degrees: the surroundings "
                 "are too warm"
             )
         if self.limits.stressed(new.estimate.wire.angle):

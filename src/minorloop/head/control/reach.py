@@ -5,7 +5,7 @@ convection. Hypotheses that do not explain the readings lose weight. A target is
 nearly all of the weight is on hypotheses under which full current is not enough; a wire that is
 only slow leaves weight on those under which it arrives. Until a wire turns, its readings tell only
 how late it is, and the weight is mostly that from before the heating: the target is then
-unreachable if no likely hypothesis under which the wire arrives is left.
+unreachable if every single hypothesis under which the wire arrives is unlikely.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _UNSURE, _OFF = 0.05, 0.7
 """Error of a predicted motion beside what the hypotheses differ by: as a share of it, and in
 degrees, that of the model."""
 _RARE = 0.01
-"""Weight over the largest below which no hypothesis may be under which a wire arrives that has not
+"""Density over the largest below which no hypothesis may be under which a wire arrives that has not
 begun to turn."""
 _NEGLIGIBLE = 1e-7
 """Share of the largest weight below which a hypothesis is left out: all of them are below 0.2 %."""
@@ -92,12 +92,11 @@ class Unreachable:
     most: float = math.nan
 
     def __str__(self) -> str:
-        least, most = f"{self.least:.3g}", f"{self.most:.3g}"
-        known = f"at most {self.reach:.3g}" if "nan" in (least, most) else f"{least} to {most}"
-        return (
-            f"target {self.reference:.3g} degrees is unreachable: {self.reason}; the wire would "
-            f"reach {known} degrees"
-        )
+        known = f"{_shown(self.least)} to {_shown(self.most)}"
+        if math.isnan(self.least) or math.isnan(self.most):
+            known = f"at most {_shown(self.reach)}"
+        target = f"target {_shown(self.reference)} degrees"
+        return f"{target} is unreachable: {self.reason}; the wire would reach {known} degrees"
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,12 +269,15 @@ class ReachWatch(Loop):
         weight = weights[likely]
         final = self._hypotheses.final(trial.bank, angle, self.highest, likely)
         farthest = final + _OFF + _UNSURE * np.maximum(final - angle, 0.0)
+        if begun:  # Where the wire turns, an error of the branch feeds back as the angle does.
+            off = farthest - final
+            farthest = self._hypotheses.final(trial.bank, angle, self.highest, likely, off)
         short = farthest < reference - self.tolerance
-        arriving = weight[~short]
         if begun:
-            open_still = float(arriving.sum()) > 1.0 - self.certainty
+            open_still = float(weight[~short].sum()) > 1.0 - self.certainty
         else:  # The many hypotheses under which it never turns do not count against a single one.
-            open_still = float(arriving.max(initial=0.0) / weight.max()) > _RARE
+            single = weight * self._hypotheses.density[likely]
+            open_still = float(single[~short].max(initial=0.0) / single.max()) > _RARE
         if open_still and not stopped:
             return None
         if stopped:
@@ -324,3 +326,8 @@ class ReachWatch(Loop):
     @cached_property
     def _hypotheses(self) -> Hypotheses:
         return Hypotheses(wire=self.wire, rise=self.rise, cold_resistance=self.cold_resistance)
+
+
+def _shown(angle: float) -> str:
+    """Return an angle in degrees to one decimal: readings have a noise of 0.05."""
+    return f"{round(angle, 1) + 0.0:g}"

@@ -28,7 +28,7 @@ BOTH: Reason = "colder surroundings or stronger cooling"
 CLEARLY = 5.0
 """Degrees out of reach from which a target must be found."""
 SECONDS = 30.0
-"""Duration of a run: the slowest verdict, in the cold, takes 28 s."""
+"""Duration of a run: the slowest verdict, in the cold, takes 29 s."""
 AMBIENTS, COOLINGS = (-20.0, -8.0), (1.4, 2.0)
 """Range of the ambient in degrees Celsius, and of the convection over that at identification: the
 reach falls between the ends of the stroke."""
