@@ -18,7 +18,7 @@ from minorloop.head.procedures.values import Procedure, Reading, Request, held_s
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.hold import HoldState, PointHold
 from minorloop.head.vision.jacobian import wall_depth
-from minorloop.head.vision.recentre import outline_about
+from minorloop.head.vision.recentre import CLICKED, outline_about
 from minorloop.head.vision.reflectance_map import LitFrame
 from minorloop.head.vision.servo import Cone, Servo, ServoStep
 from minorloop.head.vision.sighting import sighted_angles
@@ -146,14 +146,17 @@ class Centring(Procedure[CentreState]):
         pan, tilt = reading.angles.tolist()
         return self._tracker(reading).begin(image, pixel, pan, tilt)
 
-    def outlined(self, image: Image, pixel: npt.ArrayLike, reading: Reading) -> FloatArray:
+    def outlined(
+        self, image: Image, pixel: npt.ArrayLike, reading: Reading, *, reach: float = CLICKED
+    ) -> FloatArray:
         """Return the middle (2,) of the round outline about a pixel; the pixel if there is none.
 
-        A person clicks some pixels beside what is meant.
+        A person clicks some pixels beside what is meant; ``reach`` is as in `outline_about`.
         """
         clicked = np.asarray(pixel, dtype=np.float64)
         frame = LitFrame(image, *reading.angles.tolist())
-        found = outline_about([frame], self.calibration.camera_at(reading.place), clicked)
+        camera = self.calibration.camera_at(reading.place)
+        found = outline_about([frame], camera, clicked, reach=reach)
         return clicked if found is None else found.pixel
 
     def follow(self, track: TrackState, reading: Reading, image: Any) -> tuple[Track, TrackState]:
