@@ -159,14 +159,13 @@ class HeatedWire:
         """
         gap = interval * (power - cooling * (state.power - ambient))
         stiff = self.lag + cooling * interval
-        change = gap / stiff
-        if abs(change) < SMALLEST_CHANGE:
+        if abs(gap / stiff) < SMALLEST_CHANGE:
             return state
-        if self.latent > 0:
-            for _ in range(SOLVES):
-                moved = state.tracker.peek(state.power + change) - state.angle
-                change = gap / (stiff + self.latent * moved / change)
-        return self.moved(state, state.power + change)
+        tracker = state.tracker.copy()
+        after = tracker.push_balance(
+            state.power, state.angle, gap, stiff=stiff, drag=self.latent, solves=SOLVES
+        )
+        return HeatedState(*after, tracker)
 
     def moved(self, state: HeatedState, power: float) -> HeatedState:
         """Return the state after the effective power has moved monotonically to a value.

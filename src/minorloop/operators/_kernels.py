@@ -142,6 +142,26 @@ def simulate(plane, stack, n, u, y):
 
 
 @njit(cache=True, nogil=True)
+def push_balance(plane, stack, n, gap, stiff, drag, solves, u, y):
+    """Move the input by du, the output by dy, where stiff du + drag dy = gap; return the rows used.
+
+    ``u`` (1,) and ``y`` (1,) are changed. The slope dy / du is found by ``solves`` fixed-point
+    iterations, on a copy of the stack.
+    """
+    change, before, spare = gap / stiff, y[0], np.empty((n + 2, stack.shape[1]))
+    there = np.empty(1)
+    for _ in range(solves if drag > 0.0 else 0):
+        for row in range(n):
+            for column in range(stack.shape[1]):
+                spare[row, column] = stack[row, column]
+        there[0] = u[0] + change
+        simulate(plane, spare, n, there, y)
+        change = gap / (stiff + drag * (y[0] - before) / change)
+    u[0] += change
+    return simulate(plane, stack, n, u, y)
+
+
+@njit(cache=True, nogil=True)
 def everett(plane, alpha, beta, out):
     """Everett values for pairs alpha >= beta inside the grid."""
     levels, per_band, buckets, per_unit, nodes, bow, _, _ = plane

@@ -69,10 +69,47 @@ class Tracker(Generic[Model]):
         ParameterError
             If the input is not a finite number.
         """
-        if self._rows > len(self._stack) - 2:
-            self._stack = np.concatenate([self._stack, np.empty_like(self._stack)])
+        self._make_room()
         self._rows = self._advance(self._stack, u)
         return float(self._y[0])
+
+    def push_balance(
+        self, u: float, y: float, gap: float, *, stiff: float, drag: float, solves: int
+    ) -> tuple[float, float]:
+        """Push the input that a balance with the output gives, and return both.
+
+        The input moves by du and the output by dy so that stiff du + drag dy = gap.
+
+        Parameters
+        ----------
+        u, y : float
+            Present input and output.
+        gap : float
+            Not 0.
+        stiff, drag : float
+            Positive, and not negative.
+        solves : int
+            Fixed-point iterations for the slope dy / du.
+
+        Raises
+        ------
+        ParameterError
+            If input or gap is not a finite number.
+        """
+        self._make_room()
+        self._u[0], self._y[0] = as_finite("u", u), y
+        gap = as_finite("gap", gap)
+        self._rows = int(
+            _kernels.push_balance(
+                self._tables, self._stack, self._rows, gap, stiff, drag, solves, self._u, self._y
+            )
+        )
+        return float(self._u[0]), float(self._y[0])
+
+    def _make_room(self) -> None:
+        """Make room for another row of the stack: an input adds at most one."""
+        if self._rows > len(self._stack) - 2:
+            self._stack = np.concatenate([self._stack, np.empty_like(self._stack)])
 
     def peek(self, u: float) -> float:
         """Return the output for a next input; the memory stays as it is.

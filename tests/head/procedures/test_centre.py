@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from minorloop.head.geometry import wall_point
-from minorloop.head.procedures.centre import CONE, NOT_IN_VIEW, Centring
+from minorloop.head.procedures.centre import CONE, LOST_FOR, NOT_IN_VIEW, TWO_TICKS, Centring
+from minorloop.head.vision.tracking import TRACKED
 
 from .fakes import CALIBRATION, Loop, eye
 
@@ -28,6 +31,25 @@ def test_a_point_that_the_first_frame_does_not_show_whole_is_not_tracked():
     state = loop.run(centring, centring.begin((0.5, 1e-3)))
     assert state.verdict == NOT_IN_VIEW
     assert all(request.angles is None for request in loop.asked)
+
+
+class GoingDark(Loop):
+    """A loop whose pictures are black after 0.3 s."""
+
+    def reading(self, request=None):
+        now = super().reading(request)
+        dark = now.image is not None and self.t > 0.3
+        return replace(now, image=np.zeros_like(now.image)) if dark else now
+
+
+@pytest.mark.parametrize(("still", "ends"), [(0.44, 0.3 + LOST_FOR), (np.inf, 4.0)])
+def test_a_point_that_is_lost_is_given_up_unless_it_is_to_be_held(still, ends):
+    loop = GoingDark(AIM, (1e-3, 0.0), share=1.0, sees=True)
+    centring = Centring(
+        calibration=CALIBRATION, still=still, in_middle=0.0, patience=4.0, interval=TWO_TICKS
+    )
+    assert loop.run(centring, centring.begin(PLACE)).verdict != TRACKED
+    assert loop.t == pytest.approx(ends, abs=0.2)
 
 
 def test_without_sensors_the_angles_follow_from_the_image():

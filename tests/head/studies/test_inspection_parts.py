@@ -523,3 +523,14 @@ def test_everything_is_gathered_and_reported(mission):
     assert found["detection"]["plain_edge_px_p90"] == 0.3
     assert page.count("<img") == 10
     assert "Fig 14" in page
+
+
+def test_a_specimen_has_the_results_of_both_parts(monkeypatch):
+    rest = ("outcomes", "cracks", "edges", "scored", "mission", "sweep", "reach")
+    monkeypatch.setattr(inspection, "parent_process", object)  # as in a process of its own
+    monkeypatch.setattr(inspection, "_servo", lambda seed: {"servo": seed, "runs": {}})
+    monkeypatch.setattr(inspection, "_others", lambda *given: dict.fromkeys(rest, given))
+    study = inspection.run_study(7, scenes=2, scans=3)
+    assert study.servo == 7
+    assert {getattr(study, name) for name in rest} == {(7, 2, 3)}
+    assert study.seconds >= 0.0

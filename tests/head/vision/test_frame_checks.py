@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop.head.geometry import wall_point
+from minorloop.head.vision import _kernels
 from minorloop.head.vision.frame_checks import Brightness, check_frame, same_light
 
 from .walls import CAMERA, LENS, photograph
@@ -76,3 +77,12 @@ def test_two_halves_of_different_frames_are_torn(image, row):
 def test_lights_that_differ_by_three_percent_are_different_ones(image, share, verdict):
     other = np.rint(share * image.astype(float)).astype(np.uint8)
     assert same_light(Brightness.of(image), Brightness.of(other)) == verdict
+
+
+@pytest.mark.parametrize("columns", [637, 640])
+def test_steps_between_rows_are_medians(columns):
+    image = np.random.default_rng(0).integers(0, 60, (9, columns)).astype(np.uint8)
+    steps = np.empty(8)
+    _kernels.row_steps(image, 4, steps)
+    apart = np.abs(np.diff(image[:, ::4].astype(int), axis=0))
+    assert np.array_equal(steps, np.median(apart, axis=1))

@@ -18,7 +18,7 @@ from minorloop.head.procedures.values import Procedure, Reading, Request, held_s
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.hold import HoldState, PointHold
 from minorloop.head.vision.jacobian import wall_depth
-from minorloop.head.vision.recentre import outline_about
+from minorloop.head.vision.recentre import CLICKED, outline_about
 from minorloop.head.vision.reflectance_map import LitFrame
 from minorloop.head.vision.servo import Cone, Servo, ServoStep
 from minorloop.head.vision.sighting import sighted_angles
@@ -37,7 +37,7 @@ class CentreState:
     tracked last; ``sighted`` (2,) the angles of a head without sensors by the last frame.
     ``verdict`` is that of the tracker, or ``not in view`` if the first frame does not show the
     point whole; ``error`` in pixels from the middle, NaN if the point is not tracked. The point
-    has been in the middle without a break from ``near_since``.
+    has been in the middle without a break from ``near_since``, and lost from ``lost_since``.
     """
 
     place: FloatArray
@@ -50,10 +50,13 @@ class CentreState:
     error: float = math.nan
     began: float | None = None
     near_since: float | None = None
+    lost_since: float | None = None
     done: bool = False
 
 
 NOT_IN_VIEW = "not in view"
+LOST_FOR = 3.0
+"""Seconds without the point after which it is not centred: what comes back does so within 1 s."""
 TWO_TICKS = 0.08
 """Seconds between frames of a tracker that works alone: the head turns by less than a degree."""
 
@@ -84,7 +87,7 @@ class Centring(Procedure[CentreState]):
     in_middle : float
         Distance from the middle in pixels at which the point is centred.
     still : float
-        Seconds for which it stays there.
+        Seconds for which it stays there; infinite to hold it there, also if it is lost.
     patience : float
         Longest duration in seconds.
     interval : float
@@ -146,14 +149,17 @@ class Centring(Procedure[CentreState]):
         pan, tilt = reading.angles.tolist()
         return self._tracker(reading).begin(image, pixel, pan, tilt)
 
-    def outlined(self, image: Image, pixel: npt.ArrayLike, reading: Reading) -> FloatArray:
+    def outlined(
+        self, image: Image, pixel: npt.ArrayLike, reading: Reading, *, reach: float = CLICKED
+    ) -> FloatArray:
         """Return the middle (2,) of the round outline about a pixel; the pixel if there is none.
 
-        A person clicks some pixels beside what is meant.
+        A person clicks some pixels beside what is meant; ``reach`` is as in `outline_about`.
         """
         clicked = np.asarray(pixel, dtype=np.float64)
         frame = LitFrame(image, *reading.angles.tolist())
-        found = outline_about([frame], self.calibration.camera_at(reading.place), clicked)
+        camera = self.calibration.camera_at(reading.place)
+        found = outline_about([frame], camera, clicked, reach=reach)
         return clicked if found is None else found.pixel
 
     def follow(self, track: TrackState, reading: Reading, image: Any) -> tuple[Track, TrackState]:
@@ -223,8 +229,11 @@ class Centring(Procedure[CentreState]):
         return (reading.angles, None) if sighted is None else (sighted, sighted)
 
     def _checked(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
-        """Return the state with the error, done if that has been small for long enough."""
+        """Return the state with the error, done if that has been small, or unknown, for long."""
         since = held_since(state.near_since, t, move.error < self.in_middle)
+        lost = held_since(state.lost_since, t, state.verdict != TRACKED)
         still = since is not None and passed(since, t, self.still)
         late = passed(state.began or 0.0, t, self.patience)
-        return replace(state, error=move.error, near_since=since, done=still or late)
+        gone = math.isfinite(self.still) and lost is not None and passed(lost, t, LOST_FOR)
+        done = still or late or gone
+        return replace(state, error=move.error, near_since=since, lost_since=lost, done=done)

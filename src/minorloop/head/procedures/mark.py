@@ -27,7 +27,7 @@ from minorloop.head.procedures.meter import Metering, MeterState
 from minorloop.head.procedures.values import Procedure, Reading, Request, held_since, passed
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.new_mark import new_mark
-from minorloop.head.vision.recentre import outline_about
+from minorloop.head.vision.recentre import FOUND, outline_about
 from minorloop.head.vision.sighting import sighted_angles
 from minorloop.head.vision.tracking import TRACKED, Track, TrackState
 
@@ -238,7 +238,7 @@ class Marking(Procedure[MarkState]):
         camera = self.calibration.camera_at(reading.place)
         last = frames.frames[-1]
         pixel = np.asarray(camera.pixel(state.place, last.pan, last.tilt))
-        hole = outline_about(frames.frames, camera, pixel)
+        hole = outline_about(frames.frames, camera, pixel, reach=FOUND)
         place = state.place if hole is None else hole.place
         pixel = pixel if hole is None else hole.pixel
         then = replace(reading, angles=np.array([last.pan, last.tilt]))
@@ -329,7 +329,8 @@ class Marking(Procedure[MarkState]):
     ) -> tuple[MarkState, Request]:
         """Withdraw the tool, then look for the mark."""
         late = self._late(state, reading)
-        request = Request(extension=0.0, angles=state.wanted, frame=True)
+        frame = reading.image is None
+        request = Request(extension=0.0, angles=state.wanted, frame=frame)
         before, contact = state.before, state.contact
         if late or before is None or contact is None or state.track is None:
             return replace(state, done=late or reading.extension <= 0.0), request

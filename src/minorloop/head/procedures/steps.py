@@ -21,6 +21,7 @@ from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.defects import Findings, Hole, find_holes
+from minorloop.head.vision.recentre import FOUND
 from minorloop.head.vision.reflectance_map import LitFrame
 from minorloop.head.vision.tracking import TRACKED
 
@@ -169,7 +170,7 @@ def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> Floa
     now, image = rig.look()
     camera = rig.calibration.camera_at(now.place)
     guess = np.asarray(camera.pixel(place, *now.angles.tolist()))
-    return rig.compute(lambda: centring.outlined(image, guess, now))
+    return rig.compute(lambda: centring.outlined(image, guess, now, reach=FOUND))
 
 
 def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import parent_process
 from typing import Any
 
 import numpy as np
@@ -31,7 +33,7 @@ from minorloop.head.studies.mission import Mission, run_mission
 from minorloop.head.studies.scan_trials import ScoredScan
 from minorloop.head.studies.sweep_trials import ScoredSweep, c_scan_figures, run_sweep
 from minorloop.head.twins.pipe import Bore
-from minorloop.studies.claims import Claim, medians
+from minorloop.studies.claims import Claim, for_each, medians
 from minorloop.threads import one_thread
 
 TITLE = "In-pipe inspection with a catheter head"
@@ -46,6 +48,8 @@ _PLAIN_SHARE, _SCANNED = 4, 4
 scan takes five times as long as a scene."""
 _WARM = 20.0
 """Temperature of the water in degrees Celsius from which on most heads must reach a raster."""
+_PARTS = 2
+"""Parts of a specimen that take about as long: the servo, and the rest."""
 _SCORED = ("outcomes", "cracks", "edges", "scored", "sweep")
 
 CLAIMS = (
@@ -394,8 +398,28 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
         Number of pits with a flat floor for the score of depths and bands; the last has the size
         for the score of fusion.
     """
+    work = partial(_part, seed, scenes, scans)
+    # One of several specimens has a core of its own; the first of them, or a single one, does not
+    # leave the others idle.
+    share = parent_process() is None
+    each = list(for_each(work, _PARTS, 0)) if share else [work(k) for k in range(_PARTS)]
+    found = {name: value for part, _ in each for name, value in part.items()}
+    return InspectionStudy(seed=seed, **found, seconds=sum(seconds for _, seconds in each))
+
+
+def _part(seed: int, scenes: int, scans: int, number: int) -> tuple[dict[str, Any], float]:
+    """Return the results of a part, 0 for the servo and 1 for the rest, and its processor time."""
     began = time.process_time()
+    found = _servo(seed) if number == 0 else _others(seed, scenes, scans)
+    return found, time.process_time() - began
+
+
+def _servo(seed: int) -> dict[str, Any]:
     servo, runs = servo_figures(Scene(seed))
+    return {"servo": servo, "runs": runs}
+
+
+def _others(seed: int, scenes: int, scans: int) -> dict[str, Any]:
     plain = -(-scenes // _PLAIN_SHARE)
     outcomes = [
         outcome
@@ -407,23 +431,21 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
             score_sizes(FIRST_SIZED + seed * scenes + k, hole),
         )
     ]
-    return InspectionStudy(
-        seed=seed,
-        servo=servo,
-        runs=runs,
-        outcomes=tuple(outcomes),
-        cracks=tuple(
+    return {
+        "outcomes": tuple(outcomes),
+        "cracks": tuple(
             score_cracks(FIRST_CRACK + seed * scenes + k, crack, scan=k % _SCANNED == 0)
             for k in range(scenes)
             for crack in (True, False)
         ),
-        edges=np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]),
-        scored=_scored_scans(FIRST_SCAN + (scans + 4) * seed, scans),
-        mission=run_mission(seed),
-        sweep=run_sweep(seed),
-        reach=reach_figures(seed),
-        seconds=time.process_time() - began,
-    )
+        "edges": np.concatenate(
+            [plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]
+        ),
+        "scored": _scored_scans(FIRST_SCAN + (scans + 4) * seed, scans),
+        "mission": run_mission(seed),
+        "sweep": run_sweep(seed),
+        "reach": reach_figures(seed),
+    }
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -423,7 +423,7 @@ def _surface(
     grains[..., 1] = rng.uniform(0.05e-3, 2e-3, (128, 128))
     # A fifth of the facets contain a grain; some two hundred are in the spot.
     grains[..., 0] *= grain * 10.0 * np.exp(-grains[..., 1] / 1e-3)
-    return texture, grains, roughness
+    return texture, grains, float(roughness)
 
 
 def _features(pipe: Pipe) -> Features:

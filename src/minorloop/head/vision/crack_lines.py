@@ -49,7 +49,8 @@ def line_heights(
     """
     rows, columns = seen.shape
     shape = tuple(fft.next_fast_len(n + _MARGIN, real=True) for n in (rows, columns))
-    waves = [fft.rfft2(_levelled(level, seen), shape) for level in stack]
+    share = _around(seen.astype(np.float32))
+    waves = [fft.rfft2(_levelled(level, seen, share), shape) for level in stack]
     v = 2 * np.pi * np.fft.fftfreq(shape[0])[:, None].astype(np.float32)
     u = 2 * np.pi * np.fft.rfftfreq(shape[1])[None].astype(np.float32)
     best = np.full((rows, columns), -np.inf, dtype=np.float32)
@@ -78,10 +79,17 @@ def _middle(heights: Image32, sides: npt.NDArray[np.int8]) -> npt.NDArray[np.boo
     return middle
 
 
-def _levelled(level: Image32, seen: npt.NDArray[np.bool_]) -> Image32:
-    """Return a map less the brightness around; 0 where it is not seen."""
-    filled = np.where(seen, level, 0).astype(np.float32)
-    share = ndimage.gaussian_filter(seen.astype(np.float32), _GROUND, mode="constant", truncate=3)
-    around = ndimage.gaussian_filter(filled, _GROUND, mode="constant", truncate=3)
+def _levelled(level: Image32, seen: npt.NDArray[np.bool_], share: Image32) -> Image32:
+    """Return a map less the brightness around; 0 where it is not seen.
+
+    ``share`` (rows, columns) is how much of what is around is seen.
+    """
+    around = _around(np.where(seen, level, 0).astype(np.float32))
     flat: Image32 = np.where(seen, level - around / np.maximum(share, 1e-3), 0).astype(np.float32)
     return flat
+
+
+def _around(level: Image32) -> Image32:
+    """Return a map averaged over what counts as its surroundings."""
+    averaged: Image32 = ndimage.gaussian_filter(level, _GROUND, mode="constant", truncate=3)
+    return averaged
