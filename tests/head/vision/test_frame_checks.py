@@ -79,6 +79,17 @@ def test_lights_that_differ_by_three_percent_are_different_ones(image, share, ve
     assert same_light(Brightness.of(image), Brightness.of(other)) == verdict
 
 
+def test_lights_that_cross_over_are_good_and_a_strip_of_the_same_light_is_torn():
+    grey = np.full((480, 1), 120.0)
+    crossing = grey * (1 + np.linspace(-0.05, 0.05, 480)[:, None])
+    strip = np.where(np.arange(480)[:, None] < 160, grey, 0.9 * grey)
+    verdicts = [
+        same_light(*(Brightness.of(np.tile(level, (1, 640)).astype(np.uint8)) for level in pair))
+        for pair in ((grey, crossing), (grey, strip))
+    ]
+    assert verdicts == ["good", "torn"]
+
+
 @pytest.mark.parametrize("columns", [637, 640])
 def test_steps_between_rows_are_medians(columns):
     image = np.random.default_rng(0).integers(0, 60, (9, columns)).astype(np.uint8)
