@@ -43,9 +43,9 @@ the same light: under the same light the share was 0.006 at most, under differen
 least in 30 views of the twin, and 0.030 in 39 of path-traced walls, where light from other walls
 makes the LEDs more alike."""
 _SUDDEN = 5.0
-"""A strip of the wrong light ends suddenly: next to it is a block that differs by so many times what
-counts as alike. In 150 path-traced scenes two LEDs were alike about the middle of bare metal, and the
-blocks about it differed by at most 4 times that."""
+"""A strip of the wrong light ends suddenly: next to it is a block that differs by so many times
+what counts as alike. In 150 path-traced scenes two LEDs were alike about the middle of bare metal,
+and the blocks about it differed by at most 4 times that."""
 _MOST = 0.9
 """Percentile of a row: neither a dark part of it nor glints in a tenth of it matter."""
 _EQUAL_ROWS, _ROW_GREY = 2, 4
