@@ -19,8 +19,8 @@ from minorloop.head.vision.calibrated_camera import Image32
 LEAST_EVIDENCE = -0.25
 """Evidence above which a line counts as a crack: 0.03 false findings an acquisition of the scenes
 of the fit, and as many cracks as with less."""
-ALONG = (9.77, -5.29, 9.39, -11.52, 0.98)
-WHOLE = (0.22, 2.44, 1.6)
+ALONG = (9.41, -5.22, 9.38, -11.63, 1.02)
+WHOLE = (0.88, 2.97, 1.22)
 """Constant and weights of the features of places along a line, and of a whole line, by logistic
 regression on scenes 5000 to 5199 of `minorloop.head.studies.crack_scenes`, each with and without a
 crack; by ``python -m benchmarks.cracks fit --first 5000 --count 200``."""
