@@ -31,7 +31,8 @@ nickel-titanium give 0.7 to 0.9."""
 _STEEPER = 0.06
 """Most by which the branch rises faster than the identified one. The holds of an identification,
 40 s, are three time constants of the slowest wires where they turn most, and end with a twentieth
-of the way left; on simulated wires the branch rises faster by up to 6 %."""
+of the way left. Of 13 simulated wires the branch rises faster by up to 6 % over nine tenths of the
+stroke; near its end some differ more, where it matters less."""
 _TABLE = 257
 """Points of the table of the rising branch."""
 _MODEL_ERROR, _MOST_MISS = 0.7, 5.0
