@@ -1,6 +1,7 @@
 import json
 import re
 import shutil
+import signal
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -766,10 +767,22 @@ def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, t
     assert not (tmp_path / "swept").exists()
 
 
-def test_an_interrupted_sweep_is_kept(run, identified_at_once, monkeypatch, tmp_path):
+@pytest.fixture
+def signals_as_before():
+    """A command that a signal ends ignores later ones, as its process exits."""
+    before = {each: signal.getsignal(each) for each in signal.valid_signals() if each < 30}
+    yield
+    for each, handler in before.items():
+        if handler is not None and signal.getsignal(each) is not handler:
+            signal.signal(each, handler)
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.usefixtures("identified_at_once", "signals_as_before")
+def test_an_interrupted_sweep_is_kept(run, monkeypatch, tmp_path, ending):
     def interrupted(rig, procedure, state, told):
         told(replace(state, stage="line", progress=0.25))
-        raise KeyboardInterrupt
+        signal.raise_signal(ending)
 
     monkeypatch.setattr(InspectionRig, "run", interrupted)
     status, _, error = run(SWEEP)
@@ -778,7 +791,14 @@ def test_an_interrupted_sweep_is_kept(run, identified_at_once, monkeypatch, tmp_
     kept = {each.name for each in (tmp_path / "swept").iterdir()}
     assert kept == {"journal.jsonl", "findings.csv", "findings.json", "report.html"}
     content = json.loads((tmp_path / "swept" / "findings.json").read_text())
-    assert content == {"ended": "interrupted", "bursts": 0, "lines": 0, "findings": []}
+    assert content == {
+        "ended": "interrupted",
+        "bursts": 0,
+        "lines": 0,
+        "mapped": 0.0,
+        "water line below the axis [mm]": None,
+        "findings": [],
+    }
 
 
 def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identified_at_once):
@@ -804,6 +824,8 @@ def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identif
     )
     assert (cut["bursts"], cut["ended"]) == (len(bursts(again)), "finished")
     assert cut["lines"] == whole["lines"]
+    assert min(cut["mapped"], whole["mapped"]) > 0.9
+    assert whole["water line below the axis [mm]"] is None  # all of it is under water
     (one,), (other,) = whole["findings"], cut["findings"]
     assert one["find"] == other["find"] == "pit"
     assert float(other["depth, mm"]) == pytest.approx(float(one["depth, mm"]), abs=0.02)

@@ -91,15 +91,15 @@ def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[s
         If it is finished, or another one was begun.
     """
     lines = journal_of(folder / NAME)
-    if lines[-1].get("why") == FINISHED:
-        raise ParameterError(
-            f"the {what} in {folder} is finished; give another folder, without --resume"
-        )
     other = first_difference({name: lines[0].get(name) for name in begun}, begun)
     if other:
         raise ParameterError(
             f"the {what} in {folder} is another one: {other}; resume it as it was begun, or give "
             "another folder"
+        )
+    if lines[-1].get("why") == FINISHED:
+        raise ParameterError(
+            f"the {what} in {folder} is finished; give another folder, without --resume"
         )
     return lines
 
@@ -120,7 +120,9 @@ def journal_of(file: Path) -> list[dict[str, Any]]:
     with suppress(ValueError):
         found.append(json.loads(rest))
     if not found or not all(isinstance(line, dict) and "what" in line for line in found):
-        raise RecordError(f"{file} is not the journal of an inspection; give its {NAME}")
+        raise RecordError(
+            f"{file} is not the journal of an inspection or a sweep, or is damaged; give its {NAME}"
+        )
     return found
 
 

@@ -69,6 +69,7 @@ def carried_out(
     from minorloop.head.reconstruction.depth_map import Patch
     from minorloop.head.reconstruction.pipe_map import pipe_map
     from minorloop.head.ultrasound.c_scan import c_scan
+    from minorloop.lab.signals import ended_by_signals
 
     if not is_pipe(actuator):
         raise ParameterError(f"{NO_PROBE}; give twin:pipe, whose head has one")
@@ -89,7 +90,8 @@ def carried_out(
     lines = resumed_lines(out, begun, "sweep") if resume else []
     before = kept_bursts(out / NAME, lines)
     opened = nullcontext(out) if resume else new_folder(out)
-    with opened as folder, _common.working("identifying the head", logged=True) as now:
+    working = _common.working("identifying the head", logged=True)
+    with ended_by_signals(exiting=True), opened as folder, working as now:
         plant = open_plant(actuator, specimen=specimen, seed=seed)
         flow = getattr(plant, "flood", None)
         tip, view = open_tip(actuator, specimen=specimen, seed=seed, flow=flow)
@@ -110,7 +112,7 @@ def carried_out(
         def kept(ended: str) -> dict[str, Any]:
             patch = Patch.ring(*z, radius=view.radius)
             scan = c_scan(state.bursts, view.probe_at((0.0, 0.0)), patch)
-            content = _kept(pipe_map(scan, []), ended, state, folder)
+            content = _kept(pipe_map(scan, []), ended, state, folder, phi)
             journal.note("end", why=ended)
             journal.close()
             return content
@@ -125,19 +127,29 @@ def carried_out(
         return kept(state.trouble or FINISHED)
 
 
-def _kept(found: PipeMap, ended: str, state: SweepState, folder: Path) -> dict[str, Any]:
+def _kept(
+    found: PipeMap, ended: str, state: SweepState, folder: Path, around: tuple[float, float]
+) -> dict[str, Any]:
     """Write findings and report, and return the content of ``findings.json``."""
+    import numpy as np
+
     from minorloop.files import write_atomically
+    from minorloop.head.reconstruction.depth_map import UNSEEN
     from minorloop.head.reconstruction.findings import save_findings
     from minorloop.head.studies.sweep_report import draw_pipe_map, finds_table
     from minorloop.report import Picture, Report
 
     rows = [one.finding(found.wall.patch.radius) for one in found.finds]
-    table = finds_table(found)
+    table, water = finds_table(found), found.water
+    swept = (found.wall.patch.places[..., 0] - around[0]) % (2 * math.pi) <= around[1] - around[0]
     content = {
         "ended": ended,
         "bursts": len(state.bursts),
         "lines": state.lines,
+        "mapped": round(float(np.mean(found.wall.source[swept] != UNSEEN)), 3),
+        "water line below the axis [mm]": [round(1e3 * v, 2) for v in (water.height, water.sd)]
+        if water.seen
+        else None,
         "findings": [dict(zip(table.columns, row, strict=True)) for row in table.rows],
     }
     save_findings(rows, folder / "findings.csv", force=True)
@@ -156,7 +168,12 @@ def _kept(found: PipeMap, ended: str, state: SweepState, folder: Path) -> dict[s
 def summary(content: dict[str, Any]) -> str:
     """Return what was found in how many bursts, and how it ended."""
     finds, bursts = counted(len(content["findings"]), "find"), counted(content["bursts"], "burst")
-    return f"{finds} in {bursts} on {counted(content['lines'], 'line')}; {content['ended']}"
+    found = f"{finds} in {bursts} on {counted(content['lines'], 'line')}"
+    if content["bursts"] and not content["mapped"]:
+        found += "; nothing is mapped: the wall does not answer"
+    elif content["bursts"]:
+        found += f"; {content['mapped']:.0%} of the wall mapped"
+    return f"{found}; {content['ended']}"
 
 
 def show(content: dict[str, Any], out: Path) -> None:

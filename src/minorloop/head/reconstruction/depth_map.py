@@ -263,11 +263,14 @@ class WaterLine:
         Standard deviation, in metres.
     wrong : float
         Share of the directions that contradict it.
+    seen : bool
+        Whether there were places below and above it, so that it is between them.
     """
 
     height: float
     sd: float
     wrong: float
+    seen: bool = True
 
     def wet(self, phi: npt.ArrayLike, radius: float, *, margin: float = 0.0) -> BoolArray:
         """Return whether the wall at phi is under water, by a margin in metres."""
@@ -328,7 +331,7 @@ def find_water(
     if y.size != wet.size:
         raise SignalError(f"{y.size} places and {wet.size} echoes; give one flag for each place")
     if y.size == 0:
-        return WaterLine(np.nan, np.inf, np.nan)
+        return WaterLine(np.nan, np.inf, np.nan, seen=False)
     order = np.argsort(y)
     y, wet = y[order], wet[order]
     edges = np.concatenate([[-radius], y, [radius]])
@@ -338,4 +341,5 @@ def find_water(
     best = np.flatnonzero(wrong == wrong.min())
     n = int(best[len(best) // 2])
     low, high = float(edges[n]), float(edges[n + 1])
-    return WaterLine((low + high) / 2, (high - low) / np.sqrt(12), float(wrong[n]) / y.size)
+    sd, share = (high - low) / np.sqrt(12), float(wrong[n]) / y.size
+    return WaterLine((low + high) / 2, sd, share, seen=0 < n < y.size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -49,11 +50,14 @@ def draw_pipe_map(fused: PipeMap) -> Any:
     bar = figure.colorbar(drawn, ax=axes[3], ticks=range(4))
     bar.ax.set_yticklabels(SOURCES)
     axes[3].set_title(f"source; {wall.unseen:.0%} without any")
-    axes[3].set_xlabel("around the pipe [degrees], 90 at the bottom; the dashed line is the water")
+    level = "the dashed line is the water" if fused.water.seen else "the level was not seen"
+    axes[3].set_xlabel(f"around the pipe [degrees], 90 at the bottom; {level}")
+    height = fused.water.height if fused.water.seen else math.nan
+    lines = _on_axis(water_angles(height, patch.radius), start)
     for one in axes:
         one.grid(False)
         one.set_ylabel("along [mm]")
-        for phi in _on_axis(water_angles(fused.water.height, patch.radius), start):
+        for phi in lines:
             one.axvline(phi, color="C3", lw=1.2, ls="--")
     _mark_finds(axes[1], fused, start)
     return figure
