@@ -91,15 +91,15 @@ def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[s
         If it is finished, or another one was begun.
     """
     lines = journal_of(folder / NAME)
+    if lines[-1].get("why") == FINISHED:
+        raise ParameterError(
+            f"the {what} in {folder} is finished; give another folder, without --resume"
+        )
     other = first_difference({name: lines[0].get(name) for name in begun}, begun)
     if other:
         raise ParameterError(
             f"the {what} in {folder} is another one: {other}; resume it as it was begun, or give "
             "another folder"
-        )
-    if lines[-1].get("why") == FINISHED:
-        raise ParameterError(
-            f"the {what} in {folder} is finished; give another folder, without --resume"
         )
     return lines
 

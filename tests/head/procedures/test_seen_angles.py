@@ -166,6 +166,19 @@ def test_pictures_that_take_time_do_not_make_a_hold_longer_than_its_record_says(
     assert np.diff(record.t) == pytest.approx([0.4] * 19, abs=0.05)
 
 
+def test_a_picture_that_takes_longer_than_a_tick_delays_the_head_by_whole_ticks(monkeypatch):
+    monkeypatch.setattr(seen_angles, "SeenAngles", Angles)
+    devices = Slow()
+    devices.tick = 0.025
+    view = HeadCalibration(lens=Pinhole(4, 4, 4.0, (1.5, 1.5)), leds=np.zeros((1, 3)))
+    head = SeenHead(devices, devices.picture, view, clock=devices)
+    times = []
+    for _ in range(4):
+        head.exchange(np.zeros(2))
+        times.append(head.time)
+    assert np.diff(times).tolist() == pytest.approx([0.05, 0.05, 0.05])
+
+
 @pytest.mark.parametrize(
     ("lens", "error", "sentence"),
     [

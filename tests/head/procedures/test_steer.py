@@ -21,6 +21,22 @@ def test_a_head_reaches_its_targets_and_is_left_safe():
     assert head._input.tolist() == [0.0, 0.0]
 
 
+def test_a_reading_that_takes_longer_than_a_tick_counts_as_long_as_it_took():
+    class Late(Head):
+        time = 0.0
+
+        def exchange(self, u):
+            for _ in range(2):
+                seen = super().exchange(u)
+                self.time += self.tick
+            return seen
+
+    result = steer(Late(noise=0.05, seed=3), CONTROL, [[30.0, 30.0], [40.0, 20.0]], 12.0)
+    np.testing.assert_allclose(result.reached, result.targets, atol=1.0)
+    assert result.t.tolist() == pytest.approx((0.08 * np.arange(1, 301)).tolist())
+    assert result.row.tolist() == [0] * 150 + [1] * 150
+
+
 def test_a_target_without_a_reading_has_no_result():
     head = Head(noise=0.05, faults=[Fault("pan", "lost", 0.0)])
     result = steer(head, CONTROL, [[10.0, 10.0]], 1.0)

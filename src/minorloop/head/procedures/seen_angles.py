@@ -9,6 +9,7 @@ is continued.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -303,6 +304,11 @@ class SeenHead(WrappedActuator):
         return refined_view(self._view, sweep(hold, self._taken, highest))
 
     @property
+    def time(self) -> float:
+        """End of the last tick, in seconds since the head was opened."""
+        return self._due - self._began
+
+    @property
     def why(self) -> str:
         """Why the last picture did not show the angles; empty if it did."""
         return self._why
@@ -318,7 +324,9 @@ class SeenHead(WrappedActuator):
         every[:2] = u
         self._exchange(every)
         now = self._clock.now()
-        self._due = max(self._due + self.tick, now)
+        # A picture that takes longer than a tick delays the end by whole ticks.
+        late = math.ceil((now - self._due) / self.tick - 1e-6)
+        self._due += self.tick * max(late, 1)
         self._clock.sleep(self._due - now)
 
     def _known(self, u: Value, angles: FloatArray) -> FloatArray:

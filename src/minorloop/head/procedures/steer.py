@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import within
 from minorloop.head.control.head import HeadControl, HeadState
@@ -32,6 +32,8 @@ class SteeredHead:
         Targets and readings in degrees, NaN where a sensor was lost; currents in A.
     targets : (N, 2) array
         In degrees.
+    row : (T,) array of int
+        Number of the target, from 0.
     unreachable : tuple of str
         A sentence for each target that the guard found out of reach until the end of its hold.
     """
@@ -41,24 +43,27 @@ class SteeredHead:
     read: FloatArray
     current: FloatArray
     targets: FloatArray
+    row: IntArray
     unreachable: tuple[str, ...] = ()
 
     @cached_property
     def reached(self) -> FloatArray:
         """(N, 2) mean readings at the end of each hold, in degrees; NaN where there are none."""
-        ticks = self.t.size // len(self.targets)
-        last = max(round(_STEADY * ticks), 1)
-        ends = self.read.reshape(len(self.targets), ticks, 2)[:, -last:]
-        seen = np.isfinite(ends)
-        count = seen.sum(axis=1)
-        total = np.where(seen, ends, 0.0).sum(axis=1)
-        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        reached = np.full(self.targets.shape, np.nan)
+        for n in range(len(self.targets)):
+            read = self.read[self.row == n]
+            for k, seen in enumerate(read[-max(round(_STEADY * len(read)), 1) :].T):
+                if np.isfinite(seen).any():
+                    reached[n, k] = np.nanmean(seen)
+        return reached
 
 
 def steer(
     head: Actuator, control: HeadControl, targets: npt.ArrayLike, hold: float = 8.0
 ) -> SteeredHead:
     """Bring a cold head to targets, hold each, and leave it safe.
+
+    A head with a ``time`` may take longer than a tick for a reading: the wires go by that time.
 
     Parameters
     ----------
@@ -82,23 +87,29 @@ def steer(
     wanted = np.atleast_2d(np.asarray(targets, dtype=np.float64))
     if wanted.ndim != 2 or wanted.shape[1] != 2 or not np.isfinite(wanted).all():
         raise ParameterError(f"the targets have shape {wanted.shape}; give (N, 2) angles in deg")
-    ticks = round(within("hold", hold, head.tick, 3600.0, "s") / head.tick)
-    for row, each in enumerate(wanted, 1):
-        _check_reach(control, each, row)
-    every = np.repeat(wanted, ticks, axis=0)
-    read, current = np.empty_like(every), np.empty_like(every)
+    tick = head.tick
+    hold = tick * round(within("hold", hold, tick, 3600.0, "s") / tick)
+    for n, each in enumerate(wanted, 1):
+        _check_reach(control, each, n)
+    rows: list[tuple[float, int, FloatArray, FloatArray]] = []
     missed: list[str] = []
     with left_safe(head):
         seen = np.asarray(head.exchange(np.zeros(2)))
-        state = control.begin(seen)
-        for k, each in enumerate(every):
-            current[k], state = control.step(state, each, seen, t=k * head.tick)
-            seen = np.asarray(head.exchange(current[k]))
-            read[k] = seen
-            if (k + 1) % ticks == 0:
-                missed += _missed(state, (k + 1) // ticks)
-    t = head.tick * np.arange(1.0, len(every) + 1.0, dtype=np.float64)
-    return SteeredHead(np.asarray(t), every, read, current, wanted, tuple(missed))
+        state, t, began = control.begin(seen), 0.0, _time(head)
+        for n, each in enumerate(wanted):
+            while t < (n + 1) * hold - 0.5 * tick:
+                current, state = control.step(state, each, seen, t=t)
+                seen = np.asarray(head.exchange(current))
+                t = tick * (len(rows) + 1) if began is None else (_time(head) or 0.0) - began
+                rows.append((t, n, seen, current))
+            missed += _missed(state, n + 1)
+    times, row, read, current = (np.array(each) for each in zip(*rows, strict=True))
+    return SteeredHead(times, wanted[row], read, current, wanted, row, tuple(missed))
+
+
+def _time(head: Actuator) -> float | None:
+    """Return the time in seconds of a head that has one."""
+    return getattr(head, "time", None)
 
 
 def _check_reach(control: HeadControl, target: FloatArray, row: int) -> None:
