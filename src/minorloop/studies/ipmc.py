@@ -165,7 +165,7 @@ CLAIMS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class FollowedSweep:
     """A trajectory followed with the inverse of the operator alone and with that of the cascade."""
 
     inversion: CascadeInversion
@@ -207,7 +207,7 @@ class IpmcStudy:
     fine: Positioning
     response: FrequencyResponse
     dynamics: RationalFit
-    sweep: Sweep
+    sweep: FollowedSweep
     tracking: DriftTracking
     synthetic: dict[str, Any]
     repetition: Repetition
@@ -348,7 +348,7 @@ def _response(seed: int, model: Preisach) -> FrequencyResponse:
     )
 
 
-def _sweep(seed: int, cascade: Cascade) -> Sweep:
+def _sweep(seed: int, cascade: Cascade) -> FollowedSweep:
     """Follow a sine in curvature with growing amplitude, with both inverses."""
     t = np.arange(0.0, 4 * SWEEP_PERIOD, SWEEP_INTERVAL)
     rest = float(cascade.operator.simulate([-1.2, 0.0])[-1])
@@ -363,7 +363,7 @@ def _sweep(seed: int, cascade: Cascade) -> Sweep:
         strip.apply(-1.2, 400.0, 400.0)
         strip.apply(0.0, 400.0, 400.0)
         records.append(strip.drive(t, np.clip(inputs, -1.2, 1.2)))
-    return Sweep(inversion, records[0], records[1])
+    return FollowedSweep(inversion, records[0], records[1])
 
 
 def _repetition(seed: int, setup: ExperimentProtocol) -> Repetition:
