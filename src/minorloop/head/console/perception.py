@@ -149,8 +149,7 @@ class Perception:
             self._queue.pop(0)()
         if (
             not self._busy
-            and self._echoes is None
-            and self._sweep is None
+            and not self._fires
             and (self._seen_angles is None or self._seen_angles.known)
             and self._finder.at_rest_somewhere_new(request.position)
         ):
@@ -217,8 +216,7 @@ class Perception:
         used = used or (self._echoes is not None and self._echoes.waiting)
         still = request.holding or (self._track is None and self._finder.at_rest)
         known = still and self._finder.has_searched(self._position)
-        fires = self._echoes is not None or self._sweep is not None
-        few = not used and (known or fires)
+        few = not used and (known or self._fires)
         return None if few and request.number % FEW_PICTURES else self._tip.frame()
 
     def _reading(self, image: Image | None = None) -> Reading:
@@ -407,6 +405,11 @@ class Perception:
     def _busy(self) -> bool:
         """Whether the camera is in use, or an acquisition is searched."""
         return self._work is not None or bool(self._pending)
+
+    @property
+    def _fires(self) -> bool:
+        """Whether a scan or a sweep is on."""
+        return self._echoes is not None or self._sweep is not None
 
     def _take_results(self) -> None:
         waiting = []

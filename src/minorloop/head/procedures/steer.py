@@ -95,21 +95,21 @@ def steer(
     missed: list[str] = []
     with left_safe(head):
         seen = np.asarray(head.exchange(np.zeros(2)))
-        state, t, began = control.begin(seen), 0.0, _time(head)
+        state, t, began = control.begin(seen), 0.0, _time(head, 0.0)
         for n, each in enumerate(wanted):
             while t < (n + 1) * hold - 0.5 * tick:
                 current, state = control.step(state, each, seen, t=t)
                 seen = np.asarray(head.exchange(current))
-                t = tick * (len(rows) + 1) if began is None else (_time(head) or 0.0) - began
+                t = _time(head, tick * (len(rows) + 1)) - began
                 rows.append((t, n, seen, current))
             missed += _missed(state, n + 1)
     times, row, read, current = (np.array(each) for each in zip(*rows, strict=True))
     return SteeredHead(times, wanted[row], read, current, wanted, row, tuple(missed))
 
 
-def _time(head: Actuator) -> float | None:
-    """Return the time in seconds of a head that has one."""
-    return getattr(head, "time", None)
+def _time(head: Actuator, counted: float) -> float:
+    """Return the time of a head in seconds; that counted in ticks for one without."""
+    return float(getattr(head, "time", counted))
 
 
 def _check_reach(control: HeadControl, target: FloatArray, row: int) -> None:

@@ -94,17 +94,19 @@ class _Maps:
         light = irradiance(camera, window, first.pan, first.tilt)
         self._light = np.maximum(light, LEAST_LIGHT)
         self._motion = self._moved(first)
-        self._bases = [self._level(first, np.zeros(2), width) for width in _SMOOTHED]
+        level, self._seen = self._level(first, np.zeros(2))
+        self._bases = {width: self._smoothed(level, width) for width in _SMOOTHED}
 
     def turn(self, frame: LitFrame) -> FloatArray:
         """Return the turn (2,) of a frame from its measured angles, in radians."""
         turn = np.zeros(2)
-        for n, ((base, seen), width) in enumerate(zip(self._bases, _SMOOTHED, strict=True)):
-            level, own = self._level(frame, turn, width)
-            both = seen & own
+        for n, width in enumerate(_SMOOTHED):
+            level, own = self._level(frame, turn)
+            both = self._seen & own
             if both.sum() < _FEWEST:
                 return np.zeros(2)
-            instrument, slope = (self._slopes(each, both) for each in (base, level))
+            (base, steep), (level, slopes) = self._bases[width], self._smoothed(level, width)
+            instrument, slope = steep[:, both], slopes[:, both]
             if n < _NEAR:
                 instrument = slope = 0.5 * (instrument + slope)
             rest = (level - base)[both]
@@ -138,7 +140,7 @@ class _Maps:
         return np.array(moved)
 
     def _level(
-        self, frame: LitFrame, turn: FloatArray, width: float
+        self, frame: LitFrame, turn: FloatArray
     ) -> tuple[Image32, np.ndarray[Any, np.dtype[np.bool_]]]:
         """Return the logarithm of the reflectance less the mean about it, and where it is known."""
         angles = np.array([frame.pan, frame.tilt]) + turn
@@ -150,11 +152,10 @@ class _Maps:
         level -= ndimage.uniform_filter(level, _WIDE) / np.maximum(share, 1e-3)
         level = np.where(seen, np.clip(level, -_CLIPPED, _CLIPPED), np.float32(0))
         inside = ndimage.minimum_filter(seen, _WIDE + 1, mode="constant")
-        return ndimage.gaussian_filter(level, width, truncate=2.5), inside
+        return level, inside
 
-    def _slopes(self, level: Image32, used: np.ndarray[Any, np.dtype[np.bool_]]) -> FloatArray:
-        """Return by how much used texels (N,) change with pan and tilt, (2, N), for a radian."""
-        down, across = np.gradient(level)
-        slopes = self._motion[:, 0] * across + self._motion[:, 1] * down
-        known: FloatArray = np.nan_to_num(slopes[:, used])
-        return known
+    def _smoothed(self, level: Image32, width: float) -> tuple[Image32, FloatArray]:
+        """Return a smoothed map, and its change with pan and tilt (2, rows, columns), a radian."""
+        smooth = ndimage.gaussian_filter(level, width, truncate=2.5)
+        down, across = np.gradient(smooth)
+        return smooth, np.nan_to_num(self._motion[:, 0] * across + self._motion[:, 1] * down)
