@@ -12,6 +12,7 @@ from minorloop.head.twins.scene_view import draw_view
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.defects import find_holes
 from minorloop.head.vision.frame_alignment import aligned
+from minorloop.head.vision.recentre import outline_about
 
 SD = math.radians(0.15)
 """Error of an angle: that of a poor sensor."""
@@ -54,6 +55,14 @@ def test_a_hole_does_not_look_larger_when_the_angles_are_wrong(seed):
     _, camera, looks = scene()
     right, wrong = (find_holes(frames, camera).holes[0] for frames in (looks, mistaken(seed)))
     assert wrong.diameter == pytest.approx(right.diameter, rel=0.03)
+
+
+def test_an_outline_in_frames_with_wrong_angles_is_where_it_was():
+    _, camera, looks = scene()
+    hole = find_holes(looks, camera).holes[0]
+    clicked = camera.pixel(hole.place, looks[-1].pan, looks[-1].tilt) + np.array([6.0, -5.0])
+    right, wrong = (outline_about(frames, camera, clicked) for frames in (looks, mistaken(6)))
+    assert math.dist(right.pixel, wrong.pixel) < 0.5
 
 
 def test_a_wall_without_marks_leaves_the_angles_as_measured():

@@ -43,6 +43,7 @@ class Finder:
         self.known: tuple[Hole, ...] = ()
         self._recent: deque[Position] = deque(maxlen=_REST_TICKS)
         self._searched: Position | None = None
+        self._frames: tuple[LitFrame, ...] = ()
 
     def at_rest_somewhere_new(self, position: Position) -> bool:
         """Return whether the head rests where its view was not searched yet."""
@@ -61,8 +62,18 @@ class Finder:
         )
 
     def searched(self, position: Position) -> None:
-        """Remember that the view from here was searched."""
-        self._searched = position
+        """Remember that the view from here is searched."""
+        self._searched, self._frames = position, ()
+
+    def keep(self, frames: tuple[LitFrame, ...]) -> None:
+        """Keep the frames of the acquisition that is searched."""
+        self._frames = frames
+
+    def frames_with(self, now: LitFrame, position: Position) -> tuple[LitFrame, ...]:
+        """Return a frame under all lights after those under other lights from the same place."""
+        if self._searched is None or (np.abs(np.subtract(position, self._searched)) > _REST).any():
+            return (now,)
+        return (*self._frames[:-1], now)
 
     def find(self, frames: Sequence[LitFrame], position: Position) -> Findings:
         """Search the frames of an acquisition for defects; takes a tenth of a second."""

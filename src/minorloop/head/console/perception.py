@@ -38,6 +38,7 @@ from minorloop.head.procedures.values import (
 )
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.defects import Findings
+from minorloop.head.vision.reflectance_map import LitFrame
 from minorloop.head.vision.tracking import TRACKED, TrackState
 from minorloop.lab.actuator import Frame
 
@@ -252,7 +253,9 @@ class Perception:
                 pixel = np.array(spot[:2])
                 break
         else:
-            pixel = self._centring.outlined(reading.image, pixel, reading)
+            frame = LitFrame(reading.image, *reading.angles.tolist())
+            frames = self._finder.frames_with(frame, self._position)
+            pixel = self._centring.outlined(frames, pixel, reading)
         track, self._track = self._centring.pick(reading.image, pixel, reading)
         self._visible, self._score = True, track.score
         self._report("picked")
@@ -396,6 +399,7 @@ class Perception:
 
         def after(state: Any) -> None:
             frames = state.frames
+            self._finder.keep(frames)
             self._pending.append((self._later(lambda: self._finder.find(frames, position)), then))
 
         acquisition = Acquisition()

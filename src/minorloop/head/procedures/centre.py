@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -150,16 +151,21 @@ class Centring(Procedure[CentreState]):
         return self._tracker(reading).begin(image, pixel, pan, tilt)
 
     def outlined(
-        self, image: Image, pixel: npt.ArrayLike, reading: Reading, *, reach: float = CLICKED
+        self,
+        frames: Sequence[LitFrame],
+        pixel: npt.ArrayLike,
+        reading: Reading,
+        *,
+        reach: float = CLICKED,
     ) -> FloatArray:
         """Return the middle (2,) of the round outline about a pixel; the pixel if there is none.
 
-        A person clicks some pixels beside what is meant; ``reach`` is as in `outline_about`.
+        A person clicks some pixels beside what is meant. ``frames``, ``pixel`` and ``reach`` are
+        as in `outline_about`; the reading says where the catheter is.
         """
         clicked = np.asarray(pixel, dtype=np.float64)
-        frame = LitFrame(image, *reading.angles.tolist())
         camera = self.calibration.camera_at(reading.place)
-        found = outline_about([frame], camera, clicked, reach=reach)
+        found = outline_about(frames, camera, clicked, reach=reach)
         return clicked if found is None else found.pixel
 
     def follow(self, track: TrackState, reading: Reading, image: Any) -> tuple[Track, TrackState]:

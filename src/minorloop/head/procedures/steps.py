@@ -170,7 +170,8 @@ def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> Floa
     now, image = rig.look()
     camera = rig.calibration.camera_at(now.place)
     guess = np.asarray(camera.pixel(place, *now.angles.tolist()))
-    return rig.compute(lambda: centring.outlined(image, guess, now, reach=FOUND))
+    frame = LitFrame(image, *now.angles.tolist())
+    return rig.compute(lambda: centring.outlined([frame], guess, now, reach=FOUND))
 
 
 def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:

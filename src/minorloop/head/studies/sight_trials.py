@@ -23,7 +23,7 @@ from minorloop.head.procedures.go import Go
 from minorloop.head.procedures.mark import aim_at
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
-from minorloop.head.procedures.steps import go, meter, search
+from minorloop.head.procedures.steps import acquire, go, meter, search
 from minorloop.head.procedures.values import Request
 from minorloop.head.studies import scoring
 from minorloop.head.studies.inspection_servo import APPROACH, Scene, Swinging
@@ -32,6 +32,7 @@ from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Dent, Pipe
 from minorloop.head.twins.rig import Rig, SimulatedTip
+from minorloop.head.vision.reflectance_map import LitFrame
 from minorloop.head.vision.tracking import TRACKED
 
 CLICK = 5.0
@@ -113,12 +114,11 @@ def run_pick(scene: Scene) -> Picked:
     rig.run(metering, metering.begin())
     true = scoring.true_pixel(tip.camera, scene.hole.phi, scene.hole.z)
     click = true + CLICK / math.sqrt(2) * rng.standard_normal(2)
-    reading = rig.reading(Request(frame=True))
-    assert reading.image is not None
     centring = Centring(calibration=rig.calibration)
-    pixel = centring.outlined(reading.image, click, reading)
+    frames = acquire(rig)
+    pixel = centring.outlined(frames, click, rig.reading())
     camera = rig.calibration.camera_at(rig.place)
-    place = camera.place(pixel, *reading.angles.tolist())
+    place = camera.place(pixel, frames[-1].pan, frames[-1].tilt)
     state = rig.run(centring, centring.begin(place, pixel))
     lens = rig.calibration.lens
     focusing = Focusing(lens=lens)
@@ -224,7 +224,8 @@ def _turned(
     assert reading.image is not None
     camera = rig.calibration.camera_at(reading.place)
     pixel = camera.pixel(found, *reading.angles.tolist())
-    picked = centring.begin(found, centring.outlined(reading.image, pixel, reading))
+    frame = LitFrame(reading.image, *reading.angles.tolist())
+    picked = centring.begin(found, centring.outlined([frame], pixel, reading))
     rig.run(Swinging(centring, aim), picked, watch)
     return tuple(shots), np.array(errors), np.array(seen)
 

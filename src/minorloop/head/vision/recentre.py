@@ -11,6 +11,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.head.vision import _outline_kernels as kernels
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Window, unroll
+from minorloop.head.vision.frame_alignment import aligned
 from minorloop.head.vision.reflectance_map import LitFrame
 
 _TEXEL = 0.05e-3
@@ -79,6 +80,7 @@ def outline_about(
     Outline or None
         None if nothing round is there.
     """
+    frames = aligned(frames, camera)
     last = frames[-1]
     place = camera.place(pixel, last.pan, last.tilt)
     lit = [frame for frame in frames if any(frame.lights)]
