@@ -87,7 +87,7 @@ TURNS = 2
 """Turns of a circle: the first begins from rest, the second shows whether the error stays."""
 OPEN_HOLD, OPEN_TARGETS, OPEN_RANGE = 25.0, 14, (5.0, 50.0)
 """Targets in open loop: hold in s, of more than three time constants; how many, by trial; and range
-in degrees, within the stroke of 57 at least."""
+in degrees. Those beyond `STROKE_SHARE` of a specimen's identified stroke are put there."""
 IMPOSSIBLE = {
     "flooded, no sleeve": (Surroundings(convection=1000.0), "convection too high"),
     "ambient -10 C": (Surroundings(ambient=-10.0), "ambient too cold"),
@@ -431,7 +431,8 @@ def _steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, st
 def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
     """Run open loop, a rising ambient, and circles."""
     rng = np.random.default_rng([seed, 8])
-    targets = rng.uniform(*OPEN_RANGE, OPEN_TARGETS).tolist()
+    targets = rng.uniform(*OPEN_RANGE, OPEN_TARGETS)
+    targets = np.minimum(targets, _nearly_all(controls[DEFAULT])[0]).tolist()
     way, span = stairs(targets, OPEN_HOLD), OPEN_HOLD * OPEN_TARGETS
     runs = {}
     tried = [
@@ -472,7 +473,7 @@ def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str
                 seed=seed,
                 faults=[Fault("pan", kind, FAULT_AT), Fault("tilt", kind, 2.0)],
             )
-        nearly_all = [STROKE_SHARE * axis.observer.wire.operator.range[1] for axis in control.axes]
+        nearly_all = _nearly_all(control)
         for what, surroundings in HOT.items():
             runs[what, name] = run_loop(
                 name,
@@ -496,6 +497,11 @@ def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str
                 surroundings=surroundings,
             )
     return runs
+
+
+def _nearly_all(control: HeadControl) -> list[float]:
+    """Return `STROKE_SHARE` of the identified stroke of both axes, in degrees."""
+    return [STROKE_SHARE * axis.observer.wire.operator.range[1] for axis in control.axes]
 
 
 def _later_sensors(
