@@ -23,19 +23,20 @@ from minorloop.studies.claims import claim_table
 
 @pytest.fixture(scope="module")
 def study():
-    """The study on one specimen, with fewer targets in its longest runs, and shorter ones."""
+    """The study on one specimen, with fewer targets and surroundings, and shorter runs."""
     ramp = Surroundings(ambient=Course(20.0, 30.0, at=14.0, duration=10.0))
     shorter = {
         "OPEN_TARGETS": 3, "OLD_TARGETS": 3, "FASTER": (), "STEP_SECONDS": 16.0,
         "FAULT_SECONDS": 15.0, "RAMPS_SECONDS": 60.0, "RAMP_SECONDS": 30.0, "RAMP_AT": 14.0,
         "RAMP": ramp, "LATER": (1.0,), "LATER_SECONDS": 40.0, "CIRCLE_WAIT": 8.0, "TURNS": 1,
-        "IMPOSSIBLE_SECONDS": 14.0,
-        "DISTURBED": {what: head.DISTURBED[what] for what in ("ambient 10 C", "convection 90")},
+        "IMPOSSIBLE_SECONDS": 14.0, "TARGETS": (20.0, 40.0),
+        "DISTURBED": {"ambient 10 C": head.DISTURBED["ambient 10 C"]},
+        "HOT": {"hot": head.HOT["hot"]},
     }  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
         for name, value in shorter.items():
             patch.setattr(head, name, value)
-        for name in ("DISTURBED", "RAMP_AT"):
+        for name in ("DISTURBED", "RAMP_AT", "TARGETS"):
             patch.setattr(head_report, name, shorter[name])
         # The wires of one specimen are the same for its control, its sight and its camera.
         patch.setattr(head_static, "_wire", cache(head_static._wire))
