@@ -45,3 +45,10 @@ def test_each_curve_has_a_row_and_of_many_those_with_the_largest_errors():
             assert "of 12 curves" in curve_title(found)
         else:
             assert [row[0] for row in table] == [str(k) for k in range(10)]
+
+
+def test_an_error_of_rounding_alone_has_no_sign_and_no_sample():
+    u = np.resize([0.0, 1.0, 0.25, 0.75, 0.5], 60)
+    exact = identify(u, u / 3.0, levels=2, prior="none", diagonal="reversible")
+    assert 0 < abs(exact.accuracy.worst) < 1e-12
+    assert dict(score_rows(exact))["worst error"] == "0.0%"

@@ -80,10 +80,15 @@ def accuracy_rows(fitted: Accuracy, held_out: Accuracy | None) -> list[tuple[str
         if one is not None and one.loop_area is not None
     ]
     return rows + [
-        (f"worst error{where}", f"{one.worst:+.1%}, sample {one.worst_sample}")
+        (f"worst error{where}", _worst(one, f", sample {one.worst_sample}"))
         for where, one in errors.items()
         if one is not None
     ]
+
+
+def _worst(errors: Accuracy, sample: str = "") -> str:
+    """Return the largest error and its sample; what rounds to zero has no sign and no sample."""
+    return f"{errors.worst:+.1%}{sample}" if abs(errors.worst) >= 0.0005 else "0.0%"
 
 
 def curve_rows(found: Fit) -> list[tuple[str, ...]]:
@@ -104,7 +109,7 @@ def _curve_row(curve: CurveAccuracy) -> tuple[str, ...]:
         f"{errors.samples}",
         percent(errors.nrmse),
         percent(errors.relative_rms),
-        f"{errors.worst:+.1%}",
+        _worst(errors),
         "-" if errors.loop_area is None else percent(errors.loop_area),
         "-" if curve.left_out is None else percent(curve.left_out),
     )
