@@ -214,6 +214,16 @@ def test_a_verdict_that_readings_contradict_is_taken_back(reading, kept):
     assert (state.verdict is verdict) == kept
 
 
+@pytest.mark.parametrize(("current", "reach"), [(0.4, 2.0), (0.3, 15.0)])
+def test_a_reach_is_corrected_only_while_full_current_is_on(current, reach):
+    watch = ReachWatch(wire=made_up())
+    estimate = PowerObserver(wire=made_up()).found()
+    state = ReachState(verdict=Unreachable("ambient too cold", 20.0, 15.0, 9.0, 2.0, 18.0))
+    for _ in range(round(30.0 / watch.interval)):
+        state = watch.step(state, 20.0, 2.0, current, estimate)
+    assert state.verdict.reach == reach
+
+
 def test_a_target_below_the_angle_needs_no_trial():
     watch = ReachWatch(wire=made_up())
     estimate = PowerObserver(wire=made_up()).found()

@@ -58,8 +58,8 @@ _WORSE, _POOR = 12.0, 6.0
 """Excess cost over the best hypothesis from which others do not explain the readings, and cost for
 each independent reading from which none does."""
 _CORRECTED, _FAR = 20.0, 10.0
-"""Seconds after which a verdict is corrected if the wire stays short of its reach by so many
-degrees."""
+"""Seconds of full current after which a verdict is corrected if the wire stays short of its reach
+by so many degrees."""
 STROKE_SHARE = 0.97
 """Share of the stroke beyond which a wire is not heated: at its end the angle does not depend on
 the temperature."""
@@ -131,11 +131,22 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class ReachState:
-    """State of the present target: a trial, or a verdict and its age in seconds."""
+    """State of the present target.
+
+    Parameters
+    ----------
+    trial : Trial, optional
+        Before a verdict.
+    verdict : Unreachable, optional
+        The target cannot be reached.
+    age, full : float
+        Seconds since the verdict, and of full current since then without a break.
+    """
 
     trial: Trial | None = None
     verdict: Unreachable | None = None
     age: float = 0.0
+    full: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -203,7 +214,7 @@ class ReachWatch(Loop):
             Of the wire now.
         """
         if state.verdict is not None:
-            state = self._kept(state, state.verdict, reference, measurement)
+            state = self._kept(state, state.verdict, reference, measurement, current)
             if state.verdict is not None:
                 return state
         low, top = self.wire.operator.range
@@ -223,14 +234,20 @@ class ReachWatch(Loop):
         return ReachState(trial, self._verdict(trial, reference, angle))
 
     def _kept(
-        self, state: ReachState, verdict: Unreachable, reference: float, measurement: float
+        self,
+        state: ReachState,
+        verdict: Unreachable,
+        reference: float,
+        measurement: float,
+        current: float,
     ) -> ReachState:
         """Keep a verdict until the target is within reach or changes, or the verdict is old.
 
-        A predicted reach that the wire does not come near is corrected. A verdict is taken back
-        if the wire comes to its target, or farther than the model allows.
+        A predicted reach that the wire does not come near under full current is corrected. A
+        verdict is taken back if the wire comes to its target, or farther than the model allows.
         """
-        if state.age > _CORRECTED and measurement < verdict.reach - _FAR:
+        full = state.full + self.interval if self._is_full(current) else 0.0
+        if full > _CORRECTED and measurement < verdict.reach - _FAR:
             verdict = replace(verdict, reach=measurement, least=measurement, most=measurement)
             state = replace(state, verdict=verdict)
         same = abs(reference - verdict.reference) <= 0.5 * self.tolerance
@@ -240,7 +257,10 @@ class ReachWatch(Loop):
         refuted = reached or measurement > verdict.most + self.tolerance
         if within_reach or refuted or state.age > self.retry or not (same or beyond):
             return ReachState()
-        return replace(state, age=state.age + self.interval)
+        return replace(state, age=state.age + self.interval, full=full)
+
+    def _is_full(self, current: float) -> bool:
+        return current >= 0.95 * self.highest
 
     def _followed(self, trial: Trial, measurement: float, angle: float, current: float) -> Trial:
         """Return the trial one interval later."""
@@ -252,7 +272,7 @@ class ReachWatch(Loop):
             began=trial.began,
             mark=angle if moved else trial.mark,
             seconds=trial.seconds + self.interval,
-            full=trial.full + self.interval if current >= 0.95 * self.highest else 0.0,
+            full=trial.full + self.interval if self._is_full(current) else 0.0,
             still=0.0 if moved else trial.still + self.interval,
             evidence=now if abs(now) > abs(trial.evidence) else trial.evidence,
         )
