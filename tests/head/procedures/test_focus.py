@@ -33,8 +33,9 @@ def autofocus(lens, camera, pixel, guess, wait=0.0, travel=0.0, **options):
 class Lens:
     """A camera whose blur grows with the error of its focus, and whose frames may be spoiled."""
 
-    def __init__(self, best, spoil=lambda image: image):
+    def __init__(self, best, spoil=lambda image: image, blur=0.08):
         self.best, self.spoil, self.now, self.count = best, spoil, 10e-3, 0
+        self.blur = blur
         self.plain = photograph(*AIM, noise=0.0).astype(float)
 
     def focus_at(self, distance):
@@ -42,7 +43,7 @@ class Lens:
 
     def frame(self):
         self.count += 1
-        off = 0.08 * abs(1 / self.now - 1 / self.best)
+        off = self.blur * abs(1 / self.now - 1 / self.best)
         image = self.plain.copy()
         image[160:320, 240:400] = ndimage.gaussian_filter(image[160:320, 240:400], 0.5 + off)
         image += np.random.default_rng(self.count).normal(0, 1.0, image.shape)
@@ -74,6 +75,13 @@ def test_an_even_wall_has_nothing_to_focus_on():
     found = autofocus(Lens(10e-3, even), CAMERA, MIDDLE, 9e-3)
     assert found.verdict == "nothing to focus on"
     assert found.distance == 9e-3
+
+
+def test_a_wall_that_is_sharp_over_the_whole_sweep_is_swept_more_widely():
+    found = autofocus(Lens(20e-3, blur=0.015), CAMERA, MIDDLE, 21e-3)
+    assert found.verdict == "sharp"
+    assert found.curve[-1, 0] > 1.5 * 21e-3
+    assert 1 / found.distance == pytest.approx(1 / 20e-3, abs=5)
 
 
 @pytest.mark.parametrize("spoil", [lambda image: image * 0, lambda image: image[:10]])

@@ -22,6 +22,13 @@ def test_sharpness_does_not_depend_on_the_gain_and_is_blind_to_glare():
     assert sharpness(glare, MIDDLE) == pytest.approx(sharpness(image, MIDDLE), rel=0.15)
 
 
+def test_light_that_falls_off_across_the_region_leaves_the_sharpness():
+    image = photograph(*AIM, noise=0.0)
+    shade = np.interp(np.arange(480), (191, 287), (1.0, 0.3))[:, None]
+    shaded = np.rint(image * shade).astype(np.uint8)
+    assert sharpness(shaded, MIDDLE) == pytest.approx(sharpness(image, MIDDLE), rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("image", "pixel"),
     [

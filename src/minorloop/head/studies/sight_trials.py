@@ -102,7 +102,7 @@ class Insertion:
 
 
 def run_pick(scene: Scene) -> Picked:
-    """Click on a hole, put the point on its outline, centre it and focus on it."""
+    """Click on a hole, put the point on its outline, centre, expose for it and focus on it."""
     rng = np.random.default_rng([scene.seed, 71])
     rig = scene.rig()
     tip = rig.tip
@@ -120,6 +120,7 @@ def run_pick(scene: Scene) -> Picked:
     camera = rig.calibration.camera_at(rig.place)
     place = camera.place(pixel, frames[-1].pan, frames[-1].tilt)
     state = rig.run(centring, centring.begin(place, pixel))
+    meter(rig, state.place)
     lens = rig.calibration.lens
     focusing = Focusing(lens=lens)
     guess = metering.ahead(rig.reading())
