@@ -14,10 +14,12 @@ from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.values import Procedure, Reading, Request, passed
 from minorloop.head.vision import frame_checks
 from minorloop.head.vision.calibrated_camera import Image
-from minorloop.head.vision.focus import FocusPeak, peak_of, sharpness
+from minorloop.head.vision.focus import FLAT, FocusPeak, peak_of, sharpness
 
 LEAST_TRIES = 5
 """Number of usable frames that a peak needs at least."""
+_WIDEST = 0.8
+"""Most relative width of the sweep that follows one without a peak."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,7 +53,8 @@ class Focusing(Procedure[FocusState]):
         Its size is that of a frame.
     spread : float
         Relative width of the sweep on either side of the guess; further sweeps follow where the
-        best is at an end. The guess is that of the calibrated wall, right within some percent.
+        best is at an end, and one of twice the width where nothing has a peak. The guess is that of
+        the calibrated wall, right within some percent.
     tries : int
         Steps of a sweep, even in the inverse of the distance.
     wait, travel : float
@@ -101,7 +104,7 @@ class Focusing(Procedure[FocusState]):
                 f"[{self.nearest:g}, {self.farthest:g}] m"
             )
         region = np.asarray(pixel, dtype=np.float64)
-        return FocusState(pixel=region, guess=guess, steps=self._steps(1 / guess))
+        return FocusState(pixel=region, guess=guess, steps=self._steps(1 / guess, self.spread))
 
     def _next(self, state: FocusState, reading: Reading) -> tuple[FocusState, Request]:
         if state.sent is None:
@@ -133,16 +136,21 @@ class Focusing(Procedure[FocusState]):
             inside = 0 < best < self.tries - 1
             at_limit = state.steps[best] in (1 / self.farthest, 1 / self.nearest)
             if not inside and not at_limit and state.sweep + 1 < self.sweeps:
-                steps = self._steps(float(state.steps[best]))
+                steps = self._steps(float(state.steps[best]), self.spread)
                 again = replace(state, steps=steps, curve=(), sweep=state.sweep + 1)
                 return self._next(again, replace(reading, image=None))
         found = peak_of(curve, state.guess, LEAST_TRIES)
+        if found.verdict == FLAT and state.sweep + 1 < self.sweeps:
+            # A far wall is sharp over most of a sweep. A wider one is the last.
+            steps = self._steps(1 / state.guess, min(2 * self.spread, _WIDEST))
+            again = replace(state, steps=steps, curve=(), sweep=self.sweeps - 1)
+            return self._next(again, replace(reading, image=None))
         return replace(state, found=found, done=True), Request(focus=found.distance)
 
-    def _steps(self, middle: float) -> FloatArray:
+    def _steps(self, middle: float, spread: float) -> FloatArray:
         """Return (tries,) inverse distances about one, nearest first."""
         low, high = 1 / self.farthest, 1 / self.nearest
-        ends = np.clip([middle * (1 - self.spread), middle * (1 + self.spread)], low, high)
+        ends = np.clip([middle * (1 - spread), middle * (1 + spread)], low, high)
         return np.linspace(ends[1], ends[0], self.tries)
 
     def _wait_of(self, state: FocusState) -> float:
