@@ -22,6 +22,7 @@ from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
 from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.twins.head import Head
 from minorloop.lab.actuator import Channel, Frame
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
@@ -135,6 +136,38 @@ def test_head_drive_refuses_what_cannot_be_reached_and_warns_of_what_was_not(run
     assert status == 1
     assert [f"warning: {each}" for each in json.loads(out)["unreachable"]] == error.splitlines()
     assert "pan did not reach target 1" in error
+
+
+def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypatch):
+    control = head_control("observer", (identified().model,) * 2)
+    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
+    save_head(HeadFile(serial="twin-head-nominal"), "head.json")
+    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+    drive = "head drive angles.csv --head head.json --actuator twin:head --hold 9"
+    exchange = Head.exchange
+
+    def lost(first, end):
+        count = iter(range(1000))
+        gone = set(range(first, end))
+        return lambda head, u: exchange(head, u) * (np.nan if next(count) in gone else 1.0)
+
+    monkeypatch.setattr(Head, "exchange", lost(100, 103))
+    status, out, error = run(f"{drive} --json")
+    assert status == 0
+    (fault,) = json.loads(out)["faults"]
+    assert (fault["axis"], fault["times"], fault["cooled"]) == ("pan and tilt", 1, False)
+    assert (fault["began_s"], fault["lasted_s"]) == pytest.approx((4.0, 0.12))
+    assert error.startswith("warning: pan and tilt, from 4.00 s for 0.12 s: there was no reading")
+    monkeypatch.setattr(Head, "exchange", lost(60, 80))
+    status, out, error = run(f"{drive} --json")
+    assert status == 1
+    assert json.loads(out)["faults"][0]["cooled"]
+    assert "the sensor is lost; the wire cools" in error
+    monkeypatch.setattr(Head, "exchange", lost(0, 1000))
+    status, out, error = run(drive)
+    assert status == 1
+    assert "error nan deg rms" in out
+    assert "tilt did not reach target 1, 25 degrees: there was no reading" in error
 
 
 SMALL = "--squares 7x5 --side 4"

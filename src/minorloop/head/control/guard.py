@@ -167,6 +167,11 @@ class GuardState:
         """What is wrong with the sensor; empty if nothing is."""
         return self.sensed.fault
 
+    @property
+    def cools(self) -> bool:
+        """Whether the wire cools for that."""
+        return self.fault in _COOLED
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Guard:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -46,7 +46,7 @@ class HeadState:
     """State of the control of a head: one state for each axis, and that of missing readings."""
 
     axes: tuple[GuardState, ...]
-    unread: Unread = Unread()
+    unread: Unread = field(default_factory=Unread)
 
     @property
     def log(self) -> tuple[tuple[int, Event], ...]:
