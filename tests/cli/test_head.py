@@ -45,9 +45,10 @@ class Swept:
         return HeadCalibration(lens=Pinhole(), leds=np.zeros((3, 3)), lever=highest * 0.02)
 
 
-def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_path):
+def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_path, capsys):
     head = Swept()
     assert swept_view(tmp_path, head, 0.3).lever == pytest.approx(0.006)
+    assert "turning both axes slowly up and down for 2.4 min" in capsys.readouterr().err
     assert swept_view(tmp_path, head, 0.4).lever == pytest.approx(0.006)
     assert head.count == 1
     (tmp_path / "camera.json").write_text('{"lever": 1}')
@@ -60,6 +61,10 @@ def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_pat
 def test_a_head_is_identified_once_and_driven_by_its_file(run):
     status, out, error = run(f"{IDENTIFY} --head head.json --specimen 1000 --json")
     assert (status, error.count("error")) == (0, 0)
+    said = [line for line in error.splitlines() if "holds" in line]
+    assert said[0].startswith("50 holds in 8 runs: at most 10 min of the head's time, less where")
+    assert said[1] == "pan-loop, run 1 of 8: 7 of the 50 holds left"
+    assert said[8].startswith("tilt-check, run 8 of 8: 5 of the 5 holds left, in about ")
     printed = json.loads(out)
     assert printed["serial"] == "twin-head-1000"
     assert set(printed["check"]) == {"pan", "tilt"}

@@ -78,6 +78,7 @@ def identify(
     as_json: _common.Json = False,
 ) -> None:
     """Measure both wires of a head, identify and check them; the same command continues it."""
+    from minorloop.cli._head_runs import RunsLeft
     from minorloop.cli._seen import kept_in, seen_head, swept_view
     from minorloop.connect import is_simulated
     from minorloop.head.console.settings import is_pipe
@@ -95,24 +96,24 @@ def identify(
     view = None if before is None or pipe else before.calibration
     if seen:
         opened = partial(seen_head, actuator, camera, view, specimen=specimen)
+    measurement = HeadMeasurement(
+        store,
+        {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}},
+        HeadExcitation(highest=highest, bands=bands, hold=hold),
+        lambda seed: opened(seed=seed),
+        lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
+        pipe or is_simulated(actuator),
+    )
     with _common.interruptible(lambda: kept_in(store)), opened(seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
         serial = _serial(plant, serial)
         if before is not None:
             replace(before, identified=None).check_fits(serial, head)
+        measurement = replace(measurement, told=RunsLeft(measurement.left(), hold).told)
         store.mkdir(parents=True, exist_ok=True)
         if seen:
             view = swept_view(store, plant, highest) or view
             opened = partial(seen_head, actuator, camera, view, specimen=specimen)
-    setup = {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}}
-    measurement = HeadMeasurement(
-        store,
-        setup,
-        HeadExcitation(highest=highest, bands=bands, hold=hold),
-        lambda seed: opened(seed=seed),
-        lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
-        is_pipe(actuator) or is_simulated(actuator),
-    )
     found = replace(before or HeadFile(serial=serial), identified=measurement.identified())
     if found.calibration is not None and not pipe:
         found = replace(found, calibration=view)
