@@ -22,6 +22,7 @@ from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
 from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.twins.head import Head
 from minorloop.lab.actuator import Channel, Frame
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
@@ -44,9 +45,10 @@ class Swept:
         return HeadCalibration(lens=Pinhole(), leds=np.zeros((3, 3)), lever=highest * 0.02)
 
 
-def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_path):
+def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_path, capsys):
     head = Swept()
     assert swept_view(tmp_path, head, 0.3).lever == pytest.approx(0.006)
+    assert "turning both axes slowly up and down for 2.4 min" in capsys.readouterr().err
     assert swept_view(tmp_path, head, 0.4).lever == pytest.approx(0.006)
     assert head.count == 1
     (tmp_path / "camera.json").write_text('{"lever": 1}')
@@ -59,6 +61,10 @@ def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_pat
 def test_a_head_is_identified_once_and_driven_by_its_file(run):
     status, out, error = run(f"{IDENTIFY} --head head.json --specimen 1000 --json")
     assert (status, error.count("error")) == (0, 0)
+    said = [line for line in error.splitlines() if "holds" in line]
+    assert said[0].startswith("50 holds in 8 runs: at most 10 min of the head's time, less where")
+    assert said[1] == "pan-loop, run 1 of 8: 7 of the 50 holds left"
+    assert said[8].startswith("tilt-check, run 8 of 8: 5 of the 5 holds left, in about ")
     printed = json.loads(out)
     assert printed["serial"] == "twin-head-1000"
     assert set(printed["check"]) == {"pan", "tilt"}
@@ -135,6 +141,38 @@ def test_head_drive_refuses_what_cannot_be_reached_and_warns_of_what_was_not(run
     assert status == 1
     assert [f"warning: {each}" for each in json.loads(out)["unreachable"]] == error.splitlines()
     assert "pan did not reach target 1" in error
+
+
+def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypatch):
+    control = head_control("observer", (identified().model,) * 2)
+    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
+    save_head(HeadFile(serial="twin-head-nominal"), "head.json")
+    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+    drive = "head drive angles.csv --head head.json --actuator twin:head --hold 9"
+    exchange = Head.exchange
+
+    def lost(first, end):
+        count = iter(range(1000))
+        gone = set(range(first, end))
+        return lambda head, u: exchange(head, u) * (np.nan if next(count) in gone else 1.0)
+
+    monkeypatch.setattr(Head, "exchange", lost(100, 103))
+    status, out, error = run(f"{drive} --json")
+    assert status == 0
+    (fault,) = json.loads(out)["faults"]
+    assert (fault["axis"], fault["times"], fault["cooled"]) == ("pan and tilt", 1, False)
+    assert (fault["began_s"], fault["lasted_s"]) == pytest.approx((4.0, 0.12))
+    assert error.startswith("warning: pan and tilt, from 4.00 s for 0.12 s: there was no reading")
+    monkeypatch.setattr(Head, "exchange", lost(60, 80))
+    status, out, error = run(f"{drive} --json")
+    assert status == 1
+    assert json.loads(out)["faults"][0]["cooled"]
+    assert "the sensor is lost; the wire cools" in error
+    monkeypatch.setattr(Head, "exchange", lost(0, 1000))
+    status, out, error = run(drive)
+    assert status == 1
+    assert "error nan deg rms" in out
+    assert "tilt did not reach target 1, 25 degrees: there was no reading" in error
 
 
 SMALL = "--squares 7x5 --side 4"

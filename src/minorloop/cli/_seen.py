@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import msgspec
+import typer
 
 from minorloop.cli import _common
 from minorloop.errors import ParameterError, StoreError
 from minorloop.files import write_atomically
 from minorloop.head.console.settings import is_pipe
+from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
@@ -60,6 +62,7 @@ def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration |
         As `SeenHead.survey`.
     """
     from minorloop.head.procedures.calibration import HeadCalibration
+    from minorloop.head.procedures.seen_angles import SWEEP_SECONDS
 
     path = store / SWEPT
     if path.exists():
@@ -71,6 +74,11 @@ def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration |
             ) from error
     if any(store.glob("*.sqlite")):
         return None
+    typer.echo(
+        f"turning both axes slowly up and down for {as_duration(SWEEP_SECONDS)}: the pictures "
+        "correct the calibration of the camera",
+        err=True,
+    )
     view = head.survey(highest)
     write_atomically(path, msgspec.json.encode(view.to_dict()))
     return view
@@ -114,6 +122,7 @@ def seen_head(
         tip, known = open_tip(address, specimen=specimen, seed=seed, scale=_TIP_SCALE)
         assert isinstance(tip, SimulatedTip)
         wires = RigWires(rig, tip)
+        _say_waiting()
         yield SeenHead(
             cast("Actuator", wires), wires.frame, view or known, expose=tip.expose, every=_EVERY
         )
@@ -131,6 +140,14 @@ def seen_head(
     live = LiveCamera(camera, _PATIENCE)
     try:
         with _common.connected(address) as plant:
+            _say_waiting()
             yield SeenHead(plant, live.frame, view, clock=WallClock())
     finally:
         live.close()
+
+
+def _say_waiting() -> None:
+    typer.echo(
+        "waiting until the head without current stands still: its angles are counted from there",
+        err=True,
+    )

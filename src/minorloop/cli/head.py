@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ from minorloop.cli.run import carry_out_levels
 from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
+    from minorloop.head.procedures.drive_faults import DriveFault
     from minorloop.head.procedures.head_file import HeadFile
     from minorloop.head.vision.measured import Measured
     from minorloop.lab.actuator import Actuator
@@ -76,6 +78,7 @@ def identify(
     as_json: _common.Json = False,
 ) -> None:
     """Measure both wires of a head, identify and check them; the same command continues it."""
+    from minorloop.cli._head_runs import RunsLeft
     from minorloop.cli._seen import kept_in, seen_head, swept_view
     from minorloop.connect import is_simulated
     from minorloop.head.console.settings import is_pipe
@@ -93,24 +96,24 @@ def identify(
     view = None if before is None or pipe else before.calibration
     if seen:
         opened = partial(seen_head, actuator, camera, view, specimen=specimen)
+    measurement = HeadMeasurement(
+        store,
+        {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}},
+        HeadExcitation(highest=highest, bands=bands, hold=hold),
+        lambda seed: opened(seed=seed),
+        lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
+        pipe or is_simulated(actuator),
+    )
     with _common.interruptible(lambda: kept_in(store)), opened(seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
         serial = _serial(plant, serial)
         if before is not None:
             replace(before, identified=None).check_fits(serial, head)
+        measurement = replace(measurement, told=RunsLeft(measurement.left(), hold).told)
         store.mkdir(parents=True, exist_ok=True)
         if seen:
             view = swept_view(store, plant, highest) or view
             opened = partial(seen_head, actuator, camera, view, specimen=specimen)
-    setup = {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}}
-    measurement = HeadMeasurement(
-        store,
-        setup,
-        HeadExcitation(highest=highest, bands=bands, hold=hold),
-        lambda seed: opened(seed=seed),
-        lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
-        is_pipe(actuator) or is_simulated(actuator),
-    )
     found = replace(before or HeadFile(serial=serial), identified=measurement.identified())
     if found.calibration is not None and not pipe:
         found = replace(found, calibration=view)
@@ -171,7 +174,11 @@ def drive(
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Bring both axes of a head to targets under control, one row after the other."""
+    """Bring both axes of a head to targets under control, one row after the other.
+
+    Faults of the readings are named with their times. The exit status is 1 if a target was not
+    reached within 5 % of the reach of its wire, or a wire was cooled because of its readings.
+    """
     import numpy as np
 
     from minorloop.cli._seen import seen_head
@@ -199,11 +206,12 @@ def drive(
             table |= {f"wanted {axis} [deg]": result.wanted[:, k]}
             table |= {f"{axis} [deg]": result.read[:, k], f"{axis} [A]": result.current[:, k]}
         _common.write_csv(save, table, force=force)
-    error = result.reached - result.targets
+    off = (result.reached - result.targets) ** 2
+    rms = float(np.sqrt(np.nanmean(off))) if np.isfinite(off).any() else math.nan
     if as_json:
-        content = {"targets_deg": result.targets, "reached_deg": result.reached}
-        rms = np.sqrt(np.nanmean(error**2))
-        _common.print_json({**content, "rms_deg": rms, "unreachable": result.unreachable})
+        content = {"targets_deg": result.targets, "reached_deg": result.reached, "rms_deg": rms}
+        content |= {"unreachable": result.unreachable, "missed": result.missed}
+        _common.print_json({**content, "faults": [_fault(each) for each in result.faults]})
     else:
         rows = [
             tuple(f"{value:.2f}" for value in (*wanted, *reached))
@@ -211,11 +219,24 @@ def drive(
         ]
         columns_shown = ("pan wanted", "tilt wanted", "pan", "tilt")
         _common.print_table(columns_shown, rows, "degrees at the end of each hold")
-        typer.echo(f"error {float(np.sqrt(np.nanmean(error**2))):.2f} deg rms")
-    for sentence in result.unreachable:
-        typer.echo(f"warning: {sentence}", err=True)
-    if result.unreachable:
+        typer.echo(f"error {rms:.2f} deg rms")
+    for said in (*result.faults, *result.unreachable, *result.missed):
+        typer.echo(f"warning: {said}", err=True)
+    if not result.done:
         raise typer.Exit(1)
+
+
+def _fault(fault: DriveFault) -> dict[str, Any]:
+    """Return a fault of a drive by name."""
+    return {
+        "axis": fault.axis,
+        "began_s": fault.began,
+        "lasted_s": fault.lasted,
+        "times": fault.times,
+        "what": fault.what,
+        "cooled": fault.cooled,
+        "over": fault.over,
+    }
 
 
 @app.command(

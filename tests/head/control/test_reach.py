@@ -7,12 +7,12 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop.head.control.head import head_control
 from minorloop.head.control.observer import PowerObserver
-from minorloop.head.control.reach import ReachState, ReachWatch, Trial, Unreachable
+from minorloop.head.control.reach import STROKE_SHARE, ReachState, ReachWatch, Trial, Unreachable
 from minorloop.head.studies.head_loop import constant, run_loop
 from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.surroundings import Surroundings
 from minorloop.head.twins.wire import Wire
-from wires import TICK, angle, identified, made_up
+from wires import TICK, Run, angle, identified, made_up
 
 
 def watched(
@@ -237,3 +237,16 @@ def test_a_target_below_the_angle_needs_no_trial():
 def test_bad_options_are_refused(option):
     with pytest.raises(ParameterError):
         ReachWatch(wire=made_up(), **option)
+
+
+@pytest.mark.parametrize(("target", "ambient"), [(62.0, -20.0), (62.0, 0.0), (50.0, -30.0)])
+def test_a_law_in_open_loop_never_corrects_a_stated_reach_in_the_cold(target, ambient):
+    # It heats less than fully, and the wire stays far short of its reach for that reason.
+    wires, coupling = identify_head(1000)
+    control = head_control("feedforward", wires, coupling=coupling)
+    surroundings = Surroundings(ambient=ambient)
+    run = Run(control, [target, 0.0], 40.0, specimen=1000, surroundings=surroundings)
+    assert run.true[-1, 0] < 30.0
+    stated = {(each.reason, each.reach) for _, axis, each in run.unreachable if axis == 0}
+    end = STROKE_SHARE * wires[0].operator.range[1]
+    assert stated == ({("beyond the stroke", end)} if target > end else set())

@@ -9,6 +9,7 @@ from minorloop.errors import ParameterError, StoreError
 from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
 from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 from minorloop.lab.run import run
+from minorloop.lab.store import Store
 from minorloop.twins.fibre import Fibre
 
 QUICK = HeadExcitation(bands=2, hold=12.0)
@@ -115,3 +116,26 @@ def test_what_is_no_head_is_refused():
 def test_numbers_out_of_their_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         HeadExcitation(**wrong)
+
+
+def test_what_is_left_of_each_run_is_known_before_and_between_runs(tmp_path):
+    before = measurement(tmp_path).left()
+    assert list(before)[:2] == ["pan-loop", "pan-coupling"]
+    assert len(before) == 8
+    with pytest.raises(Stopped):
+        measurement(tmp_path, stop_after=before["pan-loop"] + 2).identified()
+    begun = []
+    left = replace(measurement(tmp_path), told=begun.append).left()
+    assert "pan-loop" not in left
+    assert left.pop("pan-coupling") == before["pan-coupling"] - 2
+    assert left == {name: holds for name, holds in before.items() if name in left}
+    assert begun == []
+
+
+def test_a_run_that_begins_is_told_with_as_many_holds_as_it_has(found, folder):
+    assert measurement(folder).left() == {}
+    told = []
+    holds = {path.stem: len(Store.open(path).points()) for path in folder.glob("*.sqlite")}
+    replace(measurement(folder), told=told.append).identified()
+    assert told == []
+    assert holds == measurement(folder / "none").left()

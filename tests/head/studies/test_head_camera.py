@@ -90,6 +90,20 @@ def test_a_head_holds_by_its_model_while_it_sees_nothing_and_goes_on(control):
     assert step.violations == 0
 
 
+def test_pictures_that_become_mirrored_in_a_move_stop_the_head_until_they_are_right(control):
+    def mirrored(tick, frame):
+        bad = 95 <= tick < 160
+        return Frame(frame.t, frame.image[:, ::-1].copy()) if bad else frame
+
+    step, sensor = run(control, 40.0, 12.0, mirrored)
+    angle = step.truth.angle[:, 0]
+    assert 5.0 < angle[94] < 25.0
+    assert angle[159] - angle[94] < 3.0
+    assert np.isfinite(step.read[165:170]).any()
+    assert abs(step.error[-1, 0]) < 1.0
+    assert any("of wall in view agree" in each.reason for each in sensor.missed)
+
+
 def test_a_head_that_never_sees_again_cools(control, monkeypatch):
     monkeypatch.setattr(by_camera, "PATIENCE", 50)
     wires = tuple(axis.observer.wire for axis in control.axes)

@@ -7,6 +7,7 @@ from typing import Any
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.sensing import SensorWatch
+from minorloop.head.control.unread import UnreadWatch
 
 AGE = 2
 """Age in ticks of the pictures that a loop acts on: one to two frames, and those that come sooner
@@ -36,4 +37,5 @@ def camera_control(name: str, wires: tuple[HeatedWire, ...], **options: Any) -> 
         As `minorloop.head.control.head.head_control`.
     """
     watch = SensorWatch(patience=PATIENCE, makes_up=PATIENCE)
-    return head_control(name, wires, **{"delay": AGE, "sensor": watch, **options})
+    known = {"delay": AGE, "sensor": watch, "unread": UnreadWatch()}
+    return head_control(name, wires, **{**known, **options})

@@ -17,6 +17,7 @@ from typing import Any, Literal, TypeAlias
 from minorloop.dynamics.heated_wire import HeatedState
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller
+from minorloop.head.control.lateness import Lateness, LatenessWatch
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.motion import Belief, MotionWatch, Sign, SignWatch
 from minorloop.head.control.observer import Estimate, PowerObserver
@@ -107,6 +108,8 @@ class GuardState:
         Power that the surroundings added at the beginning, in A^2.
     sign : Sign
         What is known of the sign of the readings.
+    lateness : Lateness
+        What is known of how late they are.
     reach : ReachState
         Of the target.
     reference : float
@@ -143,6 +146,7 @@ class GuardState:
     driven: HeatedState
     bias: float
     sign: Sign
+    lateness: Lateness
     reach: ReachState
     reference: float
     asked: float
@@ -166,6 +170,11 @@ class GuardState:
     def fault(self) -> str:
         """What is wrong with the sensor; empty if nothing is."""
         return self.sensed.fault
+
+    @property
+    def cools(self) -> bool:
+        """Whether the wire cools for that."""
+        return self.fault in _COOLED
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -230,6 +239,7 @@ class Guard:
             estimate.wire,
             estimate.ambient,
             Sign(),
+            Lateness(),
             ReachState(),
             angle,
             math.nan,
@@ -287,11 +297,15 @@ class Guard:
         if sign.reversed or belief.astray > _ASTRAY:
             fault: Fault = "reversed" if sign.reversed else "unconfirmed"
             sensed = replace(sensed, value=math.nan, fault=fault)
+        used = math.nan if sensed.fault or not belief.believed else angle
+        lateness = self._lateness.step(state.lateness, used, driven.power, steps=steps)
+        if lateness.doubted > 0.0 and sensed.fault not in _COOLED:
+            sensed = replace(sensed, value=math.nan, fault="late")
         estimate = self.observer.corrected(estimate, sensed.value)
         reach = self._watched(state, sensed, wanted, estimate)
         target = self._target(wanted, reach)
         # Where readings are not believed, a law goes on with what the model expects.
-        doubted = sensed.fault == "implausible" or (usable and not belief.believed)
+        doubted = sensed.fault in ("implausible", "late") or (usable and not belief.believed)
         known = expected if doubted or sign.reversed else sensed.value
         requested, inner = self.controller.step(state.inner, target, known)
         most = self.observer.highest
@@ -312,6 +326,7 @@ class Guard:
             driven,
             state.bias,
             sign,
+            lateness,
             reach,
             wanted,
             whole,
@@ -365,6 +380,12 @@ class Guard:
             jump=self.sensor.jump,
             interval=self.observer.interval,
             highest=self.observer.highest,
+        )
+
+    @cached_property
+    def _lateness(self) -> LatenessWatch:
+        return LatenessWatch(
+            jump=self.sensor.jump, interval=self.observer.interval, delay=self.observer.delay
         )
 
     def _driven(self, state: GuardState, steps: int) -> HeatedState:
@@ -533,6 +554,12 @@ class Guard:
         if state.fault == "implausible":
             return (
                 f"the sensor is implausible: {self._odd(state.belief)}; the wire goes by its model"
+            )
+        if state.fault == "late":
+            return (
+                f"readings go on for {state.lateness.late:.1f} s after the wire has turned back, "
+                "at one turn after the other: they are late, or a load sways the wire; it goes by "
+                "its model for a while"
             )
         if state.fault == "reversed":
             return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +24,7 @@ from minorloop.head.control.model_reference import ModelReference
 from minorloop.head.control.observer import ObserverControl, PowerObserver
 from minorloop.head.control.pi import ProportionalIntegral
 from minorloop.head.control.sensing import SensorWatch, as_number
+from minorloop.head.control.unread import Unread, UnreadWatch
 
 CONTROLLERS = (
     "observer",
@@ -42,9 +43,10 @@ _LARGEST = 1e6
 
 @dataclass(frozen=True, eq=False)
 class HeadState:
-    """State of the control of a head: one state for each axis."""
+    """State of the control of a head: one state for each axis, and that of missing readings."""
 
     axes: tuple[GuardState, ...]
+    unread: Unread = field(default_factory=Unread)
 
     @property
     def log(self) -> tuple[tuple[int, Event], ...]:
@@ -66,6 +68,8 @@ class HeadControl:
         diagonal. Without it, the axes are independent.
     lead : float
         Most degrees by which a wanted reading is ahead of the newest one. Infinite for no limit.
+    unread : UnreadWatch, optional
+        Keeps the head where it is while it is not read. Without it, it goes on by the models.
 
     Raises
     ------
@@ -77,6 +81,7 @@ class HeadControl:
     axes: tuple[Guard, ...]
     coupling: FloatArray | None = None
     lead: float = math.inf
+    unread: UnreadWatch | None = None
 
     def __post_init__(self) -> None:
         lead = as_number(self.lead)
@@ -154,6 +159,11 @@ class HeadControl:
         estimated = np.array([axis.estimate.wire.angle for axis in state.axes])
         last = np.array([axis.reference for axis in state.axes])
         wanted = self._near(wanted, np.array([axis.sensed.last for axis in state.axes]))
+        unread = state.unread
+        if self.unread is not None:
+            gap = max(max(axis.sensed.missing, axis.sensed.odd) for axis in state.axes)
+            unread = self.unread.step(unread, gap, estimated + self._mixing @ estimated)
+            wanted = self.unread.near(unread, wanted)
         working = np.array([not axis.fault for axis in state.axes])
         readings = self._own(seen, estimated, working)
         targets = self._own_targets(wanted, last)
@@ -164,7 +174,7 @@ class HeadControl:
                 state.axes[k], *pair, t=t, raw=float(seen[k]), asked=asked[k]
             )
             states.append(after)
-        return current, HeadState(tuple(states))
+        return current, HeadState(tuple(states), unread)
 
     def reach(self, reference: npt.ArrayLike, ends: npt.ArrayLike | None = None) -> FloatArray:
         """Return the least and largest readings (axes, 2) with the other axes where they belong.
@@ -225,6 +235,7 @@ def head_control(
     limits: WireLimits | None = None,
     sensor: SensorWatch | None = None,
     lead: float = math.inf,
+    unread: UnreadWatch | None = None,
     **options: Any,
 ) -> HeadControl:
     """Return the control of a head by the name of its controller.
@@ -239,7 +250,7 @@ def head_control(
         As in `HeadControl`.
     limits, sensor
         As in `Guard`, for every axis; the defaults of the head without them.
-    lead : float
+    lead, unread
         As in `HeadControl`.
     **options
         Of the controller, for every axis: `interval`, `delay` and `highest` of any; `response`
@@ -263,7 +274,7 @@ def head_control(
         )
         for wire in wires
     )
-    return HeadControl(axes, coupling, lead)
+    return HeadControl(axes, coupling, lead, unread)
 
 
 def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:

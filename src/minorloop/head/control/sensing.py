@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import within
 
-Fault: TypeAlias = Literal["", "lost", "stuck", "implausible", "unconfirmed", "reversed"]
+Fault: TypeAlias = Literal["", "lost", "stuck", "implausible", "unconfirmed", "reversed", "late"]
 _SEEN, _SELDOM = 10, 0.1
 """A sensor is noisy if at least so many readings differed, and at most this share did not."""
 
@@ -22,9 +22,9 @@ class Sensed:
     ----------
     value : float
         Usable reading, NaN if there is none now.
-    fault : {"", "lost", "stuck", "implausible", "unconfirmed", "reversed"}
+    fault : {"", "lost", "stuck", "implausible", "unconfirmed", "reversed", "late"}
         Fault of the sensor, once it is certain. That it is unconfirmed or reversed is found by
-        `minorloop.head.control.motion`.
+        `minorloop.head.control.motion`, that it is late by `minorloop.head.control.lateness`.
     last : float
         Last plausible reading, NaN before the first.
     repeats : int

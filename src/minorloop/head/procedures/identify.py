@@ -47,6 +47,8 @@ _SAMPLES = 250
 
 Connect = Callable[[int], AbstractContextManager[Actuator]]
 """Opens the actuator for a run with the seed of its noise."""
+Told = Callable[[str], None]
+"""Takes the name of a run that begins."""
 CarryOut = Callable[[Actuator, Store], ResumeMode]
 """Carries out the rest of the plan in a store, as `minorloop.lab.run.run` does."""
 
@@ -91,6 +93,12 @@ class HeadExcitation:
         powers = np.random.default_rng(19).uniform(0.0, 1.0, 2 * self.bands)
         return self.highest * np.concatenate([[0.0], np.sqrt(powers)])
 
+    def holds(self, run: str) -> int:
+        """Return the number of holds of a run, one of `RUNS`."""
+        if run == "curves":
+            return excitation.reversal_curves(np.arange(self.bands + 1.0)).size
+        return self.check.size if run == "check" else self.loop.size
+
     def plan(self, levels: FloatArray, name: str) -> Plan:
         """Return the plan that holds levels of an input, by its name, one after the other."""
         return Plan(levels, self.hold, sample_interval=self.hold / _SAMPLES, input=name)
@@ -111,6 +119,8 @@ class HeadMeasurement:
     carry_out : CarryOut
     simulated : bool
         Whether the noise of the actuator has a seed; each run then has its own.
+    told : Told
+        Called when a run begins or is continued.
     """
 
     folder: Path
@@ -119,6 +129,26 @@ class HeadMeasurement:
     connect: Connect
     carry_out: CarryOut
     simulated: bool = True
+    told: Told = lambda run: None
+
+    def left(self) -> dict[str, int]:
+        """Return the number of holds that are left of each run that is not finished, by its name.
+
+        Raises
+        ------
+        StoreError
+            If a store in the folder cannot be read.
+        """
+        left = {}
+        for axis, name in enumerate(AXES):
+            for run in RUNS:
+                path, holds = self._path(axis, run), self.excitation.holds(run)
+                if path.exists():
+                    with Store.open(path) as store:
+                        holds = 0 if store.finished else len(store.plan) - len(store)
+                if holds:
+                    left[f"{name}-{run}"] = holds
+        return left
 
     def identified(self) -> IdentifiedWires:
         """Measure what is not measured yet, and identify both wires.
@@ -193,6 +223,7 @@ class HeadMeasurement:
                         self.excitation.plan(levels, names[0]), self._setup(seed, names)
                     )
                     return _settled(store)
+        self.told(path.stem)
         with self.connect(seed) as head:
             check_head(head)
             output = head.outputs[axis if sensor is None else sensor].name

@@ -36,6 +36,8 @@ _SWEEP = np.concatenate([np.linspace(0.5, 0.95, 45), np.linspace(0.85, 0.3, 30),
 _SLOWLY = 0.8
 """Shares of the largest current that turn an axis up and down, slowly, and seconds for each: the
 view changes by less than half of a patch from a picture to the next."""
+SWEEP_SECONDS = 2 * _SWEEP.size * _SLOWLY
+"""Duration of a sweep of both axes."""
 _SETTLING = 1.0
 """Seconds until the camera has set its exposure to the light."""
 _STILL, LONGEST, _MOVED = 5.0, 120.0, 0.1

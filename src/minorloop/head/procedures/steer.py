@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,12 +13,15 @@ from minorloop.arrays import FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import within
 from minorloop.head.control.head import HeadControl, HeadState
+from minorloop.head.procedures.drive_faults import DriveFault, FaultLog
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.run import left_safe
 
 _AXES = "pan", "tilt"
 _STEADY = 0.2
 """Share of a hold, at its end, of which the readings are averaged."""
+_OFF = 0.05
+"""Share of the reach of a wire by which a target is missed: as `minorloop drive` warns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +40,10 @@ class SteeredHead:
         Number of the target, from 0.
     unreachable : tuple of str
         A sentence for each target that the guard found out of reach until the end of its hold.
+    missed : tuple of str
+        A sentence for each other target that was not reached at the end of its hold.
+    faults : tuple of DriveFault
+        Of the readings.
     """
 
     t: FloatArray
@@ -45,6 +53,13 @@ class SteeredHead:
     targets: FloatArray
     row: IntArray
     unreachable: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()
+    faults: tuple[DriveFault, ...] = ()
+
+    @property
+    def done(self) -> bool:
+        """Whether every target was reached, and no wire cooled because of its readings."""
+        return not (self.unreachable or self.missed or any(each.cooled for each in self.faults))
 
     @cached_property
     def reached(self) -> FloatArray:
@@ -92,19 +107,27 @@ def steer(
     for n, each in enumerate(wanted, 1):
         _check_reach(control, each, n)
     rows: list[tuple[float, int, FloatArray, FloatArray]] = []
-    missed: list[str] = []
+    given_up: dict[tuple[int, int], str] = {}
+    faults = FaultLog(_AXES)
     with left_safe(head):
         seen = np.asarray(head.exchange(np.zeros(2)))
         state, t, began = control.begin(seen), 0.0, _time(head, 0.0)
         for n, each in enumerate(wanted):
             while t < (n + 1) * hold - 0.5 * tick:
                 current, state = control.step(state, each, seen, t=t)
+                faults.note(t, state, getattr(head, "why", ""))
                 seen = np.asarray(head.exchange(current))
                 t = _time(head, tick * (len(rows) + 1)) - began
                 rows.append((t, n, seen, current))
-            missed += _missed(state, n + 1)
+            given_up |= {(n, k): text for k, text in _given_up(state, n + 1).items()}
     times, row, read, current = (np.array(each) for each in zip(*rows, strict=True))
-    return SteeredHead(times, wanted[row], read, current, wanted, row, tuple(missed))
+    found = SteeredHead(times, wanted[row], read, current, wanted, row)
+    return replace(
+        found,
+        unreachable=tuple(given_up.values()),
+        missed=tuple(_missed(control, found, set(given_up))),
+        faults=faults.found(t),
+    )
 
 
 def _time(head: Actuator, counted: float) -> float:
@@ -126,10 +149,25 @@ def _check_reach(control: HeadControl, target: FloatArray, row: int) -> None:
             )
 
 
-def _missed(state: HeadState, row: int) -> list[str]:
+def _given_up(state: HeadState, row: int) -> dict[int, str]:
     """Return a sentence for each axis whose target is out of reach."""
-    return [
-        f"{name} did not reach target {row}: {axis.unreachable}"
-        for name, axis in zip(_AXES, state.axes, strict=True)
+    return {
+        k: f"{name} did not reach target {row}: {axis.unreachable}"
+        for k, (name, axis) in enumerate(zip(_AXES, state.axes, strict=True))
         if axis.unreachable is not None
-    ]
+    }
+
+
+def _missed(
+    control: HeadControl, found: SteeredHead, given_up: set[tuple[int, int]]
+) -> Iterator[str]:
+    """Yield a sentence for each other axis that was not at its target at the end of its hold."""
+    for (n, k), at in np.ndenumerate(found.reached):
+        low, high = control.axes[k].reach
+        if (n, k) in given_up or abs(at - found.targets[n, k]) <= _OFF * (high - low):
+            continue
+        where = "there was no reading" if np.isnan(at) else f"it was at {at:.1f} degrees"
+        yield (
+            f"{_AXES[k]} did not reach target {n + 1}, {found.targets[n, k]:g} degrees: {where} at "
+            "the end of its hold"
+        )

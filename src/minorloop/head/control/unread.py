@@ -1,0 +1,88 @@
+"""A head stays where it is while it is not read.
+
+A model takes a head to its target without readings, past everything that was seen before: by a
+camera, it is not found again there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.head.control.controller import within
+
+_LEARNED, _MOST = 0.25, 25.0
+"""Share by which a gap between readings changes the usual one, and most steps of a gap that counts:
+those of a camera with one picture a second."""
+_USUAL = 2.0
+"""Times the usual gap from which a gap is an unusual one."""
+_NEAR = 0.5
+"""Degrees about where it was: as accurate as the model is in a moment, so that a head at its target
+keeps it."""
+
+
+@dataclass(frozen=True)
+class Unread:
+    """State of a head with respect to missing readings.
+
+    Parameters
+    ----------
+    gap : int
+        Steps without a usable reading.
+    usual : float
+        Steps between two readings, lately.
+    kept : (axes,) array, optional
+        Readings in degrees by the model when the gap became an unusual one; None before.
+    """
+
+    gap: int = 0
+    usual: float = 0.0
+    kept: FloatArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnreadWatch:
+    """Keeps a head where it is after some steps without a reading.
+
+    Parameters
+    ----------
+    after : int
+        Steps, at least; for a sensor that has fewer readings than the loop has steps, it is twice
+        the usual gap between them.
+
+    Raises
+    ------
+    ParameterError
+        If the number is out of its range.
+    """
+
+    after: int = 3
+
+    def __post_init__(self) -> None:
+        within("after", self.after, 1, 10_000)
+
+    def step(self, before: Unread, gap: int, read: FloatArray) -> Unread:
+        """Return the state one step later.
+
+        Parameters
+        ----------
+        before : Unread
+        gap : int
+            Steps without a usable reading, now.
+        read : (axes,) array
+            Present readings in degrees, as the model expects them.
+        """
+        if not gap:
+            usual = before.usual + _LEARNED * (min(float(before.gap), _MOST) - before.usual)
+            return Unread(0, usual)
+        if gap < max(self.after, _USUAL * before.usual):
+            return replace(before, gap=gap, kept=None)
+        return replace(before, gap=gap, kept=read if before.kept is None else before.kept)
+
+    def near(self, state: Unread, wanted: FloatArray) -> FloatArray:
+        """Return wanted readings (axes,) in degrees, near those that are kept."""
+        if state.kept is None:
+            return wanted
+        return np.clip(wanted, state.kept - _NEAR, state.kept + _NEAR)

@@ -1,0 +1,88 @@
+"""Readings that are late while their times are current."""
+
+import math
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.head.control.head import head_control
+from minorloop.head.control.lateness import Lateness, LatenessWatch
+from minorloop.head.studies.head_static import identify_head
+from minorloop.head.twins.surroundings import Course, Surroundings
+from wires import TICK, Run, identified
+
+WATCH = LatenessWatch(interval=TICK, delay=1)
+
+
+def watched(late, *, periods=(4.0,), noise=0.0, seconds=40.0, amplitude=5.0):
+    """What is known after swings of a power, which an angle follows later by some seconds."""
+    rng, state = np.random.default_rng(3), Lateness()
+    wave = lambda t: sum(math.sin(2 * math.pi * t / p) for p in periods)  # noqa: E731
+    for k in range(round(seconds / TICK)):
+        t = k * TICK
+        reading = 30.0 + amplitude * wave(t - late) + noise * rng.normal()
+        state = WATCH.step(state, reading, 0.1 + 0.01 * wave(t))
+        if state.late:
+            return state
+    return state
+
+
+@pytest.mark.parametrize("late", [0.5, 0.7])
+def test_readings_that_turn_back_late_at_every_turn_are_late(late):
+    assert watched(late).late == pytest.approx(late, abs=0.15)
+    assert watched(late, noise=0.05).late == pytest.approx(late, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("late", "options"),
+    [
+        (0.04, {"noise": 0.05}),
+        (0.04, {"noise": 0.5}),
+        (0.5, {"amplitude": 1.0}),
+        (1.5, {}),
+    ],
+)
+def test_other_readings_are_not(late, options):
+    assert watched(late, **options).late == 0.0
+
+
+def test_late_readings_are_tried_again_after_a_while_and_missing_ones_say_nothing():
+    state = watched(0.5)
+    for _ in range(round(29.9 / TICK)):
+        state = WATCH.step(state, 30.0, 0.1)
+    assert state.late > 0.0
+    for _ in range(10):
+        state = WATCH.step(state, 30.0, 0.1)
+    assert state == Lateness(power=0.1, before=state.before, age=state.age)
+    assert watched(math.nan).late == 0.0
+
+
+def test_a_loop_with_late_readings_stops_swinging_and_says_why():
+    wires, coupling = identify_head(1000)
+    control = head_control("observer", wires, coupling=coupling)
+    run = Run(control, [40.0, 10.0], 30.0, delay=0.5, specimen=1000, seed=1000)
+    (said,) = (e for axis, e in run.state.log if (axis, e.cause) == (0, "sensor"))
+    assert "they are late, or a load sways the wire; it goes by its model" in said.text
+    began = said.step * TICK
+    assert began < 25.0
+    before, after = (
+        np.ptp(run.true[(run.t > first) & (run.t < first + 8.0), 0])
+        for first in (began - 8.0, began + 4.0)
+    )
+    assert after < 0.3 * before
+    assert abs(run.error(began + 4.0)[:, 0]).max() < 4.0
+
+
+def test_readings_in_time_are_never_late():
+    control = head_control("observer", (identified().model,) * 2)
+    swing = lambda t: (25.0 + 10.0 * math.sin(0.8 * t), 25.0 + 10.0 * math.cos(2.0 * t))  # noqa: E731
+    surroundings = Surroundings(ambient=Course(20.0, amplitude=10.0, period=3.0))
+    for each in (Surroundings(), surroundings):
+        run = Run(control, swing, 40.0, surroundings=each)
+        assert not [event for _, event in run.state.log if event.cause == "sensor"]
+
+
+def test_options_out_of_range_are_refused():
+    with pytest.raises(ParameterError, match="jump"):
+        LatenessWatch(jump=0.0)

@@ -1,0 +1,107 @@
+"""Faults of the readings of a simulated head, as a drive names them."""
+
+import numpy as np
+import pytest
+
+from minorloop.head.control.head import head_control
+from minorloop.head.procedures.steer import steer
+from minorloop.head.twins.head import Head
+from wires import identified, made_up
+
+TARGETS = [[30.0, 30.0], [40.0, 20.0]]
+
+
+class Spoilt(Head):
+    """A head whose readings are changed by a function of time; ``why`` says why there are none."""
+
+    why = ""
+
+    def __init__(self, spoil):
+        super().__init__(noise=0.05, seed=3)
+        self._spoil, self._ticks = spoil, 0
+
+    def exchange(self, u):
+        seen, t = np.array(super().exchange(u)), self._ticks * self.tick
+        self._ticks += 1
+        return self._spoil(t, seen)
+
+
+def driven(spoil, targets=TARGETS, hold=12.0, why=""):
+    control = head_control("observer", (identified().model,) * 2)
+    head = Spoilt(spoil)
+    head.why = why
+    return steer(head, control, targets, hold)
+
+
+def added(first, end, degrees):
+    return lambda t, seen: seen + np.array([degrees, 0.0]) if first <= t < end else seen
+
+
+def lost(first, end):
+    return lambda t, seen: np.where([first <= t < end, False], np.nan, seen)
+
+
+def test_good_readings_have_no_faults():
+    result = driven(lambda t, seen: seen)
+    assert (result.faults, result.missed, result.done) == ((), (), True)
+
+
+def test_a_fault_that_passes_is_named_with_its_time_and_the_run_is_done():
+    result = driven(added(5.0, 8.0, 12.0))
+    (fault,) = result.faults
+    assert (fault.axis, fault.cooled, fault.over, fault.times) == ("pan", False, True, 1)
+    assert fault.began == pytest.approx(5.0, abs=0.1)
+    assert 3.0 <= fault.lasted < 4.5
+    assert "readings jumped by 12.1 degrees, which no wire can" in fault.what
+    assert str(fault).startswith("pan, from 5.00 s for 3.96 s: the sensor is implausible")
+    assert result.done
+
+
+def test_a_run_in_which_a_wire_cooled_is_not_done():
+    result = driven(added(2.0, 14.0, 12.0), [[30.0, 30.0]], 24.0)
+    doubted, cooled = result.faults
+    assert (doubted.cooled, cooled.cooled) == (False, True)
+    assert cooled.began == pytest.approx(doubted.began + doubted.lasted)
+    assert "readings have contradicted the model for 10 s" in cooled.what
+    assert result.missed == ()  # it came back to its target in time
+    assert not result.done
+
+
+def test_a_target_that_was_left_is_missed():
+    result = driven(lost(20.0, 99.0))
+    (fault,) = result.faults
+    assert str(fault) == "pan, from 20.00 s to the end: the sensor is lost; the wire cools"
+    assert not fault.over
+    assert result.missed == (
+        "pan did not reach target 2, 40 degrees: there was no reading at the end of its hold",
+    )
+    assert not result.done
+
+
+def test_lost_readings_are_counted_together_and_both_axes_named_once():
+    def dropped(t, seen):
+        return seen * np.nan if round(t / 0.04) % 9 == 5 else seen
+
+    result = driven(dropped, [[30.0, 30.0]], 6.0, why="the picture is late")
+    (fault,) = result.faults
+    assert (fault.axis, fault.times) == ("pan and tilt", 17)
+    assert fault.lasted == pytest.approx(17 * 0.04)
+    assert fault.what == "there was no reading (the picture is late); the wire went by its model"
+    assert str(fault).startswith("pan and tilt, 17 times from 0.20 s, 0.68 s in all: there was no")
+    assert result.done
+
+
+def test_late_steps_are_named():
+    class Late(Head):
+        time = 0.0
+
+        def exchange(self, u):
+            seen = super().exchange(u)
+            self.time += self.tick * (4 if 2.0 < self.time < 2.2 else 1)
+            return seen
+
+    control = head_control("observer", (made_up(), made_up()))
+    (fault,) = steer(Late(noise=0.05, seed=3), control, [[30.0, 30.0]], 6.0).faults
+    assert "steps were late" in fault.what
+    assert fault.axis == "pan and tilt"
+    assert fault.began == pytest.approx(2.1, abs=0.2)
