@@ -7,8 +7,10 @@ import pytest
 
 from console_rig import AHEAD, PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop.head.console import messages
+from minorloop.head.console.mark import NO_CONTACT, OUT_OF_REACH, PATIENCE, TOUCHED
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.procedures.actuator_plant import NO_PROBE
+from minorloop.head.procedures.mark import tool_pixel
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.twins.sensor import Fault
 from minorloop.head.ultrasound.c_scan import EchoFind
@@ -444,28 +446,92 @@ def numbers_of(pilot, name):
     return [numbers for one, numbers in every if one == name]
 
 
-def test_the_tool_is_turned_to_the_target_extended_and_withdrawn():
-    pilot = Pilot().following((319.5, 239.5))
+def beside():
+    """In TRACK of a scripted target on the wall beside the head."""
+    pilot = Pilot().steering()
+    pilot.drive(200, pose=right(36.0, -15.0))
+    pilot.camera.target = (319.5, 239.5, 1.0, True)
+    pilot.drive(2)
+    pilot.mode("TRACK")
+    pilot.drive()
+    return pilot
+
+
+def marking():
+    """With the tool on its way to a scripted target that is where it would meet the wall."""
+    pilot = beside()
     pilot.order(messages.Mark)
     pilot.drive(20)
     assert numbers_of(pilot, "extend") == []  # the middle is not where the tool meets the wall
-    for _ in range(20):
-        u, v = pilot.session._tool_pixel()
-        pilot.camera.target = (float(u), float(v), 1.0, True)
+    for _ in range(30):
+        at_tool(pilot)
         pilot.drive()
+    return pilot
+
+
+def at_tool(pilot):
+    now, known = pilot.session._reading(), pilot.session.view
+    u, v = tool_pixel(known, known.tool, now.place, now.angles).tolist()
+    pilot.camera.target = (u, v, 1.0, True)
+
+
+def texts(pilot):
+    return [notice["text"] for notice in sent(pilot.session, "notice")]
+
+
+@pytest.mark.parametrize("how", ["touched", "no contact", "not extended"])
+def test_the_tool_is_turned_to_the_target_extended_and_withdrawn_with_one_sentence(how):
+    pilot = marking()
     ((length,),) = numbers_of(pilot, "extend")
     assert 8e-3 < length <= pilot.session.view.tool.longest
-    pilot.camera.events = [{"what": "touched"}]
+    pilot.camera.events = [{"what": how, "text": "this head has no tool"}]
     pilot.drive(2)
     assert numbers_of(pilot, "extend")[-1] == [0.0]
-    assert pilot.session._marking == ""
+    said = {"touched": TOUCHED, "no contact": NO_CONTACT}.get(how, "this head has no tool")
+    assert texts(pilot)[1:] == [said]
+    assert pilot.session.state.mode == "TRACK"
+    pilot.mode("HEAD")
+    pilot.drive(2)
+    assert pilot.session.state.mode == "HEAD"
+
+
+def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
+    pilot = marking()
+    pilot.order(messages.Mark)
+    assert "already" in texts(pilot)[-1]
+    pilot.camera.events = [{"what": "picked"}]
+    pilot.drive(2)
+    assert "another point was picked" in texts(pilot)[-1]
+    assert numbers_of(pilot, "extend")[-1] == [0.0]
+    pilot.order(messages.Mark)
+    pilot.camera.reports = list  # no picture comes any more
+    pilot.drive(5)
+    assert pilot.session.state.mode == "HOLD"
+    assert "the mark was stopped" in texts(pilot)[-1]
+
+
+def test_a_mark_that_never_comes_to_rest_says_so_and_why_and_a_far_one_is_not_begun():
+    pilot = beside()
+    pilot.order(messages.Mark)
+    for n in range(round(PATIENCE / pilot.session.interval) + 2):
+        pilot.camera.target = (319.5 + 40.0 * (-1) ** n, 239.5, 1.0, True)
+        pilot.drive()
+    assert texts(pilot)[0] == "the tool is turned to the point"
+    assert "did not come to rest" in texts(pilot)[1]
+    assert len(texts(pilot)) == 2
+    pilot.camera.target = (10.0, 239.5, 1.0, True)
+    pilot.drive(2)
+    tool = replace(pilot.session.view.tool, longest=5e-3)
+    pilot.session.view = replace(pilot.session.view, tool=tool)
+    pilot.order(messages.Mark)
+    assert texts(pilot)[2:] == [OUT_OF_REACH]
 
 
 def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_stopped():
     pilot = Pilot().steering()
     pilot.order(messages.Mark)
     assert b"no target is tracked" in pilot.session.events[-1]
-    pilot = Pilot().following()
+    pilot = beside()
     pilot.order(messages.Mark)
     pilot.mode("HOLD")
     pilot.drive(2)

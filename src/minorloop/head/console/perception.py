@@ -121,6 +121,7 @@ class Perception:
             "sharpen": self._sharpen,
             "extract": self._extract,
             "extend": self._extend,
+            "hold_tool": self._hold_tool,
             "begin_scan": self._begin_scan,
             "fire": self._fire,
             "finish_scan": self._finish_scan,
@@ -334,8 +335,18 @@ class Perception:
 
     def _extend(self, length: float) -> None:
         """Extend the tool, or withdraw it."""
-        self._extending = length
-        apply_to_tip(self._tip, Request(extension=length))
+        try:
+            apply_to_tip(self._tip, Request(extension=length))
+        except MinorloopError as error:
+            self._report("not extended", text=str(error))
+        else:
+            self._extending = length
+
+    def _hold_tool(self) -> None:
+        """Let the tool wait where it is."""
+        if isinstance(self._tip, ToolTip):
+            self._extend(self._tip.tool_state()[0])
+        self._extending = 0.0
 
     def _watch_tool(self) -> None:
         """Report once that the tool touches the wall, or that it does not meet it."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -22,6 +22,15 @@ from minorloop.head.console.camera_protocol import (
     CameraRequest,
 )
 from minorloop.head.console.head_pose import Quaternion
+from minorloop.head.console.mark import (
+    NO_CONTACT,
+    OUT_OF_REACH,
+    TOUCHED,
+    ConsoleMark,
+    begin_mark,
+    marked,
+    servoed,
+)
 from minorloop.head.console.messages import Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
 from minorloop.head.console.plant import reading_at
@@ -39,9 +48,8 @@ from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
-from minorloop.head.procedures.mark import Marking, tool_pixel
 from minorloop.head.procedures.seen_angles import unseen
-from minorloop.head.procedures.values import Plant, Reading, held_since, passed
+from minorloop.head.procedures.values import Plant, Reading, passed
 from minorloop.head.vision.video import NO_NEW_PICTURE
 
 _LOST_TICKS = 3
@@ -112,8 +120,7 @@ class Session:
         self.scan: ConsoleScan | ConsoleSweep | None = None
         self._commands: list[CameraCommand] = []
         self._centred_at: float | None = None
-        self._marking: Literal["", "aim", "touch"] = ""
-        self._aimed_at: float | None = None
+        self._mark: ConsoleMark | None = None
         self.focus: str = ""
         self._centring = Centring(calibration=self.view, interval=self.interval)
         self.events: list[bytes] = []
@@ -182,6 +189,7 @@ class Session:
         for report in self.camera.reports():
             self._take(report)
         self._watch_pictures()
+        self._watch_mark()
         before = self.state.mode
         inputs = self._tick_input(now)  # a scan that has ended holds
         self.state = advance(self.config, self.state, inputs, self.interval)
@@ -378,6 +386,7 @@ class Session:
                 self.notice(event["text"])
             elif kind == "picked":
                 self._centred_at, self.focus = None, ""
+                self._end_mark("the mark was stopped: another point was picked")
             elif kind == "focused":
                 self.focus = str(event["verdict"])
                 self._send(
@@ -390,77 +399,63 @@ class Session:
             elif kind == "unscanned" and self.state.mode == "SCAN":
                 self.hold(f"there are no echoes: {event['text']}; press a mode to continue")
             elif kind in ("touched", "no contact"):
-                self._end_mark(f"the tool was withdrawn: {kind}")
+                self._end_mark(TOUCHED if kind == "touched" else NO_CONTACT)
+            elif kind == "not extended":
+                self._end_mark(event["text"])
             elif kind == "found":
                 self._send(messages.SearchResult(count=event["count"], verdict=event["verdict"]))
         self._watch_centre()
-        self._watch_mark()
 
     # --- the micro-tool
 
     def _begin_mark(self) -> None:
         """Turn the tool to the target."""
-        target = self.seen.target
+        target = self._visible()
         if self.view.tool is None:
             self.notice("this head has no micro-tool; nothing can be marked with it")
-        elif self.state.mode != "TRACK" or target is None or not target[3]:
+        elif self._mark is not None:
+            self.notice("the tool is on its way to the point already; press Hold to stop it")
+        elif self.state.mode != "TRACK" or target is None:
             self.notice("no target is tracked; pick a point and press Track, then Mark")
-        elif not np.isfinite(self._tool_pixel()).all():
-            self.notice("the tool does not reach the wall from here; move the catheter")
         else:
-            self._marking, self._aimed_at = "aim", None
+            self._mark = begin_mark(self.view, target, self._reading())
+            self.notice(OUT_OF_REACH if self._mark is None else "the tool is turned to the point")
 
     def _watch_mark(self) -> None:
         """Extend the tool once it has pointed at the target for long enough, or withdraw it."""
-        if not self._marking:
+        if self._mark is None:
             return
-        target = self.seen.target
         if self.state.mode != "TRACK":
             self._end_mark("the mark was stopped; press Track, then Mark to start it again")
             return
-        seen = target is not None and bool(target[3]) and self._fresh()
-        off = math.dist(target[:2], self._tool_pixel()) if target is not None and seen else math.inf
-        self._aimed_at = held_since(self._aimed_at, self._t, off < self._centring.in_middle)
-        if self._marking == "aim" and self._aimed_at is not None:
-            if passed(self._aimed_at, self._t, self._centring.still):
-                self._marking = "touch"
-                self._command("extend", self._tool_length())
-        elif self._marking == "touch" and not seen:
-            self._marking, self._aimed_at = "aim", None
-            self._command("extend", 0.0)
+        self._mark, commands = marked(self._mark, self.view, self._visible(), self._reading())
+        self._commands += commands
+        if self._mark.ended:
+            trouble = self._trouble()
+            self._end_mark(f"{self._mark.ended}{f' ({trouble})' if trouble else ''}")
 
     def _end_mark(self, sentence: str) -> None:
-        self._marking = ""
-        self._command("extend", 0.0)
-        self.notice(sentence)
+        if self._mark is not None:
+            self._mark = None
+            self._command("extend", 0.0)
+            self.notice(sentence)
 
-    def _tool_pixel(self) -> FloatArray:
-        """Return the pixel (2,) at which the tool would meet the wall."""
-        assert self.view.tool is not None
-        now = self._reading()
-        return tool_pixel(self.view, self.view.tool, now.place, now.angles)
-
-    def _tool_length(self) -> float:
-        """Return the extension in metres at which there is no contact, behind the wall."""
-        assert self.view.tool is not None
-        now = self._reading()
-        pan, tilt = now.angles.tolist()
-        mount = self.view.mount_at(now.place)
-        length = float(self.view.tool.meet(mount, pan, tilt, self.view.radius)[2])
-        return min(length + Marking.beyond, self.view.tool.longest)
+    def _visible(self) -> Pair | None:
+        """Return the pixel of the target; None if it is not recognised now."""
+        target = self.seen.target
+        return target[:2] if target is not None and target[3] and self._fresh() else None
 
     def _fresh(self) -> bool:
         return self.ticks - self.seen.number < _STALE_TICKS
 
     def _servo(self) -> Pair | None:
         """Return rates of pan and tilt that centre the target, in rad/s."""
-        target = self.seen.target
-        if target is None or not target[3] or not self._fresh():
+        target, now = self._visible(), self._reading()
+        if target is None:
             return None
-        pixel = np.asarray(target[:2])
-        if self._marking:  # the place goes to where the tool meets the wall, not to the middle
-            pixel = pixel - self._tool_pixel() + np.asarray(self.view.lens.centre)
-        step = self._centring.turn(self.state.command, pixel, self._reading())
+        # The place of a mark goes to where the tool meets the wall, not to the middle.
+        pixel = np.asarray(target) if self._mark is None else servoed(self.view, target, now)
+        step = self._centring.turn(self.state.command, pixel, now)
         return float(step.rates[0]), float(step.rates[1])
 
     def _watch_centre(self) -> None:
