@@ -334,7 +334,9 @@ class InspectionRig:
             sighted = request.sighted
             read = np.full(2, np.nan) if sighted is None else self.calibration.joints(sighted)
         wanted = self.calibration.joints(self._commanded)
-        currents, self._state = self.control.step(self._state, wanted, read)
+        # The readings are those of the last exchange, which may have begun late.
+        t = getattr(self.plant, "time", None)
+        currents, self._state = self.control.step(self._state, wanted, read, t=t)
         self._read = self._exchanged(np.concatenate([currents, request.rates]))
         self._watch()
         self._known = np.where(np.isnan(self._read), self._known, self._read)
