@@ -164,6 +164,8 @@ class Perception:
             joints = self._joints(self._seen_angles, frame, request.cold)
         if self._echoes is not None and self._all_lights:
             self._scanned(self._echoes, None if frame is None else frame.image)
+        place = self._track.place if self._track is not None and request.centring else None
+        self._meter = replace(self._meter, place=place)
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
         self._watch_tool()

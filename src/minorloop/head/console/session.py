@@ -212,6 +212,7 @@ class Session:
                 commands=commands,
                 cold=self._resting,
                 holding=self.state.mode == "HOLD",
+                centring=self.state.mode == "TRACK",
             )
         )
         return u
