@@ -9,6 +9,7 @@ from console_rig import AHEAD, PIT, DirectCamera, Pilot, ScriptedCamera, positio
 from minorloop.head.console import messages
 from minorloop.head.console.mark import NO_CONTACT, OUT_OF_REACH, PATIENCE, TOUCHED
 from minorloop.head.console.settings import LoopSettings
+from minorloop.head.console.sweep import STOPPED
 from minorloop.head.procedures.actuator_plant import NO_PROBE
 from minorloop.head.procedures.mark import tool_pixel
 from minorloop.head.procedures.scan import RasterScan
@@ -440,10 +441,14 @@ def test_pages_are_sent_planes_and_memory():
     assert AHEAD[3] == 1.0
 
 
+def every_command(pilot):
+    """Names and numbers of all commands to the camera process."""
+    return [command for request in pilot.camera.requests for command in request.commands]
+
+
 def numbers_of(pilot, name):
     """Numbers of all commands of a name."""
-    every = [command for request in pilot.camera.requests for command in request.commands]
-    return [numbers for one, numbers in every if one == name]
+    return [numbers for one, numbers in every_command(pilot) if one == name]
 
 
 def beside():
@@ -594,15 +599,16 @@ def sweeping():
     """In SCAN of a sweep, the head looking at the wall."""
     pilot = Pilot().steering()
     pilot.drive(150, pose=right(20.0, -10.0))
+    before = position(pilot.session)
     pilot.order(messages.Sweep)
     pilot.drive(2)
     assert pilot.session.state.mode == "SCAN"
-    return pilot
+    return pilot, before
 
 
 def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
     monkeypatch.setattr("minorloop.head.console.sweep.ALONG", 0.5e-3)  # a few lines
-    pilot = sweeping()
+    pilot, before = sweeping()
     scans = []
     pilot.until(
         lambda s: scans.append(s._scan_progress()) or s.state.mode != "SCAN",
@@ -611,6 +617,9 @@ def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
     session, commands = pilot.session, pilot.camera.commands
     assert (session.state.mode, session.scan) == ("HOLD", None)
     assert "the sweep is done" in session.state.reason
+    assert position(session) == pytest.approx(before, abs=1.5)
+    ends = [numbers for name, numbers in every_command(pilot) if name == "end_sweep"]
+    assert ends == [[1.0]]
     assert [commands.count(name) for name in ("begin_sweep", "end_sweep", "end_scan")] == [1, 1, 0]
     assert commands.count("fire_on") > 50
     assert commands.index("begin_sweep") < commands.index("fire_on")
@@ -629,15 +638,52 @@ def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
     ]
 
 
-def test_a_sweep_is_stopped_at_any_time_and_what_was_fired_is_mapped():
-    pilot = sweeping()
+def test_a_sweep_is_stopped_at_any_time_and_the_next_mode_brings_the_head_back_first():
+    pilot, before = sweeping()
     pilot.until(lambda s: pilot.camera.commands.count("fire_on") > 5)
     pilot.mode("HOLD")
     pilot.drive()
     session = pilot.session
     assert (session.state.mode, session.state.rates, session.scan) == ("HOLD", (0.0, 0.0), None)
-    assert pilot.camera.commands[-1] == "end_sweep"
-    assert "what was fired is mapped" in sent(session, "notice")[-1]["text"]
+    assert every_command(pilot)[-1] == ("end_sweep", [0.0])
+    assert STOPPED in texts(pilot)
+    there = position(session)
+    assert np.abs(np.subtract(there, before)).max() > 5.0
+    pilot.drive(25)
+    assert np.abs(np.subtract(position(session), there)).max() < 8.0  # the roll runs out
+    pilot.mode("HEAD")
+    pilot.drive()
+    assert (session.state.mode, session._scan_progress().stage) == ("SCAN", "back")
+    pilot.until(lambda s: s.state.mode != "SCAN")
+    assert session.state.mode == "HEAD"
+    assert position(session) == pytest.approx(before, abs=1.5)
+    assert texts(pilot).count(STOPPED) == 1
+
+
+def test_another_mode_cuts_a_sweep_and_a_hold_stops_the_way_back():
+    pilot, _ = sweeping()
+    pilot.until(lambda s: pilot.camera.commands.count("fire_on") > 5)
+    pilot.mode("HEAD")
+    pilot.drive(3)
+    assert pilot.session._scan_progress().stage == "back"
+    assert ("end_sweep", [0.0]) in every_command(pilot)
+    pilot.mode("HOLD")
+    pilot.drive(2)
+    assert (pilot.session.state.mode, pilot.session.scan) == ("HOLD", None)
+    assert "on its way back" in texts(pilot)[-1]
+    pilot.mode("HEAD")
+    pilot.drive(2)
+    assert pilot.session.state.mode == "HEAD"
+
+
+def test_a_sweep_beyond_the_end_of_the_pipe_is_refused():
+    pilot = Pilot().steering()
+    pilot.drive(150, pose=right(20.0, -10.0))
+    pilot.session.view = replace(pilot.session.view, length=15e-3)
+    pilot.order(messages.Sweep)
+    pilot.drive()
+    assert "the end of the pipe at 15 mm" in texts(pilot)[-1]
+    assert pilot.session.state.mode == "HEAD"
 
 
 def test_a_sweep_needs_wall_in_the_middle_of_the_picture_within_reach_and_a_probe():

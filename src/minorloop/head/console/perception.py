@@ -490,15 +490,16 @@ class Perception:
 
     # --- the echoes of a sweep
 
-    def _begin_sweep(self, first: float, last: float) -> None:
-        """Flood the pipe for a sweep between two z in metres."""
+    def _begin_sweep(self, *area: float) -> None:
+        """Flood the pipe for a sweep between two phi in radians and two z in metres."""
         self._abort()
         try:
             self._tip.flood(True)
         except MinorloopError as error:
             self._report("unscanned", text=str(error))
             return
-        self._sweep = SweepEchoes(self.view, (first, last))
+        phi, phi_end, z, z_end = area
+        self._sweep = SweepEchoes(self.view, (phi, phi_end), (z, z_end))
         self._sweep.read(self._now, self._position)
 
     def _fire_on(self) -> None:
@@ -508,9 +509,11 @@ class Perception:
         else:
             self._sweep.fire(self._tip)
 
-    def _end_sweep(self) -> None:
+    def _end_sweep(self, whole: float) -> None:
         """Drain the pipe, and hand over what was fired to be mapped."""
         sweep, self._sweep = self._sweep, None
         if sweep is not None and sweep.bursts:
-            self.jobs.append(sweep.job())
+            self.jobs.append(sweep.job(whole=bool(whole)))
+        elif sweep is not None:
+            self._report("notice", text="nothing of the sweep was fired yet, so nothing is mapped")
         self._tip.flood(False)

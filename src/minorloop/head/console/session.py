@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import (
     CameraCommand,
@@ -43,7 +44,14 @@ from minorloop.head.console.reports import (
     with_depth,
 )
 from minorloop.head.console.scan import ConsoleScan, begin_scan, scanned
-from minorloop.head.console.sweep import LOOK_AT_THE_WALL, ConsoleSweep, begin_sweep, swept
+from minorloop.head.console.sweep import (
+    LOOK_AT_THE_WALL,
+    STOPPED,
+    ConsoleSweep,
+    begin_sweep,
+    cut,
+    swept,
+)
 from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -118,6 +126,8 @@ class Session:
         self.seen = CameraReport(number=0, zero=self.sensors)
         self._joints: Pair | None = None
         self.scan: ConsoleScan | ConsoleSweep | None = None
+        self._left: ConsoleSweep | None = None  # was cut, and the head has still to go back
+        self._after: messages.Mode | None = None  # is entered when it is back
         self._commands: list[CameraCommand] = []
         self._centred_at: float | None = None
         self._mark: ConsoleMark | None = None
@@ -191,6 +201,7 @@ class Session:
         self._watch_pictures()
         self._watch_mark()
         before = self.state.mode
+        self._return_first()
         inputs = self._tick_input(now)  # a scan that has ended holds
         self.state = advance(self.config, self.state, inputs, self.interval)
         self._stop_after(before)
@@ -321,15 +332,29 @@ class Session:
             self.focus = ""
             self._command("autofocus")
         if self.scan is not None and mode != "SCAN":
-            sweeps = isinstance(self.scan, ConsoleSweep)
-            if self.scan.stage != "done":
-                self.notice(
-                    "the sweep was stopped; what was fired is mapped"
-                    if sweeps
-                    else "the scan was stopped; press Depth to start it again"
-                )
-            self._command("end_sweep" if sweeps else "end_scan")
+            self._leave(self.scan)
             self.scan = None
+
+    def _leave(self, scan: ConsoleScan | ConsoleSweep) -> None:
+        """End a scan or sweep whose mode has ended."""
+        if isinstance(scan, ConsoleScan):
+            if scan.stage != "done":
+                self.notice("the scan was stopped; press Depth to start it again")
+            self._command("end_scan")
+        elif scan.back is None:
+            self._left = scan
+            self._commands.append(scan.ending)
+            if not scan.state.done:
+                self.notice(STOPPED)
+        elif scan.stage != "done":
+            self.notice("the head was stopped on its way back from the sweep")
+
+    def _return_first(self) -> None:
+        """Bring the head back from a sweep, which is cut, before the mode that is requested."""
+        sweep = self.scan if isinstance(self.scan, ConsoleSweep) else self._left
+        if sweep is not None and self._request in ("HEAD", "TRACK"):
+            self.scan, self._left = cut(sweep), None
+            self._after, self._request = self._request, "SCAN"
 
     def _command(self, name: str, *numbers: float) -> None:
         self._commands.append((name, [float(number) for number in numbers]))
@@ -547,13 +572,20 @@ class Session:
         if self.no_probe:
             self.notice(self.no_probe)
             return
-        sweep = begin_sweep(self.view, self.position(), self.control)
+        here = self.position()
+        home = (*self.state.command, *here[2:]) if self._left is None else self._left.home
+        try:
+            sweep = begin_sweep(self.view, here, home, self.control)
+        except ParameterError as error:
+            self.notice(str(error))
+            return
         if sweep is None:
             self.notice(LOOK_AT_THE_WALL)
         elif sweep.state.refused:
             self.notice(f"the sweep is {sweep.state.refused}")
         else:
             self.scan, self._request = sweep, "SCAN"
+            self._left = self._after = None
 
     def _swept(self, sweep: ConsoleSweep) -> tuple[Pair, Pair] | None:
         """Return the angles and rates of the sweep."""
@@ -564,8 +596,12 @@ class Session:
         self._commands += requested.commands
         if sweep.stage != "done":
             return requested.angles, requested.rates
-        how = f"has ended early: {sweep.state.trouble}" if sweep.state.trouble else "is done"
-        self.hold(f"the sweep {how}; press a mode to continue")
+        if self._after is None:
+            trouble = sweep.state.trouble
+            how = f"has ended early: {trouble}; what was fired is mapped" if trouble else "is done"
+            self.hold(f"the sweep {how}, and the head is back; press a mode to continue")
+        else:
+            self._request, self._after = self._after, None
         return None
 
     def _scan_tick(self) -> tuple[Pair, Pair] | None:
