@@ -53,11 +53,11 @@ def test_pictures_that_do_not_show_the_point_let_the_tool_wait_and_do_not_withdr
     assert (mark.stage, every) == ("aim", [])
 
 
-def test_a_touch_that_lasts_too_long_ends_with_the_tool_withdrawn():
+def test_a_touch_that_lasts_too_long_ends_with_a_sentence():
     mark, every = commands(lambda n: None, ticks=2000)
     assert "did not come to rest" in mark.ended
     assert f"{PATIENCE:g} s" in mark.ended
-    assert every == [("extend", [0.0])]
+    assert every == []
 
 
 def test_a_touch_beyond_the_tool_or_beside_the_wall_is_not_begun():

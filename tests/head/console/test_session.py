@@ -524,6 +524,7 @@ def test_a_mark_that_never_comes_to_rest_says_so_and_why_and_a_far_one_is_not_be
     assert texts(pilot)[0] == "the tool is turned to the point"
     assert "did not come to rest" in texts(pilot)[1]
     assert len(texts(pilot)) == 2
+    assert numbers_of(pilot, "extend") == [[0.0]]
     pilot.camera.target = (10.0, 239.5, 1.0, True)
     pilot.drive(2)
     tool = replace(pilot.session.view.tool, longest=5e-3)
@@ -663,6 +664,8 @@ def test_a_sweep_is_stopped_at_any_time_and_the_next_mode_brings_the_head_back_f
 def test_another_mode_cuts_a_sweep_and_a_hold_stops_the_way_back():
     pilot, _ = sweeping()
     pilot.until(lambda s: pilot.camera.commands.count("fire_on") > 5)
+    pilot.order(messages.Sweep)
+    assert "a sweep is on already" in texts(pilot)[-1]
     pilot.mode("HEAD")
     pilot.drive(3)
     assert pilot.session._scan_progress().stage == "back"

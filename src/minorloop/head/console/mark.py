@@ -84,6 +84,8 @@ def marked(
 ) -> tuple[ConsoleMark, list[CameraCommand]]:
     """Return the touch after a tick, and its commands to the camera process.
 
+    Whoever ends a touch withdraws the tool.
+
     Parameters
     ----------
     mark : ConsoleMark
@@ -98,7 +100,7 @@ def marked(
             "the tool was withdrawn: the head did not come to rest with the tool at the point in "
             f"{PATIENCE:g} s; move the catheter, or pick another point"
         )
-        return replace(mark, ended=said), [("extend", [0.0])]
+        return replace(mark, ended=said), []
     mark = _seen(mark, view, pixel, now)
     near = pixel is not None and mark.near_since is not None
     if mark.stage == "aim":
@@ -115,7 +117,7 @@ def marked(
 
 def servoed(view: HeadCalibration, pixel: Pair, now: Reading) -> FloatArray:
     """Return the pixel (2,) to be centred, so that a point gets to where the tool meets it."""
-    return np.asarray(pixel) - _tool(view, now) + np.asarray(view.lens.centre)
+    return np.asarray(np.asarray(pixel) - _tool(view, now) + np.asarray(view.lens.centre))
 
 
 def _seen(
@@ -141,8 +143,9 @@ def _tool(view: HeadCalibration, now: Reading) -> FloatArray:
 def _length(view: HeadCalibration, now: Reading) -> float | None:
     """Return the extension in metres at which there is no contact, behind the wall."""
     assert view.tool is not None
+    pan, tilt = now.angles.tolist()
     try:
-        met = view.tool.meet(view.mount_at(now.place), *now.angles.tolist(), view.radius)
+        met = view.tool.meet(view.mount_at(now.place), pan, tilt, view.radius)
     except ParameterError:
         return None
     return min(float(met[2]) + Marking.beyond, view.tool.longest)

@@ -572,6 +572,9 @@ class Session:
         if self.no_probe:
             self.notice(self.no_probe)
             return
+        if isinstance(self.scan, ConsoleSweep):
+            self.notice("a sweep is on already; press Hold to stop it")
+            return
         here = self.position()
         home = (*self.state.command, *here[2:]) if self._left is None else self._left.home
         try:
