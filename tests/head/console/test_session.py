@@ -512,7 +512,7 @@ def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
     pilot.camera.reports = list  # no picture comes any more
     pilot.drive(5)
     assert pilot.session.state.mode == "HOLD"
-    assert "the mark was stopped" in texts(pilot)[-1]
+    assert "the mark was stopped: no picture came" in texts(pilot)[-1]
 
 
 def test_a_mark_that_never_comes_to_rest_says_so_and_why_and_a_far_one_is_not_begun():

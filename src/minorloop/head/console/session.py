@@ -452,7 +452,8 @@ class Session:
         if self._mark is None:
             return
         if self.state.mode != "TRACK":
-            self._end_mark("the mark was stopped; press Track, then Mark to start it again")
+            why = self.state.reason or "press Track, then Mark to start it again"
+            self._end_mark(f"the mark was stopped: {why}")
             return
         self._mark, commands = marked(self._mark, self.view, self._visible(), self._reading())
         self._commands += commands
