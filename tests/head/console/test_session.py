@@ -533,6 +533,18 @@ def test_a_mark_that_never_comes_to_rest_says_so_and_why_and_a_far_one_is_not_be
     assert texts(pilot)[2:] == [OUT_OF_REACH]
 
 
+def test_a_mark_is_begun_though_the_last_picture_did_not_show_the_point():
+    pilot = beside()
+    pilot.camera.target = (319.5, 239.5, 0.2, False)
+    pilot.drive(2)
+    pilot.order(messages.Mark)
+    assert texts(pilot) == ["the tool is turned to the point"]
+    for _ in range(40):
+        at_tool(pilot)
+        pilot.drive()
+    assert len(numbers_of(pilot, "extend")) == 1
+
+
 def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_stopped():
     pilot = Pilot().steering()
     pilot.order(messages.Mark)

@@ -25,9 +25,9 @@ from minorloop.head.procedures.values import Reading, held_since, passed
 PATIENCE = 30.0
 """Longest duration in seconds: in the simulated pipe the head takes 5 to 12 s to come to rest, and
 the tool 2 s to the wall and back."""
-_UNSEEN_FOR = 0.2
+_UNSEEN_FOR = 0.5
 """Seconds for which a point may not be recognised while the head comes to rest: on wall with little
-texture this happens in one picture of ten."""
+texture this is one picture of ten, and a loaded machine gives pictures late. TRACK ends at 0.6 s."""
 TOUCHED = "the tool has touched the wall, and is withdrawn"
 NO_CONTACT = (
     f"the tool was withdrawn: no contact up to {1e3 * Marking.beyond:g} mm behind the wall; "

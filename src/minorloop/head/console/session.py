@@ -435,8 +435,8 @@ class Session:
     # --- the micro-tool
 
     def _begin_mark(self) -> None:
-        """Turn the tool to the target."""
-        target = self._visible()
+        """Turn the tool to the target, whether the last picture shows it or the one before."""
+        target = self.seen.target
         if self.view.tool is None:
             self.notice("this head has no micro-tool; nothing can be marked with it")
         elif self._mark is not None:
@@ -444,7 +444,7 @@ class Session:
         elif self.state.mode != "TRACK" or target is None:
             self.notice("no target is tracked; pick a point and press Track, then Mark")
         else:
-            self._mark = begin_mark(self.view, target, self._reading())
+            self._mark = begin_mark(self.view, target[:2], self._reading())
             self.notice(OUT_OF_REACH if self._mark is None else "the tool is turned to the point")
 
     def _watch_mark(self) -> None:
