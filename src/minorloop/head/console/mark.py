@@ -27,7 +27,7 @@ PATIENCE = 30.0
 the tool 2 s to the wall and back."""
 _UNSEEN_FOR = 0.5
 """Seconds for which a point may not be recognised while the head comes to rest: on wall with little
-texture this is one picture of ten, and a loaded machine gives pictures late. TRACK ends at 0.6 s."""
+texture this is one picture of ten, and a loaded machine gives them late. TRACK ends at 0.6 s."""
 TOUCHED = "the tool has touched the wall, and is withdrawn"
 NO_CONTACT = (
     f"the tool was withdrawn: no contact up to {1e3 * Marking.beyond:g} mm behind the wall; "
