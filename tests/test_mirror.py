@@ -37,7 +37,6 @@ ELSEWHERE = {
     "head/studies/mission_cracks.py": "head/studies/test_inspection_parts.py",
     "head/studies/mission_scene.py": "head/studies/test_inspection_parts.py",
     "head/procedures/steps.py": "head/studies/test_inspection_parts.py",
-    "head/studies/sweep_report.py": "head/studies/test_sweep_trials.py",
     "head/studies/ultrasonic_scan.py": "head/studies/test_inspection_parts.py",
     "head/studies/head_camera_report.py": "head/studies/test_head_study.py",
     "head/studies/picture_sensor.py": "head/studies/test_head_camera.py",

@@ -797,11 +797,13 @@ def identified_at_once(monkeypatch):
 def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, tmp_path):
     for options, words in (
         ("--actuator bench:head.toml", "no ultrasonic probe"),
-        ("--along 19,40", "greater by 10 at most"),
-        ("--around 10,5", "give a last phi that is greater"),
+        ("--along 19,40", "to 10 mm"),
+        ("--along 101,103", "up to the end of the pipe at 102.4 mm"),
+        ("--around 10,5", "give a last angle that is greater"),
+        ("--around 10,11", "from 10 to 11 degrees"),
     ):
         status, _, error = run(f"{SWEEP} {options}")
-        assert (status, words in error) == (2, True)
+        assert (status, words in error) == (2, True), error
     assert not (tmp_path / "swept").exists()
 
 
@@ -866,8 +868,8 @@ def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identif
     assert whole["water line below the axis [mm]"] is None  # all of it is under water
     (one,), (other,) = whole["findings"], cut["findings"]
     assert one["find"] == other["find"] == "pit"
-    assert float(other["depth, mm"]) == pytest.approx(float(one["depth, mm"]), abs=0.02)
-    assert float(other["z, mm"]) == pytest.approx(float(one["z, mm"]), abs=0.15)
+    assert other["depth, mm"] == pytest.approx(one["depth, mm"], abs=0.02)
+    assert other["z, mm"] == pytest.approx(one["z, mm"], abs=0.15)
     assert "the sweep in cut is finished" in run(f"{sweep} cut --resume")[2]
     Path("cut/journal.jsonl").write_text("\n".join(lines[:half]))
     assert "along [mm] was [19.3, 20.5] and is" in run(f"{sweep} cut --along 19,20 --resume")[2]

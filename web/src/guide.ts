@@ -102,6 +102,7 @@ export class Guide {
 
 const SWEEPING: Record<string, string> = {
   travel: "The catheter brings the probe to the first line of the sweep.",
+  back: "Going back to where you looked from.",
 };
 
 const SCANNING: Record<string, string> = {

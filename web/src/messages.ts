@@ -305,11 +305,15 @@ export interface ScanEnded {
   finding: number;
 }
 
-/** The map of a sweep is there, with a number that rises from sweep to sweep. */
+/** The map of a sweep is there, with a number that rises from sweep to sweep.
+ *
+ * ``mapped`` is the share of its area that is mapped, ``whole`` whether it was not cut. */
 export interface SweepMapped {
   type: "swept";
   number: number;
   finds: number;
+  mapped: number;
+  whole: boolean;
 }
 
 /** Stage of the fit of a finding, and seconds since it began; empty when it has ended. */

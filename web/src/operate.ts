@@ -155,7 +155,7 @@ const connection = new Connection(
         case "swept":
           byId("swept").hidden = false;
           byId("swept").querySelector("img")!.src = `/api/sweep.png?${message.number}`;
-          text("swept-finds", message.finds === 1 ? "1 find" : `${message.finds} finds`);
+          text("swept-finds", `${message.finds === 1 ? "1 find" : `${message.finds} finds`}; ${message.whole ? "" : "cut off, "}${Math.round(100 * message.mapped)} % of the area mapped`);
           break;
         case "ended":
           notice("The recording has ended.");

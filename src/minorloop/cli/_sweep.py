@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.sweep import SweepState
     from minorloop.head.reconstruction.pipe_map import PipeMap
 
-_MOST = 10.0
-"""Longest part of the pipe in mm: with half an hour of the head for 1 cm."""
-
 
 def carried_out(
     actuator: str,
@@ -73,11 +70,6 @@ def carried_out(
 
     if not is_pipe(actuator):
         raise ParameterError(f"{NO_PROBE}; give twin:pipe, whose head has one")
-    if not 0 <= along[0] < along[1] <= along[0] + _MOST:
-        raise ParameterError(
-            f"--along is {along[0]:g},{along[1]:g}; give two places in mm from 0 on, the last one "
-            f"greater by {_MOST:g} at most"
-        )
     phi = math.radians(around[0]), math.radians(around[1])
     z = 1e-3 * along[0], 1e-3 * along[1]
     begun = {
@@ -131,34 +123,36 @@ def _kept(
     found: PipeMap, ended: str, state: SweepState, folder: Path, around: tuple[float, float]
 ) -> dict[str, Any]:
     """Write findings and report, and return the content of ``findings.json``."""
-    import numpy as np
-
     from minorloop.files import write_atomically
-    from minorloop.head.reconstruction.depth_map import UNSEEN
+    from minorloop.head.procedures.sweep_map import (
+        draw_pipe_map,
+        find_rows,
+        finds_table,
+        mapped_share,
+    )
     from minorloop.head.reconstruction.findings import save_findings
-    from minorloop.head.studies.sweep_report import draw_pipe_map, finds_table
     from minorloop.report import Picture, Report
 
     rows = [one.finding(found.wall.patch.radius) for one in found.finds]
-    table, water = finds_table(found), found.water
-    swept = (found.wall.patch.places[..., 0] - around[0]) % (2 * math.pi) <= around[1] - around[0]
+    water = found.water
     content = {
         "ended": ended,
         "bursts": len(state.bursts),
         "lines": state.lines,
-        "mapped": round(float(np.mean(found.wall.source[swept] != UNSEEN)), 3),
+        "mapped": round(mapped_share(found, around), 3),
         "water line below the axis [mm]": [round(1e3 * v, 2) for v in (water.height, water.sd)]
         if water.seen
         else None,
-        "findings": [dict(zip(table.columns, row, strict=True)) for row in table.rows],
+        "findings": find_rows(found),
     }
     save_findings(rows, folder / "findings.csv", force=True)
     write_atomically(folder / "findings.json", json.dumps(content, indent=1) + "\n")
 
     def drawn() -> Report:
         report = Report("Sweep of the flooded wall", summary(content))
-        report.add("Finds", table=table)
-        report.add("Map", pictures=[Picture(draw_pipe_map(found), "The pipe, unrolled.")])
+        report.add("Finds", table=finds_table(found))
+        drawing = draw_pipe_map(found, around)
+        report.add("Map", pictures=[Picture(drawing, "The pipe, unrolled.")])
         return report
 
     _common.write_report(drawn, folder / "report.html", force=True)
@@ -180,6 +174,7 @@ def show(content: dict[str, Any], out: Path) -> None:
     """Print the finds."""
     rows = content["findings"]
     if rows:
-        _common.print_table(list(rows[0]), [list(row.values()) for row in rows])
+        cells = [["-" if each is None else str(each) for each in row.values()] for row in rows]
+        _common.print_table(list(rows[0]), cells)
     typer.echo(summary(content))
     typer.echo(f"kept in {out}")

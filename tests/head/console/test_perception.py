@@ -8,6 +8,7 @@ import pytest
 from console_rig import PIT, request, tip, towards, view
 from minorloop.errors import InstrumentError
 from minorloop.head.console.perception import Perception
+from minorloop.head.procedures.meter import LIMITS
 
 
 @cache
@@ -59,6 +60,21 @@ def test_other_lights_are_not_shown_and_the_target_stays(seeing):
     assert all(each.target[3] for each in found)
     (extracted,) = events(found, "extracted")
     assert extracted["hole"]["diameter"] == pytest.approx(PIT[2], rel=0.2)
+
+
+def test_a_point_that_is_centred_is_exposed_for_and_the_whole_picture_otherwise():
+    """Of wall that the whole picture makes white, nothing can be tracked."""
+    camera = Perception(tip()[0], view())
+    for n in range(80):
+        commands = [("pick", [400.0, 400.0])] if n == 30 else []
+        asked = request(there(), *commands, number=n)
+        report = camera.tick(msgspec.structs.replace(asked, centring=n >= 50))
+        if n in (49, 79):
+            u, v = np.round(report.target[:2]).astype(int).tolist()
+            about = camera.image[v - 40 : v + 40, u - 40 : u + 40].mean()
+            exposed = camera.image.mean() if n == 49 else about
+            assert exposed == pytest.approx(LIMITS.grey, abs=10.0)
+            assert (about > 1.5 * LIMITS.grey) == (n == 49)
 
 
 @pytest.mark.parametrize("live", [False, True])

@@ -284,6 +284,7 @@ def test_the_map_of_a_sweep_is_shown_and_downloaded_and_its_finds_go_to_the_loop
 ):
     async def mapped(self, task, **options):
         found = {"finds": [{"kind": "pit"}], "files": {"png": b"picture", "csv": b"table"}}
+        found |= {"mapped": 0.3456, "whole": False}
         return found if (task, options) == ("sweep", {"z": 1.0}) else {"error": "no echo"}
 
     monkeypatch.setattr(workers.Workers, "ask", mapped)
@@ -293,7 +294,10 @@ def test_the_map_of_a_sweep_is_shown_and_downloaded_and_its_finds_go_to_the_loop
         assert served.client.get("/api/sweep.png").status_code == 404
         send(served, None, job + pickle.dumps({"z": 1.0}))
         assert (page.until("depth")["finding"], page.until("depth")["stage"]) == (0, "")
-        assert page.until("swept") == {"type": "swept", "number": 1, "finds": 1}
+        figures = {"number": 1, "finds": 1, "mapped": 0.346, "whole": False}
+        assert page.until("swept") == {"type": "swept", **figures}
+        said = "the sweep was cut off: 35% of its area is mapped, with 1 find"
+        assert page.until("notice")["text"] == said
         for kind, content in (("png", b"picture"), ("csv", b"table")):
             assert served.client.get(f"/api/sweep.{kind}").content == content
         assert served.client.get("/api/sweep.exe").status_code == 404

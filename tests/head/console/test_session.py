@@ -7,8 +7,11 @@ import pytest
 
 from console_rig import AHEAD, PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop.head.console import messages
+from minorloop.head.console.mark import NO_CONTACT, OUT_OF_REACH, PATIENCE, TOUCHED
 from minorloop.head.console.settings import LoopSettings
+from minorloop.head.console.sweep import STOPPED
 from minorloop.head.procedures.actuator_plant import NO_PROBE
+from minorloop.head.procedures.mark import tool_pixel
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.twins.sensor import Fault
 from minorloop.head.ultrasound.c_scan import EchoFind
@@ -438,34 +441,115 @@ def test_pages_are_sent_planes_and_memory():
     assert AHEAD[3] == 1.0
 
 
+def every_command(pilot):
+    """Names and numbers of all commands to the camera process."""
+    return [command for request in pilot.camera.requests for command in request.commands]
+
+
 def numbers_of(pilot, name):
     """Numbers of all commands of a name."""
-    every = [command for request in pilot.camera.requests for command in request.commands]
-    return [numbers for one, numbers in every if one == name]
+    return [numbers for one, numbers in every_command(pilot) if one == name]
 
 
-def test_the_tool_is_turned_to_the_target_extended_and_withdrawn():
-    pilot = Pilot().following((319.5, 239.5))
+def beside():
+    """In TRACK of a scripted target on the wall beside the head."""
+    pilot = Pilot().steering()
+    pilot.drive(200, pose=right(36.0, -15.0))
+    pilot.camera.target = (319.5, 239.5, 1.0, True)
+    pilot.drive(2)
+    pilot.mode("TRACK")
+    pilot.drive()
+    return pilot
+
+
+def marking():
+    """With the tool on its way to a scripted target that is where it would meet the wall."""
+    pilot = beside()
     pilot.order(messages.Mark)
     pilot.drive(20)
     assert numbers_of(pilot, "extend") == []  # the middle is not where the tool meets the wall
-    for _ in range(20):
-        u, v = pilot.session._tool_pixel()
-        pilot.camera.target = (float(u), float(v), 1.0, True)
+    for _ in range(30):
+        at_tool(pilot)
         pilot.drive()
+    return pilot
+
+
+def at_tool(pilot):
+    now, known = pilot.session._reading(), pilot.session.view
+    u, v = tool_pixel(known, known.tool, now.place, now.angles).tolist()
+    pilot.camera.target = (u, v, 1.0, True)
+
+
+def texts(pilot):
+    return [notice["text"] for notice in sent(pilot.session, "notice")]
+
+
+@pytest.mark.parametrize("how", ["touched", "no contact", "not extended"])
+def test_the_tool_is_turned_to_the_target_extended_and_withdrawn_with_one_sentence(how):
+    pilot = marking()
     ((length,),) = numbers_of(pilot, "extend")
     assert 8e-3 < length <= pilot.session.view.tool.longest
-    pilot.camera.events = [{"what": "touched"}]
+    pilot.camera.events = [{"what": how, "text": "this head has no tool"}]
     pilot.drive(2)
     assert numbers_of(pilot, "extend")[-1] == [0.0]
-    assert pilot.session._marking == ""
+    said = {"touched": TOUCHED, "no contact": NO_CONTACT}.get(how, "this head has no tool")
+    assert texts(pilot)[1:] == [said]
+    assert pilot.session.state.mode == "TRACK"
+    pilot.mode("HEAD")
+    pilot.drive(2)
+    assert pilot.session.state.mode == "HEAD"
+
+
+def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
+    pilot = marking()
+    pilot.order(messages.Mark)
+    assert "already" in texts(pilot)[-1]
+    pilot.camera.events = [{"what": "picked"}]
+    pilot.drive(2)
+    assert "another point was picked" in texts(pilot)[-1]
+    assert numbers_of(pilot, "extend")[-1] == [0.0]
+    pilot.order(messages.Mark)
+    pilot.camera.reports = list  # no picture comes any more
+    pilot.drive(5)
+    assert pilot.session.state.mode == "HOLD"
+    assert "the mark was stopped: no picture came" in texts(pilot)[-1]
+
+
+def test_a_mark_that_never_comes_to_rest_says_so_and_why_and_a_far_one_is_not_begun():
+    pilot = beside()
+    pilot.order(messages.Mark)
+    for n in range(round(PATIENCE / pilot.session.interval) + 2):
+        pilot.camera.target = (319.5 + 40.0 * (-1) ** n, 239.5, 1.0, True)
+        pilot.drive()
+    assert texts(pilot)[0] == "the tool is turned to the point"
+    assert "did not come to rest" in texts(pilot)[1]
+    assert len(texts(pilot)) == 2
+    assert numbers_of(pilot, "extend") == [[0.0]]
+    pilot.camera.target = (10.0, 239.5, 1.0, True)
+    pilot.drive(2)
+    tool = replace(pilot.session.view.tool, longest=5e-3)
+    pilot.session.view = replace(pilot.session.view, tool=tool)
+    pilot.order(messages.Mark)
+    assert texts(pilot)[2:] == [OUT_OF_REACH]
+
+
+def test_a_mark_is_begun_though_the_last_picture_did_not_show_the_point():
+    pilot = beside()
+    pilot.camera.target = (319.5, 239.5, 0.2, False)
+    pilot.drive(2)
+    pilot.order(messages.Mark)
+    assert texts(pilot) == ["the tool is turned to the point"]
+    for _ in range(40):
+        at_tool(pilot)
+        pilot.drive()
+    assert len(numbers_of(pilot, "extend")) == 1
 
 
 def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_stopped():
     pilot = Pilot().steering()
     pilot.order(messages.Mark)
     assert b"no target is tracked" in pilot.session.events[-1]
-    pilot = Pilot().following()
+    pilot = beside()
     pilot.order(messages.Mark)
     pilot.mode("HOLD")
     pilot.drive(2)
@@ -528,15 +612,16 @@ def sweeping():
     """In SCAN of a sweep, the head looking at the wall."""
     pilot = Pilot().steering()
     pilot.drive(150, pose=right(20.0, -10.0))
+    before = position(pilot.session)
     pilot.order(messages.Sweep)
     pilot.drive(2)
     assert pilot.session.state.mode == "SCAN"
-    return pilot
+    return pilot, before
 
 
 def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
     monkeypatch.setattr("minorloop.head.console.sweep.ALONG", 0.5e-3)  # a few lines
-    pilot = sweeping()
+    pilot, before = sweeping()
     scans = []
     pilot.until(
         lambda s: scans.append(s._scan_progress()) or s.state.mode != "SCAN",
@@ -545,6 +630,9 @@ def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
     session, commands = pilot.session, pilot.camera.commands
     assert (session.state.mode, session.scan) == ("HOLD", None)
     assert "the sweep is done" in session.state.reason
+    assert position(session) == pytest.approx(before, abs=1.5)
+    ends = [numbers for name, numbers in every_command(pilot) if name == "end_sweep"]
+    assert ends == [[1.0]]
     assert [commands.count(name) for name in ("begin_sweep", "end_sweep", "end_scan")] == [1, 1, 0]
     assert commands.count("fire_on") > 50
     assert commands.index("begin_sweep") < commands.index("fire_on")
@@ -563,15 +651,54 @@ def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
     ]
 
 
-def test_a_sweep_is_stopped_at_any_time_and_what_was_fired_is_mapped():
-    pilot = sweeping()
+def test_a_sweep_is_stopped_at_any_time_and_the_next_mode_brings_the_head_back_first():
+    pilot, before = sweeping()
     pilot.until(lambda s: pilot.camera.commands.count("fire_on") > 5)
     pilot.mode("HOLD")
     pilot.drive()
     session = pilot.session
     assert (session.state.mode, session.state.rates, session.scan) == ("HOLD", (0.0, 0.0), None)
-    assert pilot.camera.commands[-1] == "end_sweep"
-    assert "what was fired is mapped" in sent(session, "notice")[-1]["text"]
+    assert every_command(pilot)[-1] == ("end_sweep", [0.0])
+    assert STOPPED in texts(pilot)
+    there = position(session)
+    assert np.abs(np.subtract(there, before)).max() > 5.0
+    pilot.drive(25)
+    assert np.abs(np.subtract(position(session), there)).max() < 8.0  # the roll runs out
+    pilot.mode("HEAD")
+    pilot.drive()
+    assert (session.state.mode, session._scan_progress().stage) == ("SCAN", "back")
+    pilot.until(lambda s: s.state.mode != "SCAN")
+    assert session.state.mode == "HEAD"
+    assert position(session) == pytest.approx(before, abs=1.5)
+    assert texts(pilot).count(STOPPED) == 1
+
+
+def test_another_mode_cuts_a_sweep_and_a_hold_stops_the_way_back():
+    pilot, _ = sweeping()
+    pilot.until(lambda s: pilot.camera.commands.count("fire_on") > 5)
+    pilot.order(messages.Sweep)
+    assert "a sweep is on already" in texts(pilot)[-1]
+    pilot.mode("HEAD")
+    pilot.drive(3)
+    assert pilot.session._scan_progress().stage == "back"
+    assert ("end_sweep", [0.0]) in every_command(pilot)
+    pilot.mode("HOLD")
+    pilot.drive(2)
+    assert (pilot.session.state.mode, pilot.session.scan) == ("HOLD", None)
+    assert "on its way back" in texts(pilot)[-1]
+    pilot.mode("HEAD")
+    pilot.drive(2)
+    assert pilot.session.state.mode == "HEAD"
+
+
+def test_a_sweep_beyond_the_end_of_the_pipe_is_refused():
+    pilot = Pilot().steering()
+    pilot.drive(150, pose=right(20.0, -10.0))
+    pilot.session.view = replace(pilot.session.view, length=15e-3)
+    pilot.order(messages.Sweep)
+    pilot.drive()
+    assert "the end of the pipe at 15 mm" in texts(pilot)[-1]
+    assert pilot.session.state.mode == "HEAD"
 
 
 def test_a_sweep_needs_wall_in_the_middle_of_the_picture_within_reach_and_a_probe():

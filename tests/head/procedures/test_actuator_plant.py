@@ -66,6 +66,30 @@ def test_motors_of_a_catheter_take_mm_and_degrees():
     assert wires.done[0] == pytest.approx([0.1, 0.2, 5.0, 30.0])
 
 
+class Clock:
+    t = 10.0
+
+    def now(self):
+        return self.t
+
+    def sleep(self, seconds):
+        self.t += seconds
+
+
+def test_its_time_is_that_of_the_last_exchange_in_whole_ticks_and_a_twin_has_its_own():
+    clock = Clock()
+    plant, twin = ActuatorPlant(bench(Wires()), clock), ActuatorPlant(Head(), clock)
+    times = []
+    for late in (0.0, 0.025, 0.025, 0.025, 0.3, 0.0):
+        for one in (plant, twin):
+            one.exchange(np.zeros(4))
+        times.append(round(plant.time / plant.tick))
+        clock.t += 0.04 + late
+    assert times == [0, 1, 3, 4, 6, 14]
+    assert twin.time is None
+    assert ActuatorPlant(bench(Wires())).time is None
+
+
 def test_lights_and_pump_are_the_lines_of_these_names():
     wires = Wires(names=("led 2", "fan", "pump", "led 1"))
     tip = BenchTip(ActuatorPlant(bench(wires)))

@@ -31,6 +31,7 @@ def test_a_latency_that_no_camera_has_is_refused(latency):
         ({"leds": np.array([[0.0, 2.5, 0.0]])}, "an LED is 2.5 m from the lens; .* within 0.05 m"),
         ({"radius": 10.0}, "radius is 10 m; give 0.0001 to 1 m"),
         ({"lever": 8.0}, "lever is 8 m; give 0 to 1 m"),
+        ({"length": 0.0}, "length is 0 m; give more than 0"),
         ({"squint": 3.0}, "squint is 3 rad; give"),
         ({"straight": (30.0, 0.5)}, "straight is 30 rad; give"),
         ({"lens": Pinhole(centre=(5000.0, 5000.0))}, "principal point .* 640 by 480 pixels"),
@@ -39,6 +40,13 @@ def test_a_latency_that_no_camera_has_is_refused(latency):
 def test_numbers_that_no_head_has_are_refused(values, sentence):
     with pytest.raises(ParameterError, match=sentence):
         replace(CALIBRATION, **values)
+
+
+def test_a_file_from_before_there_was_a_length_has_none():
+    values = replace(CALIBRATION, length=0.5).to_dict()
+    assert HeadCalibration.from_dict(values).length == 0.5
+    del values["length"]
+    assert HeadCalibration.from_dict(values).length is None
 
 
 @pytest.mark.parametrize("part", [(), ("lens",)])

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from console_rig import control
 from minorloop.errors import InstrumentError, ModelFileError, SafetyError
 from minorloop.head.control.head import HeadState
 from minorloop.head.geometry import wall_point
@@ -23,6 +24,7 @@ from minorloop.head.procedures.head_file import HeadFile, save_head
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig, rig_at
 from minorloop.head.procedures.values import Request
+from minorloop.head.twins.head import Head
 from minorloop.head.vision.defects import SEQUENCE
 from minorloop.lab.actuator import Channel, Frame
 from minorloop.lab.drivers.bench import Bench
@@ -75,7 +77,7 @@ class Control:
         wire = SimpleNamespace(wire=SimpleNamespace(angle=12.0))
         return SimpleNamespace(axes=[SimpleNamespace(estimate=wire)] * 2)
 
-    def step(self, state, reference, measurement):
+    def step(self, state, reference, measurement, *, t=None):
         self.read.append(measurement)
         return reference / 100, state
 
@@ -232,7 +234,7 @@ class Weak(Control):
     def begin(self):
         return HeadState((Axis(), Axis()))
 
-    def step(self, state, reference, measurement):
+    def step(self, state, reference, measurement, *, t=None):
         return np.clip(reference / 200.0, 0.0, 0.4), state
 
 
@@ -267,6 +269,49 @@ def on_bench(devices, **options):
     plant = ActuatorPlant(Bench(devices, devices, currents, angles, **how), devices)
     tip = CameraTip(BenchTip(plant), devices, replace(CALIBRATION, latency=0.0))
     return InspectionRig(plant, tip, Weak(), CALIBRATION, **options)
+
+
+class Loaded:
+    """Two wires that turn as time passes, on a machine that is late in three ticks of four."""
+
+    def __init__(self):
+        self.head, self.t, self._ticks = Head(noise=0.05, delay=0.04), 0.0, 0
+        self._seen = np.zeros(2)
+
+    def now(self):
+        return self.t
+
+    def sleep(self, seconds):
+        self.t += seconds
+
+    def set(self, values):
+        while self.head.clock < self.t - 1e-9:
+            self._seen = self.head.exchange(self._u)
+        self._u = values
+
+    def read(self):
+        self._ticks += 1
+        self.t += 0.3 * (self._ticks % 4 > 0)
+        return self._seen
+
+    def safe(self):
+        self._u = np.zeros(2)
+
+
+def test_on_a_loaded_machine_the_wires_are_where_control_expects_them():
+    """Where each tick counted as 0.04 s, readings contradicted the model until a wire cooled."""
+    devices = Loaded()
+    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
+    bench = Bench(devices, devices, currents, angles, tick=0.04, clock=devices)
+    plant = ActuatorPlant(bench, devices)
+    it, go, faults = InspectionRig(plant, Tip(), control(), CALIBRATION), Go(turning=6.0), set()
+    for turn in ((0.3, 0.2), (-0.3, 0.1), (0.1, -0.35)):
+        it.run(go, go.begin(angles=turn), lambda _: faults.update(a.fault for a in it._state.axes))
+    assert faults == {""}
+    assert it.angles == pytest.approx(turn, abs=0.06)
+    assert plant.time == pytest.approx(devices.t, abs=0.4)
+    assert plant.time > 5 * it.t
 
 
 def test_after_an_answer_that_did_not_come_the_loop_goes_on_from_a_head_that_is_safe(monkeypatch):

@@ -8,7 +8,7 @@ from minorloop.errors import ParameterError
 from minorloop.head.control.head import head_control
 from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.scan import RasterScan
-from minorloop.head.procedures.sweep import STUCK, ProbeSweep
+from minorloop.head.procedures.sweep import NOT_THERE, STUCK, ProbeSweep
 from wires import identified
 
 from .fakes import CALIBRATION, TICK, Loop
@@ -92,10 +92,20 @@ def test_a_sweep_that_is_no_longer_stepped_has_stopped_with_its_bursts():
 
 
 def test_a_catheter_that_sticks_ends_the_sweep():
+    loop, state, request = Loop(), SWEEP.begin(PHI, Z), None
+    while not state.done:
+        loop.stuck = state.lines > 0
+        state, request = SWEEP.step(state, loop.reading(request))
+        loop.tick(request)
+    assert (state.trouble, state.lines) == (STUCK, 1)
+    assert (loop.asked[-1].rates == 0).all()
+
+
+def test_a_catheter_that_does_not_get_to_the_first_line_ends_the_sweep_before_the_flood():
     loop = Loop(stuck=True)
     state = loop.run(SWEEP, SWEEP.begin(PHI, Z))
-    assert state.trouble == STUCK
-    assert (loop.asked[-1].rates == 0).all()
+    assert state.trouble == NOT_THERE
+    assert not any(request.water for request in loop.asked)
 
 
 def test_a_sweep_out_of_reach_is_refused():
@@ -110,17 +120,21 @@ def test_a_sweep_out_of_reach_is_refused():
 @pytest.mark.parametrize(
     ("phi", "z", "words"),
     [
-        ((1.0, 1.0), Z, "give a last phi that is greater"),
-        ((0.0, 7.0), Z, "by a turn at most"),
-        (PHI, (2e-3, 1e-3), "the last one greater"),
-        (PHI, (-1e-3, 1e-3), "give z >= 0"),
-        (PHI, (0.0, math.inf), "give z >= 0"),
-        ((math.nan, 1.0), Z, "give a last phi"),
+        ((1.0, 1.0), Z, "from 57.3 to 57.3 degrees"),
+        (np.radians((10.0, 11.0)), Z, "greater by 2.8, two widths of the beam, to 360 degrees"),
+        ((0.0, 7.0), Z, "to 360 degrees"),
+        (PHI, (2e-3, 1e-3), "from 2 to 1 mm .* last place that is greater"),
+        (PHI, (2e-3, 2.4e-3), "greater by 0.48, two widths of the beam, to 10 mm"),
+        (PHI, (2e-3, 12.1e-3), "to 10 mm"),
+        (PHI, (-1e-3, 1e-3), "from 0 mm on, up to the end of the pipe at 50 mm"),
+        (PHI, (48e-3, 51e-3), "from 48 to 51 mm .* the end of the pipe at 50 mm"),
+        (PHI, (0.0, math.inf), "give places from 0 mm"),
+        ((math.nan, 1.0), Z, "give a last angle"),
     ],
 )
-def test_an_area_that_is_none_is_refused(phi, z, words):
+def test_an_area_that_cannot_be_swept_is_refused(phi, z, words):
     with pytest.raises(ParameterError, match=words):
-        SWEEP.begin(phi, z)
+        ProbeSweep(calibration=replace(CALIBRATION, length=50e-3)).begin(phi, z)
 
 
 def test_a_large_pipe_is_swept_no_faster_than_the_loop_fires():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from minorloop.head.geometry import wrapped
+from minorloop.head.procedures.sweep_map import draw_pipe_map, finds_table
 from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, unseen_map
 from minorloop.head.reconstruction.pipe_map import pipe_map
 from minorloop.head.studies import sweep_trials
-from minorloop.head.studies.sweep_report import draw_pipe_map, finds_table
 from minorloop.head.studies.sweep_trials import (
     ScoredSweep,
     c_scan_figures,

@@ -1,6 +1,7 @@
 """The simulated camera, against optics."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from minorloop.errors import LimitError, ParameterError
 from minorloop.head.geometry import Mount, Pinhole, wall_point
 from minorloop.head.twins.camera import Camera, ImageSensor, led_positions
-from minorloop.head.twins.pipe import Bore, Crack, Dent, Finish, Pipe
+from minorloop.head.twins.pipe import Bore, Crack, Dent, Dirt, Finish, Pipe
 from minorloop.head.twins.turbid_water import TurbidWater
 from minorloop.lab.actuator import FrameSource
 
@@ -86,6 +87,20 @@ def test_a_matt_wall_shines_as_cosine_over_square_of_distance(led):
     cosine = -(to_led @ [math.cos(PLACE[0]), math.sin(PLACE[0]), 0.0]) / far
     expected = 100 * 0.5 * 0.6 * cosine * 1e-4 / far**2
     assert middle(camera.frame().image) == pytest.approx(expected, rel=0.03, abs=0.5)
+
+
+def test_a_mark_is_drawn_without_the_wall_being_drawn_anew(monkeypatch):
+    """That would take a second, in which the console gets no picture and holds."""
+    pipe = Pipe.draw(1001, length=25.6e-3)
+    marked = replace(pipe, dirt=(*pipe.dirt, Dirt(*PLACE, 0.15e-3, 0.35, 0.03e-3, 0.0)))
+    fresh = looking_at(marked, sensor=CLEAN).frame().image
+    camera = looking_at(pipe, sensor=CLEAN)
+    bare = camera.frame().image
+    monkeypatch.setattr("minorloop.head.twins.camera.lay_out", None)
+    camera.repaint(marked)
+    seen = camera.frame().image
+    assert middle(seen) < 0.8 * middle(bare)
+    np.testing.assert_allclose(seen, fresh, atol=1)
 
 
 def test_lights_add_up():

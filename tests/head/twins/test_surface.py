@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop.head.twins.pipe import Bore, Dent, Dirt, Finish, Pipe, Scratch, Weld
-from minorloop.head.twins.surface import COLUMNS, lay_out
+from minorloop.head.twins.surface import COLUMNS, lay_out, with_dirt
 
 SMOOTH = Finish(brush=1e-9, streak=1e-9, stain=1e-9)
 
@@ -37,6 +37,17 @@ def test_the_surface_of_the_last_pipes_is_kept_and_bores_do_not_change_it():
     assert not np.array_equal(lay_out(marked).texels, surface.texels)
     assert lay_out(replace(pipe, bores=(Bore(0.0, 5e-3, 1e-3),), water=0.0)) is surface
     assert lay_out(replace(pipe, dirt=[*marked.dirt])) is lay_out(marked)
+
+
+@pytest.mark.parametrize("z", [0.1e-3, 5.03e-3, 9.97e-3, 12e-3, 30e-3])
+def test_more_dirt_is_drawn_as_if_it_had_been_there_from_the_start(z):
+    pipe = Pipe.draw(1000, length=10e-3)
+    patch = Dirt(0.02, z, 0.4e-3, 0.5, seed=4)
+    before, whole = lay_out(pipe), lay_out(replace(pipe, dirt=(*pipe.dirt, patch)))
+    kept, more = before.texels.copy(), with_dirt(before, pipe, patch)
+    np.testing.assert_allclose(more.texels, whole.texels, atol=1e-5)
+    np.testing.assert_array_equal(before.texels, kept)  # it is shared
+    assert np.array_equal(more.texels, kept) == (z > 11e-3)
 
 
 def test_the_map_wraps_around_the_pipe():

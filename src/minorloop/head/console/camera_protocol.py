@@ -49,6 +49,8 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
         Whether the head has no current, and had none since it was made safe.
     holding : bool
         Whether the head holds, so that nothing is steered by the pictures.
+    centring : bool
+        Whether the tracked point is centred, so that the camera is exposed for it.
     """
 
     number: int
@@ -59,6 +61,7 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
     keep: bool = False
     cold: bool = False
     holding: bool = False
+    centring: bool = False
 
 
 class CameraReport(msgspec.Struct, frozen=True, kw_only=True):

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
-from minorloop.drawing.layout import new_figure
 from minorloop.errors import MissingExtraError
 from minorloop.head.console.units import degrees, mm
 from minorloop.head.geometry import Mount, Probe
 from minorloop.head.procedures.measure import wall_about
+from minorloop.head.procedures.sweep_map import draw_pipe_map, mapped_share
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.reconstruction.mesh import mesh_of
-from minorloop.head.ultrasound.c_scan import CScan, Indices, SweptBurst, c_scan
+from minorloop.head.reconstruction.pipe_map import pipe_map
+from minorloop.head.ultrasound.c_scan import CScan, SweptBurst, c_scan
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe, sound_field
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit
@@ -45,52 +45,24 @@ def depth(
 
 
 def sweep(
-    bursts: list[SweptBurst], probe: CalibratedProbe, z: tuple[float, float], radius: float
+    bursts: list[SweptBurst],
+    probe: CalibratedProbe,
+    phi: tuple[float, float],
+    z: tuple[float, float],
+    radius: float,
+    whole: bool,
 ) -> Iterator[dict[str, Any]]:
     """Map the bursts of a sweep; yields stages, then the finds and the map as files."""
     yield {"stage": "mapping the wall"}
     scan = c_scan(bursts, probe, Patch.ring(*z, radius=radius))
-    finds = [asdict(one.finding(radius)) for one in scan.finds]
-    yield {"finds": finds, "files": {"png": _drawn(scan), "csv": _listed(scan)}}
-
-
-def _columns(scan: CScan) -> tuple[Indices, FloatArray]:
-    """Return the columns of the map that were swept, and their angles in degrees, rising.
-
-    The area may cross the seam of the map: it begins behind the widest gap.
-    """
-    patch = scan.wall.patch
-    swept = np.flatnonzero(np.isfinite(scan.amplitude).any(axis=0))
-    if not swept.size:
-        return swept, np.zeros(0)
-    gaps = np.diff(swept, append=swept[0] + patch.columns)
-    first = swept[(int(np.argmax(gaps)) + 1) % swept.size]
-    count = patch.columns - int(gaps.max()) + 1
-    columns = (first + np.arange(count)) % patch.columns
-    begin = float(patch.places[0, first, 0]) % (2 * np.pi)
-    return columns, np.degrees(begin + np.arange(count) * patch.step / patch.radius)
-
-
-def _drawn(scan: CScan) -> bytes:
-    """Return a picture of the map as PNG: amplitude of the echoes, and depth by their time."""
-    figure, axes = new_figure(2, 1, height=4.2, sharex=True)
-    columns, phi = _columns(scan)
-    z = 1e3 * scan.wall.patch.places[:, 0, 1]
-    depth = 1e3 * np.where(np.isfinite(scan.wall.depth), scan.wall.depth, np.nan)
-    for one, values, title, label in (
-        (axes[0], scan.amplitude, "amplitude of the echo", "of a plain wall"),
-        (axes[1], depth, "depth by the time of flight", "[mm]"),
-    ):
-        one.grid(False)
-        one.set(title=title, ylabel="along [mm]")
-        if phi.size:
-            extent = (phi[0], phi[-1], z[0], z[-1])
-            shown = one.imshow(values[:, columns], origin="lower", extent=extent, aspect="auto")
-            figure.colorbar(shown, ax=one, label=label)
-    axes[1].set_xlabel("around the pipe [degrees], 90 at the bottom")
-    picture = BytesIO()
-    figure.savefig(picture, format="png")
-    return picture.getvalue()
+    fused, picture = pipe_map(scan, []), BytesIO()
+    draw_pipe_map(fused, phi, brief=True).savefig(picture, format="png")
+    yield {
+        "finds": [asdict(one.finding(radius)) for one in scan.finds],
+        "mapped": mapped_share(fused, phi),
+        "whole": whole,
+        "files": {"png": picture.getvalue(), "csv": _listed(scan)},
+    }
 
 
 def _listed(scan: CScan) -> bytes:

@@ -348,10 +348,15 @@ class ScanEnded(_ToPage, frozen=True, kw_only=True, tag="scanned"):
 
 
 class SweepMapped(_ToPage, frozen=True, kw_only=True, tag="swept"):
-    """The map of a sweep is there, with a number that rises from sweep to sweep."""
+    """The map of a sweep is there, with a number that rises from sweep to sweep.
+
+    ``mapped`` is the share of its area that is mapped, ``whole`` whether it was not cut.
+    """
 
     number: int
     finds: int
+    mapped: float
+    whole: bool
 
 
 class DepthProgress(_ToPage, frozen=True, kw_only=True, tag="depth"):

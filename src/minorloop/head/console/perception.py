@@ -121,6 +121,7 @@ class Perception:
             "sharpen": self._sharpen,
             "extract": self._extract,
             "extend": self._extend,
+            "hold_tool": self._hold_tool,
             "begin_scan": self._begin_scan,
             "fire": self._fire,
             "finish_scan": self._finish_scan,
@@ -163,6 +164,8 @@ class Perception:
             joints = self._joints(self._seen_angles, frame, request.cold)
         if self._echoes is not None and self._all_lights:
             self._scanned(self._echoes, None if frame is None else frame.image)
+        place = self._track.place if self._track is not None and request.centring else None
+        self._meter = replace(self._meter, place=place)
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
         self._watch_tool()
@@ -334,8 +337,18 @@ class Perception:
 
     def _extend(self, length: float) -> None:
         """Extend the tool, or withdraw it."""
-        self._extending = length
-        apply_to_tip(self._tip, Request(extension=length))
+        try:
+            apply_to_tip(self._tip, Request(extension=length))
+        except MinorloopError as error:
+            self._report("not extended", text=str(error))
+        else:
+            self._extending = length
+
+    def _hold_tool(self) -> None:
+        """Let the tool wait where it is."""
+        if isinstance(self._tip, ToolTip):
+            self._extend(self._tip.tool_state()[0])
+        self._extending = 0.0
 
     def _watch_tool(self) -> None:
         """Report once that the tool touches the wall, or that it does not meet it."""
@@ -477,15 +490,16 @@ class Perception:
 
     # --- the echoes of a sweep
 
-    def _begin_sweep(self, first: float, last: float) -> None:
-        """Flood the pipe for a sweep between two z in metres."""
+    def _begin_sweep(self, *area: float) -> None:
+        """Flood the pipe for a sweep between two phi in radians and two z in metres."""
         self._abort()
         try:
             self._tip.flood(True)
         except MinorloopError as error:
             self._report("unscanned", text=str(error))
             return
-        self._sweep = SweepEchoes(self.view, (first, last))
+        phi, phi_end, z, z_end = area
+        self._sweep = SweepEchoes(self.view, (phi, phi_end), (z, z_end))
         self._sweep.read(self._now, self._position)
 
     def _fire_on(self) -> None:
@@ -495,9 +509,11 @@ class Perception:
         else:
             self._sweep.fire(self._tip)
 
-    def _end_sweep(self) -> None:
+    def _end_sweep(self, whole: float) -> None:
         """Drain the pipe, and hand over what was fired to be mapped."""
         sweep, self._sweep = self._sweep, None
         if sweep is not None and sweep.bursts:
-            self.jobs.append(sweep.job())
+            self.jobs.append(sweep.job(whole=bool(whole)))
+        elif sweep is not None:
+            self._report("notice", text="nothing of the sweep was fired yet, so nothing is mapped")
         self._tip.flood(False)

@@ -180,6 +180,7 @@ def open_tip(
         thickness=pipe.thickness * float(rng.uniform(1 - _THICKNESS, 1 + _THICKNESS)),
         temperature=water.temperature + float(rng.normal(0.0, _TEMPERATURE)),
         tool=tip.tool.calibration,
+        length=_LENGTH,
     )
     return tip, view
 

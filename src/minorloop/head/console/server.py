@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from minorloop.errors import MinorloopError, MissingExtraError, SignalError
+from minorloop.errors import MinorloopError, MissingExtraError, SignalError, counted
 from minorloop.head.console import messages, recording
 from minorloop.head.console.admission import Admission, plain
 from minorloop.head.console.auth import Authentication
@@ -255,10 +255,15 @@ class _Server:
             self._clients.send(messages.encode(messages.Notice(text=text)))
             return
         self._sweeps, self._swept = self._sweeps + 1, found["files"]
+        mapped, whole, finds = round(found["mapped"], 3), found["whole"], len(found["finds"])
         self._clients.swept = messages.encode(
-            messages.SweepMapped(number=self._sweeps, finds=len(found["finds"]))
+            messages.SweepMapped(number=self._sweeps, finds=finds, mapped=mapped, whole=whole)
         )
         self._clients.send(self._clients.swept)
+        if not whole:
+            said = f"the sweep was cut off: {mapped:.0%} of its area is mapped, with "
+            notice = messages.Notice(text=f"{said}{counted(finds, 'find')}")
+            self._clients.send(messages.encode(notice))
         self._link.order(messages.SweepFitted(finds=found["finds"]))
 
     def _send_progress(self, number: int, stage: str, seconds: float) -> None:

@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import (
     CameraCommand,
@@ -22,6 +23,15 @@ from minorloop.head.console.camera_protocol import (
     CameraRequest,
 )
 from minorloop.head.console.head_pose import Quaternion
+from minorloop.head.console.mark import (
+    NO_CONTACT,
+    OUT_OF_REACH,
+    TOUCHED,
+    ConsoleMark,
+    begin_mark,
+    marked,
+    servoed,
+)
 from minorloop.head.console.messages import Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
 from minorloop.head.console.plant import reading_at
@@ -34,14 +44,20 @@ from minorloop.head.console.reports import (
     with_depth,
 )
 from minorloop.head.console.scan import ConsoleScan, begin_scan, scanned
-from minorloop.head.console.sweep import LOOK_AT_THE_WALL, ConsoleSweep, begin_sweep, swept
+from minorloop.head.console.sweep import (
+    LOOK_AT_THE_WALL,
+    STOPPED,
+    ConsoleSweep,
+    begin_sweep,
+    cut,
+    swept,
+)
 from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
-from minorloop.head.procedures.mark import Marking, tool_pixel
 from minorloop.head.procedures.seen_angles import unseen
-from minorloop.head.procedures.values import Plant, Reading, held_since, passed
+from minorloop.head.procedures.values import Plant, Reading, passed
 from minorloop.head.vision.video import NO_NEW_PICTURE
 
 _LOST_TICKS = 3
@@ -110,10 +126,11 @@ class Session:
         self.seen = CameraReport(number=0, zero=self.sensors)
         self._joints: Pair | None = None
         self.scan: ConsoleScan | ConsoleSweep | None = None
+        self._left: ConsoleSweep | None = None  # was cut, and the head has still to go back
+        self._after: messages.Mode | None = None  # is entered when it is back
         self._commands: list[CameraCommand] = []
         self._centred_at: float | None = None
-        self._marking: Literal["", "aim", "touch"] = ""
-        self._aimed_at: float | None = None
+        self._mark: ConsoleMark | None = None
         self.focus: str = ""
         self._centring = Centring(calibration=self.view, interval=self.interval)
         self.events: list[bytes] = []
@@ -182,7 +199,9 @@ class Session:
         for report in self.camera.reports():
             self._take(report)
         self._watch_pictures()
+        self._watch_mark()
         before = self.state.mode
+        self._return_first()
         inputs = self._tick_input(now)  # a scan that has ended holds
         self.state = advance(self.config, self.state, inputs, self.interval)
         self._stop_after(before)
@@ -204,6 +223,7 @@ class Session:
                 commands=commands,
                 cold=self._resting,
                 holding=self.state.mode == "HOLD",
+                centring=self.state.mode == "TRACK",
             )
         )
         return u
@@ -312,15 +332,29 @@ class Session:
             self.focus = ""
             self._command("autofocus")
         if self.scan is not None and mode != "SCAN":
-            sweeps = isinstance(self.scan, ConsoleSweep)
-            if self.scan.stage != "done":
-                self.notice(
-                    "the sweep was stopped; what was fired is mapped"
-                    if sweeps
-                    else "the scan was stopped; press Depth to start it again"
-                )
-            self._command("end_sweep" if sweeps else "end_scan")
+            self._leave(self.scan)
             self.scan = None
+
+    def _leave(self, scan: ConsoleScan | ConsoleSweep) -> None:
+        """End a scan or sweep whose mode has ended."""
+        if isinstance(scan, ConsoleScan):
+            if scan.stage != "done":
+                self.notice("the scan was stopped; press Depth to start it again")
+            self._command("end_scan")
+        elif scan.back is None:
+            self._left = scan
+            self._commands.append(scan.ending)
+            if not scan.state.done:
+                self.notice(STOPPED)
+        elif scan.stage != "done":
+            self.notice("the head was stopped on its way back from the sweep")
+
+    def _return_first(self) -> None:
+        """Bring the head back from a sweep, which is cut, before the mode that is requested."""
+        sweep = self.scan if isinstance(self.scan, ConsoleSweep) else self._left
+        if sweep is not None and self._request in ("HEAD", "TRACK"):
+            self.scan, self._left = cut(sweep), None
+            self._after, self._request = self._request, "SCAN"
 
     def _command(self, name: str, *numbers: float) -> None:
         self._commands.append((name, [float(number) for number in numbers]))
@@ -378,6 +412,7 @@ class Session:
                 self.notice(event["text"])
             elif kind == "picked":
                 self._centred_at, self.focus = None, ""
+                self._end_mark("the mark was stopped: another point was picked")
             elif kind == "focused":
                 self.focus = str(event["verdict"])
                 self._send(
@@ -390,77 +425,64 @@ class Session:
             elif kind == "unscanned" and self.state.mode == "SCAN":
                 self.hold(f"there are no echoes: {event['text']}; press a mode to continue")
             elif kind in ("touched", "no contact"):
-                self._end_mark(f"the tool was withdrawn: {kind}")
+                self._end_mark(TOUCHED if kind == "touched" else NO_CONTACT)
+            elif kind == "not extended":
+                self._end_mark(event["text"])
             elif kind == "found":
                 self._send(messages.SearchResult(count=event["count"], verdict=event["verdict"]))
         self._watch_centre()
-        self._watch_mark()
 
     # --- the micro-tool
 
     def _begin_mark(self) -> None:
-        """Turn the tool to the target."""
+        """Turn the tool to the target, whether the last picture shows it or the one before."""
         target = self.seen.target
         if self.view.tool is None:
             self.notice("this head has no micro-tool; nothing can be marked with it")
-        elif self.state.mode != "TRACK" or target is None or not target[3]:
+        elif self._mark is not None:
+            self.notice("the tool is on its way to the point already; press Hold to stop it")
+        elif self.state.mode != "TRACK" or target is None:
             self.notice("no target is tracked; pick a point and press Track, then Mark")
-        elif not np.isfinite(self._tool_pixel()).all():
-            self.notice("the tool does not reach the wall from here; move the catheter")
         else:
-            self._marking, self._aimed_at = "aim", None
+            self._mark = begin_mark(self.view, target[:2], self._reading())
+            self.notice(OUT_OF_REACH if self._mark is None else "the tool is turned to the point")
 
     def _watch_mark(self) -> None:
         """Extend the tool once it has pointed at the target for long enough, or withdraw it."""
-        if not self._marking:
+        if self._mark is None:
             return
-        target = self.seen.target
         if self.state.mode != "TRACK":
-            self._end_mark("the mark was stopped; press Track, then Mark to start it again")
+            why = self.state.reason or "press Track, then Mark to start it again"
+            self._end_mark(f"the mark was stopped: {why}")
             return
-        seen = target is not None and bool(target[3]) and self._fresh()
-        off = math.dist(target[:2], self._tool_pixel()) if target is not None and seen else math.inf
-        self._aimed_at = held_since(self._aimed_at, self._t, off < self._centring.in_middle)
-        if self._marking == "aim" and self._aimed_at is not None:
-            if passed(self._aimed_at, self._t, self._centring.still):
-                self._marking = "touch"
-                self._command("extend", self._tool_length())
-        elif self._marking == "touch" and not seen:
-            self._marking, self._aimed_at = "aim", None
-            self._command("extend", 0.0)
+        self._mark, commands = marked(self._mark, self.view, self._visible(), self._reading())
+        self._commands += commands
+        if self._mark.ended:
+            trouble = self._trouble()
+            self._end_mark(f"{self._mark.ended}{f' ({trouble})' if trouble else ''}")
 
     def _end_mark(self, sentence: str) -> None:
-        self._marking = ""
-        self._command("extend", 0.0)
-        self.notice(sentence)
+        if self._mark is not None:
+            self._mark = None
+            self._command("extend", 0.0)
+            self.notice(sentence)
 
-    def _tool_pixel(self) -> FloatArray:
-        """Return the pixel (2,) at which the tool would meet the wall."""
-        assert self.view.tool is not None
-        now = self._reading()
-        return tool_pixel(self.view, self.view.tool, now.place, now.angles)
-
-    def _tool_length(self) -> float:
-        """Return the extension in metres at which there is no contact, behind the wall."""
-        assert self.view.tool is not None
-        now = self._reading()
-        pan, tilt = now.angles.tolist()
-        mount = self.view.mount_at(now.place)
-        length = float(self.view.tool.meet(mount, pan, tilt, self.view.radius)[2])
-        return min(length + Marking.beyond, self.view.tool.longest)
+    def _visible(self) -> Pair | None:
+        """Return the pixel of the target; None if it is not recognised now."""
+        target = self.seen.target
+        return target[:2] if target is not None and target[3] and self._fresh() else None
 
     def _fresh(self) -> bool:
         return self.ticks - self.seen.number < _STALE_TICKS
 
     def _servo(self) -> Pair | None:
         """Return rates of pan and tilt that centre the target, in rad/s."""
-        target = self.seen.target
-        if target is None or not target[3] or not self._fresh():
+        target, now = self._visible(), self._reading()
+        if target is None:
             return None
-        pixel = np.asarray(target[:2])
-        if self._marking:  # the place goes to where the tool meets the wall, not to the middle
-            pixel = pixel - self._tool_pixel() + np.asarray(self.view.lens.centre)
-        step = self._centring.turn(self.state.command, pixel, self._reading())
+        # The place of a mark goes to where the tool meets the wall, not to the middle.
+        pixel = np.asarray(target) if self._mark is None else servoed(self.view, target, now)
+        step = self._centring.turn(self.state.command, pixel, now)
         return float(step.rates[0]), float(step.rates[1])
 
     def _watch_centre(self) -> None:
@@ -551,13 +573,23 @@ class Session:
         if self.no_probe:
             self.notice(self.no_probe)
             return
-        sweep = begin_sweep(self.view, self.position(), self.control)
+        if isinstance(self.scan, ConsoleSweep):
+            self.notice("a sweep is on already; press Hold to stop it")
+            return
+        here = self.position()
+        home = (*self.state.command, *here[2:]) if self._left is None else self._left.home
+        try:
+            sweep = begin_sweep(self.view, here, home, self.control)
+        except ParameterError as error:
+            self.notice(str(error))
+            return
         if sweep is None:
             self.notice(LOOK_AT_THE_WALL)
         elif sweep.state.refused:
             self.notice(f"the sweep is {sweep.state.refused}")
         else:
             self.scan, self._request = sweep, "SCAN"
+            self._left = self._after = None
 
     def _swept(self, sweep: ConsoleSweep) -> tuple[Pair, Pair] | None:
         """Return the angles and rates of the sweep."""
@@ -568,8 +600,12 @@ class Session:
         self._commands += requested.commands
         if sweep.stage != "done":
             return requested.angles, requested.rates
-        how = f"has ended early: {sweep.state.trouble}" if sweep.state.trouble else "is done"
-        self.hold(f"the sweep {how}; press a mode to continue")
+        if self._after is None:
+            trouble = sweep.state.trouble
+            how = f"has ended early: {trouble}; what was fired is mapped" if trouble else "is done"
+            self.hold(f"the sweep {how}, and the head is back; press a mode to continue")
+        else:
+            self._request, self._after = self._after, None
         return None
 
     def _scan_tick(self) -> tuple[Pair, Pair] | None:

@@ -82,6 +82,8 @@ class ActuatorPlant:
             )
         check_axes(actuator)
         self.actuator, self._clock, self._due = actuator, clock, -math.inf
+        self._began: float | None = None
+        self._exchanged = 0.0
         self._count = len(units[0])
         self._exchange = getattr(actuator, "at_once", actuator.exchange)
         found = [(int(m[1]), name) for name in self._lines if (m := _LED.fullmatch(name))]
@@ -91,6 +93,18 @@ class ActuatorPlant:
     def tick(self) -> float:
         """Duration of one ``exchange``, in seconds."""
         return self.actuator.tick
+
+    @property
+    def time(self) -> float | None:
+        """Seconds from the first ``exchange`` to the last one; None where each takes one tick.
+
+        On a loaded machine an exchange begins late, and the wires turn meanwhile. The time is in
+        whole ticks, in which control counts it, so that a rest of each is not lost.
+        """
+        simulated = hasattr(self.actuator, "clock")  # it goes by its own ticks
+        if self._began is None or simulated:
+            return None
+        return self.tick * round((self._exchanged - self._began) / self.tick)
 
     @property
     def serial(self) -> str | None:
@@ -169,7 +183,9 @@ class ActuatorPlant:
         """Wait until the next tick is due; a tick that is late moves those after it."""
         if self._clock is not None:
             self._clock.sleep(max(self._due - self._clock.now(), 0.0))
-            self._due = self._clock.now() + self.tick
+            self._exchanged = self._clock.now()
+            self._began = self._exchanged if self._began is None else self._began
+            self._due = self._exchanged + self.tick
 
     @property
     def _lines(self) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from minorloop.head.vision.calibrated_camera import CalibratedCamera
 ROOM_TEMPERATURE = 20.0
 """Assumed temperature of the water in a flooded pipe, in degrees Celsius."""
 _LONGEST_LATENCY = 5.0
+_LONGEST_PIPE = 1e5
 _FARTHEST_LED = 0.05
 """Metres from the lens to an LED: more than the radius of any pipe that such a head enters by."""
 _TURN = math.pi
@@ -58,6 +59,8 @@ class HeadCalibration:
     probe : Probe
     radius, thickness : float
         Of the pipe and its wall, in metres.
+    length : float, optional
+        Of the pipe, in metres from where the advance of the catheter reads 0; None if not known.
     temperature : float
         Of the water with which the pipe is flooded, in degrees Celsius.
     straight : (float, float)
@@ -91,6 +94,7 @@ class HeadCalibration:
     camera_roll: float = 0.0
     latency: float = 0.04
     tool: Tool | None = None
+    length: float | None = None
 
     def __post_init__(self) -> None:
         if self.leds.ndim != 2 or self.leds.shape[1] != 3 or not np.isfinite(self.leds).all():
@@ -113,6 +117,10 @@ class HeadCalibration:
                     f"the principal point of the lens is {list(self.lens.centre)} px; give one in "
                     f"the image of {self.lens.width} by {self.lens.height} pixels"
                 )
+        if self.length is not None and not 0.0 < self.length <= _LONGEST_PIPE:
+            raise ParameterError(
+                f"length is {self.length:g} m; give more than 0, up to {_LONGEST_PIPE:g} m, or None"
+            )
         if not 0.0 <= self.latency <= _LONGEST_LATENCY:
             raise ParameterError(
                 f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY:g} s, one interval "

@@ -29,6 +29,11 @@ from minorloop.head.ultrasound.echoes import average
 
 SweepStage: TypeAlias = Literal["travel", "run up", "line", "return"]
 STUCK = "the catheter does not follow"
+NOT_THERE = "the catheter did not reach the first line"
+_BEAMS = 2.0
+"""Least size of an area in widths of the beam: one burst shows no wall beside a defect."""
+_LONGEST = 10e-3
+"""Longest part of the pipe in metres: with half an hour of the head for 1 cm."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,18 +152,10 @@ class ProbeSweep(Procedure[SweepState]):
         Raises
         ------
         ParameterError
-            If the area is empty, or goes round the pipe more than once.
+            If the area is smaller than two beams, too large, or not in the pipe.
         """
-        around, along = phi[1] - phi[0], z[1] - z[0]
-        if not 0 < around <= 2 * math.pi + 1e-9:
-            raise ParameterError(
-                f"a sweep from phi {phi[0]:.3g} to {phi[1]:.3g} rad; give a last phi that is "
-                "greater by a turn at most"
-            )
-        if not (along > 0 and z[0] >= 0 and math.isfinite(z[1])):
-            raise ParameterError(
-                f"a sweep from z {z[0]:.4g} to {z[1]:.4g} m; give z >= 0, the last one greater"
-            )
+        self._check(phi, z)
+        around = phi[1] - phi[0]
         refused = "" if control is None else self.point.out_of_reach(control)
         cycle = around * (1 / self.rate + 1 / self.fastest) + 2 * self.turning
         rolls = np.array([each.place[1] for each in bursts])
@@ -174,6 +171,31 @@ class ProbeSweep(Procedure[SweepState]):
             refused=refused,
             done=bool(refused),
         )
+
+    def _check(self, phi: tuple[float, float], z: tuple[float, float]) -> None:
+        """Refuse an area that cannot be swept."""
+        degrees, mm = np.degrees(phi).tolist(), [1e3 * each for each in z]
+        beams = _BEAMS * beam_width(self.calibration.probe_at((0.0, 0.0)))
+        least = math.degrees(beams / self.calibration.radius)
+        if not least <= degrees[1] - degrees[0] <= 360.0 + 1e-6:
+            raise ParameterError(
+                f"the sweep goes from {degrees[0]:.4g} to {degrees[1]:.4g} degrees around the "
+                f"pipe; give a last angle that is greater by {least:.1f}, two widths of the beam, "
+                "to 360 degrees"
+            )
+        far = math.inf if self.calibration.length is None else 1e3 * self.calibration.length
+        if not (mm[0] >= 0 and mm[1] <= far and math.isfinite(mm[1])):
+            pipe = "" if math.isinf(far) else f", up to the end of the pipe at {far:.4g} mm"
+            raise ParameterError(
+                f"the sweep goes from {mm[0]:.4g} to {mm[1]:.4g} mm along the pipe; give places "
+                f"from 0 mm on{pipe}"
+            )
+        if not 1e3 * beams <= mm[1] - mm[0] <= 1e3 * _LONGEST + 1e-6:
+            raise ParameterError(
+                f"the sweep goes from {mm[0]:.4g} to {mm[1]:.4g} mm along the pipe; give a last "
+                f"place that is greater by {1e3 * beams:.2f}, two widths of the beam, to "
+                f"{1e3 * _LONGEST:g} mm"
+            )
 
     def _first(self, state: SweepState) -> float:
         """Return the advance at which the next line begins."""
@@ -232,6 +254,10 @@ class ProbeSweep(Procedure[SweepState]):
         state = replace(state, go=go)
         if not go.done:
             return state, request
+        assert go.place is not None
+        off = np.abs(go.place - reading.place)
+        if not (off <= (self.run_up, 2 * self.margin)).all():
+            return replace(state, trouble=NOT_THERE, done=True), Request()
         return replace(state, stage="run up"), Request(water=True)
 
     def _begun(self, state: SweepState, reading: Reading) -> tuple[SweepState, Request]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.head.procedures.sweep_map import draw_pipe_map, finds_table
 from minorloop.head.reconstruction.findings import finding_of
 from minorloop.head.studies.crack_report import crack_pictures, crack_table, crack_words
 from minorloop.head.studies.detection_report import detection_pictures, detection_table, limits
@@ -23,7 +24,6 @@ from minorloop.head.studies.mission_report import (
     finding_rows,
     save_mission,
 )
-from minorloop.head.studies.sweep_report import draw_pipe_map, finds_table
 from minorloop.head.ultrasound.crack_depth import MEASURED
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Picture, Report, Table

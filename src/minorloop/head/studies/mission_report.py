@@ -12,6 +12,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import MissingExtraError
 from minorloop.head.geometry import wrapped
+from minorloop.head.procedures.sweep_map import SHADES, SOURCES, water_angles
 from minorloop.head.reconstruction.depth_map import ECHOES, DepthMap
 from minorloop.head.reconstruction.findings import Finding, save_findings
 from minorloop.head.reconstruction.mesh import save_mesh
@@ -21,8 +22,6 @@ from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 from minorloop.studies.drawing import new_figure
 
-SOURCES = ("unseen", "camera", "echoes", "both")
-SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CROP = 60
 """Half the side of a drawn close-up in pixels, by trial."""
 _AROUND = 25.0  # pixels
@@ -266,15 +265,6 @@ def _course(axes: Any, phi: FloatArray, z: FloatArray) -> None:
     """Draw a course on the unrolled wall, broken where it crosses the edge."""
     broken = np.flatnonzero(np.abs(np.diff(phi)) > 180.0) + 1
     axes.plot(np.insert(phi, broken, np.nan), np.insert(z, broken, np.nan), color="C1", lw=1.0)
-
-
-def water_angles(height: float, radius: float) -> FloatArray:
-    """Return the angles in degrees at which the water meets the wall; none if all is flooded."""
-    if not abs(height) < 0.995 * radius:
-        return np.empty(0)
-    up = float(np.degrees(np.arcsin(height / radius)))
-    both = np.array([up, 180.0 - up])
-    return (both + 180.0) % 360.0 - 180.0
 
 
 def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:

@@ -25,7 +25,7 @@ from minorloop.head.geometry import WATER_INDEX, Mount, Pinhole, Pose, meet_wall
 from minorloop.head.twins import _camera_kernels as kernels
 from minorloop.head.twins.mounted import Mounted
 from minorloop.head.twins.pipe import Bore, Crack, Pipe
-from minorloop.head.twins.surface import lay_out
+from minorloop.head.twins.surface import Surface, lay_out, with_dirt
 from minorloop.head.twins.turbid_water import FlatPort, TurbidWater
 from minorloop.lab.actuator import Frame
 
@@ -267,13 +267,24 @@ class Camera(Mounted):
         return found
 
     def repaint(self, pipe: Pipe) -> None:
-        """Show another state of the wall, such as with a mark on it."""
-        self._pipe = pipe
-        self._lay_out()
+        """Show another state of the wall, such as with a mark on it.
 
-    def _lay_out(self) -> None:
+        More dirt, as a mark is, takes less than a frame; everything else a second.
+        """
+        before, surface = self._pipe, self._surface
+        known = len(before.dirt)
+        if replace(pipe, dirt=pipe.dirt[:known]) != before:
+            self._pipe = pipe
+            self._lay_out(lay_out(pipe))
+            return
+        for patch in pipe.dirt[known:]:
+            surface = with_dirt(surface, pipe, patch)
+        self._pipe = pipe
+        self._lay_out(surface)
+
+    def _lay_out(self, surface: Surface) -> None:
         """Prepare the wall, with its defects."""
-        surface, finish = lay_out(self._pipe), self._pipe.finish
+        self._surface, finish = surface, self._pipe.finish
         angle = surface.size[0] / self._pipe.radius
         self._texels, self._shapes = surface.texels, surface.shapes
         self._texel = np.array([*surface.size, angle], dtype=np.float32)
@@ -291,7 +302,7 @@ class Camera(Mounted):
 
     def _prepare(self) -> None:
         """Prepare what is the same for all frames."""
-        self._lay_out()
+        self._lay_out(lay_out(self._pipe))
         optics = self._optics
         rows, columns = optics.height // kernels.CELL + 1, optics.width // kernels.CELL + 1
         v, u = np.mgrid[0:rows, 0:columns] * float(kernels.CELL)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -56,6 +57,40 @@ def lay_out(pipe: Pipe) -> Surface:
     dents, scratches, dirt = tuple(pipe.dents), tuple(pipe.scratches), tuple(pipe.dirt)
     bare = replace(pipe, bores=(), cracks=(), water=None)
     return _laid_out(replace(bare, dents=dents, scratches=scratches, dirt=dirt))
+
+
+def with_dirt(surface: Surface, pipe: Pipe, patch: Dirt) -> Surface:
+    """Return the surface of a pipe with one more patch of dirt, drawn only where it changes.
+
+    This takes hundredths of a second, and `lay_out` a second for a long pipe. The texels are those
+    of `lay_out` up to rounding.
+    """
+    texels, texel, step = surface.texels.copy(), np.array(surface.size), 2 ** (LEVELS - 1)
+    lobes = _lobes(patch)
+    reach = patch.size * (1.0 + np.abs(lobes[:, 0]).sum()) + 3.0 * patch.softness + step * texel[1]
+    ends = np.array([patch.z - reach, patch.z + reach]) / (step * texel[1])
+    rows = surface.shapes[0][1] // step
+    low, high = np.clip([math.floor(ends[0]), math.ceil(ends[1])], 0, rows).tolist()
+    if low == high:
+        return surface
+    part = np.ascontiguousarray(_level(texels, surface, 0)[low * step : high * step, :-1])
+    z = patch.z - low * step * texel[1]
+    kernels.add_dirt(
+        part, texel, pipe.radius * patch.phi, z, patch.size, patch.albedo, patch.softness, lobes
+    )
+    for n, finer in enumerate(_halved(part)):
+        level, first = _level(texels, surface, n), low * step >> n
+        level[first : first + len(finer), :-1] = finer
+        level[first : first + len(finer), -1] = finer[:, 0]
+        level[-1] = level[-2]
+    return replace(surface, texels=texels)
+
+
+def _level(texels: Map32, surface: Surface, n: int) -> Map32:
+    """Return a view of a level with its repeated row and column."""
+    first, rows, columns = surface.shapes[n].tolist()
+    whole = texels[first : first + (rows + 1) * (columns + 1)]
+    return whole.reshape(rows + 1, columns + 1, 4)
 
 
 @lru_cache(_KEPT)
@@ -123,13 +158,19 @@ def _lobes(patch: Dirt) -> npt.NDArray[np.float64]:
     return np.stack([sizes, rng.uniform(0, 2 * np.pi, 4)], axis=1)
 
 
-def _with_coarser(finest: Map32, size: tuple[float, float]) -> Surface:
+def _halved(finest: Map32) -> list[Map32]:
+    """Return a map at each of the resolutions."""
     levels = [finest]
     for _ in range(LEVELS - 1):
         rows, columns = levels[-1].shape[:2]
         coarse = np.empty((rows // 2, columns // 2, 4), dtype=np.float32)
         kernels.halve(levels[-1], coarse)
         levels.append(coarse)
+    return levels
+
+
+def _with_coarser(finest: Map32, size: tuple[float, float]) -> Surface:
+    levels = _halved(finest)
     padded = [np.pad(level, ((0, 1), (0, 0), (0, 0)), mode="edge") for level in levels]
     padded = [np.concatenate([level, level[:, :1]], axis=1) for level in padded]
     shapes, first = [], 0
