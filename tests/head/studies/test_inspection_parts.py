@@ -413,6 +413,29 @@ def test_lines_of_one_course_are_one_and_are_visited_once():
     assert [(trace.places[0, 1], looks) for trace, looks in found] == [(0.02, 2), (0.025, 1)]
 
 
+def test_lines_of_a_single_view_are_visited_after_the_last_look_around(monkeypatch):
+    looks = {3e-3: [line(0.02), line(0.03)], 6e-3: [line(0.025)], 9e-3: [line(0.02)]}
+    visits = []
+
+    def look_around(rig, advance, seen):
+        seen.traces += looks[advance]
+        seen.places.append(advance)
+
+    def examined(rig, trace, views):
+        visits.append((float(trace.places[0, 1]), views))
+        return trace if views >= least else None
+
+    monkeypatch.setattr(missions, "ADVANCES", tuple(looks))
+    monkeypatch.setattr(missions, "_look_around", look_around)
+    monkeypatch.setattr(mission_cracks, "examined", examined)
+    least, seen = 2, missions.Overview()
+    (found,) = missions._cracks(None, seen)
+    assert (visits, found.places[0, 1]) == ([(0.02, 2)], 0.02)
+    least, seen = 3, missions.Overview()
+    assert missions._cracks(None, seen) == ()
+    assert visits[1:] == [(0.02, 2), (0.03, 1), (0.025, 1)]
+
+
 def test_a_line_beside_the_true_crack_is_false():
     truth = Crack(((0.0, 0.02), (0.4, 0.02)), (0.2e-3, 0.2e-3), depth=0.5e-3)
     heard = CrackDepth("too narrow for a depth", least_width=0.3e-3)

@@ -324,14 +324,20 @@ def _measured(
 
 
 def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
-    """Visit candidates for cracks, and look around from further places until one is confirmed."""
+    """Visit candidates for cracks, and look around from further places until one is confirmed.
+
+    Lines of a single view come last: a line that further views show counts without an echo.
+    """
     found: list[SeenCrack] = []
     tried: list[TracedCrack] = []
-    for advance in (None, *(place for place in ADVANCES if place not in seen.places)):
+    further = [
+        (place, mission_cracks.SEEN_BEFORE) for place in ADVANCES if place not in seen.places
+    ]
+    for advance, least in ((None, mission_cracks.SEEN_BEFORE), *further, (None, 1)):
         if advance is not None:
             _look_around(rig, advance, seen)
         for trace, views in likely(seen.traces, tried, RADIUS):
-            if len(tried) < mission_cracks.MOST:
+            if views >= least and len(tried) < mission_cracks.MOST:
                 tried.append(trace)
                 crack = mission_cracks.examined(rig, trace, views)
                 found += [] if crack is None else [crack]
