@@ -151,7 +151,7 @@ def test_a_scan_ends_if_the_catheter_does_not_come_to_a_row():
     while state.point < SCAN.points:
         state, request = SCAN.step(state, loop.reading(loop.asked[-1] if loop.asked else None))
         loop.tick(request)
-    loop.stuck, loop.place = True, loop.place + [0.0, np.radians(9.0)]
+    loop.stuck, loop.place = True, np.add(loop.place, (0.0, np.radians(9.0)))
     state = loop.run(SCAN, state)
     assert state.again == MOST_AGAIN
     assert state.point == SCAN.points
