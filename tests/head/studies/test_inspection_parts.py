@@ -365,8 +365,9 @@ def test_a_mission_refuses_the_file_of_another_head():
         run_mission(1, HeadFile(serial="twin-head-2"))
 
 
-def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
-    verdicts, shifts = ["disturbed", "measured"], []
+@pytest.mark.parametrize("first", ["disturbed", "no floor echo", "distances disagree"])
+def test_a_scan_that_gives_no_depth_is_repeated_beside_the_first(scene, monkeypatch, first):
+    verdicts, shifts = [first, "measured"], []
 
     def scan(rig, place, *, shift=0.0):
         shifts.append(shift)
