@@ -274,7 +274,7 @@ class RasterScan(Procedure[ScanState]):
             state = replace(state, targets=targets, reference=reference, stage="light", go=None)
             return self._lit(state, reading)
         if state.stage == "retreat":
-            onto = "roll" if len(state.targets) else "travel"
+            onto: ScanStage = "roll" if len(state.targets) else "travel"
             return replace(state, stage=onto, go=None), request
         if state.stage in ("turn", "roll"):
             return self._arrived(state, reading)
