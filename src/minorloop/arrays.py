@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from reprlib import repr as short
 from typing import TypeAlias
@@ -248,8 +249,8 @@ def as_finite(name: str, value: float) -> float:
             f"{name} is more than a float can hold; give a finite number"
         ) from None
     except (TypeError, ValueError):
-        number = np.nan
-    if not np.isfinite(number):
+        number = math.nan
+    if not math.isfinite(number):
         raise ParameterError(f"{name} is {value!r}; give a finite number")
     return number
 

@@ -6,7 +6,9 @@ import pytest
 
 from minorloop.head.control.head import head_control
 from minorloop.head.geometry import wrapped
-from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.go import GO
+from minorloop.head.procedures.scan import MOST_AGAIN, RasterScan
+from minorloop.head.twins.catheter import Catheter
 from minorloop.lab.actuator import Shot
 from wires import identified
 
@@ -107,6 +109,52 @@ def test_a_burst_holds_at_the_reference_although_the_catheter_has_rolled():
     )
     assert there == pytest.approx(here, abs=1e-9)
     assert abs(burst.angles[1] - seen[1]) > 0.1
+
+
+class Carried(Loop):
+    """A loop with a catheter that sticks and jumps."""
+
+    units = np.array([1e-3, np.radians(1.0)])
+
+    def __init__(self, seed):
+        super().__init__()
+        self.catheter = Catheter(seed, 0.02, seed)
+
+    def reading(self, request=None):
+        fired = request is not None and request.shots > 0
+        return replace(super().reading(request), shots=(), fired=fired)
+
+    def tick(self, request):
+        super().tick(replace(request, rates=np.zeros(2)))
+        self.place = self.units * np.asarray(self.catheter.exchange(request.rates / self.units))
+
+
+@pytest.mark.parametrize(
+    ("seed", "centre", "start", "offset"),
+    [
+        (1026, (-2.0688, 0.023199), (0.013199, 0.1565), (-0.000132, 3.8e-05)),
+        (1116, (2.74, 0.025376), (0.015376, -0.4016), (0.000174, 3.6e-05)),
+    ],
+)
+def test_a_row_that_the_catheter_has_jumped_past_is_come_to_again(seed, centre, start, offset):
+    scan = replace(SCAN, calibration=replace(CALIBRATION, offset=offset, roll=0.0))
+    loop = Carried(seed)
+    loop.run(GO, GO.begin(place=start))
+    state = loop.run(scan, scan.begin(centre))
+    assert state.again == 1
+    assert len(set(shot_at(loop))) == SCAN.points**2
+
+
+def test_a_scan_ends_if_the_catheter_does_not_come_to_a_row():
+    loop = Loop()
+    state = SCAN.begin(CENTRE)
+    while state.point < SCAN.points:
+        state, request = SCAN.step(state, loop.reading(loop.asked[-1] if loop.asked else None))
+        loop.tick(request)
+    loop.stuck, loop.place = True, np.add(loop.place, (0.0, np.radians(9.0)))
+    state = loop.run(SCAN, state)
+    assert state.again == MOST_AGAIN
+    assert state.point == SCAN.points
 
 
 class Swaying(Loop):

@@ -28,7 +28,7 @@ def test_the_width_of_a_crack_is_averaged_over_half_a_millimetre():
     assert width == pytest.approx(0.3e-3, rel=0.1)
 
 
-@pytest.mark.parametrize(("width", "count"), [(3e-6, 0), (20e-6, 1)])
+@pytest.mark.parametrize(("width", "count"), [(3e-6, 0), (20e-6, 0), (40e-6, 1)])
 def test_a_line_that_is_nowhere_open_from_nearer_is_no_crack(monkeypatch, width, count):
     known = line(0.02)
     near = line(0.02, widths=np.full(41, width))

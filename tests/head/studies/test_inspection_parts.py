@@ -365,8 +365,9 @@ def test_a_mission_refuses_the_file_of_another_head():
         run_mission(1, HeadFile(serial="twin-head-2"))
 
 
-def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
-    verdicts, shifts = ["disturbed", "measured"], []
+@pytest.mark.parametrize("first", ["disturbed", "no floor echo", "distances disagree"])
+def test_a_scan_that_gives_no_depth_is_repeated_beside_the_first(scene, monkeypatch, first):
+    verdicts, shifts = [first, "measured"], []
 
     def scan(rig, place, *, shift=0.0):
         shifts.append(shift)
@@ -411,6 +412,29 @@ def test_lines_of_one_course_are_one_and_are_visited_once():
     seen = [line(0.02), line(0.0202), line(0.025, length=6e-3), line(0.02, phi=2.0)]
     found = likely(seen, [line(0.02, phi=2.01)], 10e-3)
     assert [(trace.places[0, 1], looks) for trace, looks in found] == [(0.02, 2), (0.025, 1)]
+
+
+def test_lines_of_a_single_view_are_visited_after_the_last_look_around(monkeypatch):
+    looks = {3e-3: [line(0.02), line(0.03)], 6e-3: [line(0.025)], 9e-3: [line(0.02)]}
+    visits = []
+
+    def look_around(rig, advance, seen):
+        seen.traces += looks[advance]
+        seen.places.append(advance)
+
+    def examined(rig, trace, views):
+        visits.append((float(trace.places[0, 1]), views))
+        return trace if views >= least else None
+
+    monkeypatch.setattr(missions, "ADVANCES", tuple(looks))
+    monkeypatch.setattr(missions, "_look_around", look_around)
+    monkeypatch.setattr(mission_cracks, "examined", examined)
+    least, seen = 2, missions.Overview()
+    (found,) = missions._cracks(None, seen)
+    assert (visits, found.places[0, 1]) == ([(0.02, 2)], 0.02)
+    least, seen = 3, missions.Overview()
+    assert missions._cracks(None, seen) == ()
+    assert visits[1:] == [(0.02, 2), (0.03, 1), (0.025, 1)]
 
 
 def test_a_line_beside_the_true_crack_is_false():

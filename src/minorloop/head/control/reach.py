@@ -17,7 +17,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.controller import Loop, within
 from minorloop.head.control.hypotheses import Bank, Hypotheses
@@ -266,7 +266,8 @@ class ReachWatch(Loop):
         """Return the trial one interval later."""
         moved = abs(angle - trial.mark) > _STILL_DEGREES
         bank = self._hypotheses.step(trial.bank, current, measurement, self.interval)
-        now = float(bank.cost[~self._colder].min() - bank.cost[self._colder].min())
+        others, colder = self._sides
+        now = float(bank.cost[others].min() - bank.cost[colder].min())
         return Trial(
             bank=bank,
             began=trial.began,
@@ -342,6 +343,11 @@ class ReachWatch(Loop):
         """Whether the ambient of each hypothesis (M,) changes the reach more than its cooling."""
         bank = self._hypotheses
         return np.asarray(-bank.ambient > self.highest**2 * (1.0 - 1.0 / bank.cooling))
+
+    @cached_property
+    def _sides(self) -> tuple[IntArray, IntArray]:
+        """Which hypotheses are not colder, and which are: numbers select them faster than flags."""
+        return np.flatnonzero(~self._colder), np.flatnonzero(self._colder)
 
     @cached_property
     def _hypotheses(self) -> Hypotheses:

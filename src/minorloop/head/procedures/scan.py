@@ -33,7 +33,10 @@ from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.pits import PITCH, POINTS, raster
 from minorloop.lab.actuator import Shot
 
-ScanStage: TypeAlias = Literal["travel", "light", "turn", "points", "roll", "back"]
+ScanStage: TypeAlias = Literal["travel", "light", "turn", "points", "retreat", "roll", "back"]
+RETREAT, MOST_AGAIN = math.radians(6.0), 2
+"""Roll in radians by which the catheter turns back before it comes to a row again: three times what
+it jumps when it breaks away, so that it slides to the row. And how often it does so in a scan."""
 _ROLLS = 4
 """Steps of the search for a roll; each divides its error by 20, the radius over the offset."""
 
@@ -44,17 +47,19 @@ class ScanState:
 
     ``centre`` is phi and z of the middle; ``shift`` the displacement of the raster in pitches;
     ``onward`` is 1 if the catheter rolls on towards greater phi after its travel, -1 if towards
-    smaller phi: friction makes it jump where it turns back. ``home`` place and angles to return
-    to, None to stay; ``go`` the state of the way there or back; ``targets`` (N, 2) pan and tilt of
-    the points, ``point`` the next of them. The head was sent there, or the burst was
-    ``requested``, at ``since``. ``meter`` is the state of the exposure. ``bursts`` are filled if
-    the readings contain shots; their angles hold at the ``reference``, a place (2,) from which the
-    beam is square to the middle. ``refused`` says why a scan was not begun.
+    smaller phi: friction makes it jump where it turns back. ``again`` counts how often it has
+    turned back, because it had jumped beyond a row, and come to the row once more. ``home`` place
+    and angles to return to, None to stay; ``go`` the state of the way there or back; ``targets``
+    (N, 2) pan and tilt of the points, ``point`` the next of them. The head was sent there, or the
+    burst was ``requested``, at ``since``. ``meter`` is the state of the exposure. ``bursts`` are
+    filled if the readings contain shots; their angles hold at the ``reference``, a place (2,) from
+    which the beam is square to the middle. ``refused`` says why a scan was not begun.
     """
 
     centre: tuple[float, float]
     shift: float = 0.0
     onward: int = 1
+    again: int = 0
     home: tuple[FloatArray, FloatArray] | None = None
     stage: ScanStage = "travel"
     go: GoState | None = None
@@ -106,8 +111,8 @@ class RasterScan(Procedure[ScanState]):
     go : Go
         Of the way there.
     rolling : float
-        ``patience`` of the way to the next row, which takes 1.3 s. What then remains of it is
-        tilted.
+        ``patience`` of the way to the next row, which takes 1.3 s. What then remains of it, or is
+        too much, is tilted; if the head cannot, the catheter turns back and comes again.
     homing : float
         ``patience`` of the way back; at the end of its travel friction holds the catheter off.
     """
@@ -255,7 +260,8 @@ class RasterScan(Procedure[ScanState]):
             roll = self.rolled(state.centre[0], reading.place)[1] - reading.place[1]
             state = replace(state, onward=1 if roll >= 0 else -1)
         go = self._way(state, reading) if state.go is None else state.go
-        patience = {"back": self.homing, "roll": self.rolling}.get(state.stage, self.go.patience)
+        longest = {"back": self.homing, "retreat": self.rolling, "roll": self.rolling}
+        patience = longest.get(state.stage, self.go.patience)
         go, request = replace(self.go, patience=patience).step(go, reading)
         state = replace(state, go=go)
         if not go.done:
@@ -263,10 +269,13 @@ class RasterScan(Procedure[ScanState]):
         if state.stage == "travel":
             targets = self.targets(state.centre, reading.place, state.shift, state.onward)
             if not len(targets):
-                return self._back(state), request
+                return self._passed(state), request
             reference = self.rolled(state.centre[0], reading.place)
             state = replace(state, targets=targets, reference=reference, stage="light", go=None)
             return self._lit(state, reading)
+        if state.stage == "retreat":
+            onto: ScanStage = "roll" if len(state.targets) else "travel"
+            return replace(state, stage=onto, go=None), request
         if state.stage in ("turn", "roll"):
             return self._arrived(state, reading)
         return replace(state, done=True), request
@@ -282,23 +291,30 @@ class RasterScan(Procedure[ScanState]):
         return replace(state, stage="turn"), replace(request, water=True)
 
     def _arrived(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
-        """Begin a row from where the catheter is; end the scan if it is not near enough."""
+        """Begin a row from where the catheter is, or come to it again if it is not near enough."""
         n, targets = state.point // self.points, state.targets.copy()
         row = self._index(n, state.onward)
         aims = self._row(state.centre, reading.place, state.shift, row)
         if not len(aims):
-            return self._back(state), NOTHING
+            return self._passed(state), NOTHING
         targets[n * self.points : (n + 1) * self.points] = aims
         state = replace(state, targets=targets, stage="points", since=reading.t - self.dwell)
         return state, Request(angles=targets[state.point])
+
+    def _passed(self, state: ScanState) -> ScanState:
+        """Return the state that turns back for a row out of reach; it ends after some times."""
+        if state.again >= MOST_AGAIN:
+            return self._back(state)
+        return replace(state, stage="retreat", go=None, again=state.again + 1)
 
     def _way(self, state: ScanState, reading: Reading) -> GoState:
         """Return the move with which a stage begins."""
         if state.stage == "turn":
             return self.go.begin(angles=state.targets[0])
-        if state.stage == "roll":
-            row = self._phi(state, state.point // self.points)
-            return self.go.begin(place=self.rolled(row, reading.place))
+        if state.stage in ("retreat", "roll"):
+            row = self.rolled(self._phi(state, state.point // self.points), reading.place)
+            row[1] -= state.onward * RETREAT * (state.stage == "retreat")
+            return self.go.begin(place=row)
         if state.stage == "back" and state.home is not None:
             place, angles = state.home
             return self.go.begin(place=place, angles=angles)

@@ -52,7 +52,7 @@ from minorloop.head.studies.ultrasonic_scan import (
     sweep,
 )
 from minorloop.head.twins.pipe import Bore, Crack
-from minorloop.head.ultrasound.pits import PitDepth, measure_pit
+from minorloop.head.ultrasound.pits import ASTRAY, DISTURBED, SILENT, PitDepth, measure_pit
 from minorloop.head.ultrasound.profile import Profile
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
@@ -68,8 +68,9 @@ MOST_PICKS = 8
 """Most candidates for a pit that are visited."""
 SAME = 1.0e-3
 """Candidates within this distance in metres are one."""
-AGAIN = "disturbed"
-"""Verdict after which a raster is scanned again, displaced by half a pitch."""
+AGAIN = (DISTURBED, SILENT, ASTRAY)
+"""Verdicts after which a raster is scanned again, displaced by half a pitch: they depend on where
+the points are, and on how the flow turned the head at each of them."""
 CLAIMED = ("centre", "touch", "reach", "scan")
 """Steps without which a pit does not count as measured."""
 PROMISED = 3.0
@@ -307,7 +308,7 @@ def _measured(
         return replace(one, pit=PitDepth(REFUSED, *place, hole.diameter), steps=steps)
     pit = measure_pit(bursts, probe, place, hole.diameter)
     rig.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
-    if pit.verdict == AGAIN:
+    if pit.verdict in AGAIN:
         probe, others = scan(rig, place, shift=0.5)
         other = measure_pit(others, probe, place, hole.diameter)
         rig.say("measure again", f"{other.bursts} of {len(others)} places; {other.verdict}")
@@ -324,14 +325,20 @@ def _measured(
 
 
 def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
-    """Visit candidates for cracks, and look around from further places until one is confirmed."""
+    """Visit candidates for cracks, and look around from further places until one is confirmed.
+
+    Lines of a single view come last: a line that further views show counts without an echo.
+    """
     found: list[SeenCrack] = []
     tried: list[TracedCrack] = []
-    for advance in (None, *(place for place in ADVANCES if place not in seen.places)):
+    further = [
+        (place, mission_cracks.SEEN_BEFORE) for place in ADVANCES if place not in seen.places
+    ]
+    for advance, least in ((None, mission_cracks.SEEN_BEFORE), *further, (None, 1)):
         if advance is not None:
             _look_around(rig, advance, seen)
         for trace, views in likely(seen.traces, tried, RADIUS):
-            if len(tried) < mission_cracks.MOST:
+            if views >= least and len(tried) < mission_cracks.MOST:
                 tried.append(trace)
                 crack = mission_cracks.examined(rig, trace, views)
                 found += [] if crack is None else [crack]

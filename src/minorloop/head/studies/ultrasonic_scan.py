@@ -68,6 +68,7 @@ def scan(
     rig.gain = state.meter.gain
     bursts, planned = state.bursts, scanning.points**2
     words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
+    words += f"; rolled back {state.again} x for a row that was passed" if state.again else ""
     rig.say("scan", words, succeeded=len(bursts) == planned and not late)
     coupled = has_coupling(bursts)
     answer = "the wall answers" if coupled else "no echo: camera only"

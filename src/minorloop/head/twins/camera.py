@@ -230,7 +230,7 @@ class Camera(Mounted):
         """Advance the clock: the head continues to turn and the focus to move."""
         super()._advance(seconds)
         reach = seconds * _FOCUS_RATE
-        self._focus += float(np.clip(self._focus_wanted - self._focus, -reach, reach))
+        self._focus += min(max(self._focus_wanted - self._focus, -reach), reach)
 
     def _pose(self, row: float) -> Pose:
         """Return the pose of the camera in the middle of the exposure of a row."""
