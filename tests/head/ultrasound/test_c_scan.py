@@ -99,6 +99,15 @@ def test_two_pits_are_two_finds_the_deeper_one_first():
     assert [find.depth for find in finds] == pytest.approx([0.7e-3, 0.4e-3], abs=20e-6)
 
 
+def test_a_pit_that_a_gap_cuts_in_two_is_one_find():
+    lines = [
+        one for one in swept(round_pit(0.5e-3, 1.4e-3)) if not -0.3e-3 < one.spot[1] - Z < 0.2e-3
+    ]
+    (find,) = c_scan(lines, PROBE, PATCH).finds
+    assert find.depth == pytest.approx(0.5e-3, abs=20e-6)
+    assert math.hypot(10e-3 * (find.phi - BOTTOM), find.z - Z) < 0.2e-3
+
+
 def test_the_rim_is_less_sure_than_floor_and_wall():
     found = c_scan(swept(round_pit(0.5e-3, 1.4e-3)), PROBE, PATCH)
     off = np.linalg.norm(PATCH.off(BOTTOM, Z), axis=-1)

@@ -26,10 +26,12 @@ TRUE = Bore(3e-3, 20.02e-3, 1.1e-3, depth=0.6e-3, floor_tilt=(0.03, 0.02))
 CENTRE = (0.0, 20e-3)
 
 
-def scan(bores, seed, water=-9.99e-3, dents=(), noise=0.1, points=5, pitch=0.4e-3):
+def scan(
+    bores, seed, water=-9.99e-3, dents=(), noise=0.1, points=5, pitch=0.4e-3, temperature=20.0
+):
     """A raster with 4 shots a point and a tenth of a degree of sway; a coarse one fits sooner."""
     pipe = Pipe(bores=bores, dents=dents, water=water)
-    sonar = Ultrasound(pipe, MOUNT, specimen=5, seed=seed, noise=noise)
+    sonar = Ultrasound(pipe, MOUNT, specimen=5, seed=seed, noise=noise, temperature=temperature)
     rng = np.random.default_rng(seed)
     bursts = []
     for target in raster(PROBE, CENTRE, points=points, pitch=pitch):
@@ -56,6 +58,33 @@ def test_the_depth_is_measured_to_20_micrometres(found):
     assert found.diameter == pytest.approx(1.1e-3, rel=0.12)
     assert np.hypot(10e-3 * wrapped(found.phi - TRUE.phi), found.z - TRUE.z) < 0.1e-3
     assert 0 < found.depth_sd < 20e-6
+
+
+@pytest.mark.parametrize("assumed", [11.5, 20.0, 31.5])
+def test_a_speed_of_sound_that_is_off_by_two_percent_makes_no_false_depth(bursts, assumed):
+    probe = replace(PROBE, temperature=assumed)
+    assert PROBE.speed / probe.speed == pytest.approx(1 + 0.02 * np.sign(20 - assumed), abs=1e-3)
+    found = measure_pit(bursts, probe, CENTRE, 1.15e-3)
+    assert found.verdict == "measured"
+    assert found.depth == pytest.approx(0.6e-3, abs=min(1.645 * found.depth_sd, 8e-6))
+
+
+def test_a_speed_of_sound_that_is_off_by_more_than_a_pivot_can_be_has_no_depth(bursts):
+    found = measure_pit(bursts, replace(PROBE, temperature=70.0), CENTRE, 1.15e-3)
+    assert found.verdict == "distances disagree"
+    assert np.isnan(found.depth)
+
+
+@pytest.fixture(scope="module")
+def warm():
+    return scan((TRUE,), 1, points=POINTS, pitch=PITCH, temperature=30.0)
+
+
+@pytest.mark.parametrize("since", [9, 18, 27])
+def test_water_that_warms_during_a_raster_makes_no_false_depth(bursts, warm, since):
+    found = measure_pit(bursts[:since] + warm[since:], PROBE, CENTRE, 1.15e-3)
+    assert found.verdict == "distances disagree"
+    assert np.isnan(found.depth)
 
 
 @pytest.fixture(scope="module")

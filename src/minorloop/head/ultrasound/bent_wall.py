@@ -13,6 +13,7 @@ from minorloop.head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched
 from minorloop.head.ultrasound.joint_fit import CENTRE, JointFit
 from minorloop.head.ultrasound.pit_model import PitModel
 from minorloop.head.ultrasound.spectra import Spectra, first_echo, least_deviations
+from minorloop.head.ultrasound.wall_distance import changes_in_time
 from minorloop.head.ultrasound.wall_shape import WallShape, smooth_shape
 
 BESIDE = 0.1e-3
@@ -54,7 +55,7 @@ def moves(bursts: Sequence[Burst]) -> bool:
 
 
 def bent_fit(bursts: Sequence[Burst], fit: JointFit) -> JointFit | None:
-    """Return a fit about a mouth in a bent wall; None where too few bursts show the wall.
+    """Return a fit about a mouth in a bent wall; None where too few bursts show one.
 
     Parameters
     ----------
@@ -66,7 +67,8 @@ def bent_fit(bursts: Sequence[Burst], fit: JointFit) -> JointFit | None:
     Notes
     -----
     The first echoes of the bursts beside the mouth give a shape, and the distances at which their
-    traces fit the echoes of this shape give a better one.
+    traces fit the echoes of this shape give a better one. Water that warms during the raster shifts
+    echoes too, and shows no bent wall.
     """
     plain, speed = fit.model, fit.model.probe.speed
     expected = 2 * plain.spots[:, 2] / speed
@@ -80,7 +82,7 @@ def bent_fit(bursts: Sequence[Burst], fit: JointFit) -> JointFit | None:
     curved = np.stack([np.ones(len(x)), x, y, x * x, x * y, y * y], axis=1)
     sane = np.abs(depths - curved @ least_deviations(curved, depths)) < _ASTRAY
     beside, depths = beside[sane], depths[sane]
-    if beside.size < FEWEST:
+    if beside.size < FEWEST or changes_in_time(beside, plain.off()[beside], depths):
         return None
     fit = _fitted(plain, fit.spectra, beside, depths)
     for _ in range(_ROUNDS - 1):

@@ -68,8 +68,8 @@ trial, 1.5 to 3 find the same; with 1, parts of rings are left."""
 _LEVEL = 0.02e-3
 """Largest difference of the depths on both sides of a crack, in metres."""
 _BRIDGED, _CLOSE = 3.0, 0.8
-"""Widths of the beam between bursts on one crack or about one pit, as sway leaves gaps, and fewest
-bursts on such a width of the length of a crack."""
+"""Widths of the beam between bursts on one crack, or on or about one pit, as sway leaves gaps, and
+fewest bursts on such a width of the length of a crack."""
 _NEAR = 2.0
 """Widths of the beam within which bursts are at the edge of what was swept."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
@@ -401,15 +401,15 @@ class _Bursts:
     patch: Patch
     width: float
 
-    def neighbours(self, chosen: Indices) -> Indices:
-        """Return pairs (E, 2) of chosen bursts that are neighbours, within two widths."""
+    def neighbours(self, chosen: Indices, reach: float = 2.0) -> Indices:
+        """Return pairs (E, 2) of chosen bursts that are neighbours, within a number of widths."""
         try:
             corners = Delaunay(self.points[chosen]).simplices
         except (QhullError, ValueError):  # too few, or on one line
             return np.empty((0, 2), dtype=np.intp)
         pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
         edges = chosen[np.unique(np.sort(pairs, axis=1), axis=0)]
-        return np.asarray(edges[self.apart(edges) <= 2 * self.width])
+        return np.asarray(edges[self.apart(edges) <= reach * self.width])
 
     def pairs(self, chosen: Indices) -> Indices:
         """Return pairs (E, 2) of chosen bursts that are on one crack if they are on any."""
@@ -509,9 +509,9 @@ def _floors(
     without an edge and the noise of depths.
     """
     steepest, noise = limits
-    edges = on.neighbours(used[np.isfinite(depth[used])])
-    fall = depth[edges[:, 1]] - depth[edges[:, 0]]
-    steep = np.abs(fall) > steepest * np.maximum(on.apart(edges), on.width)
+    heard = used[np.isfinite(depth[used])]
+    edges = on.neighbours(heard)
+    steep = _steep(depth, edges, on, steepest)
     surface = on.groups(edges[~steep])
     large = np.bincount(surface)[surface] >= _FEWEST
     rim = np.concatenate([edges[steep], edges[steep][:, ::-1]])
@@ -522,7 +522,10 @@ def _floors(
     sunk = [k for k in np.unique(inner) if np.median(depth[surface == k]) > 0.5 * least]
     deep = [k for k in sunk if (drop[inner == k] > least).mean() > 0.5]
     floor = np.isin(surface, deep)
-    whole = on.groups(edges[floor[edges].all(axis=1)])  # floors that touch are one
+    # Floors that touch are one, and so are the parts of one that a gap between lines cuts in two.
+    over = on.neighbours(heard, _BRIDGED)
+    over = np.concatenate([edges, over[~_steep(depth, over, on, steepest)]])
+    whole = on.groups(over[floor[over].all(axis=1)])
     found = []
     for k in np.unique(whole[floor]):
         members = np.flatnonzero(whole == k)
@@ -532,6 +535,12 @@ def _floors(
             sd = float(np.hypot(_spread(depth[members]) / np.sqrt(len(members)), _FLOOR_SD))
             found.append(_Floor(members, below, sd))
     return found
+
+
+def _steep(depth: FloatArray, edges: Indices, on: _Bursts, steepest: float) -> BoolArray:
+    """Return which edges (E, 2) are steeper than a surface that sends an echo back."""
+    fall = depth[edges[:, 1]] - depth[edges[:, 0]]
+    return np.asarray(np.abs(fall) > steepest * np.maximum(on.apart(edges), on.width))
 
 
 def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> list[Indices]:

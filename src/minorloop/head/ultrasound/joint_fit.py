@@ -17,6 +17,7 @@ from minorloop.head.ultrasound import _fit_kernels as kernels
 from minorloop.head.ultrasound.field import ComplexArray, as_parts
 from minorloop.head.ultrasound.pit_model import PitModel
 from minorloop.head.ultrasound.spectra import FAR, Spectra
+from minorloop.head.ultrasound.wall_distance import speed_error
 
 CENTRE = np.array([0.0, 0.0, 0.0, 0.6e-3, 1.0, 0.0, 0.0, 0.0])
 PRIOR = np.array([0.085e-3, 0.085e-3, 0.08, 1e-3, 0.3, 0.05, 0.05, 0.04e-3])
@@ -101,6 +102,23 @@ class JointFit:
         """Standard deviation of the wall at the rim of the pit, in metres; 0 if it is not bent."""
         shape = self.model.shape
         return 0.0 if shape is None else shape.rim(0.0, 0.0, self.model.radius)[1]
+
+    @property
+    def distance(self) -> float:
+        """Distance of the wall behind the nominal one by the assumed speed of sound, in metres."""
+        return float(np.median(self.spectra.beyond))
+
+    @property
+    def speed_error(self) -> tuple[float, float]:
+        """Share by which sound is faster than assumed, and its standard deviation.
+
+        Zeros without a lens: the band of its depths is far wider.
+        """
+        if not np.isfinite(self.model.probe.transducer.focus):
+            return 0.0, 0.0
+        standoff = float(np.median(self.model.spots[:, 2]))
+        bent = 0.0 if self.model.shape is None else self.model.shape.height
+        return speed_error(self.distance, standoff, bent)
 
     @property
     def range_error(self) -> float:

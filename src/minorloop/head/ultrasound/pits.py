@@ -28,6 +28,7 @@ from minorloop.head.ultrasound.pit_search import (
 )
 from minorloop.head.ultrasound.spectra import spectra_of
 from minorloop.head.ultrasound.through_hole import is_through_hole
+from minorloop.head.ultrasound.wall_distance import FARTHEST
 from minorloop.threads import one_thread
 
 POINTS, PITCH = 6, 0.32e-3
@@ -50,7 +51,8 @@ its absence to be certain."""
 _OPEN, _UNEVEN = 0.1, 0.6
 """Gain of a floor below which there is none, and below which it is uneven."""
 # Errors that the curvature of the cost does not contain, calibrated on separate scans: chamfered
-# mouths and waves outside of the modes, the aim of the beam, the size of the spot.
+# mouths and waves outside of the modes, the aim of the beam, the size of the spot. That of the
+# speed of sound is added to them.
 _WIDER, _UNMODELLED = 2.0, 3.1e-6
 _FLAT = 0.02e-3
 _POINTING, _SIZE = 34e-6, 0.018
@@ -84,7 +86,8 @@ class PitDepth:
         nearly as much, or the floor is louder than possible); ``no pit`` (a plain wall explains
         all); or the reason why there is no depth: ``too faint`` (noise would hide a pit),
         ``too few echoes``, ``no coupling``, ``distances disagree`` (the distances of the wall do
-        not fit a smooth wall: a head that does not move, shots out of time, or a bead beside it),
+        not fit a smooth wall where it should be: a head that does not move, shots out of time, a
+        bead beside it, water that warms during the scan, or sound that is 4 % too fast or slow),
         ``too short`` (traces end before the echo of a floor), ``raster too small`` (no point on
         the wall beside the mouth), ``part missing`` (of the scan: mouth or wall is not covered),
         ``raster beside the mouth``, ``all at one place``, ``frozen`` (the same trace again), and
@@ -221,7 +224,8 @@ def _measured(
             if bent is None:
                 return PitDepth(ASTRAY, *centre)
             fit = bent
-        if fit.range_error > _ASTRAY or fit.unknown > MOST_UNKNOWN:
+        far = fit.model.shape is None and abs(fit.distance) > FARTHEST
+        if far or fit.range_error > _ASTRAY or fit.unknown > MOST_UNKNOWN:
             return PitDepth(ASTRAY, *centre)
     start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
     if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
@@ -261,6 +265,8 @@ def _assessed(
     if verdict == DISTURBED:
         best = _with_outline_of_camera(fit, best)
     x, y, size, depth, gain, u, v, dish = best.unknowns
+    faster, faster_sd = fit.speed_error
+    depth, depth_sd = depth * (1 + faster), float(np.hypot(depth_sd, depth * faster_sd))
     sd = PRIOR if verdict == DISTURBED else fit.deviations(best.unknowns)
     mouth = 2 * fit.model.radius * np.exp(size)
     return PitDepth(

@@ -42,6 +42,8 @@ class WallShape:
         Over which the wall bends, and standard deviation from a plane, in metres.
     error : float
         Standard deviation of a distance, in metres.
+    likelihood : float
+        Logarithm of that of the distances, without a constant.
     """
 
     places: FloatArray
@@ -50,6 +52,7 @@ class WallShape:
     length: float
     height: float
     error: float
+    likelihood: float
 
     def depth(self, places: FloatArray) -> FloatArray:
         """Return distances (...) beyond the nominal wall at places (..., 2), in metres."""
@@ -91,25 +94,41 @@ def smooth_shape(places: FloatArray, depths: FloatArray) -> WallShape:
     have the largest marginal likelihood (Rasmussen and Williams, Gaussian Processes for Machine
     Learning, 2006, equations 4.17 and 5.8).
     """
-    best, found = -np.inf, None
-    for length, height in product(_LENGTHS, _HEIGHTS):
-        covariance = _covariance(places, places, length, height)
-        for error in _ERRORS:
-            root = np.linalg.cholesky(covariance + error**2 * np.eye(len(depths)))
-            white = np.linalg.solve(root, depths)
-            likely = -0.5 * float(white @ white) - float(np.log(np.diag(root)).sum())
-            if likely > best:
-                best, found = likely, (length, height, error, root)
-    assert found is not None
-    length, height, error, root = found
+    covariances = {
+        (length, height): _covariance(places, places, length, height)
+        for length, height in product(_LENGTHS, _HEIGHTS)
+    }
+    shape, likely, error = max(
+        ((key, *likelihood(depths, value)) for key, value in covariances.items()),
+        key=lambda one: one[1],
+    )
+    root = np.linalg.cholesky(covariances[shape] + error**2 * np.eye(len(depths)))
     halved = np.linalg.inv(root)
     inverse = halved.T @ halved
-    return WallShape(places, inverse, inverse @ depths, length, height, error)
+    return WallShape(places, inverse, inverse @ depths, *shape, error, likely)
+
+
+def likelihood(depths: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """Return the largest log-likelihood of distances (N,), and the error of a distance for it.
+
+    ``covariance`` (N, N) is that of the wall, without this error. The constant is left out.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    square = (vectors.T @ depths) ** 2
+    total = np.maximum(values, 0.0)[:, None] + np.square(_ERRORS)
+    likely = -0.5 * (square[:, None] / total + np.log(total)).sum(axis=0)
+    best = int(np.argmax(likely))
+    return float(likely[best]), _ERRORS[best]
+
+
+def plane_covariance(places: FloatArray, others: FloatArray) -> FloatArray:
+    """Return the covariance (..., M) of a plane wall at places (..., 2) and (M, 2)."""
+    return np.asarray(_OFFSET**2 + _SLOPE**2 * (places @ others.T))
 
 
 def _covariance(one: FloatArray, other: FloatArray, length: float, height: float) -> FloatArray:
     """Return the covariance (..., M) of the wall at places (..., 2) and (M, 2)."""
     off = np.sqrt(((one[..., None, :] - other) ** 2).sum(axis=-1)) * (np.sqrt(5.0) / length)
     bent = height**2 * (1 + off + off * off / 3) * np.exp(-off)
-    covariance: FloatArray = bent + _OFFSET**2 + _SLOPE**2 * (one @ other.T)
+    covariance: FloatArray = bent + plane_covariance(one, other)
     return covariance
