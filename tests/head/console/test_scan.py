@@ -39,3 +39,14 @@ def test_the_head_stays_at_a_point_until_its_echoes_are_there():
     assert commands == [("fire", [pytest.approx(here[0]), pytest.approx(here[1])])]
     scan, _ = scanned(replace(scan, fired=True), view(), here, here[:2], 0.04)
     assert (scan.state.point, scan.state.requested, scan.state.progress) == (1, False, 0.5)
+
+
+def test_a_scan_that_gives_up_on_a_row_is_finished_with_what_was_fired():
+    stuck, targets = to_si((0.0, 0.0, 0.0, -120.0)), np.radians([(1.0, 2.0)] * 36)
+    scan = scan_of(stuck)
+    scan = replace(scan, state=replace(scan.state, stage="roll", targets=targets, point=6))
+    commands = []
+    while scan.stage != "done":  # the roll of the catheter is stuck
+        scan, ask = scanned(scan, view(), stuck, stuck[:2], 0.04)
+        commands += ask.commands
+    assert commands == [("finish_scan", [])]

@@ -145,15 +145,16 @@ def test_a_row_that_the_catheter_has_jumped_past_is_come_to_again(seed, centre, 
     assert len(set(shot_at(loop))) == SCAN.points**2
 
 
-def test_a_scan_ends_if_the_catheter_does_not_come_to_a_row():
+@pytest.mark.parametrize(("past", "again"), [(3.5, MOST_AGAIN), (9.0, 0)])
+def test_a_scan_ends_if_the_catheter_does_not_come_to_a_row(past, again):
     loop = Loop()
     state = SCAN.begin(CENTRE)
     while state.point < SCAN.points:
         state, request = SCAN.step(state, loop.reading(loop.asked[-1] if loop.asked else None))
         loop.tick(request)
-    loop.stuck, loop.place = True, np.add(loop.place, (0.0, np.radians(9.0)))
+    loop.stuck, loop.place = True, np.add(loop.place, (0.0, np.radians(past)))
     state = loop.run(SCAN, state)
-    assert state.again == MOST_AGAIN
+    assert state.again == again
     assert state.point == SCAN.points
 
 

@@ -86,7 +86,8 @@ def scanned(
         commands.append(("begin_scan", [float(scan.number), *state.centre, scan.diameter]))
     if request.shots:
         commands.append(("fire", [float(angle) for angle in state.targets[state.point]]))
-    if scan.state.stage == "points" and state.stage == "back":
+    ended = state.stage == "back" != scan.state.stage
+    if ended and len(state.targets):  # without any, the camera process has not begun
         commands.append(("finish_scan", []))
     angles = command if request.angles is None else _pair(request.angles)
     after = replace(scan, state=state, waited=scan.waited + interval, fired=False)

@@ -269,7 +269,7 @@ class RasterScan(Procedure[ScanState]):
         if state.stage == "travel":
             targets = self.targets(state.centre, reading.place, state.shift, state.onward)
             if not len(targets):
-                return self._passed(state), request
+                return self._passed(state, reading), request
             reference = self.rolled(state.centre[0], reading.place)
             state = replace(state, targets=targets, reference=reference, stage="light", go=None)
             return self._lit(state, reading)
@@ -296,14 +296,15 @@ class RasterScan(Procedure[ScanState]):
         row = self._index(n, state.onward)
         aims = self._row(state.centre, reading.place, state.shift, row)
         if not len(aims):
-            return self._passed(state), NOTHING
+            return self._passed(state, reading), NOTHING
         targets[n * self.points : (n + 1) * self.points] = aims
         state = replace(state, targets=targets, stage="points", since=reading.t - self.dwell)
         return state, Request(angles=targets[state.point])
 
-    def _passed(self, state: ScanState) -> ScanState:
-        """Return the state that turns back for a row out of reach; it ends after some times."""
-        if state.again >= MOST_AGAIN:
+    def _passed(self, state: ScanState, reading: Reading) -> ScanState:
+        """Return the state that turns back for a row that was jumped past; some times at most."""
+        row = self.rolled(self._phi(state, state.point // self.points), reading.place)
+        if state.again >= MOST_AGAIN or abs(row[1] - reading.place[1]) > RETREAT:
             return self._back(state)
         return replace(state, stage="retreat", go=None, again=state.again + 1)
 
