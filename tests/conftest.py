@@ -21,10 +21,11 @@ os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(1 << 29))
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("repeatable")
 
-# A shell without job control lets background commands ignore these, and some tests send them.
+# A shell without job control, and nohup, let commands ignore these, and some tests send them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-if hasattr(signal, "SIGQUIT"):
-    signal.signal(signal.SIGQUIT, signal.SIG_DFL)
+for name in ("SIGQUIT", "SIGHUP"):
+    if hasattr(signal, name):
+        signal.signal(getattr(signal, name), signal.SIG_DFL)
 
 # The heap of a worker has half a million objects of modules. To look through them for garbage as
 # often as the default does takes a tenth of the time of all Python code.
