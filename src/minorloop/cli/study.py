@@ -77,7 +77,10 @@ def run(
     ] = None,
     only: Annotated[
         str | None,
-        typer.Option(help="For head: only this part, with more cases; unreachable."),
+        typer.Option(
+            help="Only this part: unreachable (of head, with more cases), missions or sweeps (of "
+            "inspection)."
+        ),
     ] = None,
     as_json: _common.Json = False,
 ) -> None:

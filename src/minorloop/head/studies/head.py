@@ -179,6 +179,18 @@ CLAIMS = (
     Claim(
         "camera alone, random holds: rms [deg]", "camera.static_rms_deg", "agrees (Fig 5)", most=1.5
     ),
+    Claim(
+        "camera alone, arbitrary input: rms [deg]",
+        "camera.arbitrary.rms_deg",
+        "agrees (Fig 5)",
+        most=1.5,
+    ),
+    Claim(
+        "the same, while the wire moves: rms [deg]",
+        "camera.arbitrary.moving_rms_deg",
+        "agrees (Fig 5)",
+        most=1.5,
+    ),
     Claim("camera alone, steps: settling [s]", "camera.steps.settle_s", "plotted (Fig 10)", most=9),
     Claim("the same: overshoot [%]", "camera.steps.overshoot_pct", "plotted (Fig 10)", most=5),
     Claim(
@@ -366,7 +378,7 @@ def run_study(seed: int) -> HeadStudy:
         planned=np.array(driven),
         delay_edges=edges,
         sight=run_sight(seed, controls[DEFAULT]),
-        camera=run_camera(seed, static.inputs, static.settled),
+        camera=run_camera(seed, static.inputs, static.settled, static.arbitrary),
         seconds=time.perf_counter() - began,
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,15 @@ from minorloop.head.control.heating import (
 from minorloop.head.geometry import wall_point
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.studies.head_loop import TICK, HeadRun, constant, run_loop
-from minorloop.head.studies.head_static import BANDS, COMMAND, CURRENT, FIRST_LOOP, HOLD, STEP
+from minorloop.head.studies.head_static import (
+    BANDS,
+    COMMAND,
+    CURRENT,
+    FIRST_LOOP,
+    HOLD,
+    STEP,
+    Arbitrary,
+)
 from minorloop.head.studies.picture_sensor import PictureSensor
 from minorloop.head.studies.scoring import places_seen, true_pixel
 from minorloop.head.twins.head import Head
@@ -128,6 +136,8 @@ class CameraStudy:
     seen : SeenWires
     static_error : (n,) array
         Settled angles of the identified pan less the true ones, on random commands, in degrees.
+    arbitrary : Arbitrary
+        The arbitrary input, predicted by the identified pan.
     steps : mapping of (law, target) to HeadRun
     circles : mapping of period in s to WallCircle
     reading_error : (2,) array
@@ -139,6 +149,7 @@ class CameraStudy:
 
     seen: SeenWires
     static_error: FloatArray
+    arbitrary: Arbitrary
     steps: Mapping[tuple[str, float], HeadRun]
     circles: Mapping[float, WallCircle]
     reading_error: FloatArray
@@ -157,6 +168,7 @@ class CameraStudy:
         }
         return {
             "static_rms_deg": float(np.sqrt(np.mean(self.static_error**2))),
+            "arbitrary": self.arbitrary.figures(),
             "steps": self._worst(LAWS[0]),
             "internal_model": self._worst(LAWS[1]),
             **circles,
@@ -175,7 +187,9 @@ class CameraStudy:
         }
 
 
-def run_camera(seed: int, commands: FloatArray, settled: FloatArray) -> CameraStudy:
+def run_camera(
+    seed: int, commands: FloatArray, settled: FloatArray, arbitrary: Arbitrary
+) -> CameraStudy:
     """Identify a specimen from pictures, check the model, and close the loop on pictures.
 
     Parameters
@@ -184,10 +198,13 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray) -> CameraSt
         Draws specimen, pipe, camera and errors of its calibration.
     commands, settled : (n,) array
         Random commands in V, and the angles in degrees after holds of them, to check the model.
+    arbitrary : Arbitrary
+        An arbitrary input, and the angle under it as a sensor of the joint reads it, for the same.
     """
     began = time.process_time()
     seen = identify_seen(seed)
     power = (commands * CURRENT / COMMAND) ** 2
+    predicted = seen.wires[0].simulate(arbitrary.t, arbitrary.command * CURRENT / COMMAND)
     controls = {name: seen_control(name, seen) for name in LAWS}
     used: list[PictureSensor] = []
     steps = {
@@ -212,6 +229,7 @@ def run_camera(seed: int, commands: FloatArray, settled: FloatArray) -> CameraSt
     return CameraStudy(
         seen=seen,
         static_error=seen.wires[0].operator.simulate(power) - settled,
+        arbitrary=replace(arbitrary, predicted={"power": predicted}),
         steps=steps,
         circles=circles,
         reading_error=np.sqrt(np.nanmean(errors**2, axis=0)),

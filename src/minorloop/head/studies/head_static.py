@@ -58,7 +58,8 @@ class Arbitrary:
     """An arbitrary continuous input with minor loops, that no model was fitted to.
 
     ``t`` (T,) in s, ``command`` (T,) in V, ``angle`` (T,) as measured in degrees; ``predicted``
-    are the angles (T,) of the operator on power with its lag, and of the mesh behind a linear lag.
+    are the angles (T,) of the operator on ``power`` with its lag, and of the ``mesh`` behind a
+    linear lag, if there is one.
     """
 
     t: FloatArray
@@ -78,8 +79,8 @@ class Arbitrary:
     def figures(self) -> dict[str, float]:
         """Return rms errors in degrees, of all samples and of those in which the wire moves."""
         found = {"moving_share": float(np.mean(self.moving))}
-        for name, prefix in (("power", ""), ("mesh", "mesh_")):
-            error = self.predicted[name] - self.angle
+        for name, predicted in self.predicted.items():
+            prefix, error = "" if name == "power" else f"{name}_", predicted - self.angle
             found[f"{prefix}rms_deg"] = _rms(error)
             found[f"{prefix}moving_rms_deg"] = _rms(error[self.moving])
         return found

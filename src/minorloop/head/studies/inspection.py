@@ -30,13 +30,20 @@ from minorloop.head.studies.detection import (
 from minorloop.head.studies.flooded import TEMPERATURES, reach_figures
 from minorloop.head.studies.inspection_servo import Scene, ServoRun, servo_figures
 from minorloop.head.studies.mission import Mission, run_mission
+from minorloop.head.studies.missions import CLAIMS as MISSION_CLAIMS
+from minorloop.head.studies.missions import mission_figures
 from minorloop.head.studies.scan_trials import ScoredScan
 from minorloop.head.studies.sweep_trials import ScoredSweep, c_scan_figures, run_sweep
+from minorloop.head.studies.sweeps import CLAIMS as SWEEP_CLAIMS
 from minorloop.head.twins.pipe import Bore
 from minorloop.studies.claims import Claim, for_each, medians
 from minorloop.threads import one_thread
 
 TITLE = "In-pipe inspection with a catheter head"
+PARTS = {
+    "missions": "minorloop.head.studies.missions",
+    "sweeps": "minorloop.head.studies.sweeps",
+}
 FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
 FIRST_SCENE, SCENES, FIRST_PLAIN, FIRST_CRACK = 50_000, 4, 2_000_000, 3_000_000
 FIRST_FLOODED, FIRST_SIZED = 4_000_000, 5_000_000
@@ -253,18 +260,6 @@ CLAIMS = (
     Claim("half the 90 % band of a depth, median [mm]", "fusion.band_mm", "-"),
     Claim("wrong modality or depth made up", "modality.wrong", "-", most=0),
     Claim("scans that this was tried on", "modality.scans", "-"),
-    Claim(
-        "missions that measured their pit, of those within reach",
-        "mission.pits_measured",
-        "announced",
-        least=0.9,
-        percent=True,
-    ),
-    Claim("missions with a pit within reach in their water", "mission.reachable", "-"),
-    Claim("of the others, said before travel", "mission.unreachable_said", "-", percent=True),
-    Claim("refused although within reach", "mission.refused_in_vain", "-"),
-    Claim("pits measured: depth error, median [mm]", "mission.depth_error_mm", "announced"),
-    Claim("the same: true centre off the optical axis [px]", "mission.centred_px", "-"),
     *(
         Claim(
             f"heads that reach a raster in water of {temperature:.0f} C",
@@ -275,80 +270,9 @@ CLAIMS = (
         )
         for temperature in TEMPERATURES
     ),
-    Claim(
-        "missions whose tool touched within 0.3 mm",
-        "mission.touched",
-        "tool named (section 2)",
-        least=0.95,
-        percent=True,
-    ),
-    Claim("pits measured: water line, median error [mm]", "mission.water_error_mm", "-"),
-    Claim(
-        "missions that found their crack",
-        "mission.cracks_found",
-        "announced",
-        least=0.9,
-        percent=True,
-    ),
-    Claim("cracks reported where none is, a mission", "mission.false_cracks", "-", most=0.05),
-    Claim("cracks found: off their course, median [mm]", "mission.crack_off_mm", "-"),
-    Claim("cracks found: length error, median [%]", "mission.crack_length_error_pct", "-"),
-    Claim("cracks found: width error, median [%]", "mission.crack_width_error_pct", "-"),
-    Claim("cracks found that have a depth", "mission.crack_measured", "announced", percent=True),
-    Claim("of those, depth error, median [mm]", "mission.crack_depth_error_mm", "-"),
-    Claim("mission: seconds of the head", "mission.seconds", "-"),
-    Claim(
-        "sweep: pits found, from 0.8 mm wide and 0.3 mm deep",
-        "cscan.recall",
-        "-",
-        least=0.95,
-        percent=True,
-        count="cscan.pits",
-    ),
-    Claim(
-        "sweep: false finds a cm2", "cscan.false_per_cm2", "-", most=0.05, count="cscan.area_cm2"
-    ),
-    Claim("sweep: finds of the wrong kind", "cscan.wrong_kind", "-"),
-    Claim("sweep: finds that the edge cuts, without a claim", "cscan.cut", "-"),
-    Claim(
-        "sweep: cracks found, where 0.1 mm wide on 1.5 mm or more",
-        "cscan.crack_recall",
-        "-",
-        percent=True,
-        count="cscan.cracks",
-    ),
-    Claim("sweep: bias of depths [um]", "cscan.depth_bias_um", "-"),
-    Claim("sweep: deviation of depths [um]", "cscan.depth_sd_um", "-"),
-    Claim("sweep: diameter over the true one, median", "cscan.size_ratio", "-"),
-    Claim("sweep: place of pits, 90th percentile [mm]", "cscan.place_mm", "-"),
-    Claim("sweep: bands of 90 % of depths of finds cover", "cscan.coverage", "-", percent=True),
-    Claim(
-        "map of the pipe: bands of 90 % of its places cover",
-        "cscan.map_coverage",
-        "-",
-        least=0.85,
-        most=0.95,
-        percent=True,
-    ),
-    *(
-        Claim(f"the same: by {source}", f"cscan.{key}_coverage", "-", percent=True)
-        for key, source in (("camera", "the camera"), ("echoes", "echoes"), ("both", "both"))
-    ),
-    Claim("sweep: gaps in the flooded part", "cscan.gap_share", "-", percent=True),
-    Claim("sweep: water line, worst error [mm]", "cscan.water_mm", "-"),
-    Claim("sweep: seconds of the head a cm2", "cscan.seconds_per_cm2", "-"),
+    *MISSION_CLAIMS,
+    *SWEEP_CLAIMS,
     Claim("processor time of a specimen [s]", "seconds", "-"),
-)
-
-
-_OF_CRACKS = ("crack_length_error_pct", "crack_width_error_pct", "crack_off_mm")
-_OF_MISSIONS = (
-    "centred_px",
-    "touch_mm",
-    "position_mm",
-    "diameter_error_pct",
-    "depth_error_mm",
-    "water_error_mm",
 )
 
 
@@ -483,44 +407,13 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             + scan_trials.modality_wrong(kinds["dry"]),
             "scans": len(kinds["hole"]) + len(kinds["dry"]),
         },
-        "mission": _of_missions([run["mission"] for run in runs]),
+        "mission": mission_figures([run["mission"] for run in runs]),
         "cscan": c_scan_figures([run["sweep"] for run in runs]),
         "reach": {
             key: float(np.mean([run["reach"][key] for run in runs])) for key in runs[0]["reach"]
         },
     }
     return found
-
-
-def _of_missions(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return shares of all missions, and medians over those with a result."""
-    measured = [mission for mission in missions if mission["measured"]]
-    within = [mission for mission in missions if mission["reachable"]]
-    beyond = [mission for mission in missions if not mission["reachable"]]
-    cracks = [mission for mission in missions if mission["crack_found"]]
-    deep = [mission for mission in cracks if mission["crack_measured"]]
-    return {
-        "of": len(missions),
-        "each": [dict(mission) for mission in missions],
-        "pits_measured": sum(one["measured"] for one in within) / max(len(within), 1),
-        "reachable": len(within),
-        "unreachable_said": float(np.mean([one["refused"] for one in beyond]))
-        if beyond
-        else np.nan,
-        "refused_in_vain": sum(one["refused"] for one in within),
-        **{key: float(np.mean([one[key] for one in missions])) for key in ("measured", "touched")},
-        "seconds": float(np.median([mission["seconds"] for mission in missions])),
-        **{key: _median(measured, key) for key in _OF_MISSIONS},
-        "cracks_found": len(cracks) / len(missions),
-        "false_cracks": sum(mission["false_cracks"] for mission in missions) / len(missions),
-        **{key: _median(cracks, key) for key in _OF_CRACKS},
-        "crack_measured": len(deep) / len(cracks) if cracks else np.nan,
-        "crack_depth_error_mm": _median(deep, "crack_depth_error_mm"),
-    }
-
-
-def _median(missions: Sequence[Mapping[str, Any]], key: str) -> float:
-    return float(np.median([mission[key] for mission in missions])) if missions else np.nan
 
 
 def _scored_scans(seed: int, pits: int) -> dict[str, tuple[ScoredScan, ...]]:

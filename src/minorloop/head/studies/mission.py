@@ -8,6 +8,7 @@ run in a real inspection.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import astuple, dataclass, field, replace
 from typing import Any
 
@@ -121,6 +122,8 @@ class Mission:
         Those with this pit.
     reachable : bool
         Whether the wires truly reach the raster in the water. For scoring only.
+    processor : float
+        Seconds of the processor, identification of the head included.
     """
 
     seed: int
@@ -143,6 +146,7 @@ class Mission:
     off: float = np.nan
     steps: tuple[LogEntry, ...] = ()
     reachable: bool = True
+    processor: float = np.nan
 
     @property
     def failed(self) -> tuple[str, ...]:
@@ -192,6 +196,7 @@ class Mission:
             "refused": any(one.what == "reach" and not one.succeeded for one in self.log),
             "steps": [astuple(one) for one in self.log],
             "seconds": self.log[-1].t,
+            "processor_s": self.processor,
             "touch_mm": 1e3 * self.touch,
             "position_mm": place,
             "diameter_error_pct": width,
@@ -223,6 +228,7 @@ def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
     head : HeadFile, optional
         Of the head of this seed, which is identified without it.
     """
+    began = time.process_time()
     (rig, truth), seen = draw_mission(seed, head), Overview()
     mission = Mission(seed, truth.bore, truth.crack, float(truth.water.level or 0.0))
     mission = replace(mission, reachable=reachable(rig, truth))
@@ -236,7 +242,7 @@ def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
     if best.profile is not None and best.wall is not None:
         parts = [best.wall, *(crack.wall for crack in best.cracks)]
         best = replace(best, ring=ring_of(best.profile, seen.views, parts))
-    return replace(best, log=tuple(rig.log))
+    return replace(best, log=tuple(rig.log), processor=time.process_time() - began)
 
 
 def _examined(rig: InspectionRig, truth: MissionTruth, mission: Mission, seen: Overview) -> Mission:
