@@ -4,6 +4,7 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop.head.control.head import head_control
 from minorloop.head.control.limits import WireLimits
+from minorloop.head.control.sensing import SensorWatch
 from minorloop.head.procedures.steer import steer
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.sensor import Fault
@@ -62,8 +63,28 @@ def test_readings_that_are_not_believed_are_no_angles_reached():
     np.testing.assert_allclose(result.expected, result.targets, atol=0.5)
     assert result.missed == ()
     assert result.unconfirmed[1] == (
-        "pan is not confirmed at target 2, 40 degrees: its readings at the end of its hold were "
-        "not used; by its model it was at 40.0 degrees"
+        "pan is not confirmed at target 2, 40 degrees: its readings were not used at the end of "
+        "its hold; by its model it was at 40.0 degrees"
+    )
+    assert not result.done
+
+
+def test_a_target_is_not_confirmed_if_nothing_was_read_and_the_model_is_at_it():
+    class Dark(Head):
+        ticks = 0
+
+        def exchange(self, u):
+            self.ticks += 1
+            return super().exchange(u) * (np.nan if self.ticks > 160 else 1.0)
+
+    # As by a camera: it may be missing for some time before its wires cool.
+    watch = SensorWatch(patience=250)
+    control = head_control("observer", (identified().model,) * 2, sensor=watch)
+    result = steer(Dark(noise=0.05, seed=3), control, [[30.0, 30.0]], 8.0)
+    assert result.missed == ()
+    assert result.unconfirmed[0] == (
+        "pan is not confirmed at target 1, 30 degrees: there was no reading at the end of its "
+        "hold; by its model it was at 30.0 degrees"
     )
     assert not result.done
 

@@ -47,8 +47,8 @@ class SteeredHead:
     missed : tuple of str
         A sentence for each other target that was not reached at the end of its hold.
     unconfirmed : tuple of str
-        A sentence for each other target at which the readings were not believed, so that it is not
-        known whether it was reached.
+        A sentence for each other target of which it is not known whether it was reached: readings
+        were not used, or there was none and the model says that it was.
     faults : tuple of DriveFault
         Of the readings.
     """
@@ -96,6 +96,11 @@ class SteeredHead:
     def expected(self) -> FloatArray:
         """(N, 2) mean angles at the end of each hold by the model of the control, in degrees."""
         return np.array([self.modelled[each].mean(axis=0) for each in self._ends])
+
+    @cached_property
+    def had_readings(self) -> BoolArray:
+        """(N, 2) whether there were readings at the end of each hold, used or not."""
+        return np.array([np.isfinite(self.read[each]).any(axis=0) for each in self._ends])
 
     @cached_property
     def _ends(self) -> list[IntArray]:
@@ -162,7 +167,7 @@ def steer(
         found,
         unreachable=tuple(given_up.values()),
         missed=tuple(_missed(control, found, set(given_up), faults)),
-        unconfirmed=tuple(_unconfirmed(found, set(given_up))),
+        unconfirmed=tuple(_unconfirmed(control, found, set(given_up))),
         faults=faults.found(t),
     )
 
@@ -207,9 +212,8 @@ def _missed(
 ) -> Iterator[str]:
     """Yield a sentence for each other axis that was not at its target at the end of its hold."""
     for (n, k), at in np.ndenumerate(found.reached):
-        low, high = control.axes[k].reach
-        near = abs(at - found.targets[n, k]) <= _OFF * (high - low)
-        if (n, k) in given_up or near or _doubted(found, n, k):
+        near = _near(control, found, found.reached, (n, k))
+        if (n, k) in given_up or near or _doubted(control, found, (n, k)):
             continue
         where = "there was no reading" if np.isnan(at) else f"it was at {at:.1f} degrees"
         hold = found.t[found.row == n]
@@ -220,18 +224,33 @@ def _missed(
         )
 
 
-def _unconfirmed(found: SteeredHead, given_up: set[tuple[int, int]]) -> Iterator[str]:
-    """Yield a sentence for each other axis whose readings were not believed at its target."""
+def _unconfirmed(
+    control: HeadControl, found: SteeredHead, given_up: set[tuple[int, int]]
+) -> Iterator[str]:
+    """Yield a sentence for each other axis that may or may not have been at its target."""
     for n, k in np.ndindex(found.targets.shape):
-        if (n, k) not in given_up and _doubted(found, n, k):
-            yield (
-                f"{_AXES[k]} is not confirmed at target {n + 1}, {found.targets[n, k]:g} degrees: "
-                "its readings at the end of its hold were not used; by its model it was at "
-                f"{found.expected[n, k]:.1f} degrees"
-            )
+        if (n, k) in given_up or not _doubted(control, found, (n, k)):
+            continue
+        what = "its readings were not used" if found.had_readings[n, k] else "there was no reading"
+        yield (
+            f"{_AXES[k]} is not confirmed at target {n + 1}, {found.targets[n, k]:g} degrees: "
+            f"{what} at the end of its hold; by its model it was at {found.expected[n, k]:.1f} "
+            "degrees"
+        )
 
 
-def _doubted(found: SteeredHead, n: int, k: int) -> bool:
-    """Return whether an axis had readings at the end of a hold, and they were not used."""
-    seen = found.read[found._ends[n], k]
-    return bool(np.isnan(found.reached[n, k]) and np.isfinite(seen).any())
+def _doubted(control: HeadControl, found: SteeredHead, at: tuple[int, int]) -> bool:
+    """Return whether it is unknown if an axis was at its target.
+
+    Readings were not used, or there was none and the model says that it was there.
+    """
+    modelled = _near(control, found, found.expected, at)
+    return bool(np.isnan(found.reached[at]) and (found.had_readings[at] or modelled))
+
+
+def _near(
+    control: HeadControl, found: SteeredHead, angles: FloatArray, at: tuple[int, int]
+) -> bool:
+    """Return whether an angle of a row and an axis is near its target; not if it is NaN."""
+    low, high = control.axes[at[1]].reach
+    return bool(abs(angles[at] - found.targets[at]) <= _OFF * (high - low))
