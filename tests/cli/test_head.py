@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from minorloop.cli import _calibration
-from minorloop.cli._seen import swept_view
+from minorloop.cli._seen import seen_head, swept_view
 from minorloop.cli.run import carry_out_levels
 from minorloop.errors import InstrumentError, ParameterError, SafetyError, StoreError
 from minorloop.head.control.head import head_control
@@ -173,6 +173,58 @@ def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypa
     assert status == 1
     assert "error nan deg rms" in out
     assert "tilt did not reach target 1, 25 degrees: there was no reading" in error
+
+
+def test_head_drive_marks_angles_whose_readings_were_not_used(run, monkeypatch):
+    control = head_control("observer", (identified().model,) * 2)
+    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
+    save_head(HeadFile(serial="twin-head-nominal"), "head.json")
+    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+    drive = "head drive angles.csv --head head.json --actuator twin:head --hold 9"
+    exchange, steps = Head.exchange, iter(range(1000))
+
+    def shifted(head, u):
+        return exchange(head, u) - (next(steps) % 226 >= 160) * np.array([14.0, 0.0])
+
+    monkeypatch.setattr(Head, "exchange", shifted)
+    status, out, error = run(f"{drive} --save reached.csv")
+    assert status == 1
+    assert re.search(r"(29\.9|30\.0)\d \(model\)", out)
+    assert out.count("(model)") == 2  # in the table, and what it means
+    assert "error 0.0" in out
+    assert "the error is of the other 1 of 2 angles" in out
+    assert "pan is not confirmed at target 1, 30 degrees" in error
+    assert "did not reach" not in error
+    kept = np.genfromtxt("reached.csv", delimiter=",", names=True)
+    assert kept["pan_used"][:150].all()
+    assert not kept["pan_used"][-50:].any()
+    assert kept["tilt_used"].all()
+    assert kept["pan_by_the_model_deg"][-1] == pytest.approx(30.0, abs=0.5)
+    steps = iter(range(1000))
+    status, out, _ = run(f"{drive} --json")
+    printed = json.loads(out)
+    assert (status, printed["readings_used"]) == (1, [[False, True]])
+    assert printed["reached_deg"][0][0] is None
+    assert printed["by_model_deg"][0] == pytest.approx([30.0, 25.0], abs=0.5)
+    assert printed["missed"] == []
+    assert len(printed["unconfirmed"]) == 1
+
+
+@pytest.mark.parametrize("sensors", [(), (Channel("pan", "deg"), Channel("tilt", "deg"))])
+def test_a_camera_beside_sensors_says_that_they_are_not_used(capsys, monkeypatch, sensors):
+    @contextmanager
+    def connected(address):
+        yield SimpleNamespace(outputs=sensors)
+
+    camera = SimpleNamespace(frame=None, close=lambda: None)
+    monkeypatch.setattr("minorloop.cli._common.connected", connected)
+    monkeypatch.setattr("minorloop.head.vision.video.LiveCamera", lambda *_: camera)
+    monkeypatch.setattr("minorloop.head.procedures.seen_angles.SeenHead", lambda *_, **__: None)
+    with seen_head("bench:head.toml", "camera:0", VIEW, specimen=None, seed=0):
+        said = capsys.readouterr().err
+    assert ("the sensors of the actuator, pan [deg], tilt [deg], are not used" in said) == bool(
+        sensors
+    )
 
 
 SMALL = "--squares 7x5 --side 4"

@@ -140,10 +140,21 @@ def seen_head(
     live = LiveCamera(camera, _PATIENCE)
     try:
         with _common.connected(address) as plant:
+            _say_unused(plant)
             _say_waiting()
             yield SeenHead(plant, live.frame, view, clock=WallClock())
     finally:
         live.close()
+
+
+def _say_unused(plant: Actuator) -> None:
+    """Say that sensors of an actuator are not used beside the camera, if it has any."""
+    if plant.outputs:
+        sensors = ", ".join(str(channel) for channel in plant.outputs)
+        typer.echo(
+            f"the camera gives the angles; the sensors of the actuator, {sensors}, are not used",
+            err=True,
+        )
 
 
 def _say_waiting() -> None:

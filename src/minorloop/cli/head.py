@@ -17,6 +17,7 @@ from minorloop.errors import ParameterError
 if TYPE_CHECKING:
     from minorloop.head.procedures.drive_faults import DriveFault
     from minorloop.head.procedures.head_file import HeadFile
+    from minorloop.head.procedures.steer import SteeredHead
     from minorloop.head.vision.measured import Measured
     from minorloop.lab.actuator import Actuator
 
@@ -176,8 +177,10 @@ def drive(
 ) -> None:
     """Bring both axes of a head to targets under control, one row after the other.
 
-    Faults of the readings are named with their times. The exit status is 1 if a target was not
-    reached within 5 % of the reach of its wire, or a wire was cooled because of its readings.
+    Faults of the readings are named with their times. An angle whose readings were not used is
+    that of the model, and is marked so. The exit status is 1 if a target was not reached within
+    5 % of the reach of its wire or is not confirmed by used readings, or a wire was cooled because
+    of its readings.
     """
     import numpy as np
 
@@ -205,25 +208,47 @@ def drive(
         for k, axis in enumerate(("pan", "tilt")):
             table |= {f"wanted {axis} [deg]": result.wanted[:, k]}
             table |= {f"{axis} [deg]": result.read[:, k], f"{axis} [A]": result.current[:, k]}
+        for k, axis in enumerate(("pan", "tilt")):
+            table |= {f"{axis} by the model [deg]": result.modelled[:, k]}
+            table |= {f"{axis} used": result.used[:, k].astype(float)}
         _common.write_csv(save, table, force=force)
-    off = (result.reached - result.targets) ** 2
-    rms = float(np.sqrt(np.nanmean(off))) if np.isfinite(off).any() else math.nan
-    if as_json:
-        content = {"targets_deg": result.targets, "reached_deg": result.reached, "rms_deg": rms}
-        content |= {"unreachable": result.unreachable, "missed": result.missed}
-        _common.print_json({**content, "faults": [_fault(each) for each in result.faults]})
-    else:
-        rows = [
-            tuple(f"{value:.2f}" for value in (*wanted, *reached))
-            for wanted, reached in zip(result.targets, result.reached, strict=True)
-        ]
-        columns_shown = ("pan wanted", "tilt wanted", "pan", "tilt")
-        _common.print_table(columns_shown, rows, "degrees at the end of each hold")
-        typer.echo(f"error {rms:.2f} deg rms")
-    for said in (*result.faults, *result.unreachable, *result.missed):
+    _show_drive(result, as_json)
+    for said in result.warnings:
         typer.echo(f"warning: {said}", err=True)
     if not result.done:
         raise typer.Exit(1)
+
+
+def _show_drive(result: SteeredHead, as_json: bool) -> None:
+    """Print the angles at the end of each hold, and their error where readings were used."""
+    import numpy as np
+
+    known = np.isfinite(result.reached)
+    off = (result.reached - result.targets)[known]
+    rms = float(np.sqrt(np.mean(off**2))) if off.size else math.nan
+    if as_json:
+        content = {"targets_deg": result.targets, "reached_deg": result.reached, "rms_deg": rms}
+        content |= {"readings_used": known, "by_model_deg": result.expected}
+        content |= {"unreachable": result.unreachable, "missed": result.missed}
+        content |= {"unconfirmed": result.unconfirmed}
+        _common.print_json({**content, "faults": [_fault(each) for each in result.faults]})
+        return
+    shown = np.where(known, result.reached, result.expected)
+    rows = [
+        (
+            *(f"{each:.2f}" for each in result.targets[n]),
+            *(f"{shown[n, k]:.2f}{'' if known[n, k] else ' (model)'}" for k in range(2)),
+        )
+        for n in range(len(shown))
+    ]
+    columns = ("pan wanted", "tilt wanted", "pan", "tilt")
+    _common.print_table(columns, rows, "degrees at the end of each hold")
+    typer.echo(f"error {rms:.2f} deg rms")
+    if not known.all():
+        typer.echo(
+            "(model): by the model, because readings were missing or not used; the error is of the "
+            f"other {known.sum()} of {known.size} angles"
+        )
 
 
 def _fault(fault: DriveFault) -> dict[str, Any]:
@@ -236,6 +261,7 @@ def _fault(fault: DriveFault) -> dict[str, Any]:
         "what": fault.what,
         "cooled": fault.cooled,
         "over": fault.over,
+        "late": fault.late,
     }
 
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from minorloop.head.control.head import head_control
+from minorloop.head.control.unread import UnreadWatch
+from minorloop.head.procedures.drive_faults import FaultLog
 from minorloop.head.procedures.steer import steer
 from minorloop.head.twins.head import Head
 from wires import identified, made_up
@@ -24,6 +26,22 @@ class Spoilt(Head):
         seen, t = np.array(super().exchange(u)), self._ticks * self.tick
         self._ticks += 1
         return self._spoil(t, seen)
+
+
+class Late(Head):
+    """A head whose ticks take four times as long from 2 s on, and seven times from 3 s on."""
+
+    time = 0.0
+
+    def __init__(self, twice):
+        super().__init__(noise=0.05, seed=3)
+        self._twice = twice
+
+    def exchange(self, u):
+        seen = super().exchange(u)
+        longer = 4 if 2.0 < self.time < 2.2 else 7 if self._twice and 3.0 < self.time < 4.5 else 1
+        self.time += self.tick * longer
+        return seen
 
 
 def driven(spoil, targets=TARGETS, hold=12.0, why=""):
@@ -73,7 +91,8 @@ def test_a_target_that_was_left_is_missed():
     assert str(fault) == "pan, from 20.00 s to the end: the sensor is lost; the wire cools"
     assert not fault.over
     assert result.missed == (
-        "pan did not reach target 2, 40 degrees: there was no reading at the end of its hold",
+        "pan did not reach target 2, 40 degrees: there was no reading at the end of its hold; pan, "
+        "from 20.00 s to the end: the sensor is lost; the wire cools",
     )
     assert not result.done
 
@@ -92,16 +111,28 @@ def test_lost_readings_are_counted_together_and_both_axes_named_once():
 
 
 def test_late_steps_are_named():
-    class Late(Head):
-        time = 0.0
-
-        def exchange(self, u):
-            seen = super().exchange(u)
-            self.time += self.tick * (4 if 2.0 < self.time < 2.2 else 1)
-            return seen
-
     control = head_control("observer", (made_up(), made_up()))
-    (fault,) = steer(Late(noise=0.05, seed=3), control, [[30.0, 30.0]], 6.0).faults
+    (fault,) = steer(Late(twice=False), control, [[30.0, 30.0]], 6.0).faults
     assert "steps were late" in fault.what
     assert fault.axis == "pan and tilt"
     assert fault.began == pytest.approx(2.1, abs=0.2)
+
+
+def test_all_late_steps_are_one_warning_with_their_number_and_it_is_the_last():
+    control = head_control("observer", (made_up(), made_up()))
+    result = steer(Late(twice=True), control, [[30.0, 30.0]], 6.0)
+    (late,) = (each for each in result.faults if each.late)
+    assert late.times == 8
+    assert late.lasted == pytest.approx(2 * 0.12 + 6 * 0.24)
+    assert result.warnings[-1] == "8 steps were late, by up to 0.24 s"
+    assert sum("late" in each for each in result.warnings) == 1
+
+
+def test_an_axis_that_was_kept_names_the_fault_of_the_other():
+    control = head_control("observer", (identified().model,) * 2, unread=UnreadWatch())
+    result = steer(Spoilt(added(6.4, 99.0, -14.0)), control, TARGETS, 8.0)
+    (sentence,) = result.missed
+    assert sentence.startswith("tilt did not reach target 2, 20 degrees: it was at 29.4 degrees")
+    assert "; the head was kept where it was: pan, from 6.40 s to the end: " in sentence
+    assert "readings jumped by -14.1 degrees" in sentence
+    assert FaultLog(("pan", "tilt"), 0.04).during("tilt", 0.0, 9.0) == ""

@@ -208,3 +208,14 @@ def test_a_saturated_picture_says_to_switch_leds_off():
     said = seen_angles.unseen("the picture is saturated")
     assert "switch LEDs off, in the bench file with rest = false" in said
     assert "check lights, lens and cable" in seen_angles.unseen("the picture is black")
+
+
+def test_what_to_do_about_a_picture_is_said_once():
+    devices = Slow()
+    view = HeadCalibration(lens=Pinhole(4, 4, 4.0, (1.5, 1.5)), leds=np.zeros((1, 3)))
+    with pytest.raises(InstrumentError) as caught:
+        SeenHead(devices, devices.picture, view, clock=devices)
+    assert str(caught.value) == (
+        "the camera does not show the angles: the first picture is black; check lights, lens and "
+        "cable"
+    )

@@ -4,10 +4,11 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop.head.control.head import head_control
 from minorloop.head.control.limits import WireLimits
+from minorloop.head.control.sensing import SensorWatch
 from minorloop.head.procedures.steer import steer
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.sensor import Fault
-from wires import made_up
+from wires import identified, made_up
 
 CONTROL = head_control("observer", (made_up(), made_up()))
 
@@ -42,6 +43,65 @@ def test_a_target_without_a_reading_has_no_result():
     result = steer(head, CONTROL, [[10.0, 10.0]], 1.0)
     assert np.isnan(result.reached[0, 0])
     assert np.isfinite(result.reached[0, 1])
+
+
+def test_readings_that_are_not_believed_are_no_angles_reached():
+    class Shifted(Head):
+        ticks = 0
+
+        def exchange(self, u):
+            self.ticks += 1
+            return super().exchange(u) + (self.ticks > 160) * np.array([-14.0, 0.0])
+
+    control = head_control("observer", (identified().model,) * 2)
+    result = steer(Shifted(noise=0.05, seed=3), control, [[30.0, 30.0], [40.0, 20.0]], 8.0)
+    assert result.used[:159].all()
+    assert not result.used[160:, 0].any()
+    assert np.isnan(result.reached[:, 0]).all()
+    np.testing.assert_allclose(result.reached[:, 1], [30.0, 20.0], atol=0.5)
+    # The head itself was right: only its readings were shifted.
+    np.testing.assert_allclose(result.expected, result.targets, atol=0.5)
+    assert result.missed == ()
+    assert result.unconfirmed[1] == (
+        "pan is not confirmed at target 2, 40 degrees: its readings were not used at the end of "
+        "its hold; by its model it was at 40.0 degrees"
+    )
+    assert not result.done
+
+
+def test_a_target_is_not_confirmed_if_nothing_was_read_and_the_model_is_at_it():
+    class Dark(Head):
+        ticks = 0
+
+        def exchange(self, u):
+            self.ticks += 1
+            return super().exchange(u) * (np.nan if self.ticks > 160 else 1.0)
+
+    # As by a camera: it may be missing for some time before its wires cool.
+    watch = SensorWatch(patience=250)
+    control = head_control("observer", (identified().model,) * 2, sensor=watch)
+    result = steer(Dark(noise=0.05, seed=3), control, [[30.0, 30.0]], 8.0)
+    assert result.missed == ()
+    assert result.unconfirmed[0] == (
+        "pan is not confirmed at target 1, 30 degrees: there was no reading at the end of its "
+        "hold; by its model it was at 30.0 degrees"
+    )
+    assert not result.done
+
+
+def test_some_outliers_at_the_end_of_a_hold_do_not_count():
+    class Outliers(Head):
+        ticks = 0
+
+        def exchange(self, u):
+            self.ticks += 1
+            return super().exchange(u) + (self.ticks > 100 and self.ticks % 9 == 0) * 20.0
+
+    control = head_control("observer", (identified().model,) * 2)
+    result = steer(Outliers(noise=0.05, seed=3), control, [[30.0, 30.0]], 8.0)
+    assert not result.used[106].any()  # tick 108; the first is before the first row
+    np.testing.assert_allclose(result.reached, [[30.0, 30.0]], atol=0.2)
+    assert result.unconfirmed == ()
 
 
 @pytest.mark.parametrize("target", [[200.0, 30.0], [30.0, -20.0], [61.0, 58.0]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,9 @@ _SHORT = 5
 """Steps from which a fault is listed on its own; shorter ones that are alike are counted together:
 more than are lost by chance."""
 _UNREAD, _DOUBTED = "there was no reading", "readings jumped as no wire can, and were not used"
-_SLOW = "steps were late: more than one interval went by"
+_SLOW = 0.4
+"""Intervals by which a step may be late before it counts, if the guard says so too: less than its
+limit, so that rounding does not matter."""
 _COUNTS = re.compile(r"\d+")
 """Numbers in a text, such as of patches that agree: faults that differ only there are alike."""
 
@@ -38,6 +40,8 @@ class DriveFault:
         Whether the wire cooled, so that it did not go to its target.
     over : bool
         Whether it was over before the drive ended.
+    late : bool
+        Whether it is that steps came late, all of the drive in one.
     """
 
     axis: str
@@ -47,8 +51,12 @@ class DriveFault:
     times: int = 1
     cooled: bool = False
     over: bool = True
+    late: bool = False
 
     def __str__(self) -> str:
+        if self.late:
+            what = self.what if self.times > 1 else self.what.replace("steps were", "step was")
+            return f"{self.times} {what}"
         if self.times > 1:
             when = f"{self.times} times from {self.began:.2f} s, {self.lasted:.2f} s in all"
         elif self.over:
@@ -76,10 +84,15 @@ class FaultLog:
     ----------
     names : sequence of str
         Of the axes.
+    interval : float
+        From a step to the next if none is late, in seconds.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names = tuple(names)
+    def __init__(self, names: Sequence[str], interval: float) -> None:
+        self._names, self._interval = tuple(names), interval
+        self._t = 0.0
+        self._late: list[tuple[float, float]] = []
+        self._kept: list[float] = []
         self._open: dict[tuple[str, str], _Open] = {}
         self._found: list[tuple[DriveFault, int]] = []
 
@@ -94,18 +107,23 @@ class FaultLog:
         why : str
             Why the newest picture did not show the angles, if it is known.
         """
+        late = t - self._t - self._interval
+        slow = late > _SLOW * self._interval
+        if slow and any("clock" in axis.active for axis in state.axes):
+            self._late.append((t, late))
+        if state.unread.kept is not None:
+            self._kept.append(t)
         for name, axis in zip(self._names, state.axes, strict=True):
             kind, what = _reading(axis, why)
             self._follow(t, name, "reading", kind, what, cooled=axis.cools)
-            self._follow(t, name, "clock", "slow" if "clock" in axis.active else "", _clock(axis))
+            wrong = "clock" in axis.active and not slow
+            self._follow(t, name, "clock", "wrong" if wrong else "", _newest(axis, "clock"))
+        self._t = t
 
     def found(self, t: float) -> tuple[DriveFault, ...]:
-        """Return all faults until a time in seconds, the first ones first."""
-        ended = [*self._found]
-        for (name, _), each in self._open.items():
-            ended.append((_fault(name, each, t, over=False), each.steps))
+        """Return all faults until a time in seconds, the first ones first, then late steps."""
         found: dict[tuple[object, ...], DriveFault] = {}
-        for fault, steps in sorted(ended, key=lambda pair: pair[0].began):
+        for fault, steps in sorted(self._each(t), key=lambda pair: pair[0].began):
             alone = steps >= _SHORT or fault.cooled
             key = fault.axis, _COUNTS.sub("", fault.what), fault.began if alone else None
             if key in found:
@@ -113,7 +131,46 @@ class FaultLog:
                 lasted = before.lasted + fault.lasted
                 fault = replace(before, lasted=lasted, times=before.times + 1, over=fault.over)
             found[key] = fault
-        return _joined(list(found.values()))
+        return (*_joined(list(found.values())), *self._all_late())
+
+    def during(self, name: str, first: float, last: float) -> str:
+        """Return the fault that was on last between two times in seconds; empty if none was.
+
+        Parameters
+        ----------
+        name : str
+            Of an axis. If it had no fault, and the head was kept where it was because another
+            axis was not read, it is the fault of that one.
+        first, last : float
+        """
+        on = [
+            fault
+            for fault, steps in self._each(self._t)
+            if (steps >= _SHORT or fault.cooled)
+            and fault.began < last
+            and fault.began + fault.lasted > first
+        ]
+        own = [each for each in on if each.axis == name]
+        if own:
+            return str(own[-1])
+        kept = any(first <= t <= last for t in self._kept)
+        return f"the head was kept where it was: {on[-1]}" if on and kept else ""
+
+    def _each(self, t: float) -> list[tuple[DriveFault, int]]:
+        """Return each fault until a time with its number of steps."""
+        still = [
+            (_fault(name, each, t, over=False), each.steps)
+            for (name, _), each in self._open.items()
+        ]
+        return [*self._found, *still]
+
+    def _all_late(self) -> Iterator[DriveFault]:
+        """Yield one fault for all steps that were late, if any was."""
+        if self._late:
+            by = [late for _, late in self._late]
+            what = f"steps were late, by up to {max(by):.2g} s"
+            began, axes = self._late[0][0], " and ".join(self._names)
+            yield DriveFault(axes, began, sum(by), what, len(by), late=True)
 
     def _follow(
         self, t: float, name: str, of: str, kind: str, what: str, *, cooled: bool = False
@@ -140,11 +197,6 @@ def _reading(axis: GuardState, why: str) -> tuple[str, str]:
     if axis.sensed.odd and not axis.belief.believed:
         return _UNREAD, f"{_DOUBTED}; the wire went by its model"
     return _UNREAD, f"{_with(_UNREAD, why)}; the wire went by its model"
-
-
-def _clock(axis: GuardState) -> str:
-    said = _newest(axis, "clock")
-    return _SLOW if "between two steps" in said else said
 
 
 def _newest(axis: GuardState, cause: str) -> str:

@@ -20,7 +20,7 @@ from minorloop.errors import InstrumentError, ParameterError, SignalError
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
 from minorloop.head.vision.frame_checks import SATURATED
-from minorloop.head.vision.wall_angles import WallAngles
+from minorloop.head.vision.wall_angles import NOTHING_SEEN, WallAngles
 from minorloop.head.vision.wall_patches import SEEN, Sight, WallState
 from minorloop.head.vision.wall_refinement import refined
 from minorloop.lab.actuator import Actuator, Channel, Frame, Value
@@ -381,13 +381,13 @@ def unseen(why: str) -> str:
     """Return the sentence on a camera that does not show the angles, with what to do."""
     if why in (_WAITED, _WARM):
         return why
-    advice = "check lights, lens and cable"
+    advice = NOTHING_SEEN
     if SATURATED in why:
         advice = (
             "switch LEDs off, in the bench file with rest = false for their lines, or shorten the "
             "exposure"
         )
-    return f"the camera does not show the angles: {why}; {advice}"
+    return f"the camera does not show the angles: {why.removesuffix(f'; {NOTHING_SEEN}')}; {advice}"
 
 
 def unknown_zero(why: str) -> str:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import within
 from minorloop.head.control.head import HeadControl, HeadState
@@ -19,7 +19,7 @@ from minorloop.lab.run import left_safe
 
 _AXES = "pan", "tilt"
 _STEADY = 0.2
-"""Share of a hold, at its end, of which the readings are averaged."""
+"""Share of a hold, at its end, over which the angles are averaged."""
 _OFF = 0.05
 """Share of the reach of a wire by which a target is missed: as `minorloop drive` warns."""
 
@@ -38,10 +38,17 @@ class SteeredHead:
         In degrees.
     row : (T,) array of int
         Number of the target, from 0.
+    used : (T, 2) array of bool
+        Whether the control used the reading; where not, the wire went by its model.
+    modelled : (T, 2) array
+        Angles by the model of the control, which used readings correct, in degrees.
     unreachable : tuple of str
         A sentence for each target that the guard found out of reach until the end of its hold.
     missed : tuple of str
         A sentence for each other target that was not reached at the end of its hold.
+    unconfirmed : tuple of str
+        A sentence for each other target of which it is not known whether it was reached: readings
+        were not used, or there was none and the model says that it was.
     faults : tuple of DriveFault
         Of the readings.
     """
@@ -52,25 +59,54 @@ class SteeredHead:
     current: FloatArray
     targets: FloatArray
     row: IntArray
+    used: BoolArray
+    modelled: FloatArray
     unreachable: tuple[str, ...] = ()
     missed: tuple[str, ...] = ()
+    unconfirmed: tuple[str, ...] = ()
     faults: tuple[DriveFault, ...] = ()
 
     @property
     def done(self) -> bool:
         """Whether every target was reached, and no wire cooled because of its readings."""
-        return not (self.unreachable or self.missed or any(each.cooled for each in self.faults))
+        off = self.unreachable or self.missed or self.unconfirmed
+        return not (off or any(each.cooled for each in self.faults))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All sentences; late steps come last, because they rarely are the cause of the others."""
+        late = [str(each) for each in self.faults if each.late]
+        faults = [str(each) for each in self.faults if not each.late]
+        return (*faults, *self.unreachable, *self.missed, *self.unconfirmed, *late)
 
     @cached_property
     def reached(self) -> FloatArray:
-        """(N, 2) mean readings at the end of each hold, in degrees; NaN where there are none."""
+        """(N, 2) mean used readings at the end of each hold, in degrees.
+
+        NaN where there was no reading, or where more than half of the readings were not used.
+        """
         reached = np.full(self.targets.shape, np.nan)
-        for n in range(len(self.targets)):
-            read = self.read[self.row == n]
-            for k, seen in enumerate(read[-max(round(_STEADY * len(read)), 1) :].T):
-                if np.isfinite(seen).any():
-                    reached[n, k] = np.nanmean(seen)
+        for n, k in np.ndindex(reached.shape):
+            seen, used = self.read[self._ends[n], k], self.used[self._ends[n], k]
+            if used.any() and 2 * used.sum() >= np.isfinite(seen).sum():
+                reached[n, k] = seen[used].mean()
         return reached
+
+    @cached_property
+    def expected(self) -> FloatArray:
+        """(N, 2) mean angles at the end of each hold by the model of the control, in degrees."""
+        return np.array([self.modelled[each].mean(axis=0) for each in self._ends])
+
+    @cached_property
+    def had_readings(self) -> BoolArray:
+        """(N, 2) whether there were readings at the end of each hold, used or not."""
+        return np.array([np.isfinite(self.read[each]).any(axis=0) for each in self._ends])
+
+    @cached_property
+    def _ends(self) -> list[IntArray]:
+        """Ticks at the end of each hold, over which angles are averaged."""
+        holds = [np.flatnonzero(self.row == n) for n in range(len(self.targets))]
+        return [each[-max(round(_STEADY * len(each)), 1) :] for each in holds]
 
 
 def steer(
@@ -107,8 +143,9 @@ def steer(
     for n, each in enumerate(wanted, 1):
         _check_reach(control, each, n)
     rows: list[tuple[float, int, FloatArray, FloatArray]] = []
+    judged: list[tuple[BoolArray, FloatArray]] = []
     given_up: dict[tuple[int, int], str] = {}
-    faults = FaultLog(_AXES)
+    faults = FaultLog(_AXES, tick)
     with left_safe(head):
         seen = np.asarray(head.exchange(np.zeros(2)))
         state, t, began = control.begin(seen), 0.0, _time(head, 0.0)
@@ -116,18 +153,30 @@ def steer(
             while t < (n + 1) * hold - 0.5 * tick:
                 current, state = control.step(state, each, seen, t=t)
                 faults.note(t, state, getattr(head, "why", ""))
+                judged.append(_judged(control, state))
                 seen = np.asarray(head.exchange(current))
                 t = _time(head, tick * (len(rows) + 1)) - began
                 rows.append((t, n, seen, current))
             given_up |= {(n, k): text for k, text in _given_up(state, n + 1).items()}
+    # A step judges the reading of the tick before: the last reading needs one more.
+    judged.append(_judged(control, control.step(state, wanted[-1], seen, t=t)[1]))
     times, row, read, current = (np.array(each) for each in zip(*rows, strict=True))
-    found = SteeredHead(times, wanted[row], read, current, wanted, row)
+    used, modelled = (np.array(each) for each in zip(*judged[1:], strict=True))
+    found = SteeredHead(times, wanted[row], read, current, wanted, row, used, modelled)
     return replace(
         found,
         unreachable=tuple(given_up.values()),
-        missed=tuple(_missed(control, found, set(given_up))),
+        missed=tuple(_missed(control, found, set(given_up), faults)),
+        unconfirmed=tuple(_unconfirmed(control, found, set(given_up))),
         faults=faults.found(t),
     )
+
+
+def _judged(control: HeadControl, state: HeadState) -> tuple[BoolArray, FloatArray]:
+    """Return whether the newest readings (2,) were used, and the angles (2,) by the model."""
+    used = np.isfinite([axis.sensed.value for axis in state.axes])
+    own = np.array([axis.estimate.wire.angle for axis in state.axes])
+    return used, np.asarray(control.coupling) @ own
 
 
 def _time(head: Actuator, counted: float) -> float:
@@ -159,15 +208,49 @@ def _given_up(state: HeadState, row: int) -> dict[int, str]:
 
 
 def _missed(
-    control: HeadControl, found: SteeredHead, given_up: set[tuple[int, int]]
+    control: HeadControl, found: SteeredHead, given_up: set[tuple[int, int]], faults: FaultLog
 ) -> Iterator[str]:
     """Yield a sentence for each other axis that was not at its target at the end of its hold."""
     for (n, k), at in np.ndenumerate(found.reached):
-        low, high = control.axes[k].reach
-        if (n, k) in given_up or abs(at - found.targets[n, k]) <= _OFF * (high - low):
+        near = _near(control, found, found.reached, (n, k))
+        if (n, k) in given_up or near or _doubted(control, found, (n, k)):
             continue
         where = "there was no reading" if np.isnan(at) else f"it was at {at:.1f} degrees"
+        hold = found.t[found.row == n]
+        why = faults.during(_AXES[k], float(hold[0]), float(hold[-1]))
         yield (
             f"{_AXES[k]} did not reach target {n + 1}, {found.targets[n, k]:g} degrees: {where} at "
-            "the end of its hold"
+            f"the end of its hold{why and '; '}{why}"
         )
+
+
+def _unconfirmed(
+    control: HeadControl, found: SteeredHead, given_up: set[tuple[int, int]]
+) -> Iterator[str]:
+    """Yield a sentence for each other axis that may or may not have been at its target."""
+    for n, k in np.ndindex(found.targets.shape):
+        if (n, k) in given_up or not _doubted(control, found, (n, k)):
+            continue
+        what = "its readings were not used" if found.had_readings[n, k] else "there was no reading"
+        yield (
+            f"{_AXES[k]} is not confirmed at target {n + 1}, {found.targets[n, k]:g} degrees: "
+            f"{what} at the end of its hold; by its model it was at {found.expected[n, k]:.1f} "
+            "degrees"
+        )
+
+
+def _doubted(control: HeadControl, found: SteeredHead, at: tuple[int, int]) -> bool:
+    """Return whether it is unknown if an axis was at its target.
+
+    Readings were not used, or there was none and the model says that it was there.
+    """
+    modelled = _near(control, found, found.expected, at)
+    return bool(np.isnan(found.reached[at]) and (found.had_readings[at] or modelled))
+
+
+def _near(
+    control: HeadControl, found: SteeredHead, angles: FloatArray, at: tuple[int, int]
+) -> bool:
+    """Return whether an angle of a row and an axis is near its target; not if it is NaN."""
+    low, high = control.axes[at[1]].reach
+    return bool(abs(angles[at] - found.targets[at]) <= _OFF * (high - low))

@@ -42,6 +42,8 @@ from minorloop.head.vision.wall_patches import (
     nothing,
 )
 
+NOTHING_SEEN = "check lights, lens and cable"
+"""What to do where a picture shows nothing."""
 _COARSE = 2
 """Texels in one of the search for a lost view, along a side."""
 _STEPS = (3, 3, 3)
@@ -167,7 +169,7 @@ class WallAngles:
         self.camera.check(image)
         verdict = frame_checks.check_frame(image, self.camera.lens)
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
-            raise SignalError(f"the first picture is {verdict}; check lights, lens and cable")
+            raise SignalError(f"the first picture is {verdict}; {NOTHING_SEEN}")
         at = np.asarray(angles, dtype=np.float64)
         patches = self.pictures.with_new(
             self.pictures.pyramid(image), at, self.pictures.none, np.zeros(2), np.zeros(2)
