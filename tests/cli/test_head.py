@@ -405,7 +405,10 @@ def inspected(monkeypatch):
     from minorloop.head.reconstruction.findings import outlined
 
     save_head(HeadFile(serial="H-07"), "head.json")
-    state = SimpleNamespace(safe=False, travels=False, then=lambda: None, first=[], nothing=False)
+    state = SimpleNamespace(
+        safe=False, travels=False, then=lambda: None, first=[], nothing=False,
+        calibration=SimpleNamespace(radius=10e-3),
+    )  # fmt: skip
 
     def views(rig, advances, done):
         yield from state.first
@@ -611,8 +614,66 @@ def test_an_inspection_that_a_power_cut_ended_is_resumed_from_its_journal(run, s
     assert (scripted, sorted(kinds)) == (["hole 1"], ["crack", "hole or pit"])
 
 
+NOT_VISITED = "seen, not visited"
+
+
+def test_what_was_seen_and_not_visited_is_listed_when_an_inspection_is_interrupted(
+    run, scripted, monkeypatch
+):
+    """Also after a resume, and until each candidate is visited from both sides."""
+    from minorloop.head.procedures import inspection
+
+    def cut_before(left):
+        def seen(rig, name):
+            if len(scripted) == left:
+                raise KeyboardInterrupt
+            return real(rig, name)
+
+        monkeypatch.setattr(inspection, "_seen", seen)
+        scripted.clear()
+
+    def listed():
+        rows = json.loads(Path("found/findings.json").read_text())["unconfirmed"]
+        return [(row["kind"], row["seen in"], row["why"]) for row in rows]
+
+    real, command = inspection._seen, f"{INSPECT} --advances 0,5"
+    sure = ("hole or pit", ["view 1", "view 3"], NOT_VISITED)
+    lost = ("hole or pit", ["view 3"], NOT_VISITED)
+    crack = ("crack", ["view 2"], NOT_VISITED)
+    cut_before(1)
+    status, _, error = run(command)
+    assert (status, listed()) == (130, [("hole or pit", ["view 1"], NOT_VISITED)])
+    assert "0 findings in 1 view; 1 seen, not visited; interrupted" in error
+    cut_before(3)
+    assert run(f"{command} --resume")[0] == 130
+    assert listed() == [sure, lost, crack]
+    row = Path("found/unconfirmed.csv").read_text().splitlines()[1]
+    assert row == 'hole or pit,-80.2141,20.0,5.1,"view 1, view 3","seen, not visited"'
+    assert NOT_VISITED in Path("found/report.html").read_text()
+    cut_before(2)
+    assert (
+        "1 finding in 6 views; seen in 1 view (1), not confirmed; 1 seen, not visited"
+        in run(f"{command} --resume")[2]
+    )
+    once = "not seen again, not looked at from another side"
+    assert listed() == [("hole or pit", ["view 3"], once), crack]
+    cut_before(9)
+    assert run(f"{command} --resume")[0] == 0
+    assert listed() == [("hole or pit", ["view 3"], "not seen again")]
+
+
+def test_candidates_beyond_the_most_that_are_visited_are_listed(run, scripted, monkeypatch):
+    from minorloop.head.procedures import inspection
+
+    monkeypatch.setattr(inspection, "_MOST_HOLES", 1)
+    monkeypatch.setattr(inspection, "_MOST_CRACKS", 0)
+    status, out, _ = run(f"{INSPECT} --advances 0,5")
+    assert (status, scripted[4:]) == (0, ["hole 1"])
+    assert "1 finding in 5 views; 2 seen, not visited; finished" in out
+
+
 def looked_round(verdict="good", **more):
-    from minorloop.head.procedures.inspection import InspectedView
+    from minorloop.head.procedures.inspected_view import InspectedView
     from minorloop.head.procedures.pictures import InspectedPicture
 
     picture = InspectedPicture(name="view 1", t=0.0, verdict=verdict)
@@ -623,7 +684,7 @@ def looked_round(verdict="good", **more):
 
 
 def test_what_was_not_confirmed_is_in_the_summary_the_files_and_the_report(run, inspected):
-    from minorloop.head.procedures.inspection import Unconfirmed
+    from minorloop.head.procedures.inspected_view import Unconfirmed
 
     def look():
         tables.append(Path("found/unconfirmed.csv").read_text().splitlines())

@@ -26,7 +26,7 @@ from minorloop.files import new_folder, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.head_file import HeadFile
-    from minorloop.head.procedures.inspection import InspectedView
+    from minorloop.head.procedures.inspected_view import InspectedView
     from minorloop.head.procedures.rig import LogEntry
     from minorloop.report import Report
 
@@ -87,7 +87,7 @@ def carried_out(
                         f"{actuator} has no catheter, so that it looks round from 0 mm only; leave "
                         "--advances out"
                     )
-                kept = InspectionFolder(folder, begun, before)
+                kept = InspectionFolder(folder, begun, before, rig.calibration.radius)
                 for view in inspect_wall(rig, advances, before.views):
                     kept.add(view)
         except BaseException as error:
@@ -150,10 +150,12 @@ class InspectionFolder:
         What is inspected, and by what.
     before : _Before
         What is known of an inspection that was cut off.
+    radius : float
+        Of the pipe, in metres.
     """
 
-    def __init__(self, folder: Path, begun: dict[str, Any], before: _Before) -> None:
-        self._folder, self._views = folder, list(before.views)
+    def __init__(self, folder: Path, begun: dict[str, Any], before: _Before, radius: float) -> None:
+        self._folder, self._views, self._radius = folder, list(before.views), radius
         self._marked: list[tuple[str, Any]] = []
         (folder / "pictures").mkdir(exist_ok=bool(before.lines))
         self._journal = Journal(folder, begun, before.lines, views=len(self._views))
@@ -172,8 +174,7 @@ class InspectionFolder:
         self._write_picture(f"{view.picture.name}.png", view.image)
         self._journal.note("view", **view_line(view))
         self._mark(view)
-        if view.finding is not None or view.unconfirmed is not None:
-            self._write_findings()
+        self._write_findings()
 
     def _mark(self, view: InspectedView) -> None:
         """Write the picture of a view with its finding marked, if it has one."""
@@ -214,8 +215,11 @@ class InspectionFolder:
         }
 
     def _lost(self) -> list[dict[str, Any]]:
-        """Return what was not confirmed, as rows."""
-        return [lost_row(view.unconfirmed) for view in self._views if view.unconfirmed is not None]
+        """Return what was not confirmed, or not visited yet, as rows."""
+        from minorloop.head.procedures.inspection import unvisited
+
+        lost = [view.unconfirmed for view in self._views if view.unconfirmed is not None]
+        return [lost_row(each) for each in (*lost, *unvisited(self._views, self._radius))]
 
     def _write_findings(self) -> None:
         from minorloop.files import table_text
@@ -286,13 +290,22 @@ def summary(content: dict[str, Any]) -> str:
     found, views = counted(len(content["findings"]), "finding"), counted(content["views"], "view")
     bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
     share = f"{sum(content['unusable'].values())} of {views} not usable: {bad}"
-    lost = [counted(len(row["seen in"]), "view") for row in content["unconfirmed"]]
-    more = "".join(
-        f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))
-    )
-    said = f"{found} in {views}{more}{f'; {share}' if bad else ''}; {content['ended']}"
+    less = f"{_not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}"
+    said = f"{found} in {views}{less}; {content['ended']}"
     safe = "is safe, as confirmed" if content["safe"] else "did NOT confirm that it is safe"
     return f"{said}; no depth without a probe; the head {safe}"
+
+
+def _not_found(unconfirmed: Sequence[dict[str, Any]]) -> str:
+    """Return how many candidates were not confirmed, and how many not visited."""
+    from minorloop.head.procedures.inspection import NOT_VISITED
+
+    lost = [
+        counted(len(row["seen in"]), "view") for row in unconfirmed if row["why"] != NOT_VISITED
+    ]
+    words = [f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))]
+    left = len(unconfirmed) - len(lost)
+    return "".join([*words, f"; {left} {NOT_VISITED}" if left else ""])
 
 
 def show(content: dict[str, Any], out: Path) -> None:

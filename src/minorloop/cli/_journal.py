@@ -22,7 +22,7 @@ from minorloop.files import first_difference, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
-    from minorloop.head.procedures.inspection import InspectedView, Unconfirmed
+    from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
     from minorloop.head.ultrasound.c_scan import SweptBurst
     from minorloop.head.vision.cracks import TracedCrack
     from minorloop.head.vision.defects import Hole
@@ -245,7 +245,7 @@ def kept_views(
 
 def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> InspectedView:
     """Return the view of a line."""
-    from minorloop.head.procedures.inspection import InspectedView, view_with, with_finding
+    from minorloop.head.procedures.inspected_view import InspectedView, view_with, with_finding
     from minorloop.head.procedures.pictures import InspectedPicture
 
     pose, sight, lost = line["pose"], line["sight"], line["unconfirmed"]
@@ -330,7 +330,7 @@ def lost_row(lost: Unconfirmed) -> dict[str, Any]:
 
 def _lost(noted: dict[str, Any]) -> Unconfirmed:
     """Return what a row of `lost_row` says."""
-    from minorloop.head.procedures.inspection import Unconfirmed
+    from minorloop.head.procedures.inspected_view import Unconfirmed
 
     return Unconfirmed(
         kind=noted["kind"],

@@ -8,7 +8,13 @@ import pytest
 from minorloop.errors import InstrumentError
 from minorloop.head.geometry import Pinhole, wall_distance
 from minorloop.head.procedures import inspection
-from minorloop.head.procedures.inspection import inspect_wall, views_of
+from minorloop.head.procedures.inspection import (
+    FROM_ONE_SIDE,
+    NOT_VISITED,
+    inspect_wall,
+    unvisited,
+    views_of,
+)
 from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.pipe import Bore, Pipe
 from minorloop.head.vision.cracks import TracedCrack
@@ -79,6 +85,9 @@ def test_what_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch)
     assert wall_distance((lost.phi, lost.z), PLACE, 10e-3) < 0.1e-3
     assert lost.evidence == views[0].picture.findings[0].evidence
     assert rig.log[-1].outcome == "not seen again; seen in 1 view, not confirmed"
+    left = [unvisited(views[:count], 10e-3) for count in (2, 3, 4)]
+    assert [[each.why for each in some] for some in left] == [[NOT_VISITED], [FROM_ONE_SIDE], []]
+    assert (left[0][0].phi, left[0][0].seen_in) == (lost.phi, ("view 1",))
 
 
 def test_a_crack_that_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch):
