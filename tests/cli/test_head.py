@@ -546,11 +546,13 @@ def scripted(monkeypatch):
 
     @contextmanager
     def opened(actuator, camera, head, told):
-        def say(what, outcome, **_):
-            told(rig_module.LogEntry(0.0, what, outcome))
+        def say(what, outcome, *, succeeded=True):
+            log.append(rig_module.LogEntry(0.0, what, outcome, succeeded))
+            told(log[-1])
 
+        log = []
         yield SimpleNamespace(
-            calibration=view, travels=True, place=(0.0, 0.0), say=say,
+            calibration=view, travels=True, place=(0.0, 0.0), say=say, log=log,
             compute=lambda work: work(), check_sensors=lambda: None,
         )  # fmt: skip
 
@@ -670,6 +672,32 @@ def test_candidates_beyond_the_most_that_are_visited_are_listed(run, scripted, m
     status, out, _ = run(f"{INSPECT} --advances 0,5")
     assert (status, scripted[4:]) == (0, ["hole 1"])
     assert "1 finding in 5 views; 2 seen, not visited; finished" in out
+
+
+def test_a_finding_says_that_its_centring_failed_also_after_a_resume(run, scripted, monkeypatch):
+    from minorloop.head.procedures import inspection
+
+    def off(rig, *_, **__):
+        rig.say("centre", "28.5 px from the middle of 640 by 480", succeeded=False)
+
+    monkeypatch.setattr(inspection, "centre", off)
+    command, said = f"{INSPECT} --advances 0,5", "no probe, but failed: centre"
+    status, out, _ = run(command)
+    assert (status, "verdict" in out) == (0, True)
+    content = json.loads(Path("found/findings.json").read_text())
+    assert [row["verdict"] for row in content["findings"]] == [said, said]
+    step = {"step": "centre", "outcome": "28.5 px from the middle of 640 by 480"}
+    assert content["findings"][0]["steps"] == [step | {"succeeded": False}]
+    assert content["unconfirmed"][0]["why"] == "not seen again; failed: centre"
+    assert said in Path("found/findings.csv").read_text()
+    assert said in Path("found/report.html").read_text()
+    (hole, _) = [line for line in journal() if line.get("step") == "centre"][:2]
+    assert hole["succeeded"] is False
+    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
+    Path("found/journal.jsonl").write_text("".join(lines[:-1]))
+    assert run(f"{command} --resume")[0] == 0
+    again = json.loads(Path("found/findings.json").read_text())
+    assert again["findings"] == content["findings"]
 
 
 def looked_round(verdict="good", **more):

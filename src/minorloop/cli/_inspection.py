@@ -19,6 +19,7 @@ from minorloop.cli._journal import (
     lost_row,
     resumed_lines,
     row,
+    step_rows,
     view_line,
 )
 from minorloop.errors import OutputError, ParameterError, SafetyError, counted
@@ -35,7 +36,16 @@ _VISITS = ("hole", "crack", "device", "camera")
 the camera cannot do."""
 _LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
 """Of candidates that were not confirmed."""
-_COLUMNS = ("kind", "phi [deg]", "z [mm]", "width [mm]", "length [mm]", "evidence", "picture")
+_COLUMNS = (
+    "kind",
+    "verdict",
+    "phi [deg]",
+    "z [mm]",
+    "width [mm]",
+    "length [mm]",
+    "evidence",
+    "picture",
+)
 
 
 def carried_out(
@@ -166,7 +176,9 @@ class InspectionFolder:
 
     def log(self, entry: LogEntry) -> None:
         """Note a step."""
-        self._journal.note("step", step=entry.what, outcome=entry.outcome)
+        self._journal.note(
+            "step", step=entry.what, outcome=entry.outcome, succeeded=entry.succeeded
+        )
 
     def add(self, view: InspectedView) -> None:
         """Keep a view: its picture, and the finding if it has one."""
@@ -205,7 +217,11 @@ class InspectionFolder:
     def _all(self) -> dict[str, Any]:
         verdicts = [view.picture.verdict for view in self._views]
         bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != "good"}
-        found = [row(view) for view in self._views if view.finding is not None]
+        found = [
+            {**row(view), "steps": step_rows(view)}
+            for view in self._views
+            if view.finding is not None
+        ]
         return {
             **self._content,
             "views": len(self._views),

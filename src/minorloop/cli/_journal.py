@@ -199,7 +199,16 @@ def view_line(view: InspectedView) -> dict[str, Any]:
         "seen": [_noted(shown) for shown in view.seen],
         "finding": None if view.finding is None else row(view),
         "unconfirmed": None if view.unconfirmed is None else lost_row(view.unconfirmed),
+        "steps": step_rows(view),
     }
+
+
+def step_rows(view: InspectedView) -> list[dict[str, Any]]:
+    """Return the steps of a visit."""
+    return [
+        {"step": each.what, "outcome": each.outcome, "succeeded": each.succeeded}
+        for each in view.steps
+    ]
 
 
 def kept_views(
@@ -247,6 +256,7 @@ def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> Inspect
     """Return the view of a line."""
     from minorloop.head.procedures.inspected_view import InspectedView, view_with, with_finding
     from minorloop.head.procedures.pictures import InspectedPicture
+    from minorloop.head.procedures.rig import LogEntry
 
     pose, sight, lost = line["pose"], line["sight"], line["unconfirmed"]
     place = 1e-3 * pose["advance [mm]"], math.radians(pose["roll [deg]"])
@@ -259,6 +269,10 @@ def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> Inspect
         joints=_radians(pose),
         place=place,
         unconfirmed=None if lost is None else _lost(lost),
+        steps=tuple(
+            LogEntry(line["taken"], each["step"], each["outcome"], each["succeeded"])
+            for each in line.get("steps", ())  # journals of earlier versions have none
+        ),
     )
     found = view_with(found, [_restored(one) for one in line["seen"]], view.camera_at(place))
     return found if line["finding"] is None else with_finding(found, view.radius)

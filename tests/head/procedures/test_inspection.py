@@ -57,6 +57,17 @@ def test_a_hole_is_found_centred_and_measured_and_each_view_is_handed_out_at_onc
     assert np.isnan(near.finding.depth)
     assert np.hypot(*(near.picture.findings[0].pixel - (319.5, 239.5))) < 20.0
     assert [entry.what for entry in rig.log] == ["view 1", "view 2", "pick", "centre", "hole 1"]
+    assert near.steps == tuple(rig.log[2:4])
+
+
+def test_the_verdict_of_a_finding_names_the_steps_that_failed(rig, monkeypatch):
+    def off(rig, *_, **__):
+        rig.say("centre", "28.5 px from the middle", succeeded=False)
+
+    monkeypatch.setattr(inspection, "centre", off)
+    *_, last = inspect_wall(rig)
+    assert last.finding.verdict == "no probe, but failed: centre"
+    assert [step.what for step in last.steps] == ["pick", "centre"]
 
 
 def test_a_hole_that_the_centred_view_does_not_show_is_found_from_another_side(rig, monkeypatch):

@@ -13,6 +13,7 @@ from minorloop.head.procedures.pictures import (
     crack_in,
     hole_in,
 )
+from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.procedures.trace import widest
 from minorloop.head.reconstruction.findings import Finding, outlined
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
@@ -80,6 +81,8 @@ class InspectedView:
         Phi and z along the rim of a hole, or along a crack.
     unconfirmed : Unconfirmed, optional
         The candidate that was visited, if it was not seen again.
+    steps : tuple of LogEntry
+        Of the visit, before it was searched; the verdict of the finding names those that failed.
     """
 
     picture: InspectedPicture
@@ -92,6 +95,13 @@ class InspectedView:
     evidence: float = math.nan
     course: FloatArray | None = None
     unconfirmed: Unconfirmed | None = None
+    steps: tuple[LogEntry, ...] = ()
+
+    @property
+    def failed(self) -> str:
+        """Names of the steps that failed, after ``failed: ``; empty without any."""
+        names = [each.what for each in self.steps if not each.succeeded]
+        return f"failed: {', '.join(names)}" if names else ""
 
     @property
     def looks_round(self) -> bool:
@@ -110,11 +120,12 @@ def view_with(
 def with_finding(view: InspectedView, radius: float) -> InspectedView:
     """Return the view of a visit with the one that it shows as its finding."""
     (shown,) = view.seen
+    verdict = f"{NO_PROBE}, but {view.failed}" if view.failed else NO_PROBE
     if isinstance(shown, Hole):
         phi, z = shown.place.tolist()
-        found = outlined(phi, z, shown.diameter, NO_PROBE, radius=radius)
+        found = outlined(phi, z, shown.diameter, verdict, radius=radius)
         return replace(view, finding=found, evidence=shown.evidence, course=shown.rim)
-    found = crack_finding(shown.places, widest(shown)[1], CrackDepth(NO_PROBE), radius)
+    found = crack_finding(shown.places, widest(shown)[1], CrackDepth(verdict), radius)
     return replace(view, finding=found, course=shown.places)
 
 

@@ -28,7 +28,7 @@ from minorloop.head.procedures.inspected_view import (
 )
 from minorloop.head.procedures.mark import aim_at
 from minorloop.head.procedures.pictures import CRACK, InspectedPicture
-from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.steps import NEAR, acquire, centre, go, meter, pick, search
 from minorloop.head.procedures.trace import (
     likely,
@@ -70,6 +70,7 @@ class _Seen:
     angles: tuple[float, float]
     joints: tuple[float, float]
     place: tuple[float, float]
+    steps: tuple[LogEntry, ...] = ()
 
     def view(self, *shown: Hole | TracedCrack) -> InspectedView:
         """Return the view with some of what was found."""
@@ -79,6 +80,7 @@ class _Seen:
             angles=self.angles,
             joints=self.joints,
             place=self.place,
+            steps=self.steps,
         )
         return view_with(view, shown, self.camera)
 
@@ -275,13 +277,14 @@ def _approached(
     rig: InspectionRig, place: FloatArray, words: str, name: str, *, outlined: bool = False
 ) -> _Seen:
     """Centre a place, go nearer if a catheter can, and search there."""
+    begun = len(rig.log)
     pick(rig, place, words)
     centre(rig, place, outlined=outlined)
     rig.check_sensors()
     if rig.travels:
         _go(rig, place=np.add(rig.place, (NEAR, 0.0)))
         _go(rig, angles=aim_at(rig.calibration, place, rig.place))
-    return _seen(rig, name)
+    return replace(_seen(rig, name), steps=tuple(rig.log[begun:]))
 
 
 def _visited(
@@ -301,10 +304,11 @@ def _visited(
             rig.say(name, f"{seen.missing}; looked at from another side")
         yield view
     if view.finding is None:
-        name = f"{name} again"
+        name, before = f"{name} again", view.steps
         view = known.get(name)
         if view is None:
             seen = _from_aside(rig, next(each for each in same if each.shown is hole), name)
+            seen = replace(seen, steps=before)
             view = _seen_again(rig, seen, hole)
             if view.finding is None:
                 phi, z = hole.place.tolist()
@@ -344,11 +348,13 @@ def _not_confirmed(
     names: tuple[str, ...],
 ) -> InspectedView:
     """Return the view of a visit with its candidate, which views show and this one does not."""
+    view = seen.view()
+    why = f"{seen.missing}; {view.failed}" if view.failed else seen.missing
     lost = Unconfirmed(
-        kind=kind, phi=place[0], z=place[1], evidence=evidence, seen_in=names, why=seen.missing
+        kind=kind, phi=place[0], z=place[1], evidence=evidence, seen_in=names, why=why
     )
-    rig.say(seen.name, f"{seen.missing}; seen in {counted(len(names), 'view')}, not confirmed")
-    return replace(seen.view(), unconfirmed=lost)
+    rig.say(seen.name, f"{why}; seen in {counted(len(names), 'view')}, not confirmed")
+    return replace(view, unconfirmed=lost)
 
 
 def _names(same: Sequence[_Sighting[Candidate]]) -> tuple[str, ...]:
