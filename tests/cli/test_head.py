@@ -752,7 +752,7 @@ def test_an_inspection_without_a_picture_that_can_be_searched_has_status_1(run, 
     inspected.first, inspected.nothing = [looked_round("black"), looked_round("torn")], True
     status, out, error = run(INSPECT)
     assert status == 1
-    assert "0 findings in 2 views; 2 of 2 views not usable: black (1), torn (1); finished" in out
+    assert "0 findings in 2 views; 2 of 2 views not usable: black (1), torn (1); not" in out
     assert "no view could be searched" in error
 
 
@@ -760,7 +760,40 @@ def test_an_inspection_with_some_pictures_says_how_many_could_not_be_searched(ru
     inspected.first = [looked_round("black")]
     status, out, _ = run(INSPECT)
     assert status == 0
-    assert "1 finding in 2 views; 1 of 2 views not usable: black (1); finished" in out
+    said = "not searched: pan 5.7, tilt 11.5 deg at 0.0 mm"
+    assert f"1 finding in 2 views; 1 of 2 views not usable: black (1); {said}; finished" in out
+    assert json.loads(Path("found/findings.json").read_text())["not searched"] == [
+        {
+            "view": "view 1",
+            "verdict": "black",
+            "pan [deg]": 5.7296,
+            "tilt [deg]": 11.4592,
+            "advance [mm]": 0.0,
+            "roll [deg]": 0.0,
+        }
+    ]
+    page = Path("found/report.html").read_text()
+    assert "Not searched" in page
+    assert "11.4592" in page
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ("--actuator twin:pipe --camera camera:0", "--actuator is twin:pipe, and head inspect"),
+        (
+            "--actuator bench:head.toml --camera twin:pipe",
+            "--camera is twin:pipe, and head inspect",
+        ),
+        ("--actuator bench:head.toml --camera camera:0 --resume", "there is no folder s1; give"),
+    ],
+)
+def test_an_inspection_refuses_what_it_cannot_open_in_one_sentence(run, options, sentence):
+    save_head(HeadFile(serial="H-07"), "head.json")
+    status, _, error = run(f"head inspect {options} --head head.json --out s1")
+    assert (status, error.count("\n")) == (2, 1)
+    assert sentence in error
+    assert not Path("s1").exists()
 
 
 @pytest.mark.parametrize(

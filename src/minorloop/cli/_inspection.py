@@ -17,6 +17,7 @@ from minorloop.cli._journal import (
     Journal,
     kept_views,
     lost_row,
+    missed_row,
     resumed_lines,
     row,
     step_rows,
@@ -36,6 +37,8 @@ _VISITS = ("hole", "crack", "device", "camera")
 the camera cannot do."""
 _LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
 """Of candidates that were not confirmed."""
+_MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
+"""Of directions that were not searched, as lines of sight, with the place of the catheter."""
 _COLUMNS = (
     "kind",
     "verdict",
@@ -78,6 +81,7 @@ def carried_out(
     from minorloop.head.procedures.inspection import inspect_wall
     from minorloop.head.procedures.rig import rig_at
 
+    _check_devices(actuator, camera)
     known = read_head(head)
     begun = _begun(known, actuator, camera, advances)
     before = _Before.of(out, begun, known) if resume else _Before()
@@ -113,6 +117,18 @@ def carried_out(
                 )
             raise
     return kept.end(FINISHED, True)
+
+
+def _check_devices(actuator: str, camera: str) -> None:
+    """Refuse the simulated pipe, which is a plant of other commands and not of this one."""
+    from minorloop.head.console.settings import is_pipe
+
+    for name, address in (("actuator", actuator), ("camera", camera)):
+        if is_pipe(address):
+            raise ParameterError(
+                f"--{name} is {address}, and head inspect takes devices; the simulated pipe is for "
+                "head identify, head sweep and study inspection"
+            )
 
 
 def _begun(head: HeadFile, actuator: str, camera: str, advances: Sequence[float]) -> dict[str, Any]:
@@ -215,8 +231,10 @@ class InspectionFolder:
         return self._all()
 
     def _all(self) -> dict[str, Any]:
+        from minorloop.head.vision.frame_checks import GOOD
+
         verdicts = [view.picture.verdict for view in self._views]
-        bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != "good"}
+        bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != GOOD}
         found = [
             {**row(view), "steps": step_rows(view)}
             for view in self._views
@@ -226,6 +244,11 @@ class InspectionFolder:
             **self._content,
             "views": len(self._views),
             "unusable": bad,
+            "not searched": [
+                missed_row(view)
+                for view in self._views
+                if view.looks_round and view.picture.verdict != GOOD
+            ],
             "findings": found,
             "unconfirmed": self._lost(),
         }
@@ -267,6 +290,9 @@ class InspectionFolder:
         if content["unconfirmed"]:
             lost = table(content["unconfirmed"], _LOST_COLUMNS)
             report.add("Not confirmed", table=Table(_LOST_COLUMNS, lost))
+        if content["not searched"]:
+            missed = table(content["not searched"], _MISSED_COLUMNS)
+            report.add("Not searched", table=Table(_MISSED_COLUMNS, missed))
         pictures = [Picture(figure_of(marked), name) for name, marked in self._marked]
         report.add("Pictures of the findings", pictures=pictures)
         return report
@@ -306,7 +332,12 @@ def summary(content: dict[str, Any]) -> str:
     found, views = counted(len(content["findings"]), "finding"), counted(content["views"], "view")
     bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
     share = f"{sum(content['unusable'].values())} of {views} not usable: {bad}"
-    less = f"{_not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}"
+    missed = "".join(
+        f"; not searched: pan {row['pan [deg]']:.1f}, tilt {row['tilt [deg]']:.1f} deg at "
+        f"{row['advance [mm]']:.1f} mm"
+        for row in content["not searched"]
+    )
+    less = f"{_not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
     said = f"{found} in {views}{less}; {content['ended']}"
     safe = "is safe, as confirmed" if content["safe"] else "did NOT confirm that it is safe"
     return f"{said}; no depth without a probe; the head {safe}"

@@ -86,10 +86,15 @@ def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[s
     Raises
     ------
     RecordError
-        If there is no journal.
+        If there is no folder, or no journal in it.
     ParameterError
         If it is finished, or another one was begun.
     """
+    if not folder.is_dir():
+        raise RecordError(
+            f"there is no folder {folder}; give that of the {what} that was cut off, or begin one "
+            "without --resume"
+        )
     lines = journal_of(folder / NAME)
     if lines[-1].get("why") == FINISHED:
         raise ParameterError(
@@ -200,6 +205,18 @@ def view_line(view: InspectedView) -> dict[str, Any]:
         "finding": None if view.finding is None else row(view),
         "unconfirmed": None if view.unconfirmed is None else lost_row(view.unconfirmed),
         "steps": step_rows(view),
+    }
+
+
+def missed_row(view: InspectedView) -> dict[str, Any]:
+    """Return the direction of a view that could not be searched, and why."""
+    advance, roll = view.place
+    return {
+        "view": view.picture.name,
+        "verdict": view.picture.verdict,
+        **_degrees(view.angles),
+        "advance [mm]": round(1e3 * advance, 4),
+        "roll [deg]": round(math.degrees(roll), 4),
     }
 
 

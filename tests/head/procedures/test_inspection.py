@@ -18,6 +18,7 @@ from minorloop.head.procedures.inspection import (
 from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.pipe import Bore, Pipe
 from minorloop.head.vision.cracks import TracedCrack
+from minorloop.head.vision.defects import Findings
 
 from .fakes import CALIBRATION, MOUNT
 from .test_rig import Devices, on_bench
@@ -111,6 +112,24 @@ def test_a_crack_that_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monk
     assert (last.unconfirmed.kind, last.unconfirmed.seen_in) == ("crack", ("view 1", "view 2"))
     assert np.isnan(last.unconfirmed.evidence)
     assert "seen in 2 views, not confirmed" in rig.log[-1].outcome
+
+
+@pytest.mark.parametrize(
+    ("bad", "verdict", "words"), [(1, "good", "1 candidate"), (2, "frozen", "frozen")]
+)
+def test_a_view_that_cannot_be_used_is_taken_once_more(rig, monkeypatch, bad, verdict, words):
+    real, left = inspection.search, iter(range(bad))
+
+    def search(rig, frames):
+        found = real(rig, frames)
+        return Findings((), "frozen") if next(left, None) is not None else found
+
+    monkeypatch.setattr(inspection, "search", search)
+    first = next(inspect_wall(rig))
+    assert first.picture.verdict == verdict
+    (once, then) = [entry.outcome for entry in rig.log]
+    assert once == "frozen; taken once more"
+    assert then.startswith(words)
 
 
 def test_candidates_beyond_the_most_that_are_visited_are_told(rig, monkeypatch):

@@ -258,10 +258,14 @@ def _go(rig: InspectionRig, **where: object) -> None:
 
 
 def _seen(rig: InspectionRig, name: str) -> _Seen:
-    """Expose, take an acquisition and search it."""
-    meter(rig)
-    frames, t, place = acquire(rig), rig.t, rig.place
-    found = search(rig, frames)
+    """Expose, take an acquisition and search it; take one that cannot be used once more."""
+    for again in (True, False):
+        meter(rig)
+        frames, t, place = acquire(rig), rig.t, rig.place
+        found = search(rig, frames)
+        if found.verdict == GOOD or not again:
+            break
+        rig.say(name, f"{found.verdict}; taken once more")
     (advance, roll), view = place.tolist(), rig.calibration
     sight = frames[-1].pan, frames[-1].tilt
     pan, tilt = np.radians(view.joints(sight)).tolist()
