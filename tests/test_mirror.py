@@ -21,6 +21,7 @@ ELSEWHERE = {
     "head/control/head.py": "head/control/test_head_control.py",
     "head/control/transient.py": "head/control/test_heating.py",
     "head/procedures/calibrate.py": "cli/test_head.py",
+    "head/procedures/inspected_view.py": "head/procedures/test_inspection.py",
     "head/studies/calibration_scene.py": "cli/test_head.py",
     "head/studies/crack_report.py": "head/studies/test_crack_trials.py",
     "head/studies/crack_scans.py": "head/studies/test_crack_trials.py",

@@ -457,7 +457,10 @@ def inspected(monkeypatch):
     from minorloop.head.reconstruction.findings import outlined
 
     save_head(HeadFile(serial="H-07"), "head.json")
-    state = SimpleNamespace(safe=False, travels=False, then=lambda: None, first=[], nothing=False)
+    state = SimpleNamespace(
+        safe=False, travels=False, then=lambda: None, first=[], nothing=False,
+        calibration=SimpleNamespace(radius=10e-3),
+    )  # fmt: skip
 
     def views(rig, advances, done):
         yield from state.first
@@ -595,11 +598,13 @@ def scripted(monkeypatch):
 
     @contextmanager
     def opened(actuator, camera, head, told):
-        def say(what, outcome, **_):
-            told(rig_module.LogEntry(0.0, what, outcome))
+        def say(what, outcome, *, succeeded=True):
+            log.append(rig_module.LogEntry(0.0, what, outcome, succeeded))
+            told(log[-1])
 
+        log = []
         yield SimpleNamespace(
-            calibration=view, travels=True, place=(0.0, 0.0), say=say,
+            calibration=view, travels=True, place=(0.0, 0.0), say=say, log=log,
             compute=lambda work: work(), check_sensors=lambda: None,
         )  # fmt: skip
 
@@ -663,8 +668,92 @@ def test_an_inspection_that_a_power_cut_ended_is_resumed_from_its_journal(run, s
     assert (scripted, sorted(kinds)) == (["hole 1"], ["crack", "hole or pit"])
 
 
+NOT_VISITED = "seen, not visited"
+
+
+def test_what_was_seen_and_not_visited_is_listed_when_an_inspection_is_interrupted(
+    run, scripted, monkeypatch
+):
+    """Also after a resume, and until each candidate is visited from both sides."""
+    from minorloop.head.procedures import inspection
+
+    def cut_before(left):
+        def seen(rig, name):
+            if len(scripted) == left:
+                raise KeyboardInterrupt
+            return real(rig, name)
+
+        monkeypatch.setattr(inspection, "_seen", seen)
+        scripted.clear()
+
+    def listed():
+        rows = json.loads(Path("found/findings.json").read_text())["unconfirmed"]
+        return [(row["kind"], row["seen in"], row["why"]) for row in rows]
+
+    real, command = inspection._seen, f"{INSPECT} --advances 0,5"
+    sure = ("hole or pit", ["view 1", "view 3"], NOT_VISITED)
+    lost = ("hole or pit", ["view 3"], NOT_VISITED)
+    crack = ("crack", ["view 2"], NOT_VISITED)
+    cut_before(1)
+    status, _, error = run(command)
+    assert (status, listed()) == (130, [("hole or pit", ["view 1"], NOT_VISITED)])
+    assert "0 findings in 1 view; 1 seen, not visited; interrupted" in error
+    cut_before(3)
+    assert run(f"{command} --resume")[0] == 130
+    assert listed() == [sure, lost, crack]
+    row = Path("found/unconfirmed.csv").read_text().splitlines()[1]
+    assert row == 'hole or pit,-80.2141,20.0,5.1,"view 1, view 3","seen, not visited"'
+    assert NOT_VISITED in Path("found/report.html").read_text()
+    cut_before(2)
+    assert (
+        "1 finding in 6 views; seen in 1 view (1), not confirmed; 1 seen, not visited"
+        in run(f"{command} --resume")[2]
+    )
+    once = "not seen again, not looked at from another side"
+    assert listed() == [("hole or pit", ["view 3"], once), crack]
+    cut_before(9)
+    assert run(f"{command} --resume")[0] == 0
+    assert listed() == [("hole or pit", ["view 3"], "not seen again")]
+
+
+def test_candidates_beyond_the_most_that_are_visited_are_listed(run, scripted, monkeypatch):
+    from minorloop.head.procedures import inspection
+
+    monkeypatch.setattr(inspection, "_MOST_HOLES", 1)
+    monkeypatch.setattr(inspection, "_MOST_CRACKS", 0)
+    status, out, _ = run(f"{INSPECT} --advances 0,5")
+    assert (status, scripted[4:]) == (0, ["hole 1"])
+    assert "1 finding in 5 views; 2 seen, not visited; finished" in out
+
+
+def test_a_finding_says_that_its_centring_failed_also_after_a_resume(run, scripted, monkeypatch):
+    from minorloop.head.procedures import inspection
+
+    def off(rig, *_, **__):
+        rig.say("centre", "28.5 px from the middle of 640 by 480", succeeded=False)
+
+    monkeypatch.setattr(inspection, "centre", off)
+    command, said = f"{INSPECT} --advances 0,5", "no probe, but failed: centre"
+    status, out, _ = run(command)
+    assert (status, "verdict" in out) == (0, True)
+    content = json.loads(Path("found/findings.json").read_text())
+    assert [row["verdict"] for row in content["findings"]] == [said, said]
+    step = {"step": "centre", "outcome": "28.5 px from the middle of 640 by 480"}
+    assert content["findings"][0]["steps"] == [step | {"succeeded": False}]
+    assert content["unconfirmed"][0]["why"] == "not seen again; failed: centre"
+    assert said in Path("found/findings.csv").read_text()
+    assert said in Path("found/report.html").read_text()
+    (hole, _) = [line for line in journal() if line.get("step") == "centre"][:2]
+    assert hole["succeeded"] is False
+    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
+    Path("found/journal.jsonl").write_text("".join(lines[:-1]))
+    assert run(f"{command} --resume")[0] == 0
+    again = json.loads(Path("found/findings.json").read_text())
+    assert again["findings"] == content["findings"]
+
+
 def looked_round(verdict="good", **more):
-    from minorloop.head.procedures.inspection import InspectedView
+    from minorloop.head.procedures.inspected_view import InspectedView
     from minorloop.head.procedures.pictures import InspectedPicture
 
     picture = InspectedPicture(name="view 1", t=0.0, verdict=verdict)
@@ -675,7 +764,7 @@ def looked_round(verdict="good", **more):
 
 
 def test_what_was_not_confirmed_is_in_the_summary_the_files_and_the_report(run, inspected):
-    from minorloop.head.procedures.inspection import Unconfirmed
+    from minorloop.head.procedures.inspected_view import Unconfirmed
 
     def look():
         tables.append(Path("found/unconfirmed.csv").read_text().splitlines())
@@ -715,7 +804,7 @@ def test_an_inspection_without_a_picture_that_can_be_searched_has_status_1(run, 
     inspected.first, inspected.nothing = [looked_round("black"), looked_round("torn")], True
     status, out, error = run(INSPECT)
     assert status == 1
-    assert "0 findings in 2 views; 2 of 2 views not usable: black (1), torn (1); finished" in out
+    assert "0 findings in 2 views; 2 of 2 views not usable: black (1), torn (1); not" in out
     assert "no view could be searched" in error
 
 
@@ -723,7 +812,40 @@ def test_an_inspection_with_some_pictures_says_how_many_could_not_be_searched(ru
     inspected.first = [looked_round("black")]
     status, out, _ = run(INSPECT)
     assert status == 0
-    assert "1 finding in 2 views; 1 of 2 views not usable: black (1); finished" in out
+    said = "not searched: pan 5.7, tilt 11.5 deg at 0.0 mm"
+    assert f"1 finding in 2 views; 1 of 2 views not usable: black (1); {said}; finished" in out
+    assert json.loads(Path("found/findings.json").read_text())["not searched"] == [
+        {
+            "view": "view 1",
+            "verdict": "black",
+            "pan [deg]": 5.7296,
+            "tilt [deg]": 11.4592,
+            "advance [mm]": 0.0,
+            "roll [deg]": 0.0,
+        }
+    ]
+    page = Path("found/report.html").read_text()
+    assert "Not searched" in page
+    assert "11.4592" in page
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ("--actuator twin:pipe --camera camera:0", "--actuator is twin:pipe, and head inspect"),
+        (
+            "--actuator bench:head.toml --camera twin:pipe",
+            "--camera is twin:pipe, and head inspect",
+        ),
+        ("--actuator bench:head.toml --camera camera:0 --resume", "there is no folder s1; give"),
+    ],
+)
+def test_an_inspection_refuses_what_it_cannot_open_in_one_sentence(run, options, sentence):
+    save_head(HeadFile(serial="H-07"), "head.json")
+    status, _, error = run(f"head inspect {options} --head head.json --out s1")
+    assert (status, error.count("\n")) == (2, 1)
+    assert sentence in error
+    assert not Path("s1").exists()
 
 
 @pytest.mark.parametrize(

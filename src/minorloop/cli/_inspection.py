@@ -17,8 +17,10 @@ from minorloop.cli._journal import (
     Journal,
     kept_views,
     lost_row,
+    missed_row,
     resumed_lines,
     row,
+    step_rows,
     view_line,
 )
 from minorloop.errors import OutputError, ParameterError, SafetyError, counted
@@ -26,7 +28,7 @@ from minorloop.files import new_folder, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.head_file import HeadFile
-    from minorloop.head.procedures.inspection import InspectedView
+    from minorloop.head.procedures.inspected_view import InspectedView
     from minorloop.head.procedures.rig import LogEntry
     from minorloop.report import Report
 
@@ -35,7 +37,18 @@ _VISITS = ("hole", "crack", "device", "camera")
 the camera cannot do."""
 _LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
 """Of candidates that were not confirmed."""
-_COLUMNS = ("kind", "phi [deg]", "z [mm]", "width [mm]", "length [mm]", "evidence", "picture")
+_MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
+"""Of directions that were not searched, as lines of sight, with the place of the catheter."""
+_COLUMNS = (
+    "kind",
+    "verdict",
+    "phi [deg]",
+    "z [mm]",
+    "width [mm]",
+    "length [mm]",
+    "evidence",
+    "picture",
+)
 
 
 def carried_out(
@@ -68,6 +81,7 @@ def carried_out(
     from minorloop.head.procedures.inspection import inspect_wall
     from minorloop.head.procedures.rig import rig_at
 
+    _check_devices(actuator, camera)
     known = read_head(head)
     begun = _begun(known, actuator, camera, advances)
     before = _Before.of(out, begun, known) if resume else _Before()
@@ -87,7 +101,7 @@ def carried_out(
                         f"{actuator} has no catheter, so that it looks round from 0 mm only; leave "
                         "--advances out"
                     )
-                kept = InspectionFolder(folder, begun, before)
+                kept = InspectionFolder(folder, begun, before, rig.calibration.radius)
                 for view in inspect_wall(rig, advances, before.views):
                     kept.add(view)
         except BaseException as error:
@@ -103,6 +117,18 @@ def carried_out(
                 )
             raise
     return kept.end(FINISHED, True)
+
+
+def _check_devices(actuator: str, camera: str) -> None:
+    """Refuse the simulated pipe, which is a plant of other commands and not of this one."""
+    from minorloop.head.console.settings import is_pipe
+
+    for name, address in (("actuator", actuator), ("camera", camera)):
+        if is_pipe(address):
+            raise ParameterError(
+                f"--{name} is {address}, and head inspect takes devices; the simulated pipe is for "
+                "head identify, head sweep and study inspection"
+            )
 
 
 def _begun(head: HeadFile, actuator: str, camera: str, advances: Sequence[float]) -> dict[str, Any]:
@@ -150,10 +176,12 @@ class InspectionFolder:
         What is inspected, and by what.
     before : _Before
         What is known of an inspection that was cut off.
+    radius : float
+        Of the pipe, in metres.
     """
 
-    def __init__(self, folder: Path, begun: dict[str, Any], before: _Before) -> None:
-        self._folder, self._views = folder, list(before.views)
+    def __init__(self, folder: Path, begun: dict[str, Any], before: _Before, radius: float) -> None:
+        self._folder, self._views, self._radius = folder, list(before.views), radius
         self._marked: list[tuple[str, Any]] = []
         (folder / "pictures").mkdir(exist_ok=bool(before.lines))
         self._journal = Journal(folder, begun, before.lines, views=len(self._views))
@@ -164,7 +192,9 @@ class InspectionFolder:
 
     def log(self, entry: LogEntry) -> None:
         """Note a step."""
-        self._journal.note("step", step=entry.what, outcome=entry.outcome)
+        self._journal.note(
+            "step", step=entry.what, outcome=entry.outcome, succeeded=entry.succeeded
+        )
 
     def add(self, view: InspectedView) -> None:
         """Keep a view: its picture, and the finding if it has one."""
@@ -172,8 +202,7 @@ class InspectionFolder:
         self._write_picture(f"{view.picture.name}.png", view.image)
         self._journal.note("view", **view_line(view))
         self._mark(view)
-        if view.finding is not None or view.unconfirmed is not None:
-            self._write_findings()
+        self._write_findings()
 
     def _mark(self, view: InspectedView) -> None:
         """Write the picture of a view with its finding marked, if it has one."""
@@ -202,20 +231,34 @@ class InspectionFolder:
         return self._all()
 
     def _all(self) -> dict[str, Any]:
+        from minorloop.head.vision.frame_checks import GOOD
+
         verdicts = [view.picture.verdict for view in self._views]
-        bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != "good"}
-        found = [row(view) for view in self._views if view.finding is not None]
+        bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != GOOD}
+        found = [
+            {**row(view), "steps": step_rows(view)}
+            for view in self._views
+            if view.finding is not None
+        ]
         return {
             **self._content,
             "views": len(self._views),
             "unusable": bad,
+            "not searched": [
+                missed_row(view)
+                for view in self._views
+                if view.looks_round and view.picture.verdict != GOOD
+            ],
             "findings": found,
             "unconfirmed": self._lost(),
         }
 
     def _lost(self) -> list[dict[str, Any]]:
-        """Return what was not confirmed, as rows."""
-        return [lost_row(view.unconfirmed) for view in self._views if view.unconfirmed is not None]
+        """Return what was not confirmed, or not visited yet, as rows."""
+        from minorloop.head.procedures.inspection import unvisited
+
+        lost = [view.unconfirmed for view in self._views if view.unconfirmed is not None]
+        return [lost_row(each) for each in (*lost, *unvisited(self._views, self._radius))]
 
     def _write_findings(self) -> None:
         from minorloop.files import table_text
@@ -247,6 +290,9 @@ class InspectionFolder:
         if content["unconfirmed"]:
             lost = table(content["unconfirmed"], _LOST_COLUMNS)
             report.add("Not confirmed", table=Table(_LOST_COLUMNS, lost))
+        if content["not searched"]:
+            missed = table(content["not searched"], _MISSED_COLUMNS)
+            report.add("Not searched", table=Table(_MISSED_COLUMNS, missed))
         pictures = [Picture(figure_of(marked), name) for name, marked in self._marked]
         report.add("Pictures of the findings", pictures=pictures)
         return report
@@ -286,13 +332,27 @@ def summary(content: dict[str, Any]) -> str:
     found, views = counted(len(content["findings"]), "finding"), counted(content["views"], "view")
     bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
     share = f"{sum(content['unusable'].values())} of {views} not usable: {bad}"
-    lost = [counted(len(row["seen in"]), "view") for row in content["unconfirmed"]]
-    more = "".join(
-        f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))
+    missed = "".join(
+        f"; not searched: pan {row['pan [deg]']:.1f}, tilt {row['tilt [deg]']:.1f} deg at "
+        f"{row['advance [mm]']:.1f} mm"
+        for row in content["not searched"]
     )
-    said = f"{found} in {views}{more}{f'; {share}' if bad else ''}; {content['ended']}"
+    less = f"{_not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
+    said = f"{found} in {views}{less}; {content['ended']}"
     safe = "is safe, as confirmed" if content["safe"] else "did NOT confirm that it is safe"
     return f"{said}; no depth without a probe; the head {safe}"
+
+
+def _not_found(unconfirmed: Sequence[dict[str, Any]]) -> str:
+    """Return how many candidates were not confirmed, and how many not visited."""
+    from minorloop.head.procedures.inspection import NOT_VISITED
+
+    lost = [
+        counted(len(row["seen in"]), "view") for row in unconfirmed if row["why"] != NOT_VISITED
+    ]
+    words = [f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))]
+    left = len(unconfirmed) - len(lost)
+    return "".join([*words, f"; {left} {NOT_VISITED}" if left else ""])
 
 
 def show(content: dict[str, Any], out: Path) -> None:

@@ -22,7 +22,7 @@ from minorloop.files import first_difference, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
-    from minorloop.head.procedures.inspection import InspectedView, Unconfirmed
+    from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
     from minorloop.head.ultrasound.c_scan import SweptBurst
     from minorloop.head.vision.cracks import TracedCrack
     from minorloop.head.vision.defects import Hole
@@ -86,10 +86,15 @@ def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[s
     Raises
     ------
     RecordError
-        If there is no journal.
+        If there is no folder, or no journal in it.
     ParameterError
         If it is finished, or another one was begun.
     """
+    if not folder.is_dir():
+        raise RecordError(
+            f"there is no folder {folder}; give that of the {what} that was cut off, or begin one "
+            "without --resume"
+        )
     lines = journal_of(folder / NAME)
     if lines[-1].get("why") == FINISHED:
         raise ParameterError(
@@ -199,7 +204,28 @@ def view_line(view: InspectedView) -> dict[str, Any]:
         "seen": [_noted(shown) for shown in view.seen],
         "finding": None if view.finding is None else row(view),
         "unconfirmed": None if view.unconfirmed is None else lost_row(view.unconfirmed),
+        "steps": step_rows(view),
     }
+
+
+def missed_row(view: InspectedView) -> dict[str, Any]:
+    """Return the direction of a view that could not be searched, and why."""
+    advance, roll = view.place
+    return {
+        "view": view.picture.name,
+        "verdict": view.picture.verdict,
+        **_degrees(view.angles),
+        "advance [mm]": round(1e3 * advance, 4),
+        "roll [deg]": round(math.degrees(roll), 4),
+    }
+
+
+def step_rows(view: InspectedView) -> list[dict[str, Any]]:
+    """Return the steps of a visit."""
+    return [
+        {"step": each.what, "outcome": each.outcome, "succeeded": each.succeeded}
+        for each in view.steps
+    ]
 
 
 def kept_views(
@@ -245,8 +271,9 @@ def kept_views(
 
 def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> InspectedView:
     """Return the view of a line."""
-    from minorloop.head.procedures.inspection import InspectedView, view_with, with_finding
+    from minorloop.head.procedures.inspected_view import InspectedView, view_with, with_finding
     from minorloop.head.procedures.pictures import InspectedPicture
+    from minorloop.head.procedures.rig import LogEntry
 
     pose, sight, lost = line["pose"], line["sight"], line["unconfirmed"]
     place = 1e-3 * pose["advance [mm]"], math.radians(pose["roll [deg]"])
@@ -259,6 +286,10 @@ def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> Inspect
         joints=_radians(pose),
         place=place,
         unconfirmed=None if lost is None else _lost(lost),
+        steps=tuple(
+            LogEntry(line["taken"], each["step"], each["outcome"], each["succeeded"])
+            for each in line.get("steps", ())  # journals of earlier versions have none
+        ),
     )
     found = view_with(found, [_restored(one) for one in line["seen"]], view.camera_at(place))
     return found if line["finding"] is None else with_finding(found, view.radius)
@@ -330,7 +361,7 @@ def lost_row(lost: Unconfirmed) -> dict[str, Any]:
 
 def _lost(noted: dict[str, Any]) -> Unconfirmed:
     """Return what a row of `lost_row` says."""
-    from minorloop.head.procedures.inspection import Unconfirmed
+    from minorloop.head.procedures.inspected_view import Unconfirmed
 
     return Unconfirmed(
         kind=noted["kind"],

@@ -8,10 +8,17 @@ import pytest
 from minorloop.errors import InstrumentError
 from minorloop.head.geometry import Pinhole, wall_distance
 from minorloop.head.procedures import inspection
-from minorloop.head.procedures.inspection import inspect_wall, views_of
+from minorloop.head.procedures.inspection import (
+    FROM_ONE_SIDE,
+    NOT_VISITED,
+    inspect_wall,
+    unvisited,
+    views_of,
+)
 from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.pipe import Bore, Pipe
 from minorloop.head.vision.cracks import TracedCrack
+from minorloop.head.vision.defects import Findings
 
 from .fakes import CALIBRATION, MOUNT
 from .test_rig import Devices, on_bench
@@ -51,6 +58,17 @@ def test_a_hole_is_found_centred_and_measured_and_each_view_is_handed_out_at_onc
     assert np.isnan(near.finding.depth)
     assert np.hypot(*(near.picture.findings[0].pixel - (319.5, 239.5))) < 20.0
     assert [entry.what for entry in rig.log] == ["view 1", "view 2", "pick", "centre", "hole 1"]
+    assert near.steps == tuple(rig.log[2:4])
+
+
+def test_the_verdict_of_a_finding_names_the_steps_that_failed(rig, monkeypatch):
+    def off(rig, *_, **__):
+        rig.say("centre", "28.5 px from the middle", succeeded=False)
+
+    monkeypatch.setattr(inspection, "centre", off)
+    *_, last = inspect_wall(rig)
+    assert last.finding.verdict == "no probe, but failed: centre"
+    assert [step.what for step in last.steps] == ["pick", "centre"]
 
 
 def test_a_hole_that_the_centred_view_does_not_show_is_found_from_another_side(rig, monkeypatch):
@@ -79,6 +97,9 @@ def test_what_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch)
     assert wall_distance((lost.phi, lost.z), PLACE, 10e-3) < 0.1e-3
     assert lost.evidence == views[0].picture.findings[0].evidence
     assert rig.log[-1].outcome == "not seen again; seen in 1 view, not confirmed"
+    left = [unvisited(views[:count], 10e-3) for count in (2, 3, 4)]
+    assert [[each.why for each in some] for some in left] == [[NOT_VISITED], [FROM_ONE_SIDE], []]
+    assert (left[0][0].phi, left[0][0].seen_in) == (lost.phi, ("view 1",))
 
 
 def test_a_crack_that_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch):
@@ -91,6 +112,24 @@ def test_a_crack_that_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monk
     assert (last.unconfirmed.kind, last.unconfirmed.seen_in) == ("crack", ("view 1", "view 2"))
     assert np.isnan(last.unconfirmed.evidence)
     assert "seen in 2 views, not confirmed" in rig.log[-1].outcome
+
+
+@pytest.mark.parametrize(
+    ("bad", "verdict", "words"), [(1, "good", "1 candidate"), (2, "frozen", "frozen")]
+)
+def test_a_view_that_cannot_be_used_is_taken_once_more(rig, monkeypatch, bad, verdict, words):
+    real, left = inspection.search, iter(range(bad))
+
+    def search(rig, frames):
+        found = real(rig, frames)
+        return Findings((), "frozen") if next(left, None) is not None else found
+
+    monkeypatch.setattr(inspection, "search", search)
+    first = next(inspect_wall(rig))
+    assert first.picture.verdict == verdict
+    (once, then) = [entry.outcome for entry in rig.log]
+    assert once == "frozen; taken once more"
+    assert then.startswith(words)
 
 
 def test_candidates_beyond_the_most_that_are_visited_are_told(rig, monkeypatch):

@@ -19,15 +19,16 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import counted
 from minorloop.head.geometry import Pinhole, wall_distance
 from minorloop.head.procedures.extract import SAME, nearest
-from minorloop.head.procedures.mark import aim_at
-from minorloop.head.procedures.pictures import (
-    CRACK,
-    InspectedPicture,
-    PictureFinding,
-    crack_in,
-    hole_in,
+from minorloop.head.procedures.inspected_view import (
+    AROUND,
+    InspectedView,
+    Unconfirmed,
+    view_with,
+    with_finding,
 )
-from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.mark import aim_at
+from minorloop.head.procedures.pictures import CRACK, InspectedPicture
+from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.steps import NEAR, acquire, centre, go, meter, pick, search
 from minorloop.head.procedures.trace import (
     likely,
@@ -37,17 +38,16 @@ from minorloop.head.procedures.trace import (
     whole_course,
     widest,
 )
-from minorloop.head.reconstruction.findings import UNDECIDED, Finding, outlined
-from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
+from minorloop.head.reconstruction.findings import UNDECIDED
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
 from minorloop.head.vision.frame_checks import GOOD
 
-__all__ = ["InspectedView", "Unconfirmed", "inspect_wall", "view_with", "views_of", "with_finding"]
+__all__ = ["inspect_wall", "unvisited", "views_of"]
 
-NO_PROBE = "no probe"
-"""Verdict of the echoes of each finding."""
+NOT_VISITED, FROM_ONE_SIDE = "seen, not visited", "not seen again, not looked at from another side"
+"""Why candidates of an inspection that ended early, or has too many of them, are no findings."""
 _DEFLECTION = math.radians(25.0)
 """Deflection of the views that look round: the head turns by up to 30."""
 _FEWEST_VIEWS = 8
@@ -56,72 +56,6 @@ _MOST_HOLES, _MOST_CRACKS = 24, 8
 
 
 Candidate = TypeVar("Candidate", Hole, TracedCrack)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Unconfirmed:
-    """A candidate that was visited and not seen again.
-
-    Parameters
-    ----------
-    kind : str
-        ``hole or pit``, or ``crack``.
-    phi, z : float
-        Place on the wall, in radians and metres.
-    evidence : float
-        The largest of its views, as of a `Hole`; NaN for a crack.
-    seen_in : tuple of str
-        Names of the views that show it there.
-    why : str
-        What its visit showed instead.
-    """
-
-    kind: str
-    phi: float
-    z: float
-    evidence: float
-    seen_in: tuple[str, ...]
-    why: str
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class InspectedView:
-    """One acquisition of an inspection.
-
-    Parameters
-    ----------
-    picture : InspectedPicture
-        What it shows: candidates on the way round, and then the one that was visited.
-    image : (height, width) array of uint8
-        Under all lights.
-    angles : (float, float)
-        Pan and tilt of the line of sight, in radians.
-    joints : (float, float)
-        Pan and tilt that the joints read there, in radians, as a file of poses has them.
-    place : (float, float)
-        Advance in metres and roll in radians of the catheter.
-    seen : tuple of Hole and TracedCrack
-        What the picture shows: with them an inspection that was cut off goes on.
-    finding : Finding, optional
-        The candidate that was visited, if it was seen again.
-    evidence : float
-        Of the finding, as of a `Hole`; NaN for a crack.
-    course : (N, 2) array
-        Phi and z along the rim of a hole, or along a crack.
-    unconfirmed : Unconfirmed, optional
-        The candidate that was visited, if it was not seen again.
-    """
-
-    picture: InspectedPicture
-    image: Image
-    angles: tuple[float, float]
-    joints: tuple[float, float]
-    place: tuple[float, float]
-    seen: tuple[Hole | TracedCrack, ...] = ()
-    finding: Finding | None = None
-    evidence: float = math.nan
-    course: FloatArray | None = None
-    unconfirmed: Unconfirmed | None = None
 
 
 @dataclass(eq=False)
@@ -136,6 +70,7 @@ class _Seen:
     angles: tuple[float, float]
     joints: tuple[float, float]
     place: tuple[float, float]
+    steps: tuple[LogEntry, ...] = ()
 
     def view(self, *shown: Hole | TracedCrack) -> InspectedView:
         """Return the view with some of what was found."""
@@ -145,6 +80,7 @@ class _Seen:
             angles=self.angles,
             joints=self.joints,
             place=self.place,
+            steps=self.steps,
         )
         return view_with(view, shown, self.camera)
 
@@ -162,33 +98,6 @@ class _Sighting(Generic[Candidate]):
 
     shown: Candidate
     view: InspectedView
-
-
-def view_with(
-    view: InspectedView, shown: Sequence[Hole | TracedCrack], camera: CalibratedCamera
-) -> InspectedView:
-    """Return a view that shows holes and cracks, as seen by the camera at its place."""
-    found = tuple(_in_picture(each, camera, view.angles) for each in shown)
-    return replace(view, seen=tuple(shown), picture=replace(view.picture, findings=found))
-
-
-def with_finding(view: InspectedView, radius: float) -> InspectedView:
-    """Return the view of a visit with the one that it shows as its finding."""
-    (shown,) = view.seen
-    if isinstance(shown, Hole):
-        phi, z = shown.place.tolist()
-        found = outlined(phi, z, shown.diameter, NO_PROBE, radius=radius)
-        return replace(view, finding=found, evidence=shown.evidence, course=shown.rim)
-    found = crack_finding(shown.places, widest(shown)[1], CrackDepth(NO_PROBE), radius)
-    return replace(view, finding=found, course=shown.places)
-
-
-def _in_picture(
-    shown: Hole | TracedCrack, camera: CalibratedCamera, angles: tuple[float, float]
-) -> PictureFinding:
-    if isinstance(shown, Hole):
-        return hole_in(shown, camera, angles)
-    return crack_in(shown, camera, angles)
 
 
 def views_of(lens: Pinhole) -> FloatArray:
@@ -228,18 +137,16 @@ def inspect_wall(
     radius = rig.calibration.radius
     known = {view.picture.name: view for view in done}
     views = yield from _looked_round(rig, advances, known)
-    holes = [_Sighting(one, view) for view in views for one in view.seen if isinstance(one, Hole)]
+    holes = _sightings(views, Hole)
     found: list[Hole] = []
     best = strongest([each.shown for each in holes], radius, -math.inf)
     _say_limit(rig, "holes", len(best), _MOST_HOLES)
     for k, hole in enumerate(best[:_MOST_HOLES], 1):
         if not _known(hole, found, radius):
-            same = [each for each in holes if _known(each.shown, [hole], radius)]
+            same = _same(hole, holes, radius)
             again = yield from _visited(rig, hole, same, f"hole {k}", known)
             found += [] if again is None or _known(again, found, radius) else [again]
-    traces = [
-        _Sighting(one, view) for view in views for one in view.seen if isinstance(one, TracedCrack)
-    ]
+    traces = _sightings(views, TracedCrack)
     cracks: list[TracedCrack] = []
     courses = [trace for trace, _ in likely([each.shown for each in traces], (), radius)]
     _say_limit(rig, "cracks", len(courses), _MOST_CRACKS)
@@ -247,10 +154,67 @@ def inspect_wall(
         if not any(one_course(trace.places, each.places, radius) for each in cracks):
             name = f"crack {k}"
             if name not in known:
-                alike = [e for e in traces if one_course(e.shown.places, trace.places, radius)]
+                alike = _alike(trace, traces, radius)
                 known[name] = _followed(rig, trace, _names(alike), name)
                 yield known[name]
             cracks += [one for one in known[name].seen if isinstance(one, TracedCrack)]
+
+
+def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed]:
+    """Return what views show, and none of them visits, or not from both sides.
+
+    Parameters
+    ----------
+    views : sequence of InspectedView
+        All of an inspection so far.
+    radius : float
+        Of the pipe, in metres.
+    """
+    names = {view.picture.name for view in views}
+    around = [view for view in views if view.looks_round]
+    visited = [one for view in views if not view.looks_round for one in view.seen]
+    holes, traces = _sightings(around, Hole), _sightings(around, TracedCrack)
+    found = [one for one in visited if isinstance(one, Hole)]
+    left = []
+    for k, hole in enumerate(strongest([each.shown for each in holes], radius, -math.inf), 1):
+        if f"hole {k} again" not in names and not _known(hole, found, radius):
+            why = FROM_ONE_SIDE if f"hole {k}" in names else NOT_VISITED
+            phi, z = hole.place.tolist()
+            seen_in = _names(_same(hole, holes, radius))
+            left.append(
+                Unconfirmed(
+                    kind=UNDECIDED, phi=phi, z=z, evidence=hole.evidence, seen_in=seen_in, why=why
+                )
+            )
+    cracks = [one for one in visited if isinstance(one, TracedCrack)]
+    for k, (trace, _) in enumerate(likely([each.shown for each in traces], (), radius), 1):
+        known = any(one_course(trace.places, each.places, radius) for each in cracks)
+        if f"crack {k}" not in names and not known:
+            phi, z = trace.places[len(trace.places) // 2].tolist()
+            seen_in = _names(_alike(trace, traces, radius))
+            left.append(
+                Unconfirmed(
+                    kind=CRACK, phi=phi, z=z, evidence=math.nan, seen_in=seen_in, why=NOT_VISITED
+                )
+            )
+    return left
+
+
+def _sightings(views: Sequence[InspectedView], kind: type[Candidate]) -> list[_Sighting[Candidate]]:
+    """Return the candidates of a kind that views show."""
+    return [_Sighting(one, view) for view in views for one in view.seen if isinstance(one, kind)]
+
+
+def _same(hole: Hole, holes: Sequence[_Sighting[Hole]], radius: float) -> list[_Sighting[Hole]]:
+    """Return the sightings of a hole."""
+    return [each for each in holes if _known(each.shown, [hole], radius)]
+
+
+def _alike(
+    trace: TracedCrack, traces: Sequence[_Sighting[TracedCrack]], radius: float
+) -> list[_Sighting[TracedCrack]]:
+    """Return the sightings of a crack."""
+    return [each for each in traces if one_course(each.shown.places, trace.places, radius)]
 
 
 def _looked_round(
@@ -261,7 +225,7 @@ def _looked_round(
     for advance in advances:
         there = False
         for angles in views_of(rig.calibration.lens):
-            name = f"view {len(views) + 1}"
+            name = f"{AROUND} {len(views) + 1}"
             if name not in known:
                 if not there:
                     _go(rig, place=(advance, 0.0))
@@ -294,10 +258,14 @@ def _go(rig: InspectionRig, **where: object) -> None:
 
 
 def _seen(rig: InspectionRig, name: str) -> _Seen:
-    """Expose, take an acquisition and search it."""
-    meter(rig)
-    frames, t, place = acquire(rig), rig.t, rig.place
-    found = search(rig, frames)
+    """Expose, take an acquisition and search it; take one that cannot be used once more."""
+    for again in (True, False):
+        meter(rig)
+        frames, t, place = acquire(rig), rig.t, rig.place
+        found = search(rig, frames)
+        if found.verdict == GOOD or not again:
+            break
+        rig.say(name, f"{found.verdict}; taken once more")
     (advance, roll), view = place.tolist(), rig.calibration
     sight = frames[-1].pan, frames[-1].tilt
     pan, tilt = np.radians(view.joints(sight)).tolist()
@@ -313,13 +281,14 @@ def _approached(
     rig: InspectionRig, place: FloatArray, words: str, name: str, *, outlined: bool = False
 ) -> _Seen:
     """Centre a place, go nearer if a catheter can, and search there."""
+    begun = len(rig.log)
     pick(rig, place, words)
     centre(rig, place, outlined=outlined)
     rig.check_sensors()
     if rig.travels:
         _go(rig, place=np.add(rig.place, (NEAR, 0.0)))
         _go(rig, angles=aim_at(rig.calibration, place, rig.place))
-    return _seen(rig, name)
+    return replace(_seen(rig, name), steps=tuple(rig.log[begun:]))
 
 
 def _visited(
@@ -339,10 +308,11 @@ def _visited(
             rig.say(name, f"{seen.missing}; looked at from another side")
         yield view
     if view.finding is None:
-        name = f"{name} again"
+        name, before = f"{name} again", view.steps
         view = known.get(name)
         if view is None:
             seen = _from_aside(rig, next(each for each in same if each.shown is hole), name)
+            seen = replace(seen, steps=before)
             view = _seen_again(rig, seen, hole)
             if view.finding is None:
                 phi, z = hole.place.tolist()
@@ -382,11 +352,13 @@ def _not_confirmed(
     names: tuple[str, ...],
 ) -> InspectedView:
     """Return the view of a visit with its candidate, which views show and this one does not."""
+    view = seen.view()
+    why = f"{seen.missing}; {view.failed}" if view.failed else seen.missing
     lost = Unconfirmed(
-        kind=kind, phi=place[0], z=place[1], evidence=evidence, seen_in=names, why=seen.missing
+        kind=kind, phi=place[0], z=place[1], evidence=evidence, seen_in=names, why=why
     )
-    rig.say(seen.name, f"{seen.missing}; seen in {counted(len(names), 'view')}, not confirmed")
-    return replace(seen.view(), unconfirmed=lost)
+    rig.say(seen.name, f"{why}; seen in {counted(len(names), 'view')}, not confirmed")
+    return replace(view, unconfirmed=lost)
 
 
 def _names(same: Sequence[_Sighting[Candidate]]) -> tuple[str, ...]:

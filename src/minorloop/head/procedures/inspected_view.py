@@ -1,0 +1,137 @@
+"""Views of an inspection: what each shows, and the candidate that it confirms or does not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from minorloop.arrays import FloatArray
+from minorloop.head.procedures.pictures import (
+    InspectedPicture,
+    PictureFinding,
+    crack_in,
+    hole_in,
+)
+from minorloop.head.procedures.rig import LogEntry
+from minorloop.head.procedures.trace import widest
+from minorloop.head.reconstruction.findings import Finding, outlined
+from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
+from minorloop.head.vision.cracks import TracedCrack
+from minorloop.head.vision.defects import Hole
+
+__all__ = ["InspectedView", "Unconfirmed", "view_with", "with_finding"]
+
+NO_PROBE = "no probe"
+"""Verdict of the echoes of each finding."""
+AROUND = "view"
+"""First word of the names of views that look round; the others visit a candidate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unconfirmed:
+    """A candidate that was not seen again, or not visited.
+
+    Parameters
+    ----------
+    kind : str
+        ``hole or pit``, or ``crack``.
+    phi, z : float
+        Place on the wall, in radians and metres.
+    evidence : float
+        The largest of its views, as of a `Hole`; NaN for a crack.
+    seen_in : tuple of str
+        Names of the views that show it there.
+    why : str
+        What its visit showed instead, or that there was none.
+    """
+
+    kind: str
+    phi: float
+    z: float
+    evidence: float
+    seen_in: tuple[str, ...]
+    why: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InspectedView:
+    """One acquisition of an inspection.
+
+    Parameters
+    ----------
+    picture : InspectedPicture
+        What it shows: candidates on the way round, and then the one that was visited.
+    image : (height, width) array of uint8
+        Under all lights.
+    angles : (float, float)
+        Pan and tilt of the line of sight, in radians.
+    joints : (float, float)
+        Pan and tilt that the joints read there, in radians, as a file of poses has them.
+    place : (float, float)
+        Advance in metres and roll in radians of the catheter.
+    seen : tuple of Hole and TracedCrack
+        What the picture shows: with them an inspection that was cut off goes on.
+    finding : Finding, optional
+        The candidate that was visited, if it was seen again.
+    evidence : float
+        Of the finding, as of a `Hole`; NaN for a crack.
+    course : (N, 2) array
+        Phi and z along the rim of a hole, or along a crack.
+    unconfirmed : Unconfirmed, optional
+        The candidate that was visited, if it was not seen again.
+    steps : tuple of LogEntry
+        Of the visit, before it was searched; the verdict of the finding names those that failed.
+    """
+
+    picture: InspectedPicture
+    image: Image
+    angles: tuple[float, float]
+    joints: tuple[float, float]
+    place: tuple[float, float]
+    seen: tuple[Hole | TracedCrack, ...] = ()
+    finding: Finding | None = None
+    evidence: float = math.nan
+    course: FloatArray | None = None
+    unconfirmed: Unconfirmed | None = None
+    steps: tuple[LogEntry, ...] = ()
+
+    @property
+    def failed(self) -> str:
+        """Names of the steps that failed, after ``failed: ``; empty without any."""
+        names = [each.what for each in self.steps if not each.succeeded]
+        return f"failed: {', '.join(names)}" if names else ""
+
+    @property
+    def looks_round(self) -> bool:
+        """Whether it is one of those that look round, and visits no candidate."""
+        return self.picture.name.partition(" ")[0] == AROUND
+
+
+def view_with(
+    view: InspectedView, shown: Sequence[Hole | TracedCrack], camera: CalibratedCamera
+) -> InspectedView:
+    """Return a view that shows holes and cracks, as seen by the camera at its place."""
+    found = tuple(_in_picture(each, camera, view.angles) for each in shown)
+    return replace(view, seen=tuple(shown), picture=replace(view.picture, findings=found))
+
+
+def with_finding(view: InspectedView, radius: float) -> InspectedView:
+    """Return the view of a visit with the one that it shows as its finding."""
+    (shown,) = view.seen
+    verdict = f"{NO_PROBE}, but {view.failed}" if view.failed else NO_PROBE
+    if isinstance(shown, Hole):
+        phi, z = shown.place.tolist()
+        found = outlined(phi, z, shown.diameter, verdict, radius=radius)
+        return replace(view, finding=found, evidence=shown.evidence, course=shown.rim)
+    found = crack_finding(shown.places, widest(shown)[1], CrackDepth(verdict), radius)
+    return replace(view, finding=found, course=shown.places)
+
+
+def _in_picture(
+    shown: Hole | TracedCrack, camera: CalibratedCamera, angles: tuple[float, float]
+) -> PictureFinding:
+    if isinstance(shown, Hole):
+        return hole_in(shown, camera, angles)
+    return crack_in(shown, camera, angles)
