@@ -19,8 +19,14 @@ import socket
 import threading
 import time
 
-import cv2
-import numpy as np
+try:
+    import cv2
+    import numpy as np
+except ModuleNotFoundError as missing:
+    raise SystemExit(
+        f"{missing.name} is not installed; run make setup in the copy of the repository and start "
+        "this program by .venv/bin/python, or pip install numpy opencv-python-headless"
+    ) from None
 
 BOUNDARY = "picture"
 WIDTH, HEIGHT, FOCAL = 640, 480, 520.0

@@ -5,6 +5,7 @@ import inspect
 import re
 import runpy
 import shutil
+import sys
 from importlib import import_module
 
 import pytest
@@ -191,6 +192,19 @@ def test_the_table_of_public_names_is_complete_and_right():
             if inspect.ismodule(found)
             else getattr(import_module(module), last)
         )
+
+
+@pytest.mark.parametrize(
+    ("example", "package", "words"),
+    [
+        ("simulated_pipe", "cv2", "cv2 is not installed; run make setup"),
+        ("home_made_plant", "serial", r"pyserial is not installed; .*\[instruments\]"),
+    ],
+)
+def test_an_example_names_the_installation_that_it_needs(example, package, words, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises((SystemExit, ImportError), match=words):
+        runpy.run_path(str(ROOT / "examples" / f"{example}.py"))
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)

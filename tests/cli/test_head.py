@@ -1,4 +1,6 @@
+import base64
 import json
+import math
 import re
 import shutil
 import signal
@@ -14,6 +16,7 @@ import pytest
 
 from minorloop.cli import _calibration
 from minorloop.cli._seen import seen_head, swept_view
+from minorloop.cli._sweep_journal import burst_line
 from minorloop.cli.run import carry_out_levels
 from minorloop.errors import InstrumentError, ParameterError, SafetyError, StoreError
 from minorloop.head.control.head import head_control
@@ -23,6 +26,8 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.twins.head import Head
+from minorloop.head.ultrasound.c_scan import SweptBurst
+from minorloop.head.ultrasound.echoes import Burst
 from minorloop.lab.actuator import Channel, Frame
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
@@ -970,10 +975,14 @@ def identified_at_once(monkeypatch):
 
 def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, tmp_path):
     for options, words in (
-        ("--actuator bench:head.toml", "no ultrasonic probe"),
-        ("--along 19,40", "to 10 mm"),
+        ("--actuator bench:head.toml", "is not a head with an ultrasonic probe"),
+        (
+            "--actuator twin:ipmc",
+            "twin:ipmc is not a head with an ultrasonic probe; give twin:pipe",
+        ),
+        ("--along 19,31", "which are 12 mm; give at least 0.48, two widths"),
         ("--along 101,103", "up to the end of the pipe at 102.4 mm"),
-        ("--around 10,5", "give a last angle that is greater"),
+        ("--around 10,5", "which are -5 degrees; give at least 2.8, two"),
         ("--around 10,11", "from 10 to 11 degrees"),
     ):
         status, _, error = run(f"{SWEEP} {options}")
@@ -1049,3 +1058,147 @@ def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identif
     assert "along [mm] was [19.3, 20.5] and is" in run(f"{sweep} cut --along 19,20 --resume")[2]
     Path("cut/journal.jsonl").write_text("\n".join([lines[0], '{"what": "burst", "t": 1}']))
     assert "line 2 of cut/journal.jsonl is not the whole" in run(f"{sweep} cut --resume")[2]
+
+
+SWEPT = f"{SWEEP} --specimen 1000 --seed 1000"
+
+
+def made_up_journal(bursts=3, **changes):
+    """Write the journal of a sweep that was cut off, with changes of its second burst."""
+    begun = {
+        "actuator": "twin:pipe",
+        "specimen": 1000,
+        "seed": 1000,
+        "around [deg]": [0.0, 180.0],
+        "along [mm]": [19.0, 19.5],
+    }
+    trace = 0.01 * np.random.default_rng(1000).standard_normal(2000)
+    burst = Burst(trace, 1e-8, np.array([-0.35, -0.27]), 4, 4, 0.005)
+    lines = [{"what": "begin", "t": 0.0, **begun, "began": "2026-01-01T00:00:00Z"}]
+    for n in range(bursts):
+        phi = 0.1 + 0.02 * n
+        spot = np.array([phi, 19.1e-3, 8e-3])
+        one = SweptBurst(10.0 + n, np.array([19.2e-3, phi - 3.0]), spot, burst)
+        lines.append({"what": "burst", "t": 1.0 + n, **burst_line(one)})
+    lines[2].update(changes)
+    file = Path("swept/journal.jsonl")
+    file.parent.mkdir()
+    file.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    return file
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"interval": 0.0}, "has 0.0 as 'interval', which must be 1e-09 to 5e-08"),
+        ({"interval": "1e-8"}, "has '1e-8' as 'interval'"),
+        (
+            {"spot": [1e300, 0, 0]},
+            "has [1e+300, 0, 0] as 'spot', which must be -6.283 to 6.283 and",
+        ),
+        ({"spot": [0.1, 0.019]}, "has [0.1, 0.019] as 'spot'"),
+        ({"angles": [math.nan, 0.0]}, "has [nan, 0.0] as 'angles'"),
+        ({"place": [19.0, 0.0]}, "has [19.0, 0.0] as 'place'"),
+        ({"fired": 10**400}, "has 1000000"),
+        ({"noise": -1.0}, "has -1.0 as 'noise'"),
+        ({"shots": [True, 4]}, "has [True, 4] as 'shots'"),
+        ({"verdict": None}, "has the verdict None"),
+        ({"t": math.nan}, "has nan as 't'"),
+        ({"trace": base64.b64encode(bytes(24)).decode()}, "has a trace of 3 samples"),
+        ({"trace": base64.b64encode(np.full(2000, 7.0)).decode()}, "has the sample 7 in its"),
+        ({"trace": "AAA"}, "is not the whole line of a burst"),
+    ],
+)
+@pytest.mark.usefixtures("identified_at_once")
+def test_a_journal_with_an_impossible_value_is_refused_before_a_shot(
+    run, monkeypatch, changes, words
+):
+    monkeypatch.setattr(InspectionRig, "run", lambda *_: pytest.fail("the sweep began"))
+    file = made_up_journal(**changes)
+    before = file.read_bytes()
+    status, _, error = run(f"{SWEPT} --resume")
+    assert status == 2
+    assert f"line 3 of {file} {words}" in " ".join(error.split())
+    assert "delete this line and all lines after it" in " ".join(error.split())
+    assert file.read_bytes() == before
+    assert [each.name for each in file.parent.iterdir()] == [file.name]
+
+
+def ended_at_once(rig, procedure, state, told):
+    """Run no sweep, and end it as one whose catheter is stuck."""
+    return replace(state, trouble="stopped by the test", done=True)
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_what_is_before_a_damaged_line_of_a_journal_is_kept_and_the_rest_is_fired_again(
+    run, monkeypatch
+):
+    monkeypatch.setattr(InspectionRig, "run", lambda *given: told_once(*given))
+
+    def told_once(rig, procedure, state, told):
+        told(state)
+        return ended_at_once(rig, procedure, state, told)
+
+    file = made_up_journal(5)
+    lines = file.read_bytes().split(b"\n")
+    for piece in (lines[3][:300], b"\xff" + lines[3], b"\0" * 400, b"12", b"", b"[" * 10**5):
+        damaged = b"\n".join([*lines[:3], piece, *lines[4:]])
+        file.write_bytes(damaged)
+        status, _, error = run(f"{SWEPT} --resume")
+        assert status == 0, error
+        said = " ".join(error.split())
+        assert f"line 4 of {file} is damaged; what is kept before it: 2 bursts" in said
+        copies = sorted(file.parent.glob("journal.damaged*.jsonl"))
+        assert copies[0].read_bytes() == damaged
+        assert str(copies[0]) in said
+        again = file.read_bytes().split(b"\n")
+        assert again[:3] == lines[:3]
+        assert [json.loads(each)["what"] for each in again[3:-1]] == ["resume", "end"]
+        copies[0].unlink()
+    file.write_bytes(b"\n".join([b"{", *lines[1:]]))
+    assert "is not the journal" in run(f"{SWEPT} --resume")[2]
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_a_second_damaged_journal_is_kept_beside_the_first(run, monkeypatch):
+    monkeypatch.setattr(InspectionRig, "run", ended_at_once)
+    file = made_up_journal()
+    for copy in ("journal.damaged.jsonl", "journal.damaged1.jsonl"):
+        damaged = b"\n".join([*file.read_bytes().split(b"\n")[:2], b"{", b""])
+        file.write_bytes(damaged)
+        run(f"{SWEPT} --resume")
+        assert (file.parent / copy).read_bytes() == damaged
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_a_burst_without_a_trace_is_resumed(run, monkeypatch):
+    """Its numbers are not known, as `average` returns it."""
+    monkeypatch.setattr(InspectionRig, "run", ended_at_once)
+    nothing = {"interval": 0.0, "noise": math.nan, "angles": [math.nan] * 2, "trace": ""}
+    made_up_journal(verdict="dropout", spot=[math.nan] * 3, **nothing)
+    status, output, error = run(f"{SWEPT} --resume")
+    assert status == 0, error
+    assert "in 3 bursts" in output
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_a_sweep_says_its_stage_and_share_once_it_fires(run, monkeypatch):
+    def swept(rig, procedure, state, told):
+        told(replace(state, stage="run up"))
+        told(replace(state, stage="line"))
+        told(replace(state, stage="line", lines=1, progress=0.5))
+        return ended_at_once(rig, procedure, state, told)
+
+    monkeypatch.setattr(InspectionRig, "run", swept)
+    error = run(SWEPT)[2]
+    assert error.splitlines() == [
+        "run-up to line 1: 0% of the area, 0 bursts",
+        "firing line 1: 0% of the area, 0 bursts",
+    ]
+
+
+@pytest.mark.parametrize("verb", ["sweep", "inspect"])
+def test_the_help_of_a_verb_for_a_head_names_the_address_of_one(run, verb):
+    shown = run(f"head {verb} --help")[1]
+    assert "twin:ipmc" not in shown
+    assert {"sweep": "twin:pipe", "inspect": "bench:head.toml"}[verb] in shown

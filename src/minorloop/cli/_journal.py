@@ -5,7 +5,6 @@ It has a line for each view of an inspection, and for each burst of a sweep.
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 import os
@@ -23,7 +22,6 @@ from minorloop.files import first_difference, write_atomically
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
-    from minorloop.head.ultrasound.c_scan import SweptBurst
     from minorloop.head.vision.cracks import TracedCrack
     from minorloop.head.vision.defects import Hole
 
@@ -81,14 +79,14 @@ class Journal:
 
 
 def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[str, Any]]:
-    """Return the lines of the journal of an inspection or a sweep that was cut off.
+    """Return the lines of the journal of an inspection that was cut off.
 
     Raises
     ------
     RecordError
         If there is no folder, or no journal in it.
     ParameterError
-        If it is finished, or another one was begun.
+        As `check_resumed`.
     """
     if not folder.is_dir():
         raise RecordError(
@@ -96,6 +94,20 @@ def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[s
             "without --resume"
         )
     lines = journal_of(folder / NAME)
+    check_resumed(lines, folder, begun, what)
+    return lines
+
+
+def check_resumed(
+    lines: Sequence[dict[str, Any]], folder: Path, begun: dict[str, Any], what: str
+) -> None:
+    """Refuse to go on with an inspection or a sweep that cannot be resumed.
+
+    Raises
+    ------
+    ParameterError
+        If it is finished, or another one was begun.
+    """
     if lines[-1].get("why") == FINISHED:
         raise ParameterError(
             f"the {what} in {folder} is finished; give another folder, without --resume"
@@ -106,7 +118,6 @@ def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[s
             f"the {what} in {folder} is another one: {other}; resume it as it was begun, or give "
             "another folder"
         )
-    return lines
 
 
 def journal_of(file: Path) -> list[dict[str, Any]]:
@@ -117,74 +128,39 @@ def journal_of(file: Path) -> list[dict[str, Any]]:
     RecordError
         If it is no journal.
     """
-    try:
-        *lines, rest = file.read_text(encoding="utf-8", errors="replace").split("\n")
-        found = [json.loads(line) for line in lines]
-    except (OSError, ValueError):
-        found, rest = [], ""
-    with suppress(ValueError):
-        found.append(json.loads(rest))
-    if not found or not all(isinstance(line, dict) and "what" in line for line in found):
-        raise RecordError(
-            f"{file} is not the journal of an inspection or a sweep, or is damaged; give its {NAME}"
-        )
+    every = parsed_lines(file)
+    found = [line for line in every if line is not None]
+    if not found or len(found) < len(every):
+        raise unreadable(file)
     return found
 
 
-def burst_line(swept: SweptBurst) -> dict[str, Any]:
-    """Return the content of the line of a burst; its numbers are exact."""
-    import numpy as np
+def parsed_lines(file: Path) -> list[dict[str, Any] | None]:
+    """Return the lines of a journal, None for one that is damaged; none if it cannot be read.
 
-    burst = swept.burst
-    return {
-        "fired": swept.t,
-        "place": swept.place.tolist(),
-        "spot": swept.spot.tolist(),
-        "angles": burst.angles.tolist(),
-        "shots": [burst.used, burst.fired],
-        "noise": burst.noise,
-        "verdict": burst.verdict,
-        "interval": burst.sample_interval,
-        "trace": base64.b64encode(np.asarray(burst.trace, dtype="<f8").tobytes()).decode(),
-    }
-
-
-def kept_bursts(file: Path, lines: list[dict[str, Any]]) -> list[SweptBurst]:
-    """Return the bursts of the journal of a sweep.
-
-    Raises
-    ------
-    RecordError
-        If a line of a burst lacks something.
+    A last one that was not written to its end is left out.
     """
-    import numpy as np
+    try:
+        *lines, rest = file.read_bytes().split(b"\n")
+    except OSError:
+        return []
+    found, last = [_parsed(line) for line in lines], _parsed(rest)
+    return found if last is None else [*found, last]
 
-    from minorloop.head.ultrasound.c_scan import SweptBurst
-    from minorloop.head.ultrasound.echoes import Burst
 
-    found = []
-    for number, line in enumerate(lines, 1):
-        if line["what"] != "burst":
-            continue
-        try:
-            trace = np.frombuffer(base64.b64decode(line["trace"], validate=True), "<f8")
-            used, fired = line["shots"]
-            burst = Burst(
-                trace.astype(np.float64),
-                line["interval"],
-                np.array(line["angles"]),
-                used,
-                fired,
-                line["noise"],
-                line["verdict"],
-            )
-            place, spot = np.array(line["place"]), np.array(line["spot"])
-            found.append(SweptBurst(line["fired"], place, spot, burst))
-        except (KeyError, TypeError, ValueError):
-            raise RecordError(
-                f"line {number} of {file} is not the whole line of a burst; sweep into a new folder"
-            ) from None
-    return found
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    with suppress(ValueError, RecursionError):
+        found = json.loads(line)
+        if isinstance(found, dict) and "what" in found:
+            return found
+    return None
+
+
+def unreadable(file: Path) -> RecordError:
+    """Return the error of a file that is no journal, or of which nothing can be used."""
+    return RecordError(
+        f"{file} is not the journal of an inspection or a sweep, or is damaged; give its {NAME}"
+    )
 
 
 def view_line(view: InspectedView) -> dict[str, Any]:

@@ -11,14 +11,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._journal import (
-    FINISHED,
-    NAME,
-    Journal,
-    burst_line,
-    kept_bursts,
-    resumed_lines,
-)
+from minorloop.cli._journal import FINISHED, Journal
+from minorloop.cli._sweep_journal import SweptBefore, burst_line
 from minorloop.errors import ParameterError, counted
 
 if TYPE_CHECKING:
@@ -59,8 +53,7 @@ def carried_out(
     from minorloop.files import new_folder
     from minorloop.head.console.identified_head import head_of
     from minorloop.head.console.plant import open_plant, open_tip
-    from minorloop.head.console.settings import is_pipe
-    from minorloop.head.procedures.actuator_plant import NO_PROBE
+    from minorloop.head.console.settings import PIPE, is_pipe
     from minorloop.head.procedures.rig import InspectionRig
     from minorloop.head.procedures.sweep import ProbeSweep
     from minorloop.head.reconstruction.depth_map import Patch
@@ -69,7 +62,10 @@ def carried_out(
     from minorloop.lab.signals import ended_by_signals
 
     if not is_pipe(actuator):
-        raise ParameterError(f"{NO_PROBE}; give twin:pipe, whose head has one")
+        raise ParameterError(
+            f"the actuator {actuator} is not a head with an ultrasonic probe; give {PIPE}, the "
+            "only address that has one"
+        )
     phi = math.radians(around[0]), math.radians(around[1])
     z = 1e-3 * along[0], 1e-3 * along[1]
     begun = {
@@ -79,8 +75,7 @@ def carried_out(
         "around [deg]": list(around),
         "along [mm]": list(along),
     }
-    lines = resumed_lines(out, begun, "sweep") if resume else []
-    before = kept_bursts(out / NAME, lines)
+    before = SweptBefore.of(out, begun, z) if resume else SweptBefore()
     opened = nullcontext(out) if resume else new_folder(out)
     working = _common.working("identifying the head", logged=True)
     with ended_by_signals(exiting=True), opened as folder, working as now:
@@ -89,17 +84,22 @@ def carried_out(
         tip, view = open_tip(actuator, specimen=specimen, seed=seed, flow=flow)
         control = head_of(actuator, specimen)
         rig, sweep = InspectionRig(plant, tip, control, view), ProbeSweep(calibration=view)
-        state = sweep.begin(phi, z, control=control, bursts=before)
+        state = sweep.begin(phi, z, control=control, bursts=before.bursts)
         if state.refused:
             raise ParameterError(f"the sweep is {state.refused}")
-        journal = Journal(folder, begun, lines, bursts=len(before))
+        first = state.lines
+        if before.damaged:
+            now(before.set_aside(folder), kept=True)
+        journal = Journal(folder, begun, before.lines, bursts=len(before.bursts))
 
         def told(new: SweepState) -> None:
             nonlocal state
             for burst in new.bursts[len(state.bursts) :]:
                 journal.note("burst", **burst_line(burst))
+            # A short sweep ends before the next text of a log is due.
+            begins = new.stage == "line" and state.stage != "line" and new.lines == first
             state = new
-            now(f"{new.stage}: {new.progress:.0%}, {len(new.bursts)} bursts")
+            now(progress(new), kept=begins)
 
         def kept(ended: str) -> dict[str, Any]:
             patch = Patch.ring(*z, radius=view.radius)
@@ -117,6 +117,18 @@ def carried_out(
         finally:
             plant.safe()
         return kept(state.trouble or FINISHED)
+
+
+def progress(state: SweepState) -> str:
+    """Return what a sweep does now, and how much of its area and how many bursts are fired."""
+    words = {
+        "travel": "on the way to",
+        "run up": "run-up to",
+        "line": "firing",
+        "return": "on the way back to",
+    }
+    done = f"{state.progress:.0%} of the area, {counted(len(state.bursts), 'burst')}"
+    return f"{words[state.stage]} line {state.lines + 1}: {done}"
 
 
 def _kept(

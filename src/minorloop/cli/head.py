@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._completion import addresses, one_of
 from minorloop.cli.run import carry_out_levels
 from minorloop.errors import ParameterError
 
@@ -270,7 +271,14 @@ def _fault(fault: DriveFault) -> dict[str, Any]:
     "--head head.json --out inspected"
 )
 def inspect(
-    actuator: _common.Address,
+    actuator: Annotated[
+        str,
+        typer.Option(
+            show_default=False,
+            help="Address of the head, such as bench:head.toml; see minorloop devices.",
+            autocompletion=one_of(addresses),
+        ),
+    ],
     camera: _Camera,
     head: _File,
     out: Annotated[
@@ -326,7 +334,14 @@ def inspect(
     "--out swept"
 )
 def sweep(
-    actuator: _common.Address,
+    actuator: Annotated[
+        str,
+        typer.Option(
+            show_default=False,
+            help="Its address: twin:pipe, the only head with a probe.",
+            autocompletion=one_of(lambda: ["twin:pipe"]),
+        ),
+    ],
     out: Annotated[
         Path,
         typer.Option(
@@ -352,7 +367,7 @@ def sweep(
         typer.Option(
             "--resume",
             help="Go on with the sweep in --out that was cut off, with the other options as they "
-            "were.",
+            "were. What is before a damaged line of its journal is kept.",
         ),
     ] = False,
     as_json: _common.Json = False,

@@ -168,6 +168,7 @@ class ProbeSweep(Procedure[SweepState]):
             cycle=cycle,
             bursts=tuple(bursts),
             lines=lines,
+            progress=min(lines * self.pitch / (z[1] - z[0]), 1.0),
             refused=refused,
             done=bool(refused),
         )
@@ -180,8 +181,9 @@ class ProbeSweep(Procedure[SweepState]):
         if not least <= degrees[1] - degrees[0] <= 360.0 + 1e-6:
             raise ParameterError(
                 f"the sweep goes from {degrees[0]:.4g} to {degrees[1]:.4g} degrees around the "
-                f"pipe; give a last angle that is greater by {least:.1f}, two widths of the beam, "
-                "to 360 degrees"
+                f"pipe, which are {degrees[1] - degrees[0]:.4g} degrees; give at least "
+                f"{least:.1f}, two widths of the beam, and at most 360 degrees, the greater angle "
+                "last"
             )
         far = math.inf if self.calibration.length is None else 1e3 * self.calibration.length
         if not (mm[0] >= 0 and mm[1] <= far and math.isfinite(mm[1])):
@@ -192,9 +194,9 @@ class ProbeSweep(Procedure[SweepState]):
             )
         if not 1e3 * beams <= mm[1] - mm[0] <= 1e3 * _LONGEST + 1e-6:
             raise ParameterError(
-                f"the sweep goes from {mm[0]:.4g} to {mm[1]:.4g} mm along the pipe; give a last "
-                f"place that is greater by {1e3 * beams:.2f}, two widths of the beam, to "
-                f"{1e3 * _LONGEST:g} mm"
+                f"the sweep goes from {mm[0]:.4g} to {mm[1]:.4g} mm along the pipe, which are "
+                f"{mm[1] - mm[0]:.4g} mm; give at least {1e3 * beams:.2f}, two widths of the beam, "
+                f"and at most {1e3 * _LONGEST:g} mm, the greater place last"
             )
 
     def _first(self, state: SweepState) -> float:

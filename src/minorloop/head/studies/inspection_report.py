@@ -82,8 +82,8 @@ def study_report(
         "A sweep of a partly flooded pipe",
         text="The catheter rolls while the probe fires, line after line, and no camera is used. A "
         "step between neighbouring echoes that is steeper than a smooth wall can be is the edge of "
-        "a pit. What is drained is seen by the camera; between the water line and the height at "
-        "which the probe gets under water nothing is.",
+        "a pit. The camera sees the drained wall. Between the water line and the height at which "
+        "the probe gets under water there are neither pictures nor echoes.",
         table=finds_table(study.sweep.fused),
         pictures=[Picture(draw_pipe_map(study.sweep.fused), "One map of the pipe, unrolled.")],
     )
@@ -184,9 +184,9 @@ def _add_mission(report: Report, mission: Mission) -> None:
     ]
     report.add(
         "A mission without an operator",
-        text="The six steps of the paper's section 5.2, with the two that it announces; then the "
-        "lines that were seen on the way are visited. Before all that, whether the probe is within "
-        "reach in the water.",
+        text="Before the mission, a check whether the head can point the probe in the water. Then "
+        "the six steps of the paper's section 5.2, and the two steps that the paper announces. "
+        "At the end the mission visits the lines that it saw on the way.",
         table=Table(("time", "step", "outcome", ""), rows),
     )
     if mission.wall is None or mission.pit is None:
