@@ -88,14 +88,25 @@ def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[s
     ParameterError
         As `check_resumed`.
     """
+    check_folder(folder, what)
+    lines = journal_of(folder / NAME)
+    check_resumed(lines, folder, begun, what)
+    return lines
+
+
+def check_folder(folder: Path, what: str) -> None:
+    """Refuse to resume an inspection or a sweep whose folder does not exist.
+
+    Raises
+    ------
+    RecordError
+        If there is no such folder.
+    """
     if not folder.is_dir():
         raise RecordError(
             f"there is no folder {folder}; give that of the {what} that was cut off, or begin one "
             "without --resume"
         )
-    lines = journal_of(folder / NAME)
-    check_resumed(lines, folder, begun, what)
-    return lines
 
 
 def check_resumed(

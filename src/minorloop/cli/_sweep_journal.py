@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from minorloop.cli._journal import NAME, check_resumed, parsed_lines, unreadable
+from minorloop.cli._journal import NAME, check_folder, check_resumed, parsed_lines, unreadable
 from minorloop.errors import RecordError, counted
 from minorloop.files import write_atomically
 
@@ -74,6 +74,7 @@ class SweptBefore:
         ParameterError
             If it is finished, or another sweep was begun.
         """
+        check_folder(folder, "sweep")
         file = folder / NAME
         every = parsed_lines(file)
         damaged = 1 + every.index(None) if None in every else 0

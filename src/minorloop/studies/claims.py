@@ -69,7 +69,7 @@ class Claim:
         if count < self.enough:
             verdict = "too few"
         elif math.isnan(value):
-            verdict = "nothing to count"
+            verdict = "nothing to count" if not asked else "short"
         elif asked:
             verdict = "met" if self.least <= value <= self.most else "short"
         shown = f"{self._text(value)} (of {count:.0f})" if self.count else self._text(value)
