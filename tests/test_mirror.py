@@ -35,6 +35,8 @@ ELSEWHERE = {
     "head/studies/inspection.py": "head/studies/test_inspection_parts.py",
     "head/studies/inspection_report.py": "head/studies/test_inspection_parts.py",
     "head/studies/mission.py": "head/studies/test_inspection_parts.py",
+    "head/studies/missions.py": "head/studies/test_inspection_parts.py",
+    "head/studies/sweeps.py": "head/studies/test_sweep_trials.py",
     "head/studies/mission_cracks.py": "head/studies/test_inspection_parts.py",
     "head/studies/mission_scene.py": "head/studies/test_inspection_parts.py",
     "head/procedures/steps.py": "head/studies/test_inspection_parts.py",

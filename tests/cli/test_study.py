@@ -86,6 +86,7 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
         ("study fibre --out good.csv", "good.csv is a file"),
         ("study fibre --only unreachable", "--only is 'unreachable'; fibre has no parts"),
         ("study head --only all", "--only is 'all'; give unreachable"),
+        ("study inspection --only all", "--only is 'all'; give missions, sweeps"),
         ("study head --only unreachable --out made", "a part of a study has no report"),
     ],
 )

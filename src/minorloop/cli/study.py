@@ -86,7 +86,7 @@ def run(
 ) -> None:
     """Carry out a whole experiment on simulated specimens, and compare it with its claims.
 
-    One specimen takes fifteen seconds to a minute, for head and inspection two to four minutes;
+    One specimen takes fifteen seconds to a minute, for head and inspection three to ten minutes;
     stderr has a line for each. Until the last is done, unfinished.json in the folder has the
     figures of those before, also after an interruption.
     """

@@ -50,6 +50,7 @@ from minorloop.head.studies.mission import run_mission
 from minorloop.head.studies.mission_cracks import SeenCrack
 from minorloop.head.studies.mission_report import save_mission
 from minorloop.head.studies.mission_scene import draw_mission
+from minorloop.head.studies.missions import gather, mission_figures
 from minorloop.head.studies.sweep_trials import ScoredSweep
 from minorloop.head.twins.camera import LENS, led_positions
 from minorloop.head.twins.pipe import Bore, Crack, Pipe
@@ -196,10 +197,16 @@ def test_only_pits_within_reach_count_and_others_must_be_refused(mission):
     figures = mission.figures()
     said = figures | {"reachable": False, "refused": True, "measured": False}
     silent = said | {"refused": False}
-    found = inspection._of_missions([figures, said, silent])
+    found = mission_figures([figures, said, silent])
     assert (found["pits_measured"], found["reachable"]) == (1.0, 1)
     assert found["unreachable_said"] == 0.5
     assert found["refused_in_vain"] == 0
+
+
+def test_missions_alone_have_the_figures_of_the_whole_study(mission):
+    figures = mission.figures()
+    assert figures["processor_s"] > 0
+    assert gather([figures]) == {"mission": mission_figures([figures])}
 
 
 def test_a_pit_out_of_reach_is_reported_as_such_and_not_scanned(scene, monkeypatch):

@@ -9,7 +9,7 @@ from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.sweep_map import draw_pipe_map, finds_table
 from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, unseen_map
 from minorloop.head.reconstruction.pipe_map import pipe_map
-from minorloop.head.studies import sweep_trials
+from minorloop.head.studies import sweep_trials, sweeps
 from minorloop.head.studies.sweep_trials import (
     ScoredSweep,
     c_scan_figures,
@@ -23,6 +23,7 @@ from minorloop.head.studies.sweep_trials import (
 )
 from minorloop.head.twins.pipe import Crack, Dent
 from minorloop.head.ultrasound.c_scan import CRACK, CUT, PIT, c_scan
+from minorloop.studies.claims import figure
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,12 @@ def test_a_pit_is_found_while_the_head_sways_and_the_catheter_sticks(run):
     assert abs(figures["depth_bias_um"]) < 30
     assert figures["size_ratio"] == pytest.approx(1.0, abs=0.25)
     assert figures["place_mm"] < 0.3
+
+
+def test_sweeps_alone_have_the_figures_of_the_whole_study(run):
+    found = sweeps.gather([sweeps.SweepStudy(run[0]).figures()] * 2)
+    assert all(figure(found, claim.key) is not None for claim in sweeps.CLAIMS)
+    assert found["cscan"]["pits"] == 2
 
 
 def test_the_place_of_a_burst_is_the_true_one_within_the_sensors_errors(run):
