@@ -99,7 +99,7 @@ class InspectedView:
 
     @property
     def failed(self) -> str:
-        """Names of the steps that failed, after ``failed: ``; empty without any."""
+        """The word failed and the names of the steps that failed; empty without any."""
         names = [each.what for each in self.steps if not each.succeeded]
         return f"failed: {', '.join(names)}" if names else ""
 
