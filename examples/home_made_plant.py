@@ -4,15 +4,10 @@ In this folder: minorloop devices module:home_made_plant.head:/dev/ttyACM0
 """
 
 import numpy as np
+import serial  # pyserial, of minorloop[instruments]
 
-from minorloop.errors import MissingExtraError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
-
-try:
-    import serial
-except ModuleNotFoundError:
-    raise MissingExtraError("pyserial", "instruments") from None
 
 
 class Wires:

@@ -156,6 +156,14 @@ class Amplifier:
         os.close(self.slave)
 
 
+def test_a_plant_names_the_package_that_it_imports(monkeypatch):
+    monkeypatch.setitem(sys.modules, "serial", None)
+    monkeypatch.chdir(EXAMPLES)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with pytest.raises(ParameterError, match=r"head cannot be loaded: .*; install serial, which"):
+        connect("module:home_made_plant.head:/dev/ttyACM0")
+
+
 def test_the_plant_of_the_examples_has_at_most_40_lines_and_is_a_head(monkeypatch):
     pytest.importorskip("serial", reason="needs pyserial: minorloop[instruments]")
     assert len((EXAMPLES / "home_made_plant.py").read_text().splitlines()) <= 40

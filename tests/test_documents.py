@@ -194,17 +194,10 @@ def test_the_table_of_public_names_is_complete_and_right():
         )
 
 
-@pytest.mark.parametrize(
-    ("example", "package", "words"),
-    [
-        ("simulated_pipe", "cv2", "cv2 is not installed; run make setup"),
-        ("home_made_plant", "serial", r"pyserial is not installed; .*\[instruments\]"),
-    ],
-)
-def test_an_example_names_the_installation_that_it_needs(example, package, words, monkeypatch):
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises((SystemExit, ImportError), match=words):
-        runpy.run_path(str(ROOT / "examples" / f"{example}.py"))
+def test_the_simulated_pipe_names_the_installation_that_it_needs(monkeypatch):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(SystemExit, match="cv2 is not installed; run make setup"):
+        runpy.run_path(str(ROOT / "examples" / "simulated_pipe.py"))
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)

@@ -177,10 +177,10 @@ def factory(path: str) -> Callable[..., Any]:
     try:
         found = getattr(import_module(module), function)
     except (ImportError, AttributeError, ValueError, SyntaxError) as error:
-        raise ParameterError(
-            f"module:{path} cannot be loaded: {error}; give module:PACKAGE.FUNCTION of an "
-            "installed package or a file in this folder"
-        ) from None
+        remedy = "give module:PACKAGE.FUNCTION of an installed package or a file in this folder"
+        if isinstance(error, ModuleNotFoundError) and not f"{module}.".startswith(f"{error.name}."):
+            remedy = f"install {error.name}, which it imports"
+        raise ParameterError(f"module:{path} cannot be loaded: {error}; {remedy}") from None
     except (Exception, SystemExit) as error:
         raise InstrumentError(f"module:{path} cannot be loaded: {_said(error)}") from error
     if not callable(found):

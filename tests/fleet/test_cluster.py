@@ -22,6 +22,7 @@ def cluster(monkeypatch):
     monkeypatch.setattr(identification, "identify_one", fleet_faults.work)
     monkeypatch.setattr(_cluster_watch, "SILENT", 1.5)
     monkeypatch.setattr(_pool, "NOTICE", 0.3)
+    monkeypatch.setattr(_pool, "APART", 0.0)
     with distributed.LocalCluster(
         n_workers=1,
         threads_per_worker=1,
