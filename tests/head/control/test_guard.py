@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop.head.control.guard import MOST_ALIKE, MOST_EVENTS, Guard
+from minorloop.head.control.guard import Guard
+from minorloop.head.control.guard_log import MOST_ALIKE, MOST_EVENTS
 from minorloop.head.control.head import CONTROLLERS, controller, head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.observer import PowerObserver

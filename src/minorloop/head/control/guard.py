@@ -12,51 +12,25 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
 
 from minorloop.dynamics.heated_wire import HeatedState
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller
+from minorloop.head.control.guard_log import ASTRAY, GuardLog
+from minorloop.head.control.guard_state import COOLED, Cause, GuardState
 from minorloop.head.control.lateness import Lateness, LatenessWatch
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.motion import Belief, MotionWatch, Sign, SignWatch
 from minorloop.head.control.observer import Estimate, PowerObserver
-from minorloop.head.control.reach import STROKE_SHARE, ReachState, ReachWatch, Unreachable
+from minorloop.head.control.reach import STROKE_SHARE, ReachState, ReachWatch
 from minorloop.head.control.sensing import Fault, Sensed, SensorWatch, as_number
 
-Cause: TypeAlias = Literal[
-    "sensor",
-    "sensor back",
-    "unread",
-    "read again",
-    "reference",
-    "clock",
-    "hot",
-    "unreachable",
-    "reachable",
-    "behind",
-    "warm",
-    "stress",
-]
-MOST_EVENTS, MOST_ALIKE = 64, 8
-"""How many events the log keeps: the newest, and those of one cause."""
 _HOLD_SHARE = 0.9
 """Share of the reach of a wire at which an unreachable target is held: some current is left."""
-_COOLED = ("lost", "stuck", "unconfirmed", "reversed")
-"""Faults of the sensor at which the wire cools."""
 _COLD = 0.3
 """Degrees above the cold wire below which a target means no current."""
-_BEHIND_BY, _BEHIND_FOR = 2.0, 1.0
-"""Degrees and seconds from which a wire at a limit counts as behind a moving target."""
-_IDLE_LAGS = 4.0
-"""Lags without current after which a wire above its target means surroundings that are too warm:
-98 % of the heat have left it by then."""
-_ASTRAY = 10.0
-"""Seconds for which a wire goes by its model while readings contradict it: either may be wrong, the
-model after readings that were wrong and looked right. A cold wire shows which."""
-_UNREAD = 5
-"""Missing readings from which the log says so, where the patience is longer: more than are lost by
-chance."""
+_BEHIND_BY = 2.0
+"""Degrees from which a wire at a limit counts as behind a moving target."""
 _RESYNC, _RESYNC_SHARE = 5.0, 0.1
 """Seconds for which times differ from their clock by the same time, and share of them by which that
 may change, until the clock counts as set: longer than readings come late in a row."""
@@ -66,115 +40,6 @@ _LONGEST_GAP = 500
 """Intervals after which a gap counts as a jump of the clock: 20 s at 25 Hz."""
 _LATE = 1.5
 """Intervals from which a step counts as late."""
-
-
-@dataclass(frozen=True)
-class Event:
-    """Entry of the log.
-
-    Parameters
-    ----------
-    step : int
-        Number of the step, from 1.
-    cause : str
-        Such as ``sensor`` or ``unreachable``.
-    text : str
-        A sentence.
-    """
-
-    step: int
-    cause: Cause
-    text: str
-
-
-@dataclass(frozen=True, eq=False)
-class GuardState:
-    """State of the guard.
-
-    Parameters
-    ----------
-    inner : state of the controller
-    estimate : Estimate
-        Of the wire.
-    heated : float
-        Effective power by the current alone, in A^2.
-    sensed : Sensed
-        Of the sensor.
-    belief : Belief
-        What is known of the angle by its readings.
-    driven : HeatedState
-        Wire by its current alone, whatever the readings say.
-    bias : float
-        Power that the surroundings added at the beginning, in A^2.
-    sign : Sign
-        What is known of the sign of the readings.
-    lateness : Lateness
-        What is known of how late they are.
-    reach : ReachState
-        Of the target.
-    reference : float
-        Last target that was a number, in degrees.
-    asked : float
-        What it was computed from, in degrees; NaN if that was no number.
-    applied : float
-        Present current in A.
-    steps : int
-        Steps so far.
-    t : float
-        Time of the last step in seconds, NaN if none was given.
-    waited : int
-        Steps since.
-    strange : int
-        Number of times in a row that differ from that clock, all by as much.
-    off : float
-        By how much, in seconds.
-    behind : float
-        Seconds for which the wire has been behind a moving target at a limit.
-    idle : float
-        Seconds for which it has been above its target without a current.
-    active : frozenset of str
-        Causes that persist.
-    log : tuple of Event
-        The newest events, oldest first.
-    """
-
-    inner: Any
-    estimate: Estimate
-    heated: float
-    sensed: Sensed
-    belief: Belief
-    driven: HeatedState
-    bias: float
-    sign: Sign
-    lateness: Lateness
-    reach: ReachState
-    reference: float
-    asked: float
-    applied: float
-    steps: int = 0
-    t: float = math.nan
-    waited: int = 0
-    strange: int = 0
-    off: float = math.nan
-    behind: float = 0.0
-    idle: float = 0.0
-    active: frozenset[Cause] = frozenset()
-    log: tuple[Event, ...] = ()
-
-    @property
-    def unreachable(self) -> Unreachable | None:
-        """Why the target is out of reach, None if that is not known."""
-        return self.reach.verdict
-
-    @property
-    def fault(self) -> str:
-        """What is wrong with the sensor; empty if nothing is."""
-        return self.sensed.fault
-
-    @property
-    def cools(self) -> bool:
-        """Whether the wire cools for that."""
-        return self.fault in _COOLED
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -294,12 +159,12 @@ class Guard:
             sensed = replace(sensed, value=measurement)
         driven = self._driven(state, steps)
         sign = self._sign.step(state.sign, angle, driven.angle, steps=steps)
-        if sign.reversed or belief.astray > _ASTRAY:
+        if sign.reversed or belief.astray > ASTRAY:
             fault: Fault = "reversed" if sign.reversed else "unconfirmed"
             sensed = replace(sensed, value=math.nan, fault=fault)
         used = math.nan if sensed.fault or not belief.believed else angle
         lateness = self._lateness.step(state.lateness, used, driven.power, steps=steps)
-        if lateness.doubted > 0.0 and sensed.fault not in _COOLED:
+        if lateness.doubted > 0.0 and sensed.fault not in COOLED:
             sensed = replace(sensed, value=math.nan, fault="late")
         estimate = self.observer.corrected(estimate, sensed.value)
         reach = self._watched(state, sensed, wanted, estimate)
@@ -338,7 +203,8 @@ class Guard:
             state.active,
             state.log,
         )
-        return current, self._logged(state, new, notes, cool < requested)
+        hot = self.temperature(new) if cool < requested else None
+        return current, self._log.step(state, new, notes, hot)
 
     def temperature(self, state: GuardState) -> float:
         """Return the highest temperature that the wire may have now, in degrees Celsius."""
@@ -366,6 +232,10 @@ class Guard:
             delay=self.observer.delay,
             highest=self.observer.highest,
         )
+
+    @cached_property
+    def _log(self) -> GuardLog:
+        return GuardLog(limits=self.limits, sensor=self.sensor, lag=self.observer.wire.lag)
 
     @cached_property
     def _motion(self) -> MotionWatch:
@@ -483,7 +353,7 @@ class Guard:
         """Return the largest current in A for this state of the sensor and this target."""
         low, top = self.observer.wire.operator.range
         angle = sensed.value if math.isfinite(sensed.value) else estimate.wire.angle
-        if sensed.fault in _COOLED or angle > STROKE_SHARE * top:
+        if sensed.fault in COOLED or angle > STROKE_SHARE * top:
             return 0.0
         verdict = reach.verdict
         if verdict is None:
@@ -505,87 +375,3 @@ class Guard:
         if current <= 0.0 and value > wanted + _BEHIND_BY and not state.sensed.fault:
             return state.idle + self.observer.interval
         return 0.0
-
-    def _logged(
-        self, old: GuardState, new: GuardState, notes: dict[Cause, str], hot: bool
-    ) -> GuardState:
-        """Return the new state with its log; a persistent cause is logged when it begins."""
-        present = dict(notes)
-        unread = not new.fault and math.isnan(new.sensed.value)
-        if unread and new.sensed.missing >= _UNREAD:
-            present["unread"] = "there is no reading; the wire goes by its model"
-        elif unread and new.sensed.odd >= _UNREAD:
-            present["unread"] = f"{self._odd(new.belief)}; the wire goes by its model"
-        if new.fault:
-            present["sensor"] = self._faulty(new)
-        if new.unreachable is not None:
-            present["unreachable"] = str(new.unreachable)
-        if hot:
-            present["hot"] = (
-                f"the wire may be {self.temperature(new):.0f} degrees Celsius; less current"
-            )
-        if new.behind > _BEHIND_FOR:
-            present["behind"] = "the target moves faster than the wire can follow"
-        if new.idle > _IDLE_LAGS * self.observer.wire.lag:
-            present["warm"] = (
-                f"without a current it stays above {new.reference:.1f} degrees: the surroundings "
-                "are too warm"
-            )
-        if self.limits.stressed(new.estimate.wire.angle):
-            present["stress"] = (
-                f"the stress of the wire is above {self.limits.stress / 1e6:.0f} MPa"
-            )
-        known = old.active if new.fault == old.fault else old.active - {"sensor"}
-        fresh = [(cause, text) for cause, text in present.items() if cause not in known]
-        if "sensor" in old.active and "sensor" not in present:
-            fresh.append(("sensor back", "the sensor is trusted again"))
-        if "unread" in old.active and "unread" not in present and not new.fault:
-            fresh.append(("read again", "there are readings again"))
-        if "unreachable" in old.active and "unreachable" not in present:
-            fresh.append(("reachable", "targets are tried again"))
-        events = tuple(Event(new.steps, cause, text) for cause, text in fresh)
-        if not events and present.keys() == old.active:
-            return new
-        log = _newest((*old.log, *events)) if events else old.log
-        return replace(new, active=frozenset(present), log=log)
-
-    def _faulty(self, state: GuardState) -> str:
-        """Return what is wrong with the sensor, and what the wire does."""
-        if state.fault == "implausible":
-            return (
-                f"the sensor is implausible: {self._odd(state.belief)}; the wire goes by its model"
-            )
-        if state.fault == "late":
-            return (
-                f"readings go on for {state.lateness.late:.1f} s after the wire has turned back, "
-                "at one turn after the other: they are late, or a load sways the wire; it goes by "
-                "its model for a while"
-            )
-        if state.fault == "reversed":
-            return (
-                "readings fall while the wire is heated: the sign of the sensor is reversed, or "
-                "the picture is mirrored; the wire cools until it is begun anew"
-            )
-        if state.fault == "unconfirmed":
-            return (
-                f"readings have contradicted the model for {_ASTRAY:g} s, and one of both is "
-                "wrong; the wire cools until they agree"
-            )
-        return f"the sensor is {state.fault}; the wire cools"
-
-    def _odd(self, belief: Belief) -> str:
-        """Return what is wrong with readings that are not believed."""
-        if belief.believed:
-            return f"readings are not from {self.sensor.low:g} to {self.sensor.high:g} degrees"
-        return f"readings jumped by {belief.jumped:.3g} degrees, which no wire can"
-
-
-def _newest(log: tuple[Event, ...]) -> tuple[Event, ...]:
-    """Return the newest events; a frequent cause does not displace others."""
-    kept: list[Event] = []
-    alike: dict[Cause, int] = {}
-    for event in reversed(log):
-        alike[event.cause] = alike.get(event.cause, 0) + 1
-        if alike[event.cause] <= MOST_ALIKE:
-            kept.append(event)
-    return tuple(reversed(kept[:MOST_EVENTS]))

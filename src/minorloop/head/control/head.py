@@ -17,7 +17,8 @@ from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller
 from minorloop.head.control.feedforward import Feedforward
 from minorloop.head.control.feedforward_pi import FeedforwardPI
-from minorloop.head.control.guard import Event, Guard, GuardState
+from minorloop.head.control.guard import Guard
+from minorloop.head.control.guard_state import Event, GuardState
 from minorloop.head.control.internal_model import InternalModel
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.model_reference import ModelReference

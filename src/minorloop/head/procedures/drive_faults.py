@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from minorloop.head.control.guard import GuardState
+from minorloop.head.control.guard_state import GuardState
 from minorloop.head.control.head import HeadState
 
 _SHORT = 5

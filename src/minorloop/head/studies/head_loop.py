@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.head.control.guard import Event
+from minorloop.head.control.guard_state import Event
 from minorloop.head.control.head import HeadControl
 from minorloop.head.control.reach import Unreachable
 from minorloop.head.studies.picture_sensor import PictureSensor

@@ -1,0 +1,140 @@
+"""State of the guard of one wire, and the entries of its log."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+from minorloop.dynamics.heated_wire import HeatedState
+from minorloop.head.control.lateness import Lateness
+from minorloop.head.control.motion import Belief, Sign
+from minorloop.head.control.observer import Estimate
+from minorloop.head.control.reach import ReachState, Unreachable
+from minorloop.head.control.sensing import Sensed
+
+Cause: TypeAlias = Literal[
+    "sensor",
+    "sensor back",
+    "unread",
+    "read again",
+    "reference",
+    "clock",
+    "hot",
+    "unreachable",
+    "reachable",
+    "behind",
+    "warm",
+    "stress",
+]
+COOLED = ("lost", "stuck", "unconfirmed", "reversed")
+"""Faults of the sensor at which the wire cools."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Entry of the log.
+
+    Parameters
+    ----------
+    step : int
+        Number of the step, from 1.
+    cause : str
+        Such as ``sensor`` or ``unreachable``.
+    text : str
+        A sentence.
+    """
+
+    step: int
+    cause: Cause
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class GuardState:
+    """State of the guard.
+
+    Parameters
+    ----------
+    inner : state of the controller
+    estimate : Estimate
+        Of the wire.
+    heated : float
+        Effective power by the current alone, in A^2.
+    sensed : Sensed
+        Of the sensor.
+    belief : Belief
+        What is known of the angle by its readings.
+    driven : HeatedState
+        Wire by its current alone, whatever the readings say.
+    bias : float
+        Power that the surroundings added at the beginning, in A^2.
+    sign : Sign
+        What is known of the sign of the readings.
+    lateness : Lateness
+        What is known of how late they are.
+    reach : ReachState
+        Of the target.
+    reference : float
+        Last target that was a number, in degrees.
+    asked : float
+        What it was computed from, in degrees; NaN if that was no number.
+    applied : float
+        Present current in A.
+    steps : int
+        Steps so far.
+    t : float
+        Time of the last step in seconds, NaN if none was given.
+    waited : int
+        Steps since.
+    strange : int
+        Number of times in a row that differ from that clock, all by as much.
+    off : float
+        By how much, in seconds.
+    behind : float
+        Seconds for which the wire has been behind a moving target at a limit.
+    idle : float
+        Seconds for which it has been above its target without a current.
+    active : frozenset of str
+        Causes that persist.
+    log : tuple of Event
+        The newest events, oldest first.
+    """
+
+    inner: Any
+    estimate: Estimate
+    heated: float
+    sensed: Sensed
+    belief: Belief
+    driven: HeatedState
+    bias: float
+    sign: Sign
+    lateness: Lateness
+    reach: ReachState
+    reference: float
+    asked: float
+    applied: float
+    steps: int = 0
+    t: float = math.nan
+    waited: int = 0
+    strange: int = 0
+    off: float = math.nan
+    behind: float = 0.0
+    idle: float = 0.0
+    active: frozenset[Cause] = frozenset()
+    log: tuple[Event, ...] = ()
+
+    @property
+    def unreachable(self) -> Unreachable | None:
+        """Why the target is out of reach, None if that is not known."""
+        return self.reach.verdict
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with the sensor; empty if nothing is."""
+        return self.sensed.fault
+
+    @property
+    def cools(self) -> bool:
+        """Whether the wire cools for that."""
+        return self.fault in COOLED
