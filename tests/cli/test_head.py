@@ -26,8 +26,8 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.twins.head import Head
-from minorloop.head.ultrasound.c_scan import SweptBurst
 from minorloop.head.ultrasound.echoes import Burst
+from minorloop.head.ultrasound.wall_echoes import SweptBurst
 from minorloop.lab.actuator import Channel, Frame
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record

@@ -16,7 +16,7 @@ from minorloop.files import write_atomically
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
-    from minorloop.head.ultrasound.c_scan import SweptBurst
+    from minorloop.head.ultrasound.wall_echoes import SweptBurst
 
 _AGAIN = (
     "delete this line and all lines after it, so that they are fired again, or sweep into a new "
@@ -169,8 +169,8 @@ def _burst(where: str, line: dict[str, Any], limits: dict[str, Limits]) -> Swept
     """Return the burst of a line."""
     import numpy as np
 
-    from minorloop.head.ultrasound.c_scan import SweptBurst
     from minorloop.head.ultrasound.echoes import Burst
+    from minorloop.head.ultrasound.wall_echoes import SweptBurst
 
     verdict = line["verdict"]
     if not isinstance(verdict, str):

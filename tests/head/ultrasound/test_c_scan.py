@@ -8,9 +8,10 @@ import pytest
 
 from minorloop.head.geometry import Mount, Probe, wrapped
 from minorloop.head.reconstruction.depth_map import Patch
-from minorloop.head.ultrasound.c_scan import CRACK, CUT, PIT, SweptBurst, beam_width, c_scan
+from minorloop.head.ultrasound.c_scan import CRACK, CUT, PIT, c_scan
 from minorloop.head.ultrasound.echoes import Burst, Pulse
 from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.wall_echoes import SweptBurst, beam_width
 
 PROBE = CalibratedProbe(Probe(), Mount())
 BOTTOM, Z, STEP, NOISE = math.pi / 2, 20e-3, 10e-9, 0.02

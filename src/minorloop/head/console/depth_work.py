@@ -18,10 +18,11 @@ from minorloop.head.procedures.sweep_map import draw_pipe_map, mapped_share
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.reconstruction.mesh import mesh_of
 from minorloop.head.reconstruction.pipe_map import pipe_map
-from minorloop.head.ultrasound.c_scan import CScan, SweptBurst, c_scan
+from minorloop.head.ultrasound.c_scan import CScan, c_scan
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe, sound_field
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit
+from minorloop.head.ultrasound.wall_echoes import SweptBurst
 
 
 def warm_up() -> None:

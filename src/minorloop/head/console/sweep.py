@@ -24,7 +24,7 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import Go, GoState
 from minorloop.head.procedures.sweep import ProbeSweep, SweepState
 from minorloop.head.procedures.values import Tip
-from minorloop.head.ultrasound.c_scan import SweptBurst
+from minorloop.head.ultrasound.wall_echoes import SweptBurst
 
 AROUND, ALONG = math.radians(20.0), 1.5e-3
 """Largest distance around the pipe, in radians, and along it, in metres, from the place in the

@@ -24,8 +24,8 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.values import Procedure, Reading, Request, passed
-from minorloop.head.ultrasound.c_scan import SweptBurst, beam_width
 from minorloop.head.ultrasound.echoes import average
+from minorloop.head.ultrasound.wall_echoes import SweptBurst, beam_width
 
 SweepStage: TypeAlias = Literal["travel", "run up", "line", "return"]
 STUCK = "the catheter does not follow"

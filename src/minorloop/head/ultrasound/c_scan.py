@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.head.geometry import wall_point, wrapped
+from minorloop.head.geometry import wrapped
 from minorloop.head.reconstruction.depth_map import (
     ECHOES,
     UNSEEN,
@@ -24,24 +23,18 @@ from minorloop.head.reconstruction.depth_map import (
     unseen_map,
 )
 from minorloop.head.reconstruction.findings import Finding
-from minorloop.head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched, vertex
 from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.ultrasound.profile import Profile, centred
+from minorloop.head.ultrasound.wall_echoes import (
+    BESIDE,
+    PULSE,
+    Indices,
+    SweptBurst,
+    WallEchoes,
+    beam_width,
+    wall_echoes,
+)
 
-Indices = npt.NDArray[np.intp]
 PIT, CRACK, CUT = "pit", "crack", "cut by the edge"
-_BEFORE, _BEYOND = 0.8e-3, 1.4e-3
-"""Window of the strongest echo before and beyond the wall in metres, for beads and for the deepest
-pit that is measured."""
-_PULSE = 0.1e-3
-"""Length of a pulse in metres of depth, two standard deviations of its envelope: nearer echoes are
-one."""
-_LEAST_SNR = 5.0
-"""Amplitude over noise from which on there is an echo: noise alone reaches it once in 5,000
-bursts."""
-_RINGING = 0.15
-"""Least amplitude of the echo of a surface over that of a plain wall. What the back of a steel wall
-returns is (1 - R^2) / R = 0.13 of it, with R that of steel in water."""
 _WET = 0.5
 """Least amplitude of the strongest echo over that of a plain wall where the beam is under water: at
 the line, half of it is."""
@@ -51,17 +44,11 @@ _FEWEST = 3
 """Fewest bursts on a surface: fewer are outliers."""
 _FLOOR_SD = 4e-6
 """Error of a depth by the envelope alone, in metres, from sweeps of the twin."""
-_ABOUT = 36
-"""Bursts whose median is the wall about one of them: a disc 1.6 mm wide, of which a crack of 0.3 mm
-takes a quarter."""
 _LOST, _LOST_SURE = 0.1, 3.0
 """Least share of the echo of the wall that a crack takes, and over the noise of this share: four
 bursts in a row are not by chance. A crack of 0.06 mm takes 0.1 midway between two lines."""
 _SLENDER, _SHORTEST = 3.0, 1e-3
 """Least length of a crack over its width on the map, and in metres."""
-_FLAT, _MOST = 0.04e-3, 0.75
-"""Largest depth of most of the wall about a crack in metres, a quarter of a wavelength, and how
-much is most. The flanks of dents and beads take from the echo too."""
 _FLANK = 2.0
 """Widths of the beam about a burst on a steep flank in which a loss of echo is that of its foot: by
 trial, 1.5 to 3 find the same; with 1, parts of rings are left."""
@@ -74,33 +61,9 @@ _NEAR = 2.0
 """Widths of the beam within which bursts are at the edge of what was swept."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
 """Standard deviations of place and size of a find in metres, half the distance of bursts."""
-_BESIDE, _ASTRAY = 9, 1.5
-"""Bursts within 0.4 mm of one of them, and how many of their standard deviations the value at a
-place is off where it changes: as much as on 0.3 mm, by the error of the place and the way to the
-nearest burst."""
-
-
-@dataclass(frozen=True, eq=False)
-class SweptBurst:
-    """A burst of a sweep.
-
-    Parameters
-    ----------
-    t : float
-        Its time, in seconds.
-    place : (2,) array
-        Advance and roll of the catheter as measured, in metres and radians.
-    spot : (3,) array
-        Phi and z where the beam meets the nominal wall, and its distance along the beam, by the
-        measured angles.
-    burst : Burst
-        Mean of its shots, with pan and tilt as measured.
-    """
-
-    t: float
-    place: FloatArray
-    spot: FloatArray
-    burst: Burst
+_ASTRAY = 1.5
+"""How many standard deviations of the bursts beside it the value at a place is off where it
+changes: as much as on 0.3 mm, by the error of the place and the way to the nearest burst."""
 
 
 @dataclass(frozen=True)
@@ -180,68 +143,6 @@ class CScan:
     noise: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class WallEchoes:
-    """Echoes of the bursts of a sweep.
-
-    Parameters
-    ----------
-    spots : (N, 2) array
-        Phi and z.
-    depth : (N,) array
-        Of the strongest echo below the wall, in metres; NaN without one that a surface can return.
-    amplitude : (N,) array
-        Of the echo at the distance of the wall about it, over the usual one; NaN if the trace is
-        too short.
-    strongest, snr : (N,) arrays
-        Amplitude of the strongest echo over the usual one, and over noise.
-    near : (N, K) array of int
-        The nearest bursts to each, itself first.
-    """
-
-    spots: FloatArray
-    depth: FloatArray
-    amplitude: FloatArray
-    strongest: FloatArray
-    snr: FloatArray
-    near: Indices
-
-    @property
-    def lost(self) -> FloatArray:
-        """(N,) share of the amplitude about each that it lacks."""
-        return 1 - self.amplitude / np.maximum(_quantile(self.amplitude[self.near]), _RINGING)
-
-    @property
-    def flat(self) -> BoolArray:
-        """(N,) whether most of the wall about each has no depth."""
-        return _quantile(np.abs(self.depth[self.near]), _MOST) < _FLAT
-
-    @property
-    def scattered(self) -> BoolArray:
-        """(N,) whether the wall sends the beam elsewhere, or is the top of a bead.
-
-        A crack, which is narrower than the beam, does neither.
-        """
-        return np.isnan(self.depth) | (self.depth < -_FLAT)
-
-    @property
-    def texture(self) -> FloatArray:
-        """(N,) depth of each less the median of those beside it."""
-        return self.depth - _quantile(self.depth[self.near[:, :_BESIDE]])
-
-
-def beam_width(probe: CalibratedProbe, pulse: Pulse | None = None) -> float:
-    """Return the width of the beam on the wall at half the amplitude of an echo, in metres.
-
-    Notes
-    -----
-    1.02 c F / (f D) in the focus of a lens (Krautkraemer, Ultrasonic Testing of Materials, 1990);
-    without a lens the width of the disc.
-    """
-    disc, frequency = probe.transducer, (pulse or Pulse()).frequency
-    return min(1.02 * probe.speed * disc.focus / (frequency * disc.aperture), disc.aperture)
-
-
 def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) -> CScan:
     """Map the wall by the bursts of a sweep, and find pits and cracks in it.
 
@@ -287,7 +188,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
         floors = _floors(echoes.depth, used, on, (steepest, noise[0]))
         clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
         finds = _finds(_slender(echoes, clear, on, noise[1]), floors, on)
-    floor = np.where(np.abs(echoes.depth) > _PULSE, _FLOOR_SD, 0.0)
+    floor = np.where(np.abs(echoes.depth) > PULSE, _FLOOR_SD, 0.0)
     depth, amplitude = echoes.depth, echoes.amplitude
     sd = np.hypot(_astray(depth, echoes, noise[0]), floor)
     seen = mapped & np.isfinite(depth[nearest])
@@ -309,87 +210,12 @@ def _astray(values: FloatArray, echoes: WallEchoes, noise: float) -> FloatArray:
 
     Beside the noise it has their change with the place, as at a rim.
     """
-    beside = values[echoes.near[:, :_BESIDE]]
+    beside = values[echoes.near[:, :BESIDE]]
     known = np.isfinite(beside)
     mean = np.where(known, beside, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
     square = np.where(known, beside - mean[:, None], 0.0) ** 2
     change = np.sqrt(square.sum(axis=1) / np.maximum(known.sum(axis=1), 1))
     return np.asarray(np.hypot(_ASTRAY * change, noise))
-
-
-def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEchoes:
-    """Return the strongest echo of each burst, and the amplitude at the distance of the wall.
-
-    Notes
-    -----
-    The distance of the wall is that of `centred`: a misplaced pivot is no depth. The waves of a
-    focused beam go down at angles t up to arctan(D / 2F), and delay by 2 d cos(t) / c; the mean
-    over the disc is 1 - t^2 / 4.
-    """
-    spots = np.array([one.spot for one in swept]).reshape(-1, 3)
-    heard = [_strongest(one, probe.speed) for one in swept]
-    depth, loudest, snr = np.array([each[:3] for each in heard]).reshape(-1, 3).T
-    found = snr >= _LEAST_SNR
-    wave = np.zeros(len(spots))
-    if found.any():
-        profile = Profile(spots[found, :2], depth[found], 1 / snr[found], found[found], np.zeros(2))
-        change = profile.depths - centred(profile).depths
-        wave = np.interp(spots[:, 0], spots[found, 0], change, period=2 * np.pi)
-        wave += np.median((depth - wave)[found])
-    usual = float(np.median(loudest[found])) if found.any() else 1.0
-    clear = found & (loudest >= _RINGING * usual)
-    depth = np.where(clear, depth - wave, np.nan)
-    near = _nearest(spots, probe.radius)
-    about = np.nan_to_num(_quantile(depth[near]))
-    wall = np.array(
-        [
-            _amplitude_at(one, each[3], distance, probe.speed) / usual
-            for one, each, distance in zip(swept, heard, spots[:, 2] + wave + about, strict=True)
-        ]
-    ).reshape(-1)
-    steepest = np.arctan(0.5 * probe.transducer.aperture / probe.transducer.focus)
-    depth /= 1 - 0.25 * steepest**2
-    return WallEchoes(spots[:, :2], depth, wall, loudest / usual, snr, near)
-
-
-def _nearest(spots: FloatArray, radius: float) -> Indices:
-    """Return the nearest bursts (N, K) to each, itself among them."""
-    if not len(spots):
-        return np.empty((0, 0), dtype=np.intp)
-    points = wall_point(spots[:, 0], spots[:, 1], radius)
-    count = min(_ABOUT, len(points))
-    return np.asarray(cKDTree(points).query(points, k=count)[1]).reshape(len(points), count)
-
-
-def _quantile(values: FloatArray, share: float = 0.5) -> FloatArray:
-    """Return the median, or another quantile, of the finite values of each row; NaN without any."""
-    some = np.isfinite(values).any(axis=1)
-    found = np.full(len(values), np.nan)
-    found[some] = np.nanquantile(values[some], share, axis=1)
-    return found
-
-
-def _strongest(one: SweptBurst, speed: float) -> tuple[float, float, float, FloatArray | None]:
-    """Return depth, amplitude and ratio to noise of the strongest echo, and the envelope."""
-    burst, distance = one.burst, float(one.spot[2])
-    loud = np.abs(matched(burst.trace, burst.sample_interval, Pulse()))
-    step = 0.5 * speed * burst.sample_interval
-    first, last = (int((distance + side) / step) for side in (-_BEFORE, _BEYOND))
-    quiet = loud[int(DEAD_TIME / burst.sample_interval) : first]
-    if last > loud.size - 2 or quiet.size == 0:
-        return np.nan, 0.0, 0.0, None
-    noise = float(np.median(quiet)) / 1.1774  # of a Rayleigh distribution
-    place, height = vertex(loud, first + int(np.argmax(loud[first:last])))
-    return place * step - distance, height, height / max(noise, 1e-12), loud
-
-
-def _amplitude_at(one: SweptBurst, loud: FloatArray | None, distance: float, speed: float) -> float:
-    """Return the greatest amplitude within a pulse of a distance; NaN without an envelope."""
-    if loud is None:
-        return np.nan
-    step = 0.5 * speed * one.burst.sample_interval
-    first, last = (int((distance + side) / step) for side in (-_PULSE, _PULSE))
-    return float(loud[first : last + 1].max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -517,7 +343,7 @@ def _floors(
     rim = np.concatenate([edges[steep], edges[steep][:, ::-1]])
     rim = rim[large[rim].all(axis=1)]
     drop = depth[rim[:, 0]] - depth[rim[:, 1]]
-    least = max(_SURE * noise, _PULSE)
+    least = max(_SURE * noise, PULSE)
     inner = surface[rim[:, 0]]
     sunk = [k for k in np.unique(inner) if np.median(depth[surface == k]) > 0.5 * least]
     deep = [k for k in sunk if (drop[inner == k] > least).mean() > 0.5]
