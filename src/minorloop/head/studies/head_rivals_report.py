@@ -1,0 +1,105 @@
+"""All controllers of the head beside each other, and the figures on which a rival is better."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from minorloop.report import Table
+from minorloop.studies.claims import cell
+
+WORDS = {
+    "observer": "observer",
+    "feedforward": "open loop",
+    "pi": "PI, no operator",
+    "internal_model": "internal model",
+    "adaptive": "adaptive",
+    "feedforward_pi": "inverse and PI",
+    "model_reference": "model reference",
+}
+"""Name of each controller in reports, the default first."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A figure of a controller, of which less is better.
+
+    Parameters
+    ----------
+    key : str
+        Name among the figures of a controller.
+    words : str
+        What it is.
+    unit : str
+    digits : int
+        Behind the decimal point.
+    """
+
+    key: str
+    words: str
+    unit: str
+    digits: int = 2
+
+    @property
+    def heading(self) -> str:
+        """Heading of a column."""
+        return f"{self.words}, {self.unit}"
+
+    def text(self, figures: Mapping[str, float]) -> str:
+        """Return the figure of one controller as a cell of a table."""
+        return cell(figures[self.key], f".{self.digits}f")
+
+
+STEP = (
+    Quantity("settle_s", "settling", "s", 1),
+    Quantity("overshoot_pct", "overshoot", "%", 1),
+    Quantity("steady_rms_deg", "steady rms", "deg"),
+)
+"""Figures of steps."""
+
+
+def rivals_table(
+    quantities: Sequence[Quantity], figures: Mapping[str, Mapping[str, float]]
+) -> Table:
+    """Return the figures of all controllers, one row for each."""
+    columns = ("controller", *(each.heading for each in quantities))
+    rows = [
+        (WORDS[name], *(each.text(own) for each in quantities)) for name, own in figures.items()
+    ]
+    return Table(columns, rows)
+
+
+def where_better(
+    quantities: Sequence[Quantity], figures: Mapping[str, Mapping[str, float]], default: str
+) -> str:
+    """Return in words on which figures another controller is better than the default.
+
+    Figures count as they are shown: a difference behind the last digit is none.
+
+    Parameters
+    ----------
+    quantities : sequence of Quantity
+    figures : mapping
+        Of each controller by its name.
+    default : str
+        Name of the default.
+    """
+    said = []
+    for each in quantities:
+        own = _shown(each, figures[default])
+        better = sorted(
+            (_shown(each, of), name) for name, of in figures.items() if _shown(each, of) < own
+        )
+        if better:
+            names = ", ".join(f"{WORDS[name]} {each.text(figures[name])}" for _, name in better)
+            said.append(
+                f"{each.words} [{each.unit}]: {names}; {WORDS[default]} "
+                f"{each.text(figures[default])}"
+            )
+    if not said:
+        return f"No other controller is better than the {WORDS[default]} on any of these figures."
+    return f"Other controllers are better than the {WORDS[default]} on: {'. '.join(said)}."
+
+
+def _shown(quantity: Quantity, figures: Mapping[str, float]) -> float:
+    return round(float(figures[quantity.key]), quantity.digits)
