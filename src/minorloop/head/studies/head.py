@@ -186,11 +186,11 @@ CLAIMS = (
     ),
     Claim("the same in 30 s [deg]", "circle_30s.rms_deg", "plotted (Fig 11)", most=1.8),
     Claim(
-        "the same steps, internal model: settling [s]",
+        "steps of 20, 30, 40, internal model: settling [s]",
         "rivals.internal_model.settle_s",
         "plotted (Fig 10)",
     ),
-    Claim("the same steps, PI: settling [s]", "rivals.pi.settle_s", "not studied"),
+    Claim("the same steps, PI alone: settling [s]", "rivals.pi.settle_s", "not studied"),
     Claim(
         "the same steps, inverse and PI: settling [s]",
         "rivals.feedforward_pi.settle_s",
@@ -246,7 +246,7 @@ CLAIMS = (
     ),
     Claim("the same in 30 s [mm]", "camera.circle_30s.rms_mm", "plotted (Fig 11)", most=0.6),
     Claim(
-        "the same: largest circle about that hole, across [mm]",
+        "camera alone, largest circle about that hole: across [mm]",
         "camera.largest_circle_mm",
         "20 to 25 (Fig 11)",
     ),

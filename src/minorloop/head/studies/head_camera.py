@@ -67,7 +67,7 @@ at 11 mm, and a line of sight along the pipe, which never does. On the circle no
 `wall_reach.LEAST` of its cold end."""
 RADIUS = 4e-3
 """Of the circle in metres. The paper's is 20 to 25 mm across, on a wall that the text does not
-describe. About `HOLE` the wires reach a circle of 8.4 mm at most (`wall_reach`); farther along the
+describe. About `HOLE` the wires reach a circle of 8.5 mm at most (`wall_reach`); farther along the
 pipe they reach larger ones, but there an error of the angle is a larger one on the wall."""
 WAIT, LEAD = 15.0, 0.7
 """Wait at the first point of a circle in seconds, longer than a step may take, and how far ahead of

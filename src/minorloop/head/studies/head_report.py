@@ -16,7 +16,6 @@ from minorloop.head.studies.head import (
     OLD,
     PERIODS,
     RAMP_AT,
-    RIVALS_CIRCLE,
     TARGETS,
     TITLE,
 )
@@ -50,10 +49,10 @@ _COLOURS = {
 }
 RIVALS = (
     *STEP,
-    Quantity("disturbed_settle_s", "disturbed: settling", "s", 1),
-    Quantity("disturbed_rms_deg", "disturbed: steady rms", "deg"),
-    Quantity("ambient_ramp_max_deg", "ambient +10 K: worst", "deg"),
-    Quantity("circle_rms_deg", f"{RIVALS_CIRCLE}: rms", "deg"),
+    Quantity("disturbed_settle_s", "settling when disturbed", "s", 1),
+    Quantity("disturbed_rms_deg", "steady rms when disturbed", "deg"),
+    Quantity("ambient_ramp_max_deg", "worst with ambient +10 K", "deg"),
+    Quantity("circle_rms_deg", f"circle in {PERIODS[1]:g} s, rms", "deg"),
     Quantity("energy_A2s", "energy", "A²s", 1),
 )
 """Figures of the controllers in the table of Fig 10."""
@@ -113,10 +112,10 @@ def _add_overview(
             "count.",
             "The integral of Eq. (10) belongs to the visual servo. Its figures (integral.*) are in "
             "the report of minorloop study inspection.",
-            f"One control step of both axes took {clock['step_ms_median']:.2f} ms in the median "
-            f"and {clock['step_ms_p999']:.2f} ms in 999 of 1000 steps, at most. The loop has "
-            f"{1e3 * TICK:.0f} ms. These times are of the machine that ran the study and of what "
-            "else it did, so they are no claim.",
+            f"One control step of both axes took {clock['step_ms_median']:.2f} ms in the median, "
+            f"and 999 of 1000 steps took at most {clock['step_ms_p999']:.2f} ms. The loop has "
+            f"{1e3 * TICK:.0f} ms. These times depend on the machine that runs the study and on "
+            "what else it does meanwhile, so that no bound is set.",
             "Three printed formulas of the paper cannot be used as they are. With relays of 0 "
             "and 1 the density is the mixed derivative of the reversal values, without the "
             "factor 1/2 that belongs to relays of -1 and +1. The sums of Eqs. (5) and (6) end "
@@ -247,7 +246,7 @@ def _add_steps(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -> 
             "the same guard. The paper's internal model takes the lag to follow the operator; the "
             "heat in fact precedes it, and what a step needs depends on where in the loop it "
             "begins. The observer follows the heating power itself and asks the inverse operator "
-            "how much is missing: this is the use of the operator. PI without it must wait for "
+            "how much is missing: this is the use of the operator. PI alone must wait for "
             "its integral to cross the width of the loop. Two more laws are those of other "
             "authors whom the paper cites: the inverse as feedforward with PI feedback (Ge and "
             "Jouaneh, 1997), and a reference model whose gains adapt around the inverse (Song and "

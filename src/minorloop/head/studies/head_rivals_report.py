@@ -11,7 +11,7 @@ from minorloop.studies.claims import cell
 WORDS = {
     "observer": "observer",
     "feedforward": "open loop",
-    "pi": "PI, no operator",
+    "pi": "PI alone",
     "internal_model": "internal model",
     "adaptive": "adaptive",
     "feedforward_pi": "inverse and PI",
@@ -87,18 +87,15 @@ def where_better(
     said = []
     for each in quantities:
         own = _shown(each, figures[default])
-        better = sorted(
-            (_shown(each, of), name) for name, of in figures.items() if _shown(each, of) < own
-        )
+        better = [name for name, of in figures.items() if _shown(each, of) < own]
         if better:
-            names = ", ".join(f"{WORDS[name]} {each.text(figures[name])}" for _, name in better)
+            parts = [f"{WORDS[name]} {each.text(figures[name])}" for name in (default, *better)]
             said.append(
-                f"{each.words} [{each.unit}]: {names}; {WORDS[default]} "
-                f"{each.text(figures[default])}"
+                f"{each.words[0].upper()}{each.words[1:]} in {each.unit}: {', '.join(parts)}."
             )
     if not said:
         return f"No other controller is better than the {WORDS[default]} on any of these figures."
-    return f"Other controllers are better than the {WORDS[default]} on: {'. '.join(said)}."
+    return f"On these figures others are better than the {WORDS[default]}: {' '.join(said)}"
 
 
 def _shown(quantity: Quantity, figures: Mapping[str, float]) -> float:
