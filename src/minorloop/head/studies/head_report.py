@@ -25,7 +25,7 @@ from minorloop.head.studies.head_ramps import CASES, NAMED
 from minorloop.head.studies.head_rivals_report import (
     STEP,
     WORDS,
-    Quantity,
+    ControllerFigure,
     rivals_table,
     where_better,
 )
@@ -49,11 +49,11 @@ _COLOURS = {
 }
 RIVALS = (
     *STEP,
-    Quantity("disturbed_settle_s", "settling when disturbed", "s", 1),
-    Quantity("disturbed_rms_deg", "steady rms when disturbed", "deg"),
-    Quantity("ambient_ramp_max_deg", "worst with ambient +10 K", "deg"),
-    Quantity("circle_rms_deg", f"circle in {PERIODS[1]:g} s, rms", "deg"),
-    Quantity("energy_A2s", "energy", "A²s", 1),
+    ControllerFigure("disturbed_settle_s", "settling when disturbed", "s", 1),
+    ControllerFigure("disturbed_rms_deg", "steady rms when disturbed", "deg"),
+    ControllerFigure("ambient_ramp_max_deg", "worst with ambient +10 K", "deg"),
+    ControllerFigure("circle_rms_deg", f"circle in {PERIODS[1]:g} s, rms", "deg"),
+    ControllerFigure("energy_A2s", "energy", "A²s", 1),
 )
 """Figures of the controllers in the table of Fig 10."""
 

@@ -21,7 +21,7 @@ WORDS = {
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ControllerFigure:
     """A figure of a controller, of which less is better.
 
     Parameters
@@ -51,15 +51,15 @@ class Quantity:
 
 
 STEP = (
-    Quantity("settle_s", "settling", "s", 1),
-    Quantity("overshoot_pct", "overshoot", "%", 1),
-    Quantity("steady_rms_deg", "steady rms", "deg"),
+    ControllerFigure("settle_s", "settling", "s", 1),
+    ControllerFigure("overshoot_pct", "overshoot", "%", 1),
+    ControllerFigure("steady_rms_deg", "steady rms", "deg"),
 )
 """Figures of steps."""
 
 
 def rivals_table(
-    quantities: Sequence[Quantity], figures: Mapping[str, Mapping[str, float]]
+    quantities: Sequence[ControllerFigure], figures: Mapping[str, Mapping[str, float]]
 ) -> Table:
     """Return the figures of all controllers, one row for each."""
     columns = ("controller", *(each.heading for each in quantities))
@@ -70,7 +70,7 @@ def rivals_table(
 
 
 def where_better(
-    quantities: Sequence[Quantity], figures: Mapping[str, Mapping[str, float]], default: str
+    quantities: Sequence[ControllerFigure], figures: Mapping[str, Mapping[str, float]], default: str
 ) -> str:
     """Return in words on which figures another controller is better than the default.
 
@@ -78,7 +78,7 @@ def where_better(
 
     Parameters
     ----------
-    quantities : sequence of Quantity
+    quantities : sequence of ControllerFigure
     figures : mapping
         Of each controller by its name.
     default : str
@@ -98,5 +98,5 @@ def where_better(
     return f"On these figures others are better than the {WORDS[default]}: {' '.join(said)}"
 
 
-def _shown(quantity: Quantity, figures: Mapping[str, float]) -> float:
+def _shown(quantity: ControllerFigure, figures: Mapping[str, float]) -> float:
     return round(float(figures[quantity.key]), quantity.digits)
