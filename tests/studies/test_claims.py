@@ -1,7 +1,7 @@
 from multiprocessing import active_children
 
 import worker_tasks
-from minorloop.studies.claims import Claim, claim_table, for_each, medians
+from minorloop.studies.claims import Claim, cell, claim_table, for_each, medians
 
 FIGURES = {"a": {"b": 0.02}, "bad": False}
 
@@ -29,6 +29,16 @@ def test_what_is_not_a_number_is_never_met():
     rows = claim_table(claims, {"a": float("nan")}).rows
     assert [row[2] for row in rows] == ["none", "none"]
     assert [row[-1] for row in rows] == ["nothing to count", "short"]
+
+
+def test_what_never_came_is_said_in_words():
+    claim = Claim("settling", "a", "-", most=9.0)
+    assert claim.row({"a": float("inf")})[2:] == ("not reached", "<= 9 (ours)", "short")
+    assert [cell(value, ".1f") for value in (float("inf"), float("nan"), 1.26)] == [
+        "not reached",
+        "none",
+        "1.3",
+    ]
 
 
 def test_bounds_are_said_as_short_as_they_can_be():

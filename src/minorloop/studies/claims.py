@@ -91,9 +91,14 @@ class Claim:
         return ""
 
     def _text(self, value: float) -> str:
-        if math.isnan(value):
-            return "none"
-        return f"{value:.2%}" if self.percent else f"{value:.3g}"
+        return cell(value, ".2%" if self.percent else ".3g")
+
+
+def cell(value: float, form: str) -> str:
+    """Return a number as text in a format: ``none`` if it is NaN, ``not reached`` if infinite."""
+    if math.isnan(value):
+        return "none"
+    return "not reached" if math.isinf(value) else format(value, form)
 
 
 def figure(figures: Mapping[str, Any], key: str) -> Any:

@@ -26,7 +26,7 @@ from minorloop.head.control.heating import (
 )
 from minorloop.head.geometry import wall_point
 from minorloop.head.procedures.calibration import HeadCalibration
-from minorloop.head.studies.head_loop import TICK, HeadRun, constant, run_loop
+from minorloop.head.studies.head_loop import TICK, HeadRun, constant, run_loop, step_figures
 from minorloop.head.studies.head_static import (
     BANDS,
     COMMAND,
@@ -38,6 +38,7 @@ from minorloop.head.studies.head_static import (
 )
 from minorloop.head.studies.picture_sensor import PictureSensor
 from minorloop.head.studies.scoring import places_seen, true_pixel
+from minorloop.head.studies.wall_reach import WallReach, wall_reach
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore
 from minorloop.identification import excitation
@@ -62,12 +63,12 @@ PERIODS = (60.0, 30.0, 20.0)
 """Periods of the circle, in seconds."""
 HOLE = Bore(phi=math.radians(135.0), z=22e-3, diameter=1e-3, brightness=0.0, lining=0.08)
 """The feature about which the circle goes: between the cold head, whose optical axis meets the wall
-at 11 mm, and a line of sight along the pipe, which never does. All wires stay 5 degrees warmer than
-cold: nearer to it they cannot pull back."""
+at 11 mm, and a line of sight along the pipe, which never does. On the circle no joint comes within
+`wall_reach.LEAST` of its cold end."""
 RADIUS = 4e-3
 """Of the circle in metres. The paper's is 20 to 25 mm across, on a wall that the text does not
-describe; round the inside of a pipe of 20 mm that would be more than a quarter turn to each side,
-out of reach of wires that pull in one direction only."""
+describe. About `HOLE` the wires reach a circle of 8.5 mm at most (`wall_reach`); farther along the
+pipe they reach larger ones, but there an error of the angle is a larger one on the wall."""
 WAIT, LEAD = 15.0, 0.7
 """Wait at the first point of a circle in seconds, longer than a step may take, and how far ahead of
 the path its target is: the response of the laws and the age of the pictures; the path is known."""
@@ -172,19 +173,21 @@ class CameraStudy:
             "steps": self._worst(LAWS[0]),
             "internal_model": self._worst(LAWS[1]),
             **circles,
+            "largest_circle_mm": 1e3 * self.reach(HOLE.z).across,
             "reading_rms_deg": float(np.sqrt(np.mean(self.reading_error**2))),
             "pictures_missed_pct": 100.0 * self.missed,
             "holds_lost": self.seen.lost,
             "seconds": self.seconds,
         }
 
+    def reach(self, z: float) -> WallReach:
+        """Return the largest circle about a place beside the hole, at another z in m."""
+        highest = min(wire.operator.range[1] for wire in self.seen.wires)
+        return wall_reach(replace(HOLE, z=z), highest)
+
     def _worst(self, law: str) -> dict[str, float]:
         runs = [run for (name, _), run in self.steps.items() if name == law]
-        return {
-            "settle_s": max(run.settle for run in runs),
-            "overshoot_pct": max(run.overshoot for run in runs),
-            "steady_rms_deg": max(run.steady for run in runs),
-        }
+        return step_figures(runs)
 
 
 def run_camera(

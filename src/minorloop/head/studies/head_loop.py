@@ -168,6 +168,15 @@ def run_loop(
     return HeadRun(name, t, wanted, read, current, truth(head), tuple(alarms), state.log, took)
 
 
+def step_figures(runs: Sequence[HeadRun]) -> dict[str, float]:
+    """Return the worst figures of several steps of the first axis."""
+    return {
+        "settle_s": max(run.settle for run in runs),
+        "overshoot_pct": max(run.overshoot for run in runs),
+        "steady_rms_deg": max(run.steady for run in runs),
+    }
+
+
 def constant(pan: float, tilt: float = 0.0) -> Reference:
     """Return a constant reference."""
     return lambda t: (pan, tilt)

@@ -34,7 +34,7 @@ SIGHT_CLAIMS = (
         "not studied",
         most=2.0,
     ),
-    Claim("the same: frames lost", "tracking.texture_lost_fraction", "not studied"),
+    Claim("the same: frames given up", "tracking.texture_lost_fraction", "not studied"),
     Claim(
         "point picked 5 px of 640 off: error in the end, worst [px of 320]",
         "pick.final_error_px",

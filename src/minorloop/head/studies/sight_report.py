@@ -13,6 +13,7 @@ from minorloop.head.studies.sight_trials import CLICK, Insertion
 from minorloop.head.studies.touch_trials import Touch
 from minorloop.head.studies.tracking_trials import WALLS, Followed, tracking_figures
 from minorloop.report import Picture, Report, Table
+from minorloop.studies.claims import cell
 from minorloop.studies.drawing import new_figure
 
 _SQUARE = 15.0
@@ -48,16 +49,27 @@ def add_sight(report: Report, sight: SightStudy, figures: Mapping[str, Any]) -> 
     tracking = figures["tracking"]
     report.add(
         "Tracking, graded by the truth",
-        text="A hole and pieces of plain wall are followed while the head turns at up to 20 "
-        "degrees a second on a base that sways, on walls that are hard to follow. The tracker "
-        "compares a patch and eight tiles around it with a view from nearby and lets them vote "
-        "for one motion of the head; a patch that does not go with its surroundings is lost, not "
-        f"tracked. {tracking['texture_drifted']} of {tracking['texture_points']} pieces of plain "
-        "wall were more than 2 pixels of 320 off in some frame that counted as tracked. The table "
-        f"is of the specimen that is drawn. A click that is off by {CLICK:g} pixels of 640 rms is "
-        f"put on the outline; in the end {pick['final_error_px']:.2f} pixels of 320 remain in the "
-        "worst case, and the focus errs by "
-        f"{pick['focus_error_pct']:.0f} % of the distance at most.",
+        text=(
+            "A hole and pieces of plain wall are followed while the head turns at up to 20 "
+            "degrees a second on a base that sways, on walls that are hard to follow. The tracker "
+            "compares a patch and eight tiles around it with a view from nearby and lets them "
+            "vote for one motion of the head; a patch that does not go with its surroundings is "
+            "given up, not followed to a wrong place.",
+            f"{_lost_share(tracking)} of the frames of plain wall are given up so. A hole stands "
+            "out from the wall and has an outline. A patch of plain wall has only its texture: it "
+            "is given up where the texture is blurred or outshone, where it looks alike in "
+            "several places, or where it does not move as the tiles around it. On the poor wall "
+            "the tracker refuses most points when they are selected. This is the price for few "
+            f"wrong places: {tracking['texture_drifted']} of {tracking['texture_points']} pieces "
+            "of plain wall were more than 2 pixels of 320 off in some frame that counted as "
+            "tracked. For a user this means: select a hole, a pit or another mark that stands "
+            "out, rather than plain wall. A point that is given up is reported as not tracked and "
+            "looked for in the next pictures; the tracker goes on when it is found. The table is "
+            "of the specimen that is drawn, the numbers of this text are of all specimens.",
+            f"A click that is off by {CLICK:g} pixels of 640 rms is put on the outline; in the "
+            f"end {pick['final_error_px']:.2f} pixels of 320 remain in the worst case, and the "
+            f"focus errs by {pick['focus_error_pct']:.0f} % of the distance at most.",
+        ),
         table=_walls_table(sight.followed),
         pictures=[Picture(draw_followed(sight.followed), "Errors of the tracked points.")],
     )
@@ -65,26 +77,38 @@ def add_sight(report: Report, sight: SightStudy, figures: Mapping[str, Any]) -> 
         "The micro-tool",
         text="The tool is beside the lens; the head turns the tool, not the optical axis, to a "
         "place 1.2 mm beside the hole, extends it until it touches, and withdraws it. A tool is "
-        "known within 0.03 mm and 0.1 degrees. The mark is "
-        f"{tool['touch_mm_p90']:.2f} mm from where it was wanted (90th percentile); "
-        f"{100 * tool['within_bound']:.0f} % of the touches are within 0.3 mm, and one that did "
-        "not come to pass is not.",
+        "known within 0.03 mm and 0.1 degrees. Distance of "
+        "the mark from where it was wanted, 90th percentile in mm: "
+        f"{cell(tool['touch_mm_p90'], '.2f')}. "
+        f"{100 * tool['within_bound']:.0f} % of the touches are within 0.3 mm. An attempt in which "
+        "the tool does not touch the wall counts as outside of it, and its distance as infinite.",
         pictures=[Picture(draw_touches(sight.touches), "Before a touch, and the mark after it.")],
     )
 
 
+def _lost_share(tracking: Mapping[str, Any]) -> str:
+    return cell(tracking["texture_lost_fraction"], ".0%")
+
+
 def _walls_table(followed: tuple[Followed, ...]) -> Table:
-    columns = ("wall", "hole: p95, px", "hole: lost", "plain: p99, px", "plain: lost", "drifted")
+    columns = (
+        "wall",
+        "hole: error, 95th percentile, px",
+        "hole: frames lost",
+        "plain wall: error, 99th percentile, px",
+        "plain wall: frames given up",
+        "plain wall: points that drifted",
+    )
     rows = []
     for wall in WALLS:
         own = tracking_figures([each for each in followed if each.wall == wall])
         rows.append(
             (
                 wall,
-                f"{own['true_error_px_p95']:.2f}",
-                f"{own['lost_fraction']:.2f}",
-                f"{own['texture_error_px_p99']:.2f}",
-                f"{own['texture_lost_fraction']:.2f}",
+                cell(own["true_error_px_p95"], ".2f"),
+                cell(own["lost_fraction"], ".0%"),
+                cell(own["texture_error_px_p99"], ".2f"),
+                cell(own["texture_lost_fraction"], ".0%"),
                 f"{own['texture_drifted']} of {own['texture_points']}",
             )
         )
@@ -130,7 +154,11 @@ def draw_touches(touches: tuple[Touch, ...]) -> Any:
             if np.isfinite(touch.pixel).all():
                 u, v = touch.pixel
                 one.set(xlim=(u - _CROP, u + _CROP), ylim=(v + _CROP, v - _CROP))
-        axes[0, column].set_title(f"{1e3 * touch.off:.2f} mm off")
+        axes[0, column].set_title(
+            f"{1e3 * touch.off:.2f} mm off"
+            if np.isfinite(touch.off)
+            else f"no mark:\n{touch.verdict}"
+        )
     for one in axes.flat:
         one.set_axis_off()
     return figure

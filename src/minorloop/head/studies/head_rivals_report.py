@@ -1,0 +1,102 @@
+"""All controllers of the head beside each other, and the figures on which a rival is better."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from minorloop.report import Table
+from minorloop.studies.claims import cell
+
+WORDS = {
+    "observer": "observer",
+    "feedforward": "open loop",
+    "pi": "PI alone",
+    "internal_model": "internal model",
+    "adaptive": "adaptive",
+    "feedforward_pi": "inverse and PI",
+    "model_reference": "model reference",
+}
+"""Name of each controller in reports, the default first."""
+
+
+@dataclass(frozen=True)
+class ControllerFigure:
+    """A figure of a controller, of which less is better.
+
+    Parameters
+    ----------
+    key : str
+        Name among the figures of a controller.
+    words : str
+        What it is.
+    unit : str
+    digits : int
+        Behind the decimal point.
+    """
+
+    key: str
+    words: str
+    unit: str
+    digits: int = 2
+
+    @property
+    def heading(self) -> str:
+        """Heading of a column."""
+        return f"{self.words}, {self.unit}"
+
+    def text(self, figures: Mapping[str, float]) -> str:
+        """Return the figure of one controller as a cell of a table."""
+        return cell(figures[self.key], f".{self.digits}f")
+
+
+STEP = (
+    ControllerFigure("settle_s", "settling", "s", 1),
+    ControllerFigure("overshoot_pct", "overshoot", "%", 1),
+    ControllerFigure("steady_rms_deg", "steady rms", "deg"),
+)
+"""Figures of steps."""
+
+
+def rivals_table(
+    quantities: Sequence[ControllerFigure], figures: Mapping[str, Mapping[str, float]]
+) -> Table:
+    """Return the figures of all controllers, one row for each."""
+    columns = ("controller", *(each.heading for each in quantities))
+    rows = [
+        (WORDS[name], *(each.text(own) for each in quantities)) for name, own in figures.items()
+    ]
+    return Table(columns, rows)
+
+
+def where_better(
+    quantities: Sequence[ControllerFigure], figures: Mapping[str, Mapping[str, float]], default: str
+) -> str:
+    """Return in words on which figures another controller is better than the default.
+
+    Figures count as they are shown: a difference behind the last digit is none.
+
+    Parameters
+    ----------
+    quantities : sequence of ControllerFigure
+    figures : mapping
+        Of each controller by its name.
+    default : str
+        Name of the default.
+    """
+    said = []
+    for each in quantities:
+        own = _shown(each, figures[default])
+        better = [name for name, of in figures.items() if _shown(each, of) < own]
+        if better:
+            parts = [f"{WORDS[name]} {each.text(figures[name])}" for name in (default, *better)]
+            said.append(
+                f"{each.words[0].upper()}{each.words[1:]} in {each.unit}: {', '.join(parts)}."
+            )
+    if not said:
+        return f"No other controller is better than the {WORDS[default]} on any of these figures."
+    return f"On these figures others are better than the {WORDS[default]}: {' '.join(said)}"
+
+
+def _shown(quantity: ControllerFigure, figures: Mapping[str, float]) -> float:
+    return round(float(figures[quantity.key]), quantity.digits)
