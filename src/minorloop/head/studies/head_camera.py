@@ -53,7 +53,8 @@ QUIET: dict[str, Any] = {"dead_band": 0.02, "learning": 15.0, "steepness": 0.7}
 """Options of the observer: the angles of pictures have a noise of 0.01 degrees, a fifth of that of
 sensors at the joints, so that smaller differences count, and faster, which needs less power for a
 small error to stay calm. By trial on the seeds 1000, 1002 and 1008, whose pictures have one age; on
-devices, where it varies, such a loop oscillates by some degrees."""
+devices, where it varies, such a loop oscillates by some degrees. So does the adaptive law, whose
+operator changes as well; it keeps its own."""
 AGAIN = 3
 """Times that a hold is repeated from the one before if the view was lost on a way that no picture
 had shown before: the wire forgets that it went back."""
@@ -243,7 +244,7 @@ def run_camera(
 
 def seen_control(name: str, seen: SeenWires) -> HeadControl:
     """Return the control of a head by its camera: a late sensor, which may miss some pictures."""
-    options = QUIET if name in ("observer", "adaptive") else {}
+    options = QUIET if name == LAWS[0] else {}
     return camera_control(name, seen.wires, coupling=seen.coupling, **options)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.head.control.by_camera import AGE
-from minorloop.head.studies.head_camera import HOLE, LAWS, QUIET, RADIUS, STEPS, CameraStudy
+from minorloop.head.studies.head_camera import HOLE, LAWS, RADIUS, STEPS, CameraStudy
 from minorloop.head.studies.head_loop import STEADY, HeadRun, step_figures
 from minorloop.head.studies.head_rivals_report import STEP, WORDS, where_better
 from minorloop.head.studies.picture_sensor import DROPPED
@@ -59,13 +59,11 @@ def add_camera(
             f"{_end(study):.0f} s, those with joint sensors longer, so the last column has the "
             "same seconds of both. PI, alone or with the inverse, needs most of a run to settle: "
             "its steady rms by the camera still has the end of the approach, and in the same "
-            "seconds it is as far off with joint sensors. Adaptive changes its operator at "
-            "settled samples, and the angle then moves about the target. By the camera it has the "
-            f"options of the observer, such as a dead band of {QUIET['dead_band']:g} degrees, and "
-            "reacts to these changes more strongly; with the options of joint sensors it is as "
-            "steady as with those (tried on seed 1000). Given time, PI turns until the readings "
+            "seconds it is as far off with joint sensors. Given time, PI turns until the readings "
             "agree with the target. With joint sensors the error goes to zero, by the camera to "
-            "that of the calibration.",
+            "that of the calibration. Adaptive has the options of joint sensors: with those of "
+            "the observer by the camera, each change of its operator would move the angle about "
+            "the target.",
             "What follows is of the camera alone and the step of "
             f"{_targets(study)[-1]:g} degrees. "
             f"{where_better(STEP, _highest_steps(study), LAWS[0])}",
