@@ -7,7 +7,7 @@ import pytest
 
 from console_rig import AHEAD, PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop.head.console import messages
-from minorloop.head.console.mark import NO_CONTACT, OUT_OF_REACH, PATIENCE, TOUCHED
+from minorloop.head.console.mark import NO_CONTACT, NOT_SHOWN, OUT_OF_REACH, PATIENCE, TOUCHED
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.sweep import STOPPED
 from minorloop.head.procedures.actuator_plant import NO_PROBE
@@ -484,7 +484,7 @@ def texts(pilot):
     return [notice["text"] for notice in sent(pilot.session, "notice")]
 
 
-@pytest.mark.parametrize("how", ["touched", "no contact", "not extended"])
+@pytest.mark.parametrize("how", ["no contact", "not extended"])
 def test_the_tool_is_turned_to_the_target_extended_and_withdrawn_with_one_sentence(how):
     pilot = marking()
     ((length,),) = numbers_of(pilot, "extend")
@@ -492,12 +492,39 @@ def test_the_tool_is_turned_to_the_target_extended_and_withdrawn_with_one_senten
     pilot.camera.events = [{"what": how, "text": "this head has no tool"}]
     pilot.drive(2)
     assert numbers_of(pilot, "extend")[-1] == [0.0]
-    said = {"touched": TOUCHED, "no contact": NO_CONTACT}.get(how, "this head has no tool")
+    said = NO_CONTACT if how == "no contact" else "this head has no tool"
     assert texts(pilot)[1:] == [said]
     assert pilot.session.state.mode == "TRACK"
     pilot.mode("HEAD")
     pilot.drive(2)
     assert pilot.session.state.mode == "HEAD"
+
+
+@pytest.mark.parametrize(
+    ("off", "said"),
+    [
+        (0.12e-3, "the wall 0.12 mm from the picked point, and is withdrawn"),
+        (0.45e-3, "0.45 mm from the picked point, farther than 0.3 mm, and is withdrawn"),
+        (None, f"{TOUCHED}; its distance from the picked point is not known: {NOT_SHOWN}"),
+        ("late", NOT_SHOWN),
+        ("picked", "is not known: another point was picked"),
+    ],
+)
+def test_after_a_touch_the_distance_of_the_mark_is_said_or_why_it_is_not_known(off, said):
+    pilot = marking()
+    pilot.camera.events = [{"what": "touched"}]
+    pilot.drive(2)
+    assert numbers_of(pilot, "extend")[-1] == [0.0]
+    assert len(texts(pilot)) == 1
+    if off == "picked":
+        pilot.camera.events = [{"what": "picked"}]
+    elif off != "late":
+        pilot.camera.events = [{"what": "marked", "off": off}]
+    for _ in range(130 if off == "late" else 2):
+        at_tool(pilot)
+        pilot.drive()
+    assert said in texts(pilot)[-1]
+    assert len(texts(pilot)) == 2
 
 
 def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():

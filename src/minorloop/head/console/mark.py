@@ -1,8 +1,8 @@
 """A touch of the tracked point with the micro-tool from the console: what each tick does for it.
 
 TRACK is its mode: leaving it ends the touch. The head turns until the point is where the tool would
-meet the wall; then the tool extends until it touches, and is withdrawn. The camera process has the
-tool. Every touch ends with a sentence.
+meet the wall; then the tool extends until it touches, and is withdrawn; then the camera looks for
+its mark. The camera process has the tool. Every touch ends with a sentence.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from minorloop.head.console.messages import Pair
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.mark import Marking, tool_pixel
+from minorloop.head.procedures.steps import WITHIN
 from minorloop.head.procedures.values import Reading, held_since, passed
 
 PATIENCE = 30.0
@@ -28,7 +29,10 @@ the tool 2 s to the wall and back."""
 _UNSEEN_FOR = 0.5
 """Seconds for which a point may not be recognised while the head comes to rest: on wall with little
 texture this is one picture of ten, and a loaded machine gives them late. TRACK ends at 0.6 s."""
+_LOOK = 5.0
+"""Longest duration in seconds of the withdrawal and of the search for the mark."""
 TOUCHED = "the tool has touched the wall, and is withdrawn"
+NOT_SHOWN = "the camera does not show its mark"
 NO_CONTACT = (
     f"the tool was withdrawn: no contact up to {1e3 * Marking.beyond:g} mm behind the wall; "
     "pick a point beside the hole"
@@ -47,7 +51,7 @@ class ConsoleMark:
     began : float
         Time in seconds.
     stage : str
-        ``aim`` while the head turns, then ``touch``.
+        ``aim`` while the head turns, then ``touch``, and ``withdraw`` after it.
     off : (2,) array
         Smoothed distance of the point from where the tool would meet the wall, in pixels.
     seen_at : float
@@ -61,7 +65,7 @@ class ConsoleMark:
     """
 
     began: float
-    stage: Literal["aim", "touch"] = "aim"
+    stage: Literal["aim", "touch", "withdraw"] = "aim"
     off: FloatArray
     seen_at: float
     near_since: float | None = None
@@ -95,6 +99,9 @@ def marked(
         Where the tracked point is; None while it is not recognised.
     now : Reading
     """
+    if mark.stage == "withdraw":
+        late = passed(mark.began, now.t, _LOOK)
+        return replace(mark, ended=unmeasured(NOT_SHOWN) if late else ""), []
     if passed(mark.began, now.t, PATIENCE):
         said = (
             "the tool was withdrawn: the head did not come to rest with the tool at the point in "
@@ -113,6 +120,24 @@ def marked(
     # The tool waits where it is until the point is recognised again, at its place.
     command: CameraCommand = ("hold_tool", []) if length is None else ("extend", [length])
     return replace(mark, extending=length is not None), [command]
+
+
+def touched(mark: ConsoleMark, now: Reading) -> ConsoleMark:
+    """Return the touch after the contact: its mark is looked for."""
+    return replace(mark, stage="withdraw", began=now.t, extending=False)
+
+
+def measured(off: float | None) -> str:
+    """Return the sentence on a touch whose mark is metres from the picked point, None if unseen."""
+    if off is None:
+        return unmeasured(NOT_SHOWN)
+    most = f", farther than {1e3 * WITHIN:g} mm" if off > WITHIN else ""
+    return TOUCHED.replace(",", f" {1e3 * off:.2f} mm from the picked point{most},")
+
+
+def unmeasured(why: str) -> str:
+    """Return the sentence on a touch whose mark was not measured."""
+    return f"{TOUCHED}; its distance from the picked point is not known: {why}"
 
 
 def servoed(view: HeadCalibration, pixel: Pair, now: Reading) -> FloatArray:

@@ -20,6 +20,7 @@ from minorloop.head.console.finder import Finder
 from minorloop.head.console.plant import reading_at
 from minorloop.head.console.scan_echoes import ScanEchoes
 from minorloop.head.console.sweep import SweepEchoes
+from minorloop.head.console.tool_watch import ToolWatch
 from minorloop.head.console.units import Position
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
@@ -33,7 +34,6 @@ from minorloop.head.procedures.values import (
     Reading,
     Request,
     Tip,
-    ToolTip,
     apply_to_tip,
 )
 from minorloop.head.vision.calibrated_camera import Image
@@ -103,7 +103,7 @@ class Perception:
         self._all_lights = True
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
         self._ticks = 0
-        self._extending = 0.0
+        self._tool = ToolWatch(tip, view)
         self._queue: list[Callable[[], None]] = []
         self._echoes: ScanEchoes | None = None
         self._sweep: SweepEchoes | None = None
@@ -121,7 +121,7 @@ class Perception:
             "sharpen": self._sharpen,
             "extract": self._extract,
             "extend": self._extend,
-            "hold_tool": self._hold_tool,
+            "hold_tool": self._tool.hold,
             "begin_scan": self._begin_scan,
             "fire": self._fire,
             "finish_scan": self._finish_scan,
@@ -168,7 +168,9 @@ class Perception:
         self._meter = replace(self._meter, place=place)
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
-        self._watch_tool()
+        happened = self._tool.watch(self._reading(), self._track)
+        if happened:
+            self._events.append(happened)
         events, self._events = self._events, []
         self._ticks += 1
         return CameraReport(
@@ -261,6 +263,7 @@ class Perception:
             pixel = self._centring.outlined(frames, pixel, reading)
         track, self._track = self._centring.pick(reading.image, pixel, reading)
         self._visible, self._score = True, track.score
+        self._tool.forget()
         self._report("picked")
 
     def _follow(self, reading: Reading, usable: bool) -> tuple[float, float, float, bool] | None:
@@ -271,6 +274,8 @@ class Perception:
         if usable:  # under other lights, or out of focus, only the angles are used
             now, self._track = self._centring.follow(self._track, reading, reading.image)
             self._visible = now.verdict == TRACKED
+            if self._visible:
+                self._tool.see(reading, self._track)
             if math.isfinite(now.score):
                 self._score = now.score
             pixel = now.pixel
@@ -338,25 +343,9 @@ class Perception:
     def _extend(self, length: float) -> None:
         """Extend the tool, or withdraw it."""
         try:
-            apply_to_tip(self._tip, Request(extension=length))
+            self._tool.extend(length)
         except MinorloopError as error:
             self._report("not extended", text=str(error))
-        else:
-            self._extending = length
-
-    def _hold_tool(self) -> None:
-        """Let the tool wait where it is."""
-        if isinstance(self._tip, ToolTip):
-            self._extend(self._tip.tool_state()[0])
-        self._extending = 0.0
-
-    def _watch_tool(self) -> None:
-        """Report once that the tool touches the wall, or that it does not meet it."""
-        if self._extending and isinstance(self._tip, ToolTip):
-            extension, touching = self._tip.tool_state()
-            if touching or extension >= self._extending:
-                self._extending = 0.0
-                self._report("touched" if touching else "no contact")
 
     # --- defects
 

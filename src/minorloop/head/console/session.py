@@ -26,11 +26,13 @@ from minorloop.head.console.head_pose import Quaternion
 from minorloop.head.console.mark import (
     NO_CONTACT,
     OUT_OF_REACH,
-    TOUCHED,
     ConsoleMark,
     begin_mark,
     marked,
+    measured,
     servoed,
+    touched,
+    unmeasured,
 )
 from minorloop.head.console.messages import Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
@@ -412,7 +414,7 @@ class Session:
                 self.notice(event["text"])
             elif kind == "picked":
                 self._centred_at, self.focus = None, ""
-                self._end_mark("the mark was stopped: another point was picked")
+                self._stop_mark("another point was picked")
             elif kind == "focused":
                 self.focus = str(event["verdict"])
                 self._send(
@@ -424,8 +426,13 @@ class Session:
                 self.scan = replace(self.scan, fired=True)
             elif kind == "unscanned" and self.state.mode == "SCAN":
                 self.hold(f"there are no echoes: {event['text']}; press a mode to continue")
-            elif kind in ("touched", "no contact"):
-                self._end_mark(TOUCHED if kind == "touched" else NO_CONTACT)
+            elif kind == "touched" and self._mark is not None:
+                self._mark = touched(self._mark, self._reading())
+                self._command("extend", 0.0)
+            elif kind == "marked" and self._withdraws:
+                self._end_mark(measured(event["off"]))
+            elif kind == "no contact":
+                self._end_mark(NO_CONTACT)
             elif kind == "not extended":
                 self._end_mark(event["text"])
             elif kind == "found":
@@ -452,14 +459,22 @@ class Session:
         if self._mark is None:
             return
         if self.state.mode != "TRACK":
-            why = self.state.reason or "press Track, then Mark to start it again"
-            self._end_mark(f"the mark was stopped: {why}")
+            why = self.state.reason or "another mode was chosen; press Track, then Mark again"
+            self._stop_mark(why)
             return
         self._mark, commands = marked(self._mark, self.view, self._visible(), self._reading())
         self._commands += commands
         if self._mark.ended:
             trouble = self._trouble()
             self._end_mark(f"{self._mark.ended}{f' ({trouble})' if trouble else ''}")
+
+    @property
+    def _withdraws(self) -> bool:
+        """Whether the tool has touched the wall, and its mark is looked for."""
+        return self._mark is not None and self._mark.stage == "withdraw"
+
+    def _stop_mark(self, why: str) -> None:
+        self._end_mark(unmeasured(why) if self._withdraws else f"the mark was stopped: {why}")
 
     def _end_mark(self, sentence: str) -> None:
         if self._mark is not None:

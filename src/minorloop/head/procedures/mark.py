@@ -77,6 +77,38 @@ def tool_pixel(
     return np.asarray(camera.pixel((phi, z), pan, tilt))
 
 
+def seen_mark(
+    calibration: HeadCalibration,
+    catheter: npt.ArrayLike,
+    contact: FloatArray,
+    before: tuple[Image, FloatArray],
+    after: tuple[Image, FloatArray],
+) -> FloatArray | None:
+    """Return phi and z (2,) of the mark of a touch; None if the pictures do not show it.
+
+    Parameters
+    ----------
+    calibration : HeadCalibration
+        With a tool.
+    catheter : (2,) array_like
+        Its advance and roll.
+    contact : (2,) array
+        Pan and tilt at the contact.
+    before, after : tuple of image and (2,) array
+        Pictures, with pan and tilt of each.
+
+    Raises
+    ------
+    ParameterError
+        If the tool meets no wall there.
+    """
+    camera, tool = calibration.camera_at(catheter), calibration.tool
+    assert tool is not None
+    pan, tilt = contact.tolist()
+    expected = tool.meet(camera.mount, pan, tilt, camera.radius)[:2]
+    return new_mark(camera, expected, before, after)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MarkState:
     """State of a touch.
@@ -342,13 +374,11 @@ class Marking(Procedure[MarkState]):
         if reading.extension > 0.0 or seen.verdict != TRACKED:
             return state, request
         after = reading.image, self._sighted(state, seen, reading)
-        camera = self.calibration.camera_at(reading.place)
-        pan, tilt = contact.tolist()
-        expected = tool.meet(camera.mount, pan, tilt, camera.radius)[:2]
-        mark = new_mark(camera, expected, before, after)
+        mark = seen_mark(self.calibration, reading.place, contact, before, after)
         if mark is not None:
+            camera = self.calibration.camera_at(reading.place)
             point = wall_point(float(mark[0]), float(mark[1]), camera.radius)
-            learned = tool.through(camera.mount.pose(pan, tilt).to_camera(point))
+            learned = tool.through(camera.mount.pose(*contact.tolist()).to_camera(point))
             state = replace(state, mark=mark, tool=learned)
         return replace(state, done=True), request
 
