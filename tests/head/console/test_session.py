@@ -54,6 +54,19 @@ def test_the_catheter_follows_the_stick_and_stops_without_messages():
     assert position(pilot.session)[2] == pytest.approx(before[2], abs=0.3)
 
 
+def test_ticks_that_a_late_loop_skips_are_counted_by_the_time_of_the_plant():
+    pilot = Pilot().steering(4)
+    session, tick = pilot.session, pilot.session.interval
+    n, known = session.ticks, []
+    for time in (7.0, 7.0 + 5 * tick, 7.0 + 5 * tick, 7.0 + 7 * tick, 0.0, 3 * tick, None):
+        pilot.plant.time = time
+        pilot.drive()
+        known.append(round(session._t / tick) - n)
+    # Without an answer there is the last time; a plant that was started anew counts from 0.
+    assert known == [1, 6, 7, 8, 9, 12, 13]
+    assert session._control.axes[0].t == pytest.approx((n + 12) * tick)
+
+
 def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
     pilot = Pilot(DirectCamera()).tracking()
     session = pilot.session

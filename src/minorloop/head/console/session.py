@@ -117,6 +117,8 @@ class Session:
         self.reading = np.zeros(4)
         self._known = np.zeros(4)  # the reading, and the last one of a sensor that is lost
         self.ticks = self._lost_ticks = 0
+        self._plant_time: float | None = None
+        self._plant_began = self._late = 0.0  # by the count of ticks; seconds that it lacks
         self._resting = True  # cold, until the first mode
         self._no_pictures = self._pictured = False
         self.danger = ""  # why the plant may not be safe
@@ -215,6 +217,7 @@ class Session:
         self._see_angles()
         self._watch_sensors()
         self.ticks += 1
+        self._read_time()
         commands, self._commands = self._commands, []
         self.camera.send(
             CameraRequest(
@@ -521,7 +524,21 @@ class Session:
 
     @property
     def _t(self) -> float:
-        return self.ticks * self.interval
+        """Seconds since the first tick: by the plant, or by the ticks for one without a time."""
+        return self.ticks * self.interval + self._late
+
+    def _read_time(self) -> None:
+        """Read the time of the plant: a loop that is late has skipped ticks.
+
+        A plant that was started anew counts from 0.
+        """
+        now, before = self.plant.time, self._plant_time
+        self._plant_time = now
+        if now is None:
+            return
+        if before is None or now < before:
+            self._plant_began = self._t - now
+        self._late = max(self._late, self._plant_began + now - self.ticks * self.interval)
 
     def _reading(self) -> Reading:
         return reading_at(self.position(), t=self._t)
@@ -558,7 +575,7 @@ class Session:
     def _add(self, reported: Callable[..., ReportedFinding], *found: Any) -> None:
         """Add a finding with the next number and the time."""
         self._last_number += 1  # never used again: a late fit must not meet another finding
-        t = round(self.ticks * self.interval, 2)
+        t = round(self._t, 2)
         self.findings.append(reported(self._last_number, t, *found))
 
     def _begin_scan(self, number: int | None) -> None:
