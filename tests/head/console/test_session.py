@@ -7,7 +7,8 @@ import pytest
 
 from console_rig import AHEAD, PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop.head.console import messages
-from minorloop.head.console.mark import NO_CONTACT, NOT_SHOWN, OUT_OF_REACH, PATIENCE, TOUCHED
+from minorloop.head.console.mark import NO_CONTACT, OUT_OF_REACH, TOUCHED
+from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.sweep import STOPPED
 from minorloop.head.procedures.actuator_plant import NO_PROBE
@@ -476,67 +477,56 @@ def beside():
 
 
 def marking():
-    """With the tool on its way to a scripted target that is where it would meet the wall."""
+    """With the tool on its way to a scripted target."""
     pilot = beside()
     pilot.order(messages.Mark)
-    pilot.drive(20)
-    assert numbers_of(pilot, "extend") == []  # the middle is not where the tool meets the wall
-    for _ in range(30):
-        at_tool(pilot)
-        pilot.drive()
+    pilot.drive(2)
+    assert numbers_of(pilot, "mark") == [[]]
+    assert texts(pilot) == ["the tool is turned to the point"]
     return pilot
-
-
-def at_tool(pilot):
-    now, known = pilot.session._reading(), pilot.session.view
-    u, v = tool_pixel(known, known.tool, now.place, now.angles).tolist()
-    pilot.camera.target = (u, v, 1.0, True)
 
 
 def texts(pilot):
     return [notice["text"] for notice in sent(pilot.session, "notice")]
 
 
-@pytest.mark.parametrize("how", ["no contact", "not extended"])
-def test_the_tool_is_turned_to_the_target_extended_and_withdrawn_with_one_sentence(how):
+def test_the_tool_and_not_the_axis_is_turned_to_the_target():
     pilot = marking()
-    ((length,),) = numbers_of(pilot, "extend")
-    assert 8e-3 < length <= pilot.session.view.tool.longest
-    pilot.camera.events = [{"what": how, "text": "this head has no tool"}]
+    now, known = pilot.session._reading(), pilot.session.view
+    away = np.subtract(tool_pixel(known, known.tool, now.place, now.angles), known.lens.centre)
+    pan, tilt = pilot.session._servo()
+    assert np.hypot(*away) > 20.0
+    assert tilt * away[1] > 0.0  # up, so that the target goes down
+    pilot.camera.target = (*np.add(known.lens.centre, away).tolist(), 1.0, True)
     pilot.drive(2)
-    assert numbers_of(pilot, "extend")[-1] == [0.0]
-    said = NO_CONTACT if how == "no contact" else "this head has no tool"
+    assert np.abs(pilot.session._servo()).max() < 0.2 * np.hypot(pan, tilt)
+
+
+@pytest.mark.parametrize(
+    ("events", "said"),
+    [
+        ([{"what": "not extended", "text": "this head has no tool"}], "this head has no tool"),
+        ([{"what": "marked", "verdict": "no contact", "off": None}], NO_CONTACT),
+        (
+            [{"what": "touched"}, {"what": "marked", "verdict": "touched", "off": 0.12e-3}],
+            "the tool has touched the wall 0.12 mm from the picked point, and is withdrawn",
+        ),
+        (
+            [{"what": "touched"}, {"what": "picked"}],
+            f"{TOUCHED}; its distance from the picked point is not known: another point was picked",
+        ),
+    ],
+)
+def test_the_tool_is_withdrawn_with_one_sentence(events, said):
+    pilot = marking()
+    pilot.camera.events = events
+    pilot.drive(2)
+    assert numbers_of(pilot, "end_mark") == [[]]
     assert texts(pilot)[1:] == [said]
     assert pilot.session.state.mode == "TRACK"
     pilot.mode("HEAD")
     pilot.drive(2)
     assert pilot.session.state.mode == "HEAD"
-
-
-@pytest.mark.parametrize(
-    ("off", "said"),
-    [
-        (0.12e-3, "the wall 0.12 mm from the picked point, and is withdrawn"),
-        (0.45e-3, "0.45 mm from the picked point, farther than 0.3 mm, and is withdrawn"),
-        (None, f"{TOUCHED}; its distance from the picked point is not known: {NOT_SHOWN}"),
-        ("late", NOT_SHOWN),
-        ("picked", "is not known: another point was picked"),
-    ],
-)
-def test_after_a_touch_the_distance_of_the_mark_is_said_or_why_it_is_not_known(off, said):
-    pilot = marking()
-    pilot.camera.events = [{"what": "touched"}]
-    pilot.drive(2)
-    assert numbers_of(pilot, "extend")[-1] == [0.0]
-    assert len(texts(pilot)) == 1
-    if off == "picked":
-        pilot.camera.events = [{"what": "picked"}]
-    elif off != "late":
-        pilot.camera.events = [{"what": "marked", "off": off}]
-    for _ in range(130 if off == "late" else 2):
-        at_tool(pilot)
-        pilot.drive()
-    assert said in texts(pilot)[-1]
     assert len(texts(pilot)) == 2
 
 
@@ -547,7 +537,7 @@ def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
     pilot.camera.events = [{"what": "picked"}]
     pilot.drive(2)
     assert "another point was picked" in texts(pilot)[-1]
-    assert numbers_of(pilot, "extend")[-1] == [0.0]
+    assert numbers_of(pilot, "end_mark") == [[]]
     pilot.order(messages.Mark)
     pilot.camera.reports = list  # no picture comes any more
     pilot.drive(5)
@@ -555,18 +545,13 @@ def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
     assert "the mark was stopped: no picture came" in texts(pilot)[-1]
 
 
-def test_a_mark_that_never_comes_to_rest_says_so_and_why_and_a_far_one_is_not_begun():
-    pilot = beside()
-    pilot.order(messages.Mark)
-    for n in range(round(PATIENCE / pilot.session.interval) + 2):
-        pilot.camera.target = (319.5 + 40.0 * (-1) ** n, 239.5, 1.0, True)
-        pilot.drive()
-    assert texts(pilot)[0] == "the tool is turned to the point"
-    assert "did not come to rest" in texts(pilot)[1]
-    assert len(texts(pilot)) == 2
-    assert numbers_of(pilot, "extend") == [[0.0]]
-    pilot.camera.target = (10.0, 239.5, 1.0, True)
+def test_a_mark_that_does_not_come_to_rest_says_why_and_a_far_one_is_not_begun(monkeypatch):
+    pilot = marking()
+    monkeypatch.setattr(Session, "_trouble", lambda self: "pan: out of reach in the cold")
+    pilot.camera.events = [{"what": "marked", "verdict": "not steady enough", "off": None}]
     pilot.drive(2)
+    assert "did not come to rest" in texts(pilot)[1]
+    assert texts(pilot)[1].endswith(" (pan: out of reach in the cold)")
     tool = replace(pilot.session.view.tool, longest=5e-3)
     pilot.session.view = replace(pilot.session.view, tool=tool)
     pilot.order(messages.Mark)
@@ -578,11 +563,9 @@ def test_a_mark_is_begun_though_the_last_picture_did_not_show_the_point():
     pilot.camera.target = (319.5, 239.5, 0.2, False)
     pilot.drive(2)
     pilot.order(messages.Mark)
+    pilot.drive(2)
     assert texts(pilot) == ["the tool is turned to the point"]
-    for _ in range(40):
-        at_tool(pilot)
-        pilot.drive()
-    assert len(numbers_of(pilot, "extend")) == 1
+    assert numbers_of(pilot, "mark") == [[]]
 
 
 def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_stopped():

@@ -24,14 +24,10 @@ from minorloop.head.console.camera_protocol import (
 )
 from minorloop.head.console.head_pose import Quaternion
 from minorloop.head.console.mark import (
-    NO_CONTACT,
     OUT_OF_REACH,
-    ConsoleMark,
-    begin_mark,
-    marked,
-    measured,
+    ended,
+    reaches,
     servoed,
-    touched,
     unmeasured,
 )
 from minorloop.head.console.messages import Pair, ReportedFinding
@@ -134,7 +130,7 @@ class Session:
         self._after: messages.Mode | None = None  # is entered when it is back
         self._commands: list[CameraCommand] = []
         self._centred_at: float | None = None
-        self._mark: ConsoleMark | None = None
+        self._marking = self._touched = False
         self.focus: str = ""
         self._centring = Centring(calibration=self.view, interval=self.interval)
         self.events: list[bytes] = []
@@ -429,13 +425,10 @@ class Session:
                 self.scan = replace(self.scan, fired=True)
             elif kind == "unscanned" and self.state.mode == "SCAN":
                 self.hold(f"there are no echoes: {event['text']}; press a mode to continue")
-            elif kind == "touched" and self._mark is not None:
-                self._mark = touched(self._mark, self._reading())
-                self._command("extend", 0.0)
-            elif kind == "marked" and self._withdraws:
-                self._end_mark(measured(event["off"]))
-            elif kind == "no contact":
-                self._end_mark(NO_CONTACT)
+            elif kind == "touched":
+                self._touched = True
+            elif kind == "marked":
+                self._marked(event)
             elif kind == "not extended":
                 self._end_mark(event["text"])
             elif kind == "found":
@@ -449,40 +442,35 @@ class Session:
         target = self.seen.target
         if self.view.tool is None:
             self.notice("this head has no micro-tool; nothing can be marked with it")
-        elif self._mark is not None:
+        elif self._marking:
             self.notice("the tool is on its way to the point already; press Hold to stop it")
         elif self.state.mode != "TRACK" or target is None:
             self.notice("no target is tracked; pick a point and press Track, then Mark")
+        elif not reaches(self.view, target[:2], self._reading()):
+            self.notice(OUT_OF_REACH)
         else:
-            self._mark = begin_mark(self.view, target[:2], self._reading())
-            self.notice(OUT_OF_REACH if self._mark is None else "the tool is turned to the point")
+            self._marking, self._touched = True, False
+            self._command("mark")
+            self.notice("the tool is turned to the point")
 
     def _watch_mark(self) -> None:
-        """Extend the tool once it has pointed at the target for long enough, or withdraw it."""
-        if self._mark is None:
-            return
+        """Stop a touch whose mode has ended."""
         if self.state.mode != "TRACK":
-            why = self.state.reason or "another mode was chosen; press Track, then Mark again"
-            self._stop_mark(why)
-            return
-        self._mark, commands = marked(self._mark, self.view, self._visible(), self._reading())
-        self._commands += commands
-        if self._mark.ended:
-            trouble = self._trouble()
-            self._end_mark(f"{self._mark.ended}{f' ({trouble})' if trouble else ''}")
+            self._stop_mark(self.state.reason or "another mode was chosen; press Track, then Mark")
 
-    @property
-    def _withdraws(self) -> bool:
-        """Whether the tool has touched the wall, and its mark is looked for."""
-        return self._mark is not None and self._mark.stage == "withdraw"
+    def _marked(self, event: dict[str, Any]) -> None:
+        """Say how a touch has ended, and what is wrong if it was none."""
+        trouble = "" if self._touched else self._trouble()
+        said = ended(event["verdict"], event["off"])
+        self._end_mark(f"{said} ({trouble})" if trouble else said)
 
     def _stop_mark(self, why: str) -> None:
-        self._end_mark(unmeasured(why) if self._withdraws else f"the mark was stopped: {why}")
+        self._end_mark(unmeasured(why) if self._touched else f"the mark was stopped: {why}")
 
     def _end_mark(self, sentence: str) -> None:
-        if self._mark is not None:
-            self._mark = None
-            self._command("extend", 0.0)
+        if self._marking:
+            self._marking = False
+            self._command("end_mark")
             self.notice(sentence)
 
     def _visible(self) -> Pair | None:
@@ -499,7 +487,7 @@ class Session:
         if target is None:
             return None
         # The place of a mark goes to where the tool meets the wall, not to the middle.
-        pixel = np.asarray(target) if self._mark is None else servoed(self.view, target, now)
+        pixel = servoed(self.view, target, now) if self._marking else np.asarray(target)
         step = self._centring.turn(self.state.command, pixel, now)
         return float(step.rates[0]), float(step.rates[1])
 
