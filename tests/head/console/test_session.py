@@ -32,6 +32,11 @@ def sent(session, kind):
     return [each for each in every if each["type"] == kind]
 
 
+def change_view(pilot, **changes):
+    session = pilot.session
+    session.view = session._scanning._view = replace(session.view, **changes)
+
+
 def test_the_head_goes_where_the_operator_looks():
     pilot = Pilot().steering()
     pilot.drive(150, pose=right(20.0, -10.0))
@@ -345,7 +350,7 @@ def test_a_scan_that_cold_water_puts_out_of_reach_is_not_begun():
     pilot = Pilot().following((319.5, 239.5))
     pilot.camera.events = [EXTRACTED]
     pilot.drive(2)
-    pilot.session.view = replace(pilot.session.view, temperature=1.0)
+    change_view(pilot, temperature=1.0)
     pilot.order(messages.Scan)
     pilot.drive(2)
     assert (pilot.session.state.mode, pilot.session.scan) == ("TRACK", None)
@@ -552,8 +557,7 @@ def test_a_mark_that_does_not_come_to_rest_says_why_and_a_far_one_is_not_begun(m
     pilot.drive(2)
     assert "did not come to rest" in texts(pilot)[1]
     assert texts(pilot)[1].endswith(" (pan: out of reach in the cold)")
-    tool = replace(pilot.session.view.tool, longest=5e-3)
-    pilot.session.view = replace(pilot.session.view, tool=tool)
+    change_view(pilot, tool=replace(pilot.session.view.tool, longest=5e-3))
     pilot.order(messages.Mark)
     assert texts(pilot)[2:] == [OUT_OF_REACH]
 
@@ -577,7 +581,7 @@ def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_s
     pilot.mode("HOLD")
     pilot.drive(2)
     assert any(b"the mark was stopped" in event for event in pilot.session.events)
-    pilot.session.view = replace(pilot.session.view, tool=None)
+    change_view(pilot, tool=None)
     pilot.order(messages.Mark)
     assert b"no micro-tool" in pilot.session.events[-1]
 
@@ -647,7 +651,7 @@ def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
     pilot, before = sweeping()
     scans = []
     pilot.until(
-        lambda s: scans.append(s._scan_progress()) or s.state.mode != "SCAN",
+        lambda s: scans.append(s._scanning.progress()) or s.state.mode != "SCAN",
         ticks=4000,
     )
     session, commands = pilot.session, pilot.camera.commands
@@ -689,7 +693,7 @@ def test_a_sweep_is_stopped_at_any_time_and_the_next_mode_brings_the_head_back_f
     assert np.abs(np.subtract(position(session), there)).max() < 8.0  # the roll runs out
     pilot.mode("HEAD")
     pilot.drive()
-    assert (session.state.mode, session._scan_progress().stage) == ("SCAN", "back")
+    assert (session.state.mode, session._scanning.progress().stage) == ("SCAN", "back")
     pilot.until(lambda s: s.state.mode != "SCAN")
     assert session.state.mode == "HEAD"
     assert position(session) == pytest.approx(before, abs=1.5)
@@ -703,7 +707,7 @@ def test_another_mode_cuts_a_sweep_and_a_hold_stops_the_way_back():
     assert "a sweep is on already" in texts(pilot)[-1]
     pilot.mode("HEAD")
     pilot.drive(3)
-    assert pilot.session._scan_progress().stage == "back"
+    assert pilot.session._scanning.progress().stage == "back"
     assert ("end_sweep", [0.0]) in every_command(pilot)
     pilot.mode("HOLD")
     pilot.drive(2)
@@ -717,7 +721,7 @@ def test_another_mode_cuts_a_sweep_and_a_hold_stops_the_way_back():
 def test_a_sweep_beyond_the_end_of_the_pipe_is_refused():
     pilot = Pilot().steering()
     pilot.drive(150, pose=right(20.0, -10.0))
-    pilot.session.view = replace(pilot.session.view, length=15e-3)
+    change_view(pilot, length=15e-3)
     pilot.order(messages.Sweep)
     pilot.drive()
     assert "the end of the pipe at 15 mm" in texts(pilot)[-1]
@@ -728,7 +732,7 @@ def test_a_sweep_needs_wall_in_the_middle_of_the_picture_within_reach_and_a_prob
     pilot = Pilot().steering(150)
     pilot.order(messages.Sweep)
     pilot.drive(150, pose=right(20.0, -10.0))
-    pilot.session.view = replace(pilot.session.view, temperature=1.0)
+    change_view(pilot, temperature=1.0)
     pilot.order(messages.Sweep)
     pilot.drive(1, pose=right(20.0, -10.0))
     pilot.session.no_probe = NO_PROBE
