@@ -19,7 +19,6 @@ from minorloop.head.console.camera_protocol import (
     CameraReport,
     CameraRequest,
 )
-from minorloop.head.console.finding_list import FindingList
 from minorloop.head.console.head_pose import Quaternion
 from minorloop.head.console.mark import (
     OUT_OF_REACH,
@@ -30,6 +29,7 @@ from minorloop.head.console.mark import (
 )
 from minorloop.head.console.messages import Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
+from minorloop.head.console.numbered_findings import NumberedFindings
 from minorloop.head.console.outgoing import Outgoing
 from minorloop.head.console.plant import reading_at
 from minorloop.head.console.reports import introduction, pair
@@ -96,7 +96,7 @@ class Session:
         self.state = TeleopState()
         self._out = Outgoing()
         self.events, self.notice = self._out.events, self._out.notice
-        self._found = FindingList(self.view.radius, self._out)
+        self._found = NumberedFindings(self.view.radius, self._out)
         self.reading = np.zeros(4)
         self._known = np.zeros(4)  # the reading, and the last one of a sensor that is lost
         self.ticks = self._lost_ticks = 0

@@ -11,7 +11,7 @@ from minorloop.head.console.outgoing import Outgoing
 from minorloop.head.console.reports import camera_finding, swept_finding, with_depth
 
 
-class FindingList:
+class NumberedFindings:
     """All findings.
 
     Parameters
