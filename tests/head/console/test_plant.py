@@ -1,3 +1,4 @@
+import time
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -85,6 +86,10 @@ def test_a_head_on_a_serial_board_is_steered(board):
     address, folder = board
     assert probed(address) == ("H-01", 0.04, 3, True)
     plant = open_plant(address)
+    for seconds in (0.2, 0.0):  # a loop that is late; the plant does not keep its ticks
+        plant.exchange(np.zeros(4))
+        time.sleep(seconds)
+    assert 0.2 <= plant.time < 60.0
     pilot = Pilot.__new__(Pilot)  # without the simulated head, which takes seconds
     pilot.now, pilot.seq = 100.0, 0
     pilot.session = Session(plant, SMALL, CONTROL, ScriptedCamera())

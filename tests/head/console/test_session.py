@@ -7,7 +7,8 @@ import pytest
 
 from console_rig import AHEAD, PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop.head.console import messages
-from minorloop.head.console.mark import NO_CONTACT, OUT_OF_REACH, PATIENCE, TOUCHED
+from minorloop.head.console.mark import NO_CONTACT, OUT_OF_REACH, TOUCHED
+from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.sweep import STOPPED
 from minorloop.head.procedures.actuator_plant import NO_PROBE
@@ -31,6 +32,11 @@ def sent(session, kind):
     return [each for each in every if each["type"] == kind]
 
 
+def change_view(pilot, **changes):
+    session = pilot.session
+    session.view = session._scanning._view = replace(session.view, **changes)
+
+
 def test_the_head_goes_where_the_operator_looks():
     pilot = Pilot().steering()
     pilot.drive(150, pose=right(20.0, -10.0))
@@ -52,6 +58,19 @@ def test_the_catheter_follows_the_stick_and_stops_without_messages():
     before = position(pilot.session)
     pilot.silence(25)
     assert position(pilot.session)[2] == pytest.approx(before[2], abs=0.3)
+
+
+def test_ticks_that_a_late_loop_skips_are_counted_by_the_time_of_the_plant():
+    pilot = Pilot().steering(4)
+    session, tick = pilot.session, pilot.session.interval
+    n, known = session.ticks, []
+    for time in (7.0, 7.0 + 5 * tick, 7.0 + 5 * tick, 7.0 + 7 * tick, 0.0, 3 * tick, None):
+        pilot.plant.time = time
+        pilot.drive()
+        known.append(round(session._t / tick) - n)
+    # Without an answer there is the last time; a plant that was started anew counts from 0.
+    assert known == [1, 6, 7, 8, 9, 12, 13]
+    assert session._control.axes[0].t == pytest.approx((n + 12) * tick)
 
 
 def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
@@ -331,7 +350,7 @@ def test_a_scan_that_cold_water_puts_out_of_reach_is_not_begun():
     pilot = Pilot().following((319.5, 239.5))
     pilot.camera.events = [EXTRACTED]
     pilot.drive(2)
-    pilot.session.view = replace(pilot.session.view, temperature=1.0)
+    change_view(pilot, temperature=1.0)
     pilot.order(messages.Scan)
     pilot.drive(2)
     assert (pilot.session.state.mode, pilot.session.scan) == ("TRACK", None)
@@ -463,41 +482,57 @@ def beside():
 
 
 def marking():
-    """With the tool on its way to a scripted target that is where it would meet the wall."""
+    """With the tool on its way to a scripted target."""
     pilot = beside()
     pilot.order(messages.Mark)
-    pilot.drive(20)
-    assert numbers_of(pilot, "extend") == []  # the middle is not where the tool meets the wall
-    for _ in range(30):
-        at_tool(pilot)
-        pilot.drive()
+    pilot.drive(2)
+    assert numbers_of(pilot, "mark") == [[]]
+    assert texts(pilot) == ["the tool is turned to the point"]
     return pilot
-
-
-def at_tool(pilot):
-    now, known = pilot.session._reading(), pilot.session.view
-    u, v = tool_pixel(known, known.tool, now.place, now.angles).tolist()
-    pilot.camera.target = (u, v, 1.0, True)
 
 
 def texts(pilot):
     return [notice["text"] for notice in sent(pilot.session, "notice")]
 
 
-@pytest.mark.parametrize("how", ["touched", "no contact", "not extended"])
-def test_the_tool_is_turned_to_the_target_extended_and_withdrawn_with_one_sentence(how):
+def test_the_tool_and_not_the_axis_is_turned_to_the_target():
     pilot = marking()
-    ((length,),) = numbers_of(pilot, "extend")
-    assert 8e-3 < length <= pilot.session.view.tool.longest
-    pilot.camera.events = [{"what": how, "text": "this head has no tool"}]
+    now, known = pilot.session._reading(), pilot.session.view
+    away = np.subtract(tool_pixel(known, known.tool, now.place, now.angles), known.lens.centre)
+    pan, tilt = pilot.session._servo()
+    assert np.hypot(*away) > 20.0
+    assert tilt * away[1] > 0.0  # up, so that the target goes down
+    pilot.camera.target = (*np.add(known.lens.centre, away).tolist(), 1.0, True)
     pilot.drive(2)
-    assert numbers_of(pilot, "extend")[-1] == [0.0]
-    said = {"touched": TOUCHED, "no contact": NO_CONTACT}.get(how, "this head has no tool")
+    assert np.abs(pilot.session._servo()).max() < 0.2 * np.hypot(pan, tilt)
+
+
+@pytest.mark.parametrize(
+    ("events", "said"),
+    [
+        ([{"what": "not extended", "text": "this head has no tool"}], "this head has no tool"),
+        ([{"what": "marked", "verdict": "no contact", "off": None}], NO_CONTACT),
+        (
+            [{"what": "touched"}, {"what": "marked", "verdict": "touched", "off": 0.12e-3}],
+            "the tool has touched the wall 0.12 mm from the picked point, and is withdrawn",
+        ),
+        (
+            [{"what": "touched"}, {"what": "picked"}],
+            f"{TOUCHED}; its distance from the picked point is not known: another point was picked",
+        ),
+    ],
+)
+def test_the_tool_is_withdrawn_with_one_sentence(events, said):
+    pilot = marking()
+    pilot.camera.events = events
+    pilot.drive(2)
+    assert numbers_of(pilot, "end_mark") == [[]]
     assert texts(pilot)[1:] == [said]
     assert pilot.session.state.mode == "TRACK"
     pilot.mode("HEAD")
     pilot.drive(2)
     assert pilot.session.state.mode == "HEAD"
+    assert len(texts(pilot)) == 2
 
 
 def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
@@ -507,7 +542,7 @@ def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
     pilot.camera.events = [{"what": "picked"}]
     pilot.drive(2)
     assert "another point was picked" in texts(pilot)[-1]
-    assert numbers_of(pilot, "extend")[-1] == [0.0]
+    assert numbers_of(pilot, "end_mark") == [[]]
     pilot.order(messages.Mark)
     pilot.camera.reports = list  # no picture comes any more
     pilot.drive(5)
@@ -515,20 +550,14 @@ def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
     assert "the mark was stopped: no picture came" in texts(pilot)[-1]
 
 
-def test_a_mark_that_never_comes_to_rest_says_so_and_why_and_a_far_one_is_not_begun():
-    pilot = beside()
-    pilot.order(messages.Mark)
-    for n in range(round(PATIENCE / pilot.session.interval) + 2):
-        pilot.camera.target = (319.5 + 40.0 * (-1) ** n, 239.5, 1.0, True)
-        pilot.drive()
-    assert texts(pilot)[0] == "the tool is turned to the point"
-    assert "did not come to rest" in texts(pilot)[1]
-    assert len(texts(pilot)) == 2
-    assert numbers_of(pilot, "extend") == [[0.0]]
-    pilot.camera.target = (10.0, 239.5, 1.0, True)
+def test_a_mark_that_does_not_come_to_rest_says_why_and_a_far_one_is_not_begun(monkeypatch):
+    pilot = marking()
+    monkeypatch.setattr(Session, "_trouble", lambda self: "pan: out of reach in the cold")
+    pilot.camera.events = [{"what": "marked", "verdict": "not steady enough", "off": None}]
     pilot.drive(2)
-    tool = replace(pilot.session.view.tool, longest=5e-3)
-    pilot.session.view = replace(pilot.session.view, tool=tool)
+    assert "did not come to rest" in texts(pilot)[1]
+    assert texts(pilot)[1].endswith(" (pan: out of reach in the cold)")
+    change_view(pilot, tool=replace(pilot.session.view.tool, longest=5e-3))
     pilot.order(messages.Mark)
     assert texts(pilot)[2:] == [OUT_OF_REACH]
 
@@ -538,11 +567,9 @@ def test_a_mark_is_begun_though_the_last_picture_did_not_show_the_point():
     pilot.camera.target = (319.5, 239.5, 0.2, False)
     pilot.drive(2)
     pilot.order(messages.Mark)
+    pilot.drive(2)
     assert texts(pilot) == ["the tool is turned to the point"]
-    for _ in range(40):
-        at_tool(pilot)
-        pilot.drive()
-    assert len(numbers_of(pilot, "extend")) == 1
+    assert numbers_of(pilot, "mark") == [[]]
 
 
 def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_stopped():
@@ -554,7 +581,7 @@ def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_s
     pilot.mode("HOLD")
     pilot.drive(2)
     assert any(b"the mark was stopped" in event for event in pilot.session.events)
-    pilot.session.view = replace(pilot.session.view, tool=None)
+    change_view(pilot, tool=None)
     pilot.order(messages.Mark)
     assert b"no micro-tool" in pilot.session.events[-1]
 
@@ -624,7 +651,7 @@ def test_a_sweep_fires_on_its_lines_and_its_finds_are_listed(monkeypatch):
     pilot, before = sweeping()
     scans = []
     pilot.until(
-        lambda s: scans.append(s._scan_progress()) or s.state.mode != "SCAN",
+        lambda s: scans.append(s._scanning.progress()) or s.state.mode != "SCAN",
         ticks=4000,
     )
     session, commands = pilot.session, pilot.camera.commands
@@ -666,7 +693,7 @@ def test_a_sweep_is_stopped_at_any_time_and_the_next_mode_brings_the_head_back_f
     assert np.abs(np.subtract(position(session), there)).max() < 8.0  # the roll runs out
     pilot.mode("HEAD")
     pilot.drive()
-    assert (session.state.mode, session._scan_progress().stage) == ("SCAN", "back")
+    assert (session.state.mode, session._scanning.progress().stage) == ("SCAN", "back")
     pilot.until(lambda s: s.state.mode != "SCAN")
     assert session.state.mode == "HEAD"
     assert position(session) == pytest.approx(before, abs=1.5)
@@ -680,7 +707,7 @@ def test_another_mode_cuts_a_sweep_and_a_hold_stops_the_way_back():
     assert "a sweep is on already" in texts(pilot)[-1]
     pilot.mode("HEAD")
     pilot.drive(3)
-    assert pilot.session._scan_progress().stage == "back"
+    assert pilot.session._scanning.progress().stage == "back"
     assert ("end_sweep", [0.0]) in every_command(pilot)
     pilot.mode("HOLD")
     pilot.drive(2)
@@ -694,7 +721,7 @@ def test_another_mode_cuts_a_sweep_and_a_hold_stops_the_way_back():
 def test_a_sweep_beyond_the_end_of_the_pipe_is_refused():
     pilot = Pilot().steering()
     pilot.drive(150, pose=right(20.0, -10.0))
-    pilot.session.view = replace(pilot.session.view, length=15e-3)
+    change_view(pilot, length=15e-3)
     pilot.order(messages.Sweep)
     pilot.drive()
     assert "the end of the pipe at 15 mm" in texts(pilot)[-1]
@@ -705,7 +732,7 @@ def test_a_sweep_needs_wall_in_the_middle_of_the_picture_within_reach_and_a_prob
     pilot = Pilot().steering(150)
     pilot.order(messages.Sweep)
     pilot.drive(150, pose=right(20.0, -10.0))
-    pilot.session.view = replace(pilot.session.view, temperature=1.0)
+    change_view(pilot, temperature=1.0)
     pilot.order(messages.Sweep)
     pilot.drive(1, pose=right(20.0, -10.0))
     pilot.session.no_probe = NO_PROBE

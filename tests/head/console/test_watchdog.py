@@ -22,7 +22,7 @@ HELD = np.array([0.3, 0.2, 1.0, 0.0])
 class Wires:
     """A plant that keeps a list of its commands."""
 
-    tick = 0.04
+    tick, time = 0.04, None
 
     def __init__(self):
         self.done = []
@@ -90,6 +90,15 @@ def test_commands_go_to_the_plant_and_readings_come_back(bench):
     assert bench.wires.done == ["safe", tuple(HELD)]
     assert (bench.plant.tick, bench.plant.stance()) == (0.04, (1.0, 2.0))
     assert bench.handle.beats[0] > 0
+
+
+def test_the_time_of_the_plant_comes_with_its_readings(bench):
+    bench.loop()
+    bench.plant.exchange(HELD)
+    assert bench.plant.time is None
+    bench.wires.time = 0.4
+    bench.plant.exchange(HELD)
+    assert bench.plant.time == 0.4
 
 
 def test_silence_makes_it_safe_until_the_loop_has_taken_notice(bench):

@@ -90,6 +90,18 @@ def test_its_time_is_that_of_the_last_exchange_in_whole_ticks_and_a_twin_has_its
     assert ActuatorPlant(bench(Wires())).time is None
 
 
+def test_times_half_a_tick_late_follow_one_another_by_a_tick():
+    clock, times = Clock(), []
+    plant = ActuatorPlant(bench(Wires()), clock)
+    for k, jitter in enumerate((0.0, 0.021, 0.019, 0.021, 0.019, 0.021)):
+        clock.t = 10.0 + 0.04 * k + jitter
+        plant.exchange(np.zeros(4))
+        clock.t = 0.0  # the caller keeps the ticks
+        plant._due = -math.inf
+        times.append(round(plant.time / plant.tick))
+    assert times == [0, 2, 3, 4, 5, 6]
+
+
 def test_lights_and_pump_are_the_lines_of_these_names():
     wires = Wires(names=("led 2", "fan", "pump", "led 1"))
     tip = BenchTip(ActuatorPlant(bench(wires)))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from minorloop.head.control.by_camera import camera_control
 from minorloop.head.control.head import head_control
 from minorloop.head.control.unread import UnreadWatch
 from minorloop.head.procedures.drive_faults import FaultLog
@@ -136,3 +137,29 @@ def test_an_axis_that_was_kept_names_the_fault_of_the_other():
     assert "; the head was kept where it was: pan, from 6.40 s to the end: " in sentence
     assert "readings jumped by -14.1 degrees" in sentence
     assert FaultLog(("pan", "tilt"), 0.04).during("tilt", 0.0, 9.0) == ""
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_late_pictures_are_named_by_their_times_or_what_to_check_is(known):
+    """In a move of few swings, from which alone lateness is not found."""
+    control = camera_control("observer", (identified().model,) * 2)
+    head = Head(noise=0.05, seed=3, delay=0.4)
+    head.age = 0.4 if known else 0.02
+    result = steer(head, control, [[30.0, 30.0]], 6.0)
+    said = (
+        "pictures were up to 0.4 s old, and the control is set up for 0.08 s; check the camera and "
+        "its network"
+    )
+    old = [str(each) for each in result.faults]
+    assert old == [f"pan and tilt, 150 times from 0.00 s, 6.00 s in all: {said}"] * known
+    check = said if known else "check whether the hold is too short, the pictures come late, a load"
+    assert len(result.missed) == 2
+    assert all(f"at the end of its hold; {check}" in each for each in result.missed)
+
+
+def test_pictures_as_old_as_the_control_is_set_up_for_are_no_fault():
+    control = camera_control("observer", (identified().model,) * 2)
+    head = Head(noise=0.05, seed=3, delay=0.08)
+    head.age = 0.1
+    result = steer(head, control, [[30.0, 30.0]], 6.0)
+    assert (result.faults, result.missed) == ((), ())

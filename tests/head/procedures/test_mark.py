@@ -134,3 +134,16 @@ def test_the_tool_meets_the_wall_where_it_is_seen():
         eye().pixel(PLACE, *angles)
     )
     assert np.isnan(tool_pixel(CALIBRATED, Tool(offset=(0.0, 9.9e-3, 0.0)), CATHETER, angles)).all()
+
+
+def test_a_place_that_is_not_recognised_for_a_moment_is_still_near():
+    """Where a wall has little texture, one picture of ten does not show it."""
+    marking, loop = Marking(calibration=CALIBRATED, unseen=0.5), Loop(place=CATHETER)
+    _, state = touched()
+    state = replace(state, stage="near", done=False, since=0.0, seen_at=0.0, near_since=0.0)
+    dark = replace(loop.reading(), image=np.zeros((480, 640), np.uint8))
+    for t, near in ((0.4, 0.0), (0.6, None)):
+        after, request = marking.step(state, replace(dark, t=t, extension=4e-3))
+        assert (after.near_since, request.extension) == (near, 4e-3)
+    at_once, _ = replace(marking, unseen=0.0).step(state, replace(dark, t=0.04))
+    assert at_once.near_since is None

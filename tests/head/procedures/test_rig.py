@@ -35,7 +35,7 @@ from .fakes import CALIBRATION, camera
 class Plant:
     """An ampere is 100 degrees; the catheter is ideal; ``lost`` channels give NaN."""
 
-    tick = 0.04
+    tick, time = 0.04, None
 
     def __init__(self):
         self.inputs, self.lost, self.place = [], [], np.zeros(2)

@@ -44,6 +44,13 @@ def test_it_is_a_head_with_angles_from_its_zero():
     assert record.y[:, -1] == pytest.approx(true, abs=0.8)
     assert record.y[0, -1] > 5.0
     assert seen.why == ""
+    assert 0.0 <= seen.age <= 0.04
+
+
+def test_the_age_of_a_picture_is_that_of_its_time():
+    seen, _ = head(lambda frame: Frame(frame.t - 0.3, frame.image))
+    seen.exchange(np.zeros(2))
+    assert 0.3 <= seen.age <= 0.34
 
 
 def test_a_sweep_turns_one_axis_after_the_other_and_takes_a_picture_of_each_current():

@@ -136,7 +136,7 @@ def _fail(sentence: str, server: NewestPipe, handle: ProcessHandle, stop: thread
 class _Stub:
     """A plant and a camera that do nothing, to compile what the first ticks would wait for."""
 
-    tick, problem = 0.04, ""
+    tick, time, problem = 0.04, None, ""
 
     def exchange(self, u: FloatArray) -> FloatArray:
         return np.zeros(4)

@@ -17,14 +17,17 @@ import numpy as np
 from minorloop.errors import MinorloopError, SignalError
 from minorloop.head.console.camera_protocol import FEW_PICTURES, CameraReport, CameraRequest
 from minorloop.head.console.finder import Finder
+from minorloop.head.console.mark import marking
 from minorloop.head.console.plant import reading_at
 from minorloop.head.console.scan_echoes import ScanEchoes
 from minorloop.head.console.sweep import SweepEchoes
 from minorloop.head.console.units import Position
+from minorloop.head.geometry import wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
+from minorloop.head.procedures.mark import TOUCHED, MarkState, seen_mark
 from minorloop.head.procedures.meter import LIMITS, Metering
 from minorloop.head.procedures.seen_angles import SeenAngles
 from minorloop.head.procedures.values import (
@@ -103,7 +106,8 @@ class Perception:
         self._all_lights = True
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
         self._ticks = 0
-        self._extending = 0.0
+        self._marking = marking(view)
+        self._mark: MarkState | None = None
         self._queue: list[Callable[[], None]] = []
         self._echoes: ScanEchoes | None = None
         self._sweep: SweepEchoes | None = None
@@ -120,8 +124,8 @@ class Perception:
             "autofocus": self._autofocus,
             "sharpen": self._sharpen,
             "extract": self._extract,
-            "extend": self._extend,
-            "hold_tool": self._hold_tool,
+            "mark": self._begin_mark,
+            "end_mark": self._end_mark,
             "begin_scan": self._begin_scan,
             "fire": self._fire,
             "finish_scan": self._finish_scan,
@@ -168,7 +172,6 @@ class Perception:
         self._meter = replace(self._meter, place=place)
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
-        self._watch_tool()
         events, self._events = self._events, []
         self._ticks += 1
         return CameraReport(
@@ -261,6 +264,7 @@ class Perception:
             pixel = self._centring.outlined(frames, pixel, reading)
         track, self._track = self._centring.pick(reading.image, pixel, reading)
         self._visible, self._score = True, track.score
+        self._mark = None
         self._report("picked")
 
     def _follow(self, reading: Reading, usable: bool) -> tuple[float, float, float, bool] | None:
@@ -268,7 +272,11 @@ class Perception:
         if self._track is None:
             return None
         pixel = self._pixel_of(self._track)
-        if usable:  # under other lights, or out of focus, only the angles are used
+        if self._mark is not None:
+            image = reading.image if usable else None
+            self._go_on_marking(self._mark, replace(reading, image=image))
+            pixel = self._pixel_of(self._track)
+        elif usable:  # under other lights, or out of focus, only the angles are used
             now, self._track = self._centring.follow(self._track, reading, reading.image)
             self._visible = now.verdict == TRACKED
             if math.isfinite(now.score):
@@ -335,28 +343,47 @@ class Perception:
 
     # --- the micro-tool
 
-    def _extend(self, length: float) -> None:
-        """Extend the tool, or withdraw it."""
+    def _begin_mark(self) -> None:
+        """Touch the tracked point, and look for the mark."""
+        if self._track is not None:
+            self._mark = self._marking.resume(self._track, self._meter.gain)
+
+    def _end_mark(self) -> None:
+        """Withdraw the tool, whatever it does."""
+        self._mark = None
+        apply_to_tip(self._tip, Request(extension=0.0))
+
+    def _go_on_marking(self, before: MarkState, reading: Reading) -> None:
+        """Do one step of a touch, which tracks the point too."""
+        extension, touching = self._tip.tool_state() if isinstance(self._tip, ToolTip) else (0, 0)
+        reading = replace(reading, extension=extension, touching=bool(touching))
+        self._mark, request = self._marking.step(before, reading)
         try:
-            apply_to_tip(self._tip, Request(extension=length))
+            apply_to_tip(self._tip, Request(extension=request.extension))
         except MinorloopError as error:
+            self._mark = None
             self._report("not extended", text=str(error))
-        else:
-            self._extending = length
+            return
+        assert self._mark.track is not None
+        self._track, self._visible = self._mark.track, self._mark.track.missed == 0
+        if self._mark.verdict == TOUCHED != before.verdict:
+            self._report("touched")
+        if self._mark.done:
+            off = self._mark_off(self._mark, self._track, reading)
+            self._report("marked", verdict=self._mark.verdict, off=off)
+            self._mark = None
 
-    def _hold_tool(self) -> None:
-        """Let the tool wait where it is."""
-        if isinstance(self._tip, ToolTip):
-            self._extend(self._tip.tool_state()[0])
-        self._extending = 0.0
-
-    def _watch_tool(self) -> None:
-        """Report once that the tool touches the wall, or that it does not meet it."""
-        if self._extending and isinstance(self._tip, ToolTip):
-            extension, touching = self._tip.tool_state()
-            if touching or extension >= self._extending:
-                self._extending = 0.0
-                self._report("touched" if touching else "no contact")
+    def _mark_off(self, state: MarkState, track: TrackState, reading: Reading) -> float | None:
+        """Return the distance of the mark from the picked point; None if it is not seen."""
+        if state.mark is None or reading.image is None:
+            return None
+        assert state.before is not None
+        assert state.contact is not None
+        # The edge of a pit may be off by a pixel: it is as much brighter as it is darker.
+        after = reading.image, reading.angles + track.turn
+        if seen_mark(self.view, reading.place, state.contact, after, state.before) is not None:
+            return None
+        return float(wall_distance(state.mark, state.place, self.view.radius))
 
     # --- defects
 
@@ -421,7 +448,7 @@ class Perception:
     @property
     def _busy(self) -> bool:
         """Whether the camera is in use, or an acquisition is searched."""
-        return self._work is not None or bool(self._pending)
+        return self._work is not None or bool(self._pending) or self._mark is not None
 
     @property
     def _fires(self) -> bool:

@@ -22,6 +22,7 @@ from minorloop.head.console.settings import PIPE, SAFE_WITHIN, is_pipe
 from minorloop.head.console.units import Position
 from minorloop.head.procedures.actuator_plant import ActuatorPlant
 from minorloop.head.procedures.values import ALL_LIGHTS, Plant, Reading, Tip
+from minorloop.lab.drivers.parts import WallClock
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -185,11 +186,18 @@ def open_tip(
     return tip, view
 
 
+class _LoopClock(WallClock):
+    """The clock of a plant whose ticks the control loop keeps: the plant only reads it."""
+
+    def sleep(self, seconds: float) -> None:
+        """Return at once."""
+
+
 def _actuator_plant(address: str, specimen: int | None = None, seed: int = 0) -> ActuatorPlant:
     """Return the head at an address as a plant."""
     actuator = connect(address, specimen=specimen, seed=seed)
     try:
-        return ActuatorPlant(actuator)
+        return ActuatorPlant(actuator, _LoopClock())
     except ParameterError as error:
         getattr(actuator, "close", lambda: None)()
         raise ParameterError(

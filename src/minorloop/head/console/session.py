@@ -7,51 +7,35 @@ network or picture; `minorloop.head.console.loop` supplies those.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import (
-    CameraCommand,
     CameraLink,
     CameraReport,
     CameraRequest,
 )
 from minorloop.head.console.head_pose import Quaternion
 from minorloop.head.console.mark import (
-    NO_CONTACT,
     OUT_OF_REACH,
-    TOUCHED,
-    ConsoleMark,
-    begin_mark,
-    marked,
+    ended,
+    reaches,
     servoed,
+    unmeasured,
 )
 from minorloop.head.console.messages import Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
+from minorloop.head.console.numbered_findings import NumberedFindings
+from minorloop.head.console.outgoing import Outgoing
 from minorloop.head.console.plant import reading_at
-from minorloop.head.console.reports import (
-    camera_finding,
-    in_si,
-    introduction,
-    pair,
-    swept_finding,
-    with_depth,
-)
-from minorloop.head.console.scan import ConsoleScan, begin_scan, scanned
-from minorloop.head.console.sweep import (
-    LOOK_AT_THE_WALL,
-    STOPPED,
-    ConsoleSweep,
-    begin_sweep,
-    cut,
-    swept,
-)
+from minorloop.head.console.reports import introduction, pair
+from minorloop.head.console.scan import ConsoleScan
+from minorloop.head.console.scanning import Scanning
+from minorloop.head.console.sweep import ConsoleSweep
 from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -110,11 +94,14 @@ class Session:
 
     def __post_init__(self) -> None:
         self.state = TeleopState()
-        self.findings: list[ReportedFinding] = []
-        self._last_number = 0
+        self._out = Outgoing()
+        self.events, self.notice = self._out.events, self._out.notice
+        self._found = NumberedFindings(self.view.radius, self._out)
         self.reading = np.zeros(4)
         self._known = np.zeros(4)  # the reading, and the last one of a sensor that is lost
         self.ticks = self._lost_ticks = 0
+        self._plant_time: float | None = None
+        self._plant_began = self._late = 0.0  # by the count of ticks; seconds that it lacks
         self._resting = True  # cold, until the first mode
         self._no_pictures = self._pictured = False
         self.danger = ""  # why the plant may not be safe
@@ -125,20 +112,26 @@ class Session:
         self._request: messages.Mode | None = None
         self.seen = CameraReport(number=0, zero=self.sensors)
         self._joints: Pair | None = None
-        self.scan: ConsoleScan | ConsoleSweep | None = None
-        self._left: ConsoleSweep | None = None  # was cut, and the head has still to go back
-        self._after: messages.Mode | None = None  # is entered when it is back
-        self._commands: list[CameraCommand] = []
+        self._scanning = Scanning(self.view, self.control, self.interval, self._out)
         self._centred_at: float | None = None
-        self._mark: ConsoleMark | None = None
+        self._marking = self._touched = False
         self.focus: str = ""
         self._centring = Centring(calibration=self.view, interval=self.interval)
-        self.events: list[bytes] = []
 
     @property
     def interval(self) -> float:
         """Length of a tick in seconds."""
         return self.plant.tick
+
+    @property
+    def findings(self) -> list[ReportedFinding]:
+        """All findings."""
+        return self._found.all
+
+    @property
+    def scan(self) -> ConsoleScan | ConsoleSweep | None:
+        """The scan or sweep that is on."""
+        return self._scanning.scan
 
     def receive(self, message: messages.ToLoop, at: float) -> None:
         """Take in a message of the server, received at a time in seconds."""
@@ -151,13 +144,13 @@ class Session:
         elif isinstance(message, messages.Release):
             self.hold("the controls are free; take them to continue")
         elif isinstance(message, messages.Pick):
-            self._command("pick", message.u, message.v)
+            self._out.command("pick", message.u, message.v)
         elif isinstance(message, messages.Measure):
             self._measure()
         elif isinstance(message, messages.Find):
-            self._command("find")
+            self._out.command("find")
         elif isinstance(message, messages.Sharpen):
-            self._command("sharpen")
+            self._out.command("sharpen")
         elif isinstance(message, messages.Mark):
             self._begin_mark()
         elif isinstance(message, messages.Scan):
@@ -165,18 +158,16 @@ class Session:
         elif isinstance(message, messages.Sweep):
             self._begin_sweep()
         elif isinstance(message, messages.DepthFitted):
-            self._add_depth(message)
+            self._found.add_depth(message)
         elif isinstance(message, messages.SweepFitted):
-            for found in message.finds:
-                self._add(swept_finding, found)
-            self.send_findings()
+            self._found.swept(message.finds, self._t)
         elif isinstance(message, messages.Focus):
             self.focus = "by hand"
-            self._command("focus", message.distance)
+            self._out.command("focus", message.distance)
         elif isinstance(message, messages.Forget):
             self._forget(message.finding)
         elif isinstance(message, messages.KnownFindings):
-            self._restore(message.findings)
+            self._found.restore(message.findings)
 
     def hold(self, reason: str) -> None:
         """Hold, and forget the last input of the operator.
@@ -201,7 +192,7 @@ class Session:
         self._watch_pictures()
         self._watch_mark()
         before = self.state.mode
-        self._return_first()
+        self._request = self._scanning.back_first(self._request)
         inputs = self._tick_input(now)  # a scan that has ended holds
         self.state = advance(self.config, self.state, inputs, self.interval)
         self._stop_after(before)
@@ -213,7 +204,8 @@ class Session:
         self._see_angles()
         self._watch_sensors()
         self.ticks += 1
-        commands, self._commands = self._commands, []
+        self._read_time()
+        commands, self._out.commands = self._out.commands, []
         self.camera.send(
             CameraRequest(
                 number=self.ticks,
@@ -284,7 +276,7 @@ class Session:
                 target=self._target(),
                 centred=self._centred(),
                 focus=self.focus,
-                scan=self._scan_progress(),
+                scan=self._scanning.progress(),
                 spots=[_rounded(spot) for spot in self.seen.spots],
             )
         )
@@ -330,34 +322,9 @@ class Session:
         mode = self.state.mode
         if mode == "HEAD" and before != "HEAD":
             self.focus = ""
-            self._command("autofocus")
+            self._out.command("autofocus")
         if self.scan is not None and mode != "SCAN":
-            self._leave(self.scan)
-            self.scan = None
-
-    def _leave(self, scan: ConsoleScan | ConsoleSweep) -> None:
-        """End a scan or sweep whose mode has ended."""
-        if isinstance(scan, ConsoleScan):
-            if scan.stage != "done":
-                self.notice("the scan was stopped; press Depth to start it again")
-            self._command("end_scan")
-        elif scan.back is None:
-            self._left = scan
-            self._commands.append(scan.ending)
-            if not scan.state.done:
-                self.notice(STOPPED)
-        elif scan.stage != "done":
-            self.notice("the head was stopped on its way back from the sweep")
-
-    def _return_first(self) -> None:
-        """Bring the head back from a sweep, which is cut, before the mode that is requested."""
-        sweep = self.scan if isinstance(self.scan, ConsoleSweep) else self._left
-        if sweep is not None and self._request in ("HEAD", "TRACK"):
-            self.scan, self._left = cut(sweep), None
-            self._after, self._request = self._request, "SCAN"
-
-    def _command(self, name: str, *numbers: float) -> None:
-        self._commands.append((name, [float(number) for number in numbers]))
+            self._scanning.leave()
 
     # --- reports of the camera
 
@@ -412,24 +379,28 @@ class Session:
                 self.notice(event["text"])
             elif kind == "picked":
                 self._centred_at, self.focus = None, ""
-                self._end_mark("the mark was stopped: another point was picked")
+                self._stop_mark("another point was picked")
             elif kind == "focused":
                 self.focus = str(event["verdict"])
-                self._send(
+                self._out.send(
                     messages.FocusResult(distance=event["distance"], verdict=event["verdict"])
                 )
             elif kind == "extracted":
                 self._extracted(event)
-            elif kind == "burst" and isinstance(self.scan, ConsoleScan):
-                self.scan = replace(self.scan, fired=True)
+            elif kind == "burst":
+                self._scanning.fired()
             elif kind == "unscanned" and self.state.mode == "SCAN":
                 self.hold(f"there are no echoes: {event['text']}; press a mode to continue")
-            elif kind in ("touched", "no contact"):
-                self._end_mark(TOUCHED if kind == "touched" else NO_CONTACT)
+            elif kind == "touched":
+                self._touched = True
+            elif kind == "marked":
+                self._marked(event)
             elif kind == "not extended":
                 self._end_mark(event["text"])
             elif kind == "found":
-                self._send(messages.SearchResult(count=event["count"], verdict=event["verdict"]))
+                self._out.send(
+                    messages.SearchResult(count=event["count"], verdict=event["verdict"])
+                )
         self._watch_centre()
 
     # --- the micro-tool
@@ -439,32 +410,35 @@ class Session:
         target = self.seen.target
         if self.view.tool is None:
             self.notice("this head has no micro-tool; nothing can be marked with it")
-        elif self._mark is not None:
+        elif self._marking:
             self.notice("the tool is on its way to the point already; press Hold to stop it")
         elif self.state.mode != "TRACK" or target is None:
             self.notice("no target is tracked; pick a point and press Track, then Mark")
+        elif not reaches(self.view, target[:2], self._reading()):
+            self.notice(OUT_OF_REACH)
         else:
-            self._mark = begin_mark(self.view, target[:2], self._reading())
-            self.notice(OUT_OF_REACH if self._mark is None else "the tool is turned to the point")
+            self._marking, self._touched = True, False
+            self._out.command("mark")
+            self.notice("the tool is turned to the point")
 
     def _watch_mark(self) -> None:
-        """Extend the tool once it has pointed at the target for long enough, or withdraw it."""
-        if self._mark is None:
-            return
+        """Stop a touch whose mode has ended."""
         if self.state.mode != "TRACK":
-            why = self.state.reason or "press Track, then Mark to start it again"
-            self._end_mark(f"the mark was stopped: {why}")
-            return
-        self._mark, commands = marked(self._mark, self.view, self._visible(), self._reading())
-        self._commands += commands
-        if self._mark.ended:
-            trouble = self._trouble()
-            self._end_mark(f"{self._mark.ended}{f' ({trouble})' if trouble else ''}")
+            self._stop_mark(self.state.reason or "another mode was chosen; press Track, then Mark")
+
+    def _marked(self, event: dict[str, Any]) -> None:
+        """Say how a touch has ended, and what is wrong if it was none."""
+        trouble = "" if self._touched else self._trouble()
+        said = ended(event["verdict"], event["off"])
+        self._end_mark(f"{said} ({trouble})" if trouble else said)
+
+    def _stop_mark(self, why: str) -> None:
+        self._end_mark(unmeasured(why) if self._touched else f"the mark was stopped: {why}")
 
     def _end_mark(self, sentence: str) -> None:
-        if self._mark is not None:
-            self._mark = None
-            self._command("extend", 0.0)
+        if self._marking:
+            self._marking = False
+            self._out.command("end_mark")
             self.notice(sentence)
 
     def _visible(self) -> Pair | None:
@@ -481,7 +455,7 @@ class Session:
         if target is None:
             return None
         # The place of a mark goes to where the tool meets the wall, not to the middle.
-        pixel = np.asarray(target) if self._mark is None else servoed(self.view, target, now)
+        pixel = servoed(self.view, target, now) if self._marking else np.asarray(target)
         step = self._centring.turn(self.state.command, pixel, now)
         return float(step.rates[0]), float(step.rates[1])
 
@@ -497,7 +471,7 @@ class Session:
             self._centred_at = self._t
         if self._centred() and not self.focus:
             self.focus = "searching"
-            self._command("sharpen")
+            self._out.command("sharpen")
 
     def _centred(self) -> bool:
         """Return whether the target has been in the middle for long enough."""
@@ -506,7 +480,21 @@ class Session:
 
     @property
     def _t(self) -> float:
-        return self.ticks * self.interval
+        """Seconds since the first tick: by the plant, or by the ticks for one without a time."""
+        return self.ticks * self.interval + self._late
+
+    def _read_time(self) -> None:
+        """Read the time of the plant: a loop that is late has skipped ticks.
+
+        A plant that was started anew counts from 0.
+        """
+        now, before = self.plant.time, self._plant_time
+        self._plant_time = now
+        if now is None:
+            return
+        if before is None or now < before:
+            self._plant_began = self._t - now
+        self._late = max(self._late, self._plant_began + now - self.ticks * self.interval)
 
     def _reading(self) -> Reading:
         return reading_at(self.position(), t=self._t)
@@ -530,149 +518,54 @@ class Session:
         if self.state.mode != "TRACK" or target is None or not target[3]:
             self.notice("no target is tracked; pick a point and press Track, then Measure")
             return
-        self._command("extract")
+        self._out.command("extract")
 
     def _extracted(self, event: dict[str, Any]) -> None:
         hole = event["hole"]
         if hole is None:
             self.notice(f"this cannot be measured: {event['verdict']}")
             return
-        self._add(camera_finding, hole, self.view.radius)
-        self.send_findings()
-
-    def _add(self, reported: Callable[..., ReportedFinding], *found: Any) -> None:
-        """Add a finding with the next number and the time."""
-        self._last_number += 1  # never used again: a late fit must not meet another finding
-        t = round(self.ticks * self.interval, 2)
-        self.findings.append(reported(self._last_number, t, *found))
+        self._found.extracted(hole, self._t)
 
     def _begin_scan(self, number: int | None) -> None:
         if self.no_probe:
             self.notice(self.no_probe)
             return
-        wanted = [f for f in self.findings if number is None or f.number == number]
-        if not wanted:
-            sentence = "there is nothing to scan; measure a finding first"
-            if number is not None and self.findings:
-                known = ", ".join(str(f.number) for f in self.findings)
-                sentence = f"there is no finding {number}; there is {known}"
-            self.notice(sentence)
-            return
-        found = wanted[-1]
-        # The head returns to where it was commanded, the catheter to where it was measured.
-        home = *self.state.command, *self.position()[2:]
-        hole = in_si(found)
-        place = hole.phi, hole.z
-        scan = begin_scan(found.number, place, hole.width, self.view, home, self.control)
-        if scan.state.refused:
-            self.notice(f"finding {found.number} is {scan.state.refused}")
-            return
-        self.scan, self._request = scan, "SCAN"
+        wanted = self._found.wanted(number)
+        if isinstance(wanted, str):
+            self.notice(wanted)
+        elif self._scanning.begin_scan(wanted, self.state.command, self.position()):
+            self._request = "SCAN"
 
     def _begin_sweep(self) -> None:
         if self.no_probe:
             self.notice(self.no_probe)
-            return
-        if isinstance(self.scan, ConsoleSweep):
-            self.notice("a sweep is on already; press Hold to stop it")
-            return
-        here = self.position()
-        home = (*self.state.command, *here[2:]) if self._left is None else self._left.home
-        try:
-            sweep = begin_sweep(self.view, here, home, self.control)
-        except ParameterError as error:
-            self.notice(str(error))
-            return
-        if sweep is None:
-            self.notice(LOOK_AT_THE_WALL)
-        elif sweep.state.refused:
-            self.notice(f"the sweep is {sweep.state.refused}")
-        else:
-            self.scan, self._request = sweep, "SCAN"
-            self._left = self._after = None
-
-    def _swept(self, sweep: ConsoleSweep) -> tuple[Pair, Pair] | None:
-        """Return the angles and rates of the sweep."""
-        sweep, requested = swept(
-            sweep, self.view, self.position(), self.state.command, self.interval
-        )
-        self.scan = sweep
-        self._commands += requested.commands
-        if sweep.stage != "done":
-            return requested.angles, requested.rates
-        if self._after is None:
-            trouble = sweep.state.trouble
-            how = f"has ended early: {trouble}; what was fired is mapped" if trouble else "is done"
-            self.hold(f"the sweep {how}, and the head is back; press a mode to continue")
-        else:
-            self._request, self._after = self._after, None
-        return None
+        elif self._scanning.begin_sweep(self.state.command, self.position()):
+            self._request = "SCAN"
 
     def _scan_tick(self) -> tuple[Pair, Pair] | None:
-        """Return the angles and rates of scan or sweep, which advance only in their mode."""
-        if self.scan is None or self.scan.stage == "done":
-            return None
-        if self.state.mode == "SCAN":
-            if isinstance(self.scan, ConsoleSweep):
-                return self._swept(self.scan)
-            here, command = self.position(), self.state.command
-            self.scan, requested = scanned(self.scan, self.view, here, command, self.interval)
-            self._commands += requested.commands
-            if self.scan.stage == "done":
-                sentence = "the scan is done; press a mode to continue"
-                if not len(self.scan.state.targets):
-                    sentence = "the probe could not be brought over the finding; press Depth again"
-                self.hold(sentence)
-                self._send(messages.ScanEnded(finding=self.scan.number))
-                return None
-            return requested.angles, requested.rates
-        return self.state.command, (0.0, 0.0)
-
-    def _add_depth(self, message: messages.DepthFitted) -> None:
-        """Add the result of the echoes to its finding."""
-        for k, finding in enumerate(self.findings):
-            if finding.number == message.finding:
-                self.findings[k] = with_depth(finding, message.result, self.view.radius)
-        self.send_findings()
-
-    def _restore(self, findings: list[ReportedFinding]) -> None:
-        """Take over the findings of a loop that has ended."""
-        if self._last_number == 0:
-            self.findings = list(findings)
-            self._last_number = max((each.number for each in self.findings), default=0)
+        """Return the angles and rates of scan or sweep."""
+        found = self._scanning.tick(self.state.mode, self.state.command, self.position())
+        if found.hold:
+            self.hold(found.hold)
+        self._request = found.mode or self._request
+        return found.requested
 
     def _forget(self, number: int) -> None:
         """Delete a finding, and stop a scan of it."""
-        self.findings = [f for f in self.findings if f.number != number]
         if self.scan is not None and self.scan.number == number and self.state.mode == "SCAN":
             self.hold(f"finding {number} was deleted; press a mode to continue")
-        self.send_findings()
+        self._found.forget(number)
 
     def send_findings(self) -> None:
         """Send all findings to the pages."""
-        self._send(messages.FindingList(findings=self.findings))
-
-    def notice(self, text: str) -> None:
-        """Send a sentence to the pages."""
-        self._send(messages.Notice(text=text))
-
-    def _send(self, message: messages.ToPage) -> None:
-        self.events.append(messages.encode(message))
+        self._found.send()
 
     def _target(self) -> tuple[float, float, float, float] | None:
         if self.seen.target is None:
             return None
         u, v, score, visible = self.seen.target
         return round(u, 2), round(v, 2), round(score, 2), float(visible and self._fresh())
-
-    def _scan_progress(self) -> messages.ScanProgress | None:
-        if self.scan is None:
-            return None
-        return messages.ScanProgress(
-            finding=self.scan.number,
-            stage=self.scan.stage,
-            progress=round(self.scan.state.progress, 3),
-        )
 
     def _temperatures(self) -> list[float]:
         pairs = zip(self.control.axes, self._control.axes, strict=True)

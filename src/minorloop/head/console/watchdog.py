@@ -60,6 +60,8 @@ class Answer(msgspec.Struct, frozen=True, array_like=True):
         As of `Plant`; NaN where a sensor is lost, and where nothing was read.
     safe : bool
         Whether the plant has confirmed that it is safe, when it was last made safe.
+    time : float, optional
+        As of `Plant`.
     """
 
     safe_at: float
@@ -68,6 +70,7 @@ class Answer(msgspec.Struct, frozen=True, array_like=True):
     y: list[float]
     stance: list[float]
     safe: bool = True
+    time: float | None = None
 
 
 # Made while the module is imported: see `minorloop.head.console.messages`.
@@ -245,7 +248,8 @@ class WatchedPlant:
 
     def _answer(self) -> Answer:
         stance = list(self._plant.stance())
-        return Answer(self.safe_at, self.why, self._plant.tick, self._y, stance, self.is_safe)
+        tick, now = self._plant.tick, self._plant.time
+        return Answer(self.safe_at, self.why, tick, self._y, stance, self.is_safe, now)
 
 
 class RemotePlant:
@@ -275,6 +279,11 @@ class RemotePlant:
     def tick(self) -> float:
         """How long one ``exchange`` takes, in seconds."""
         return self.answer.tick
+
+    @property
+    def time(self) -> float | None:
+        """As of `Plant`, at its last answer."""
+        return self.answer.time
 
     def meet(self, timeout: float) -> bool:
         """Wait for its first answer, which has the first readings; return whether it came."""

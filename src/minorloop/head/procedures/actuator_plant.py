@@ -83,7 +83,7 @@ class ActuatorPlant:
         check_axes(actuator)
         self.actuator, self._clock, self._due = actuator, clock, -math.inf
         self._began: float | None = None
-        self._exchanged = 0.0
+        self._ticks = 0
         self._count = len(units[0])
         self._exchange = getattr(actuator, "at_once", actuator.exchange)
         found = [(int(m[1]), name) for name in self._lines if (m := _LED.fullmatch(name))]
@@ -102,9 +102,7 @@ class ActuatorPlant:
         whole ticks, in which control counts it, so that a rest of each is not lost.
         """
         simulated = hasattr(self.actuator, "clock")  # it goes by its own ticks
-        if self._began is None or simulated:
-            return None
-        return self.tick * round((self._exchanged - self._began) / self.tick)
+        return None if self._began is None or simulated else self.tick * self._ticks
 
     @property
     def serial(self) -> str | None:
@@ -183,9 +181,12 @@ class ActuatorPlant:
         """Wait until the next tick is due; a tick that is late moves those after it."""
         if self._clock is not None:
             self._clock.sleep(max(self._due - self._clock.now(), 0.0))
-            self._exchanged = self._clock.now()
-            self._began = self._exchanged if self._began is None else self._began
-            self._due = self._exchanged + self.tick
+            now = self._clock.now()
+            if self._began is None:
+                self._began = now
+            else:  # half a tick late, times would be even and odd by chance
+                self._ticks = max(round((now - self._began) / self.tick), self._ticks + 1)
+            self._due = now + self.tick
 
     @property
     def _lines(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -86,17 +87,20 @@ class FaultLog:
         Of the axes.
     interval : float
         From a step to the next if none is late, in seconds.
+    delay : int
+        Age in intervals of the pictures that the control is set up for.
     """
 
-    def __init__(self, names: Sequence[str], interval: float) -> None:
-        self._names, self._interval = tuple(names), interval
+    def __init__(self, names: Sequence[str], interval: float, delay: int = 1) -> None:
+        self._names, self._interval, self._delay = tuple(names), interval, delay
         self._t = 0.0
+        self._old: list[tuple[float, float]] = []
         self._late: list[tuple[float, float]] = []
         self._kept: list[float] = []
         self._open: dict[tuple[str, str], _Open] = {}
         self._found: list[tuple[DriveFault, int]] = []
 
-    def note(self, t: float, state: HeadState, why: str = "") -> None:
+    def note(self, t: float, state: HeadState, why: str = "", age: float = math.nan) -> None:
         """Take the state of the control after a step.
 
         Parameters
@@ -106,7 +110,11 @@ class FaultLog:
         state : HeadState
         why : str
             Why the newest picture did not show the angles, if it is known.
+        age : float
+            Of that picture in seconds; NaN if it is not known.
         """
+        if age > (self._delay + 1) * self._interval:  # from then on a law turns back too late
+            self._old.append((t, age))
         late = t - self._t - self._interval
         slow = late > _SLOW * self._interval
         if slow and any("clock" in axis.active for axis in state.axes):
@@ -131,7 +139,7 @@ class FaultLog:
                 lasted = before.lasted + fault.lasted
                 fault = replace(before, lasted=lasted, times=before.times + 1, over=fault.over)
             found[key] = fault
-        return (*_joined(list(found.values())), *self._all_late())
+        return (*_joined(list(found.values())), *self._all_old(0.0, t), *self._all_late())
 
     def during(self, name: str, first: float, last: float) -> str:
         """Return the fault that was on last between two times in seconds; empty if none was.
@@ -153,8 +161,9 @@ class FaultLog:
         own = [each for each in on if each.axis == name]
         if own:
             return str(own[-1])
-        kept = any(first <= t <= last for t in self._kept)
-        return f"the head was kept where it was: {on[-1]}" if on and kept else ""
+        if on and any(first <= t <= last for t in self._kept):
+            return f"the head was kept where it was: {on[-1]}"
+        return next((each.what for each in self._all_old(first, last)), "")
 
     def _each(self, t: float) -> list[tuple[DriveFault, int]]:
         """Return each fault until a time with its number of steps."""
@@ -163,6 +172,17 @@ class FaultLog:
             for (name, _), each in self._open.items()
         ]
         return [*self._found, *still]
+
+    def _all_old(self, first: float, last: float) -> Iterator[DriveFault]:
+        """Yield one fault for all pictures between two times that were too old, if any was."""
+        old = [(t, age) for t, age in self._old if first <= t <= last]
+        if old:
+            what = (
+                f"pictures were up to {max(age for _, age in old):.2g} s old, and the control is "
+                f"set up for {self._delay * self._interval:.2g} s; check the camera and its network"
+            )
+            axes, lasted = " and ".join(self._names), len(old) * self._interval
+            yield DriveFault(axes, old[0][0], lasted, what, len(old))
 
     def _all_late(self) -> Iterator[DriveFault]:
         """Yield one fault for all steps that were late, if any was."""

@@ -77,21 +77,53 @@ def tool_pixel(
     return np.asarray(camera.pixel((phi, z), pan, tilt))
 
 
+def seen_mark(
+    calibration: HeadCalibration,
+    catheter: npt.ArrayLike,
+    contact: FloatArray,
+    before: tuple[Image, FloatArray],
+    after: tuple[Image, FloatArray],
+) -> FloatArray | None:
+    """Return phi and z (2,) of the mark of a touch; None if the pictures do not show it.
+
+    Parameters
+    ----------
+    calibration : HeadCalibration
+        With a tool.
+    catheter : (2,) array_like
+        Its advance and roll.
+    contact : (2,) array
+        Pan and tilt at the contact.
+    before, after : tuple of image and (2,) array
+        Pictures, with pan and tilt of each.
+
+    Raises
+    ------
+    ParameterError
+        If the tool meets no wall there.
+    """
+    camera, tool = calibration.camera_at(catheter), calibration.tool
+    assert tool is not None
+    pan, tilt = contact.tolist()
+    expected = tool.meet(camera.mount, pan, tilt, camera.radius)[:2]
+    return new_mark(camera, expected, before, after)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MarkState:
     """State of a touch.
 
     ``place`` (2,) is phi and z of the feature that is tracked, ``beside`` (2,) the metres around
     and along the wall from there to the point that is touched, ``gain`` that of the camera.
-    ``stage`` began at ``since``. ``off`` (2,) is the smoothed distance of that point from where
-    the tool would meet the wall, in pixels, and ``lean`` (2,) the angles added to the wanted ones
-    to make up for a head that stays off. The point has been there without a break from
-    ``near_since``; ``tries`` counts the tries before. ``verdict`` is empty until the end, or says
-    what the touch waits for; ``touch`` (2,) is where the point touched by the picture, phi and z in
-    the frame of ``place``. ``before`` is the last picture before the contact with the angles that
-    it shows, ``contact`` (2,) those at
-    the contact; ``mark`` (2,) is where the mark is by the picture after it, and ``tool`` the tool
-    that would have been expected to touch there, both None if no mark is seen.
+    ``stage`` began at ``since``. ``off`` (2,) is the smoothed distance of that point from where the
+    tool would meet the wall, in pixels, and ``lean`` (2,) the angles added to the wanted ones to
+    make up for a head that stays off. The point has been there without a break from ``near_since``,
+    and was recognised last at ``seen_at``; ``tries`` counts the tries before. ``verdict`` is empty
+    until the end, or says what the touch waits for; ``touch`` (2,) is where the point touched by
+    the picture, phi and z in the frame of ``place``. ``before`` is the last picture before the
+    contact with the angles that it shows, ``contact`` (2,) those at the contact; ``mark`` (2,) is
+    where the mark is by the picture after it, and ``tool`` the tool that would have been expected
+    to touch there, both None if no mark is seen.
     """
 
     place: FloatArray
@@ -108,6 +140,7 @@ class MarkState:
     lean: FloatArray = field(default_factory=lambda: np.zeros(2))
     off: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
     near_since: float | None = None
+    seen_at: float = -math.inf
     extension: float = 0.0
     tries: int = 0
     touch: FloatArray | None = None
@@ -152,6 +185,8 @@ class Marking(Procedure[MarkState]):
         and fro across its dead zone for as long as the point was aimed.
     patience : float
         Longest duration of a stage in seconds; the tool is withdrawn then.
+    unseen : float
+        Seconds for which the place may not be recognised while it stays so near.
     tries : int
         Times that the tool is turned to the place if the head does not come to rest there.
     """
@@ -166,6 +201,7 @@ class Marking(Procedure[MarkState]):
     share: float = 0.36
     lean: float = 0.15
     patience: float = 15.0
+    unseen: float = 0.0
     tries: int = 3
 
     def begin(
@@ -177,6 +213,10 @@ class Marking(Procedure[MarkState]):
             gain=gain,
             beside=np.asarray(beside, dtype=np.float64),
         )
+
+    def resume(self, track: TrackState, gain: float = 1.0) -> MarkState:
+        """Return the state of a touch of a point that is tracked already, as it was picked."""
+        return replace(self.begin(track.home, gain), stage="aim", track=track)
 
     def angles(self, place: npt.ArrayLike, catheter: npt.ArrayLike) -> FloatArray | None:
         """Return pan and tilt (2,) at which the tool meets phi and z (2,); None out of reach.
@@ -264,10 +304,13 @@ class Marking(Procedure[MarkState]):
         )
         state = replace(state, track=track)
         if seen.verdict != TRACKED:  # it waits where it is
-            state = replace(state, verdict=seen.verdict, near_since=None)
+            lost = passed(state.seen_at, reading.t, self.unseen)
+            near = None if lost else state.near_since
+            state = replace(state, verdict=seen.verdict, near_since=near)
             still = replace(state, extension=reading.extension)
             return still, self._request(still, reading)
-        state = self._steered(replace(state, verdict=""), tool, seen.place, reading)
+        state = replace(state, verdict="", seen_at=reading.t)
+        state = self._steered(state, tool, seen.place, reading)
         return self._moved(state, tool, seen, reading)
 
     def _again(self, state: MarkState) -> MarkState:
@@ -342,13 +385,11 @@ class Marking(Procedure[MarkState]):
         if reading.extension > 0.0 or seen.verdict != TRACKED:
             return state, request
         after = reading.image, self._sighted(state, seen, reading)
-        camera = self.calibration.camera_at(reading.place)
-        pan, tilt = contact.tolist()
-        expected = tool.meet(camera.mount, pan, tilt, camera.radius)[:2]
-        mark = new_mark(camera, expected, before, after)
+        mark = seen_mark(self.calibration, reading.place, contact, before, after)
         if mark is not None:
+            camera = self.calibration.camera_at(reading.place)
             point = wall_point(float(mark[0]), float(mark[1]), camera.radius)
-            learned = tool.through(camera.mount.pose(pan, tilt).to_camera(point))
+            learned = tool.through(camera.mount.pose(*contact.tolist()).to_camera(point))
             state = replace(state, mark=mark, tool=learned)
         return replace(state, done=True), request
 

@@ -335,7 +335,7 @@ class InspectionRig:
             read = np.full(2, np.nan) if sighted is None else self.calibration.joints(sighted)
         wanted = self.calibration.joints(self._commanded)
         # The readings are those of the last exchange, which may have begun late.
-        t = getattr(self.plant, "time", None)
+        t = self.plant.time
         currents, self._state = self.control.step(self._state, wanted, read, t=t)
         self._read = self._exchanged(np.concatenate([currents, request.rates]))
         self._watch()

@@ -204,6 +204,12 @@ class SeenHead(WrappedActuator):
         Keeps the ticks, in which pictures are taken and searched; that of a simulated head, in
         which this takes no time, without it.
 
+    Attributes
+    ----------
+    age : float
+        Of the newest picture when it was taken over, in seconds, by its time: at least, where that
+        is the time of its arrival.
+
     Raises
     ------
     ParameterError
@@ -235,6 +241,7 @@ class SeenHead(WrappedActuator):
         self._clock: Clock = _Ticks() if clock is None else clock
         self._began = self._due = self._clock.now()
         self._gain, self._why = 1.0, ""
+        self.age = math.nan
         self._seen_at = self._t
         self._wait_for_zero()
 
@@ -356,6 +363,7 @@ class SeenHead(WrappedActuator):
         if self._expose is not None:
             self._expose(LIMITS.exposure, self._gain)
         frame, lens = self._picture(), self._view.lens
+        self.age = self._clock.now() - frame.t
         height, width = frame.image.shape
         if (height, width) != (lens.height, lens.width):
             raise ParameterError(

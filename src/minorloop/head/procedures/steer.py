@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +21,11 @@ from minorloop.lab.run import left_safe
 _AXES = "pan", "tilt"
 _STEADY = 0.2
 """Share of a hold, at its end, over which the angles are averaged."""
+_CHECK = (
+    "check whether the hold is too short, the pictures come late, a load sways the head, or it "
+    "differs from its file"
+)
+"""What to check if a head that its camera reads misses a target, and no fault is known."""
 _OFF = 0.05
 """Share of the reach of a wire by which a target is missed: as `minorloop drive` warns."""
 
@@ -114,7 +120,8 @@ def steer(
 ) -> SteeredHead:
     """Bring a cold head to targets, hold each, and leave it safe.
 
-    A head with a ``time`` may take longer than a tick for a reading: the wires go by that time.
+    A head with a ``time`` may take longer than a tick for a reading: the wires go by that time. One
+    with an ``age`` is read from pictures, of which it is the newest one's.
 
     Parameters
     ----------
@@ -145,14 +152,16 @@ def steer(
     rows: list[tuple[float, int, FloatArray, FloatArray]] = []
     judged: list[tuple[BoolArray, FloatArray]] = []
     given_up: dict[tuple[int, int], str] = {}
-    faults = FaultLog(_AXES, tick)
+    faults = FaultLog(_AXES, tick, control.axes[0].observer.delay)
+    by_camera = hasattr(head, "age")
     with left_safe(head):
         seen = np.asarray(head.exchange(np.zeros(2)))
         state, t, began = control.begin(seen), 0.0, _time(head, 0.0)
         for n, each in enumerate(wanted):
             while t < (n + 1) * hold - 0.5 * tick:
                 current, state = control.step(state, each, seen, t=t)
-                faults.note(t, state, getattr(head, "why", ""))
+                why, age = getattr(head, "why", ""), getattr(head, "age", math.nan)
+                faults.note(t, state, why, age)
                 judged.append(_judged(control, state))
                 seen = np.asarray(head.exchange(current))
                 t = _time(head, tick * (len(rows) + 1)) - began
@@ -166,7 +175,7 @@ def steer(
     return replace(
         found,
         unreachable=tuple(given_up.values()),
-        missed=tuple(_missed(control, found, set(given_up), faults)),
+        missed=tuple(_missed(control, found, set(given_up), faults, _CHECK if by_camera else "")),
         unconfirmed=tuple(_unconfirmed(control, found, set(given_up))),
         faults=faults.found(t),
     )
@@ -208,16 +217,23 @@ def _given_up(state: HeadState, row: int) -> dict[int, str]:
 
 
 def _missed(
-    control: HeadControl, found: SteeredHead, given_up: set[tuple[int, int]], faults: FaultLog
+    control: HeadControl,
+    found: SteeredHead,
+    given_up: set[tuple[int, int]],
+    faults: FaultLog,
+    otherwise: str,
 ) -> Iterator[str]:
-    """Yield a sentence for each other axis that was not at its target at the end of its hold."""
+    """Yield a sentence for each other axis that was not at its target at the end of its hold.
+
+    It ends with the fault that was on, ``otherwise`` if none was.
+    """
     for (n, k), at in np.ndenumerate(found.reached):
         near = _near(control, found, found.reached, (n, k))
         if (n, k) in given_up or near or _doubted(control, found, (n, k)):
             continue
         where = "there was no reading" if np.isnan(at) else f"it was at {at:.1f} degrees"
         hold = found.t[found.row == n]
-        why = faults.during(_AXES[k], float(hold[0]), float(hold[-1]))
+        why = faults.during(_AXES[k], float(hold[0]), float(hold[-1])) or otherwise
         yield (
             f"{_AXES[k]} did not reach target {n + 1}, {found.targets[n, k]:g} degrees: {where} at "
             f"the end of its hold{why and '; '}{why}"

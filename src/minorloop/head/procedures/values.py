@@ -142,6 +142,10 @@ class Plant(Protocol):
     def tick(self) -> float:
         """Duration of one ``exchange``, in seconds."""
 
+    @property
+    def time(self) -> float | None:
+        """Seconds from the first ``exchange`` to the last one; None where each takes one tick."""
+
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
 

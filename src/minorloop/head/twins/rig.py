@@ -67,7 +67,7 @@ class Rig:
         self.head, self.sway = head or Head(noise=0.05, delay=0.04), sway
         self._flooded, self._drained = flooded, (self.head.surroundings, sway)
         self.catheter = catheter or Catheter(noise=0.02)
-        self.tick = self.head.tick
+        self.tick, self.time = self.head.tick, None
         self._gyro = np.random.default_rng([seed, 34])
         self._before = self._line_of_sight()
 

@@ -1,0 +1,34 @@
+"""What the ticks of the console send: messages to the pages, commands to the camera process."""
+
+from __future__ import annotations
+
+from minorloop.head.console import messages
+from minorloop.head.console.camera_protocol import CameraCommand
+
+
+class Outgoing:
+    """Messages and commands, in their order.
+
+    Attributes
+    ----------
+    events : list of bytes
+        Encoded messages to the pages; whoever sends them clears the list.
+    commands : list of CameraCommand
+        Of this tick.
+    """
+
+    def __init__(self) -> None:
+        self.events: list[bytes] = []
+        self.commands: list[CameraCommand] = []
+
+    def send(self, message: messages.ToPage) -> None:
+        """Send a message to the pages."""
+        self.events.append(messages.encode(message))
+
+    def notice(self, text: str) -> None:
+        """Send a sentence to the pages."""
+        self.send(messages.Notice(text=text))
+
+    def command(self, name: str, *numbers: float) -> None:
+        """Send a command to the camera process."""
+        self.commands.append((name, [float(number) for number in numbers]))
