@@ -558,6 +558,7 @@ def test_everything_is_gathered_and_reported(mission):
     assert found["detection"]["plain_edge_px_p90"] == 0.3
     assert page.count("<img") == 10
     assert "Fig 14" in page
+    assert page.count("make judge") >= 3  # in the summary, at the holes, and at the cracks
 
 
 def test_a_specimen_has_the_results_of_both_parts(monkeypatch):

@@ -29,6 +29,8 @@ from minorloop.head.studies.detection import (
 )
 from minorloop.head.studies.flooded import TEMPERATURES, reach_figures
 from minorloop.head.studies.inspection_servo import Scene, ServoRun, servo_figures
+from minorloop.head.studies.judged import CLAIMS as JUDGED
+from minorloop.head.studies.judged import judge_figures
 from minorloop.head.studies.mission import Mission, run_mission
 from minorloop.head.studies.missions import CLAIMS as MISSION_CLAIMS
 from minorloop.head.studies.missions import mission_figures
@@ -95,6 +97,7 @@ CLAIMS = (
     Claim(
         "sizes within 15 %", "detection.size_within_15pct", "not studied", least=0.95, percent=True
     ),
+    *JUDGED,
     Claim("in water: holes found", "detection.flooded_recall", "-", percent=True),
     Claim(
         "in water: false findings an acquisition", "detection.flooded_false_per_acquisition", "-"
@@ -387,6 +390,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             **detection_figures(every),
             "plain_edge_px_p90": float(np.quantile(edges, 0.9, method="higher")),
         },
+        "judge": judge_figures(),
         "cracks": crack_figures([one for run in runs for one in run["cracks"]]),
         "depth": {
             **depth,
