@@ -21,12 +21,14 @@ from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Hole
 
-__all__ = ["InspectedView", "Unconfirmed", "view_with", "with_finding"]
+__all__ = ["InspectedView", "Unconfirmed", "first_visit", "view_with", "with_finding"]
 
 NO_PROBE = "no probe"
 """Verdict of the echoes of each finding."""
 AROUND = "view"
 """First word of the names of views that look round; the others visit a candidate."""
+AGAIN = " again"
+"""End of the name of a visit from another side, after the name of the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +109,11 @@ class InspectedView:
     def looks_round(self) -> bool:
         """Whether it is one of those that look round, and visits no candidate."""
         return self.picture.name.partition(" ")[0] == AROUND
+
+
+def first_visit(name: str) -> str:
+    """Return the name of the first visit of the candidate that a view of this name visits."""
+    return name.removesuffix(AGAIN)
 
 
 def view_with(
