@@ -242,7 +242,7 @@ def kept_views(
     from minorloop.head.vision.imaging import opencv
 
     cv2 = opencv()
-    found = {}
+    found: dict[str, InspectedView] = {}
     for line in lines:
         if line["what"] == "view":
             try:

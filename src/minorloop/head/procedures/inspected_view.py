@@ -14,7 +14,6 @@ from minorloop.head.procedures.pictures import (
     hole_in,
 )
 from minorloop.head.procedures.rig import LogEntry
-from minorloop.head.procedures.trace import widest
 from minorloop.head.reconstruction.findings import Finding, outlined
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
@@ -132,7 +131,9 @@ def with_finding(view: InspectedView, radius: float) -> InspectedView:
         phi, z = shown.place.tolist()
         found = outlined(phi, z, shown.diameter, verdict, radius=radius)
         return replace(view, finding=found, evidence=shown.evidence, course=shown.rim)
-    found = crack_finding(shown.places, widest(shown)[1], CrackDepth(verdict), radius)
+    found = crack_finding(
+        shown.places, shown.width, CrackDepth(verdict), radius, width_sd=shown.width_sd
+    )
     return replace(view, finding=found, course=shown.places)
 
 

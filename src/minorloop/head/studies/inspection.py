@@ -164,6 +164,17 @@ CLAIMS = (
     Claim("false cracks an acquisition", "cracks.false_per_acquisition", "-", most=0.05),
     Claim("cracks: length error, median [%]", "cracks.length_error_pct", "-", most=10),
     Claim("cracks: width error, median [um]", "cracks.width_error_um", "-", most=15),
+    Claim("cracks: half the 90 % band of a width, median [um]", "cracks.width_band_um", "-"),
+    Claim(
+        "cracks: bands of 90 % cover the width",
+        "cracks.width_coverage",
+        "-",
+        least=0.85,
+        most=0.95,
+        percent=True,
+        count="cracks.found",
+        enough=40,
+    ),
     Claim("cracks: share of the course traced", "cracks.course_traced", "-", percent=True),
     Claim("cracks: share of the trace on the course", "cracks.trace_right", "-", percent=True),
     Claim(

@@ -23,6 +23,7 @@ from minorloop.head.studies.mission_report import (
     draw_images,
     draw_ring,
     finding_rows,
+    place_words,
     save_mission,
 )
 from minorloop.head.ultrasound.crack_depth import MEASURED
@@ -200,7 +201,8 @@ def _add_mission(report: Report, mission: Mission) -> None:
         report.add(
             "The pit",
             text="The outline is that of the image and of the echoes together, the depth that of "
-            "the joint fit spread by the footprints of the beams; the rim is the least sure.",
+            "the joint fit spread by the footprints of the beams; the rim is the least sure. "
+            f"{place_words(mission)}",
             table=finding_rows(mission.finding or finding_of(mission.pit)),
             pictures=[Picture(draw_finding(mission.wall), words)],
         )
@@ -229,7 +231,8 @@ def _add_cracks(report: Report, mission: Mission) -> None:
         report.add(
             "A crack",
             text="Dark under every light, thin, and seen again in a near view. Verdict of the "
-            f"echoes on its depth where it is widest: {crack.finding.verdict}."
+            f"echoes on its depth where it is widest: {crack.finding.verdict}. Its width is the "
+            "median along the near view; the widest place is the circle."
             + ("" if crack.finding.verdict == MEASURED else f" {_NARROW}"),
             table=finding_rows(crack.finding),
             pictures=[
