@@ -582,12 +582,14 @@ def test_everything_is_gathered_and_reported(mission):
     assert page.count("make judge") >= 3  # in the summary, at the holes, and at the cracks
 
 
-def test_a_specimen_has_the_results_of_both_parts(monkeypatch):
+def test_a_specimen_has_the_results_of_all_parts_and_says_which_is_done(monkeypatch):
     rest = ("outcomes", "cracks", "edges", "scored", "mission", "sweep", "reach")
+    told = []
     monkeypatch.setattr(inspection, "parent_process", object)  # as in a process of its own
-    monkeypatch.setattr(inspection, "_servo", lambda seed: {"servo": seed, "runs": {}})
-    monkeypatch.setattr(inspection, "_others", lambda *given: dict.fromkeys(rest, given))
-    study = inspection.run_study(7, scenes=2, scans=3)
+    parts = [lambda *_: {"servo": 7, "runs": {}}, lambda *given: dict.fromkeys(rest, given)]
+    monkeypatch.setattr(inspection, "_SHARES", list(zip(("servo", "rest"), parts, strict=True)))
+    study = inspection.run_study(7, scenes=2, scans=3, told=told.append)
+    assert told == ["servo: 0 s", "rest: 0 s"]
     assert study.servo == 7
     assert {getattr(study, name) for name in rest} == {(7, 2, 3)}
     assert study.seconds >= 0.0
