@@ -39,6 +39,7 @@ ELSEWHERE = {
     "head/studies/head_static.py": "head/studies/test_head_study.py",
     "head/studies/inspection.py": "head/studies/test_inspection_parts.py",
     "head/studies/inspection_report.py": "head/studies/test_inspection_parts.py",
+    "head/studies/judged.py": "head/test_judge.py",
     "head/studies/mission.py": "head/studies/test_inspection_parts.py",
     "head/studies/missions.py": "head/studies/test_inspection_parts.py",
     "head/studies/sweeps.py": "head/studies/test_sweep_trials.py",

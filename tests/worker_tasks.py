@@ -23,3 +23,9 @@ def endless_but_the_first(seed):
     if seed:
         threading.Event().wait()
     return seed
+
+
+def endless_but_the_second(seed):
+    if seed != 1:
+        threading.Event().wait()
+    return seed

@@ -22,6 +22,7 @@ import numpy as np
 
 from benchmarks.judge import scenes
 from benchmarks.judge.scenes import Scene
+from minorloop.head.studies.judged import SCENES, outdated
 
 SAMPLES = 8
 """Paths through a pixel: their noise is then below that of the camera in direct light."""
@@ -113,6 +114,9 @@ def report(seeds: range, folder: Path, as_json: bool) -> None:
             f"{row['centre_mm_median']:.3f} and {row['centre_mm_p90']:.3f} mm (median, p90), "
             f"size within 15 % {row['size_within_15pct']:.2f}, refused {row['refused']}"
         )
+    if seeds == range(SCENES):
+        for line in outdated(found):
+            print(line, file=sys.stderr)
 
 
 def sound(seeds: range, folder: Path, as_json: bool) -> None:

@@ -464,7 +464,7 @@ def inspected(monkeypatch):
     save_head(HeadFile(serial="H-07"), "head.json")
     state = SimpleNamespace(
         safe=False, travels=False, then=lambda: None, first=[], nothing=False,
-        calibration=SimpleNamespace(radius=10e-3),
+        calibration=SimpleNamespace(radius=10e-3, length=None),
     )  # fmt: skip
 
     def views(rig, advances, done):
@@ -673,6 +673,60 @@ def test_an_inspection_that_a_power_cut_ended_is_resumed_from_its_journal(run, s
     assert (scripted, sorted(kinds)) == (["hole 1"], ["crack", "hole or pit"])
 
 
+def test_a_view_that_could_not_be_used_is_taken_again_by_a_resume(run, scripted, monkeypatch):
+    """What it shows then is visited after what was visited before, under a number of its own."""
+    from minorloop.head.procedures import inspection
+    from minorloop.head.vision.defects import Findings
+
+    def seen(rig, name):
+        found = real(rig, name)
+        if name in torn:
+            return replace(found, found=Findings((), "torn"))
+        if name == "view 1":
+            (hole,) = found.found.holes
+            other = replace(hole, place=np.array([0.2, 21e-3]), evidence=9.9)
+            return replace(found, found=Findings((other, hole), "good"))
+        if name == "crack 1" and torn:
+            raise KeyboardInterrupt
+        return found
+
+    def content():
+        return json.loads(Path("found/findings.json").read_text())
+
+    real, command, torn = inspection._seen, f"{INSPECT} --advances 0,5", ["view 1", "hole 2 again"]
+    monkeypatch.setattr(inspection, "_seen", seen)
+    assert run(command)[0] == 130
+    assert scripted[4:] == ["hole 1", "hole 2", "hole 2 again", "crack 1"]
+    before = content()
+    assert [row["verdict"] for row in before["not searched"]] == ["torn"]
+    assert before["unusable"] == {"torn": 2}
+    torn.clear()
+    scripted.clear()
+    assert run(f"{command} --resume")[0] == 0
+    assert scripted == ["view 1", "hole 2 again", "hole 3", "hole 3 again", "crack 1"]
+    after = content()
+    assert (after["unusable"], after["not searched"]) == ({}, [])
+    assert [row["kind"] for row in after["findings"]] == ["hole or pit", "crack"]
+    assert after["findings"][0] == before["findings"][0]
+    assert [row["seen in"] for row in after["unconfirmed"]] == [["view 3"], ["view 1"]]
+    assert {row["why"] for row in after["unconfirmed"]} == {"not seen again"}
+
+
+def test_a_visit_with_bad_frames_is_kept_if_its_candidate_was_seen_from_another_side():
+    from minorloop.cli._journal import _usable
+
+    def view(name, verdict, finding=None):
+        return SimpleNamespace(picture=SimpleNamespace(name=name, verdict=verdict), finding=finding)
+
+    views = [
+        view("view 1", "good"), view("view 2", "black"), view("hole 1", "torn"),
+        view("hole 1 again", "good", "a hole"), view("hole 2", "torn"),
+        view("hole 2 again", "good"), view("hole 3", "good"), view("hole 3 again", "torn"),
+    ]  # fmt: skip
+    kept = [one.picture.name for one in _usable(views)]
+    assert kept == ["view 1", "hole 1", "hole 1 again", "hole 3"]
+
+
 NOT_VISITED = "seen, not visited"
 
 
@@ -837,17 +891,18 @@ def test_an_inspection_with_some_pictures_says_how_many_could_not_be_searched(ru
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ("--actuator twin:pipe --camera camera:0", "--actuator is twin:pipe, and head inspect"),
-        (
-            "--actuator bench:head.toml --camera twin:pipe",
-            "--camera is twin:pipe, and head inspect",
-        ),
+        ("--actuator twin:pipe --camera camera:0", "twin:pipe has a camera of its own; leave"),
+        ("--actuator twin:pipe --advances 0,103", "--advances has 103, and the pipe ends at 102.4"),
+        ("--actuator bench:head.toml", "--actuator bench:head.toml needs --camera, and --head"),
+        ("--actuator bench:head.toml --camera camera:0 --seed 3", "--seed are of twin:pipe"),
+        ("--actuator bench:head.toml --camera twin:pipe", "give it as --actuator, without"),
         ("--actuator bench:head.toml --camera camera:0 --resume", "there is no folder s1; give"),
     ],
 )
 def test_an_inspection_refuses_what_it_cannot_open_in_one_sentence(run, options, sentence):
+    file = "" if "twin:pipe --" in options else "--head head.json"
     save_head(HeadFile(serial="H-07"), "head.json")
-    status, _, error = run(f"head inspect {options} --head head.json --out s1")
+    status, _, error = run(f"head inspect {options} {file} --out s1")
     assert (status, error.count("\n")) == (2, 1)
     assert sentence in error
     assert not Path("s1").exists()
@@ -913,6 +968,24 @@ def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch,
     status, _, error = run("head drive angles.csv --head head.json --actuator twin:pipe")
     assert status == 130
     assert error.startswith("the drive was not finished, and nothing is kept")
+
+
+def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, monkeypatch):
+    pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    from minorloop.head.procedures import inspection
+
+    monkeypatch.setattr(inspection, "views_of", lambda lens: np.radians([[25.0, 0.0]]))
+    command = "head inspect --actuator twin:pipe --out found --json"
+    status, out, error = run(command)
+    assert (status, json.loads(out)["safe"]) == (0, True), error
+    (row,) = json.loads(out)["findings"]
+    assert row["phi [deg]"] == pytest.approx(math.degrees(0.45), abs=1.0)
+    assert row["z [mm]"] == pytest.approx(20.0, abs=0.3)
+    assert row["width [mm]"] == pytest.approx(1.0, abs=0.1)
+    Path("found/journal.jsonl").write_text(
+        "".join(f"{json.dumps(one)}\n" for one in journal()[:-1])
+    )
+    assert "seed was 0 and is 1 now" in run(f"{command} --resume --seed 1")[2]
 
 
 def test_an_inspection_refuses_advances_without_a_catheter(run, inspected):

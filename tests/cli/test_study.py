@@ -94,6 +94,18 @@ def test_refuses_in_one_line(line, says, refused):
     assert says in refused(line)
 
 
+def test_the_parts_of_a_specimen_that_are_done_are_said_where_a_study_tells_them():
+    class Parted:
+        def run_study(self, seed, told=print):
+            told("servo: 7 s")
+
+    said = []
+    options = study._telling(Parted(), 3, lambda line, kept: said.append((line, kept)))
+    Parted().run_study(3, **options)
+    assert said == [("seed 3, servo: 7 s", True)]
+    assert study._telling(fibre, 3, print) == {}
+
+
 def test_every_study_can_be_imported():
     for point in entry_points(group=study.STUDIES):
         assert {claim.key for claim in point.load().CLAIMS}

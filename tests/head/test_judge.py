@@ -1,6 +1,7 @@
 """The judges of the head: their geometry, their wave equation and their rays."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,9 +9,11 @@ from benchmarks.judge import _wave_kernels as kernels
 from benchmarks.judge import scenes, sound, surface
 
 from minorloop.head.geometry import Mount, Pinhole, wall_point
+from minorloop.head.studies.judged import JUDGE, judge_words, outdated
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 
 SPEED = 1500.0
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_scene_is_seen_where_the_documented_head_and_lens_see_it():
@@ -108,3 +111,24 @@ def test_rays_meet_the_wall_and_leave_through_a_bore():
             assert hit.is_valid() != through
             if not through:
                 assert hit.t == pytest.approx(far, abs=0.02)
+
+
+def test_documents_give_the_kept_figures_of_the_judge_beside_a_recall():
+    recall, false = f"{100 * JUDGE['recall']:.1f} %", f"{JUDGE['false_per_acquisition']:.3f}"
+    for name in ("README.md", "docs/studies.md"):
+        rows = [row for row in (ROOT / name).read_text().splitlines() if row.startswith("|")]
+        assert any(recall in row and false in row and "`make judge`" in row for row in rows), name
+    words = (ROOT / "docs/studies.md").read_text()
+    for each in (JUDGE["corroded"], JUDGE["soil"]):
+        assert f"{100 * each['recall']:.1f} %" in words
+    assert recall.replace(" ", "") in judge_words()
+
+
+def test_a_kept_figure_that_is_another_one_now_is_named():
+    found = {"all": dict(JUDGE), **{name: dict(JUDGE[name]) for name in ("corroded", "bare")}}
+    found["soil"] = {"recall": 0.88888}
+    found["all"]["size_within_15pct"] = 0.9793
+    assert outdated(found) == []
+    found["all"]["recall"] = 0.96
+    (line,) = outdated(found)
+    assert line.startswith("all.recall is 0.960, and 0.965 is kept")

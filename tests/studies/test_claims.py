@@ -70,6 +70,12 @@ def test_one_specimen_needs_no_other_process():
     assert list(for_each(lambda seed: seed * 2, 1, 5)) == [10]
 
 
+def test_results_that_need_no_order_come_as_they_are_ready():
+    results = for_each(worker_tasks.endless_but_the_second, 2, 0, ordered=False)
+    assert next(results) == 1
+    results.close()
+
+
 def test_specimens_that_are_still_computed_end_with_the_iterator():
     before = set(active_children())
     results = for_each(worker_tasks.endless_but_the_first, 2, 0)

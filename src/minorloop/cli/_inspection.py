@@ -27,9 +27,10 @@ from minorloop.errors import OutputError, ParameterError, SafetyError, counted
 from minorloop.files import new_folder, write_atomically
 
 if TYPE_CHECKING:
-    from minorloop.head.procedures.head_file import HeadFile
+    from minorloop.cli._inspected_head import InspectedHead
+    from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.inspected_view import InspectedView
-    from minorloop.head.procedures.rig import LogEntry
+    from minorloop.head.procedures.rig import InspectionRig, LogEntry
     from minorloop.report import Report
 
 _VISITS = ("hole", "crack", "device", "camera")
@@ -52,13 +53,7 @@ _COLUMNS = (
 
 
 def carried_out(
-    actuator: str,
-    camera: str,
-    head: Path,
-    out: Path,
-    advances: Sequence[float],
-    *,
-    resume: bool = False,
+    head: InspectedHead, out: Path, advances: Sequence[float], *, resume: bool = False
 ) -> dict[str, Any]:
     """Inspect the wall, and return the content of ``findings.json``.
 
@@ -66,10 +61,7 @@ def carried_out(
 
     Parameters
     ----------
-    actuator, camera : str
-        Addresses.
-    head : path
-        File of the head.
+    head : InspectedHead
     out : path
         New or empty folder.
     advances : sequence of float
@@ -77,16 +69,12 @@ def carried_out(
     resume : bool
         Whether to go on with the inspection in the folder, which was cut off.
     """
-    from minorloop.head.procedures.head_file import read_head
     from minorloop.head.procedures.inspection import inspect_wall
-    from minorloop.head.procedures.rig import rig_at
 
-    _check_devices(actuator, camera)
-    known = read_head(head)
-    begun = _begun(known, actuator, camera, advances)
-    before = _Before.of(out, begun, known) if resume else _Before()
+    begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
+    before = _Before.of(out, begun, head.view) if resume else _Before()
     kept: InspectionFolder | None = None
-    opening = _common.working("opening the devices", logged=True)
+    opening = _common.working("opening the head", logged=True)
     with nullcontext(out) if resume else new_folder(out) as folder, opening as now:
 
         def told(entry: LogEntry) -> None:
@@ -95,12 +83,8 @@ def carried_out(
                 kept.log(entry)
 
         try:
-            with rig_at(actuator, camera, head, told) as rig:
-                if not rig.travels and any(advances):
-                    raise ParameterError(
-                        f"{actuator} has no catheter, so that it looks round from 0 mm only; leave "
-                        "--advances out"
-                    )
+            with head.opened(told) as rig:
+                _check_advances(rig, begun["actuator"], advances)
                 kept = InspectionFolder(folder, begun, before, rig.calibration.radius)
                 for view in inspect_wall(rig, advances, before.views):
                     kept.add(view)
@@ -119,27 +103,18 @@ def carried_out(
     return kept.end(FINISHED, True)
 
 
-def _check_devices(actuator: str, camera: str) -> None:
-    """Refuse the simulated pipe, which is a plant of other commands and not of this one."""
-    from minorloop.head.console.settings import is_pipe
-
-    for name, address in (("actuator", actuator), ("camera", camera)):
-        if is_pipe(address):
-            raise ParameterError(
-                f"--{name} is {address}, and head inspect takes devices; the simulated pipe is for "
-                "head identify, head sweep and study inspection"
-            )
-
-
-def _begun(head: HeadFile, actuator: str, camera: str, advances: Sequence[float]) -> dict[str, Any]:
-    """Return what is inspected, and by what."""
-    return {
-        "head": head.serial,
-        "calibrated": None if head.calibrated is None else head.calibrated.isoformat(),
-        "actuator": actuator,
-        "camera": camera,
-        "advances [mm]": [round(1e3 * advance, 4) for advance in advances],
-    }
+def _check_advances(rig: InspectionRig, actuator: str, advances: Sequence[float]) -> None:
+    """Refuse places that a head does not reach."""
+    if not rig.travels and any(advances):
+        raise ParameterError(
+            f"{actuator} has no catheter, so that it looks round from 0 mm only; leave --advances "
+            "out"
+        )
+    far, length = max(advances), rig.calibration.length
+    if length is not None and far > length:
+        raise ParameterError(
+            f"--advances has {1e3 * far:g}, and the pipe ends at {1e3 * length:g} mm; give less"
+        )
 
 
 @dataclass(frozen=True)
@@ -158,10 +133,9 @@ class _Before:
     views: tuple[InspectedView, ...] = ()
 
     @classmethod
-    def of(cls, folder: Path, begun: dict[str, Any], head: HeadFile) -> _Before:
+    def of(cls, folder: Path, begun: dict[str, Any], view: HeadCalibration | None) -> _Before:
         """Return it by the journal in a folder; refuse one of another inspection."""
         lines = resumed_lines(folder, begun, "inspection")
-        view = head.calibration
         return cls(tuple(lines), () if view is None else tuple(kept_views(folder, lines, view)))
 
 

@@ -218,7 +218,10 @@ def step_rows(view: InspectedView) -> list[dict[str, Any]]:
 def kept_views(
     folder: Path, lines: list[dict[str, Any]], view: HeadCalibration
 ) -> list[InspectedView]:
-    """Return the views of a journal whose pictures are in its folder, the newest of each name.
+    """Return the views of a journal that need not be taken again, in the order of their taking.
+
+    Of each name it is the newest. Taken again is what has no picture in the folder, and what has
+    frames that cannot be used, unless the candidate that it visits was confirmed by another view.
 
     Parameters
     ----------
@@ -239,21 +242,38 @@ def kept_views(
     from minorloop.head.vision.imaging import opencv
 
     cv2 = opencv()
-    found = {}
+    found: dict[str, InspectedView] = {}
     for line in lines:
         if line["what"] == "view":
             try:
                 file = folder / "pictures" / line["picture"]
                 data = np.frombuffer(file.read_bytes() if file.is_file() else b"", np.uint8)
                 image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-                if image is not None:  # otherwise it is taken again
+                found.pop(line["picture"], None)
+                if image is not None:
                     found[line["picture"]] = _view_of(line, image, view)
             except (KeyError, TypeError, ValueError):
                 raise RecordError(
                     f"line {1 + lines.index(line)} of {folder / NAME} is not the whole line of a "
                     "view; inspect into a new folder"
                 ) from None
-    return list(found.values())
+    return _usable(list(found.values()))
+
+
+def _usable(views: Sequence[InspectedView]) -> list[InspectedView]:
+    """Return views without those to take again; a visit from another side follows its first."""
+    from minorloop.head.procedures.inspected_view import first_visit
+    from minorloop.head.vision.frame_checks import GOOD
+
+    names = [(view.picture.name, first_visit(view.picture.name)) for view in views]
+    each = list(zip(views, names, strict=True))
+    confirmed = {first for view, (_, first) in each if view.finding is not None}
+    again = {
+        name
+        for view, (name, first) in each
+        if view.picture.verdict != GOOD and first not in confirmed
+    }
+    return [view for view, both in each if again.isdisjoint(both)]
 
 
 def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> InspectedView:

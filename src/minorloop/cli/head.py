@@ -275,12 +275,11 @@ def inspect(
         str,
         typer.Option(
             show_default=False,
-            help="Address of the head, such as bench:head.toml; see minorloop devices.",
-            autocompletion=one_of(addresses),
+            help="Address of the head, such as bench:head.toml, see minorloop devices; or "
+            "twin:pipe, a simulated one in its pipe.",
+            autocompletion=one_of(lambda: ["twin:pipe", *addresses()]),
         ),
     ],
-    camera: _Camera,
-    head: _File,
     out: Annotated[
         Path,
         typer.Option(
@@ -296,6 +295,18 @@ def inspect(
             help="Advances of the catheter in mm from which it looks round; 0 without a catheter.",
         ),
     ] = "0",
+    camera: Annotated[
+        str | None,
+        typer.Option(help="Address, such as camera:/dev/video2. twin:pipe has its own."),
+    ] = None,
+    head: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of the head, as head identify writes it. twin:pipe is identified without."
+        ),
+    ] = None,
+    specimen: _common.Specimen = None,
+    seed: _common.Seed = 0,
     resume: Annotated[
         bool,
         typer.Option(
@@ -309,18 +320,20 @@ def inspect(
     """Search the wall within reach for holes, pits and cracks, centre and measure each, alone.
 
     The head is made safe at the end, and after an error or Ctrl-C. What was found until then is
-    kept, and --resume goes on from there, also after a power cut. Without a probe no depth is
-    measured. The exit status is 1 if no view could be searched.
+    kept, and --resume goes on from there, also after a power cut. Only the camera is used, so that
+    no depth is measured. The exit status is 1 if no view could be searched.
     """
     from minorloop.cli import _inspection
+    from minorloop.cli._inspected_head import inspected_head
     from minorloop.cli.inspect import check_usable
 
     places = _common.numbers("advances", advances, range(1, 1001), "advances in mm")
     for place in places:
         if not 0.0 <= place <= _FARTHEST:
             raise ParameterError(f"--advances has {place:g}; give 0 to {_FARTHEST:g} mm")
+    inspected = inspected_head(actuator, camera, head, specimen, seed)
     content = _inspection.carried_out(
-        actuator, camera, head, out, [_MM * each for each in places], resume=resume
+        inspected, out, [_MM * each for each in places], resume=resume
     )
     if as_json:
         _common.print_json(content)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -87,8 +88,8 @@ def run(
     """Carry out a whole experiment on simulated specimens, and compare it with its claims.
 
     One specimen takes fifteen seconds to a minute, for head and inspection three to ten minutes;
-    stderr has a line for each. Until the last is done, unfinished.json in the folder has the
-    figures of those before, also after an interruption.
+    stderr has a line for each, and for each part of the first one of inspection. Until the last is
+    done, unfinished.json in the folder has the figures of those before, also after an interruption.
     """
     module = _module_of(name)
     if not 1 <= specimens <= _MOST:
@@ -113,7 +114,7 @@ def run(
         study = import_module(module)
         with one_thread():
             began = time.monotonic()
-            first = study.run_study(seed, **options)
+            first = study.run_study(seed, **options, **_telling(study, seed, now))
         found.add(study, first.figures(), time.monotonic() - began, now)
         if specimens > 1:
             claims = import_module("minorloop.studies.claims")
@@ -126,6 +127,13 @@ def run(
     if out is not None:
         steps.insert(0, partial(_report, module, first, figures, runs, out, as_json))
     _common.do_all(steps)
+
+
+def _telling(study: Any, seed: int, now: _common.Progress) -> dict[str, Any]:
+    """Return the option of a study that says which parts of a specimen are done, if it has one."""
+    if "told" not in inspect.signature(study.run_study).parameters:
+        return {}
+    return {"told": lambda part: now(f"seed {seed}, {part}", kept=True)}
 
 
 def _check_surfaces(name: str) -> None:

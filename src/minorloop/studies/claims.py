@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import active_children, get_context
@@ -142,10 +142,13 @@ def _over(key: str, values: Sequence[Any]) -> Any:
     return values[0]
 
 
-def for_each(work: Callable[[int], T], specimens: int, seed: int) -> Iterator[T]:
+def for_each(
+    work: Callable[[int], T], specimens: int, seed: int, *, ordered: bool = True
+) -> Iterator[T]:
     """Yield ``work(seed)``, ``work(seed + 1)``, ...: on all cores, one process and one thread each.
 
-    The processes are ended at once when the iterator is closed before its last result.
+    Unless they are to be ``ordered``, results come as they are ready. The processes are ended at
+    once when the iterator is closed before its last result.
     """
     if specimens == 1:
         yield _alone(work, seed)
@@ -155,7 +158,8 @@ def for_each(work: Callable[[int], T], specimens: int, seed: int) -> Iterator[T]
     ignoring = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
     with ProcessPoolExecutor(mp_context=get_context("spawn"), initializer=ignoring) as pool:
         try:
-            yield from pool.map(partial(_alone, work), range(seed, seed + specimens))
+            tasks = [pool.submit(_alone, work, each) for each in range(seed, seed + specimens)]
+            yield from (task.result() for task in (tasks if ordered else as_completed(tasks)))
         except BaseException:
             for child in set(active_children()) - others:
                 child.terminate()

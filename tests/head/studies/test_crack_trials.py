@@ -1,6 +1,7 @@
 """Cracks among marks that are none: scenes, matching, and figures."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from minorloop.head.studies.crack_trials import CrackOutcome, crack_figures, sco
 from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.pipe import Crack, Pipe
 from minorloop.head.vision.cracks import TracedCrack
+from minorloop.identification.bands import PER_DEVIATION
 
 
 def outcome(width, *, found=True, false=0, scan="", depth=math.nan):
@@ -26,6 +28,7 @@ def test_a_crack_is_found_and_measured_and_marks_are_not_taken_for_one():
     assert found.false == 0
     assert abs(found.length_error) < 0.2
     assert abs(found.width_error) < 20e-6
+    assert abs(found.width_error) / PER_DEVIATION < found.width_sd < 30e-6
     assert found.scan == "measured"
     assert abs(found.depth_error) < 0.1e-3
     none = score_cracks(1013, False)
@@ -76,6 +79,10 @@ def test_figures_count_by_width_and_give_intervals():
     assert found["length_error_pct"] == pytest.approx(10)
     assert found["width_error_um"] == pytest.approx(5)
     assert (found["scans"], found["depth_share"]) == (2, 0.5)
+    sure = [replace(one, width_sd=sd) for one, sd in zip(outcomes[:3:2], (4e-6, 2e-6), strict=True)]
+    bands = crack_figures(sure)  # both are off by 5 um
+    assert bands["width_coverage"] == 0.5
+    assert bands["width_band_um"] == pytest.approx(3.0 * PER_DEVIATION)
     assert found["depth_error_mm"] == pytest.approx(0.02)
     assert len(crack_table(found).rows) == 2
     assert "measured 1, no floor echo 1" in crack_words(found)

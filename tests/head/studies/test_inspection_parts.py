@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ModelFileError
-from minorloop.head.geometry import Mount, Tool
+from minorloop.head.geometry import Mount, Tool, wall_distance
 from minorloop.head.procedures import steps
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
@@ -48,7 +48,7 @@ from minorloop.head.studies.detection_report import limits
 from minorloop.head.studies.inspection_servo import ServoRun
 from minorloop.head.studies.mission import run_mission
 from minorloop.head.studies.mission_cracks import SeenCrack
-from minorloop.head.studies.mission_report import save_mission
+from minorloop.head.studies.mission_report import place_words, save_mission
 from minorloop.head.studies.mission_scene import draw_mission
 from minorloop.head.studies.missions import gather, mission_figures
 from minorloop.head.studies.sweep_trials import ScoredSweep
@@ -61,6 +61,7 @@ from minorloop.head.ultrasound.pits import PitDepth
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Hole
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.studies.claims import claim_table, figure
 
 
@@ -126,6 +127,26 @@ def test_a_mission_traces_its_crack_and_measures_it(mission):
     assert crack.wall.depth[deep] == pytest.approx(crack.found.depth)
     assert np.isnan(crack.wall.depth).any()
     assert mission.ring.patch.z < crack.wall.patch.z
+
+
+def test_the_report_says_why_a_picked_place_is_not_that_of_the_finding(mission):
+    pit = mission.finding
+    off = 1e3 * wall_distance(mission.picked, (pit.phi, pit.z), 10e-3)
+    assert 0.0 < off < 0.3
+    assert f"is {off:.2f} mm from this one" in place_words(mission)
+    assert place_words(replace(mission, pit=None)) == ""
+    (pick, *_) = [step.outcome for step in mission.log if step.what == "pick"]
+    phi, z = np.degrees(mission.picked[0]), 1e3 * mission.picked[1]
+    assert pick.startswith(f"phi {phi:.1f} deg, z {z:.2f} mm")
+
+
+def test_the_width_of_a_reported_crack_is_its_median_with_a_band_that_says_something(mission):
+    (crack,) = mission.cracks
+    found = crack.finding
+    assert found.width == np.median(crack.traced.widths)
+    assert found.width_sd < 0.03e-3
+    true = np.median(mission.truth_crack.widths)
+    assert abs(found.width - true) < PER_DEVIATION * found.width_sd
 
 
 def test_a_mission_tests_its_tool_beside_the_pit_before_it_touches_the_pit(mission):
@@ -558,14 +579,17 @@ def test_everything_is_gathered_and_reported(mission):
     assert found["detection"]["plain_edge_px_p90"] == 0.3
     assert page.count("<img") == 10
     assert "Fig 14" in page
+    assert page.count("make judge") >= 3  # in the summary, at the holes, and at the cracks
 
 
-def test_a_specimen_has_the_results_of_both_parts(monkeypatch):
+def test_a_specimen_has_the_results_of_all_parts_and_says_which_is_done(monkeypatch):
     rest = ("outcomes", "cracks", "edges", "scored", "mission", "sweep", "reach")
+    told = []
     monkeypatch.setattr(inspection, "parent_process", object)  # as in a process of its own
-    monkeypatch.setattr(inspection, "_servo", lambda seed: {"servo": seed, "runs": {}})
-    monkeypatch.setattr(inspection, "_others", lambda *given: dict.fromkeys(rest, given))
-    study = inspection.run_study(7, scenes=2, scans=3)
+    parts = [lambda *_: {"servo": 7, "runs": {}}, lambda *given: dict.fromkeys(rest, given)]
+    monkeypatch.setattr(inspection, "_SHARES", list(zip(("servo", "rest"), parts, strict=True)))
+    study = inspection.run_study(7, scenes=2, scans=3, told=told.append)
+    assert told == ["servo: 0 s", "rest: 0 s"]
     assert study.servo == 7
     assert {getattr(study, name) for name in rest} == {(7, 2, 3)}
     assert study.seconds >= 0.0

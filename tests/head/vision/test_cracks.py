@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.vision.calibrated_camera import Window
-from minorloop.head.vision.cracks import trace_cracks
+from minorloop.head.vision.cracks import TracedCrack, trace_cracks
 
 STEP, RADIUS = 0.05e-3, 10e-3
 WINDOW = Window(0.0, 0.0, STEP, 200, 240)
@@ -51,6 +51,17 @@ def test_course_length_and_width_are_those_of_the_line(turn, bend, width):
     assert off.max() < 3
     assert crack.length == pytest.approx(90 * STEP, rel=0.1)
     assert crack.width == pytest.approx(width * STEP, rel=0.3)
+
+
+def test_a_width_is_the_surer_the_longer_and_the_more_even_its_course_is():
+    def crack(width, length, spread=0.0):
+        widths = width + spread * np.tile([-1.0, 1.0], 20)
+        return TracedCrack(np.zeros((40, 2)), widths, length, 0.3)
+
+    assert crack(50e-6, 4e-3).width_sd == pytest.approx(np.hypot(6e-6, 5e-6))
+    assert crack(200e-6, 4e-3).width_sd == pytest.approx(21e-6, abs=1e-6)
+    short, long = (crack(50e-6, length, 20e-6).width_sd for length in (2e-3, 8e-3))
+    assert crack(50e-6, 8e-3).width_sd < long < short < 25e-6
 
 
 def test_a_short_gap_is_bridged():

@@ -14,19 +14,20 @@ from minorloop.head.procedures.pictures import (
     hole_in,
 )
 from minorloop.head.procedures.rig import LogEntry
-from minorloop.head.procedures.trace import widest
 from minorloop.head.reconstruction.findings import Finding, outlined
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Hole
 
-__all__ = ["InspectedView", "Unconfirmed", "view_with", "with_finding"]
+__all__ = ["InspectedView", "Unconfirmed", "first_visit", "view_with", "with_finding"]
 
 NO_PROBE = "no probe"
 """Verdict of the echoes of each finding."""
 AROUND = "view"
 """First word of the names of views that look round; the others visit a candidate."""
+AGAIN = " again"
+"""End of the name of a visit from another side, after the name of the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +110,11 @@ class InspectedView:
         return self.picture.name.partition(" ")[0] == AROUND
 
 
+def first_visit(name: str) -> str:
+    """Return the name of the first visit of the candidate that a view of this name visits."""
+    return name.removesuffix(AGAIN)
+
+
 def view_with(
     view: InspectedView, shown: Sequence[Hole | TracedCrack], camera: CalibratedCamera
 ) -> InspectedView:
@@ -125,7 +131,9 @@ def with_finding(view: InspectedView, radius: float) -> InspectedView:
         phi, z = shown.place.tolist()
         found = outlined(phi, z, shown.diameter, verdict, radius=radius)
         return replace(view, finding=found, evidence=shown.evidence, course=shown.rim)
-    found = crack_finding(shown.places, widest(shown)[1], CrackDepth(verdict), radius)
+    found = crack_finding(
+        shown.places, shown.width, CrackDepth(verdict), radius, width_sd=shown.width_sd
+    )
     return replace(view, finding=found, course=shown.places)
 
 

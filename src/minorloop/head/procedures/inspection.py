@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from minorloop.errors import counted
 from minorloop.head.geometry import Pinhole, wall_distance
 from minorloop.head.procedures.extract import SAME, nearest
 from minorloop.head.procedures.inspected_view import (
+    AGAIN,
     AROUND,
     InspectedView,
     Unconfirmed,
@@ -137,9 +139,10 @@ def inspect_wall(
     radius = rig.calibration.radius
     known = {view.picture.name: view for view in done}
     views = yield from _looked_round(rig, advances, known)
+    early = _early([*done, *views])
     holes = _sightings(views, Hole)
     found: list[Hole] = []
-    best = strongest([each.shown for each in holes], radius, -math.inf)
+    best = _holes(holes, early, radius)
     _say_limit(rig, "holes", len(best), _MOST_HOLES)
     for k, hole in enumerate(best[:_MOST_HOLES], 1):
         if not _known(hole, found, radius):
@@ -148,7 +151,7 @@ def inspect_wall(
             found += [] if again is None or _known(again, found, radius) else [again]
     traces = _sightings(views, TracedCrack)
     cracks: list[TracedCrack] = []
-    courses = [trace for trace, _ in likely([each.shown for each in traces], (), radius)]
+    courses = _courses(traces, early, radius)
     _say_limit(rig, "cracks", len(courses), _MOST_CRACKS)
     for k, trace in enumerate(courses[:_MOST_CRACKS], 1):
         if not any(one_course(trace.places, each.places, radius) for each in cracks):
@@ -166,18 +169,18 @@ def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed
     Parameters
     ----------
     views : sequence of InspectedView
-        All of an inspection so far.
+        All of an inspection so far, in the order in which they were taken.
     radius : float
         Of the pipe, in metres.
     """
-    names = {view.picture.name for view in views}
+    names, early = {view.picture.name for view in views}, _early(views)
     around = [view for view in views if view.looks_round]
     visited = [one for view in views if not view.looks_round for one in view.seen]
     holes, traces = _sightings(around, Hole), _sightings(around, TracedCrack)
     found = [one for one in visited if isinstance(one, Hole)]
     left = []
-    for k, hole in enumerate(strongest([each.shown for each in holes], radius, -math.inf), 1):
-        if f"hole {k} again" not in names and not _known(hole, found, radius):
+    for k, hole in enumerate(_holes(holes, early, radius), 1):
+        if f"hole {k}{AGAIN}" not in names and not _known(hole, found, radius):
             why = FROM_ONE_SIDE if f"hole {k}" in names else NOT_VISITED
             phi, z = hole.place.tolist()
             seen_in = _names(_same(hole, holes, radius))
@@ -187,7 +190,7 @@ def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed
                 )
             )
     cracks = [one for one in visited if isinstance(one, TracedCrack)]
-    for k, (trace, _) in enumerate(likely([each.shown for each in traces], (), radius), 1):
+    for k, trace in enumerate(_courses(traces, early, radius), 1):
         known = any(one_course(trace.places, each.places, radius) for each in cracks)
         if f"crack {k}" not in names and not known:
             phi, z = trace.places[len(trace.places) // 2].tolist()
@@ -203,6 +206,33 @@ def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed
 def _sightings(views: Sequence[InspectedView], kind: type[Candidate]) -> list[_Sighting[Candidate]]:
     """Return the candidates of a kind that views show."""
     return [_Sighting(one, view) for view in views for one in view.seen if isinstance(one, kind)]
+
+
+def _early(views: Sequence[InspectedView]) -> set[str]:
+    """Return the names of the views before the first visit: they number what is visited.
+
+    What a view shows that is taken again after a visit comes after it.
+    """
+    return {view.picture.name for view in takewhile(lambda view: view.looks_round, views)}
+
+
+def _holes(holes: Sequence[_Sighting[Hole]], early: set[str], radius: float) -> list[Hole]:
+    """Return candidates in the order of their visits, those of early views first."""
+    first, every = (
+        strongest([each.shown for each in some], radius, -math.inf)
+        for some in ([each for each in holes if each.view.picture.name in early], holes)
+    )
+    return [*first, *(hole for hole in every if not _known(hole, first, radius))]
+
+
+def _courses(
+    traces: Sequence[_Sighting[TracedCrack]], early: set[str], radius: float
+) -> list[TracedCrack]:
+    """Return courses in the order of their visits, those of early views first."""
+    seen = [each.shown for each in traces if each.view.picture.name in early]
+    first = [trace for trace, _ in likely(seen, (), radius)]
+    later = likely([each.shown for each in traces], first, radius)
+    return [*first, *(trace for trace, _ in later)]
 
 
 def _same(hole: Hole, holes: Sequence[_Sighting[Hole]], radius: float) -> list[_Sighting[Hole]]:
@@ -308,7 +338,7 @@ def _visited(
             rig.say(name, f"{seen.missing}; looked at from another side")
         yield view
     if view.finding is None:
-        name, before = f"{name} again", view.steps
+        name, before = f"{name}{AGAIN}", view.steps
         view = known.get(name)
         if view is None:
             seen = _from_aside(rig, next(each for each in same if each.shown is hole), name)

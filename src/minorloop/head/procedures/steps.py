@@ -103,7 +103,7 @@ def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, Floa
     go(rig, place=_near(rig, place))
     go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
     meter(rig, place)
-    where = f"phi {np.degrees(wrapped(place[0])):.0f} deg, z {1e3 * place[1]:.1f} mm"
+    where = f"phi {np.degrees(wrapped(place[0])):.1f} deg, z {1e3 * place[1]:.2f} mm"
     rig.say("pick", f"{where}, {words}")
     seen = photo(rig)
     return seen.image, seen.pixels(place)

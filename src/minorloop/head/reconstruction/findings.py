@@ -47,7 +47,7 @@ class Finding:
     depth_sd: float
 
 
-_PLACE_SD, _SIZE_SD = 0.085e-3, 0.08
+PLACE_SD, _SIZE_SD = 0.085e-3, 0.08
 """Standard deviations by an outline: of the place in m, and of the diameter as a share of it."""
 _UNITS = {"phi": "deg", "z": "mm", "width": "mm", "length": "mm", "depth": "mm"}
 UNDECIDED = "hole or pit"
@@ -115,7 +115,7 @@ def outlined(phi: float, z: float, diameter: float, verdict: str, *, radius: flo
     """
     size, size_sd = diameter, _SIZE_SD * diameter
     return Finding(
-        UNDECIDED, verdict, phi, _PLACE_SD / radius, z, _PLACE_SD, size, size_sd, size, size_sd,
+        UNDECIDED, verdict, phi, PLACE_SD / radius, z, PLACE_SD, size, size_sd, size, size_sd,
         math.nan, math.nan,
     )  # fmt: skip
 

@@ -36,7 +36,8 @@ def crack_words(found: Mapping[str, Any]) -> str:
         "in view is within 0.2 mm of what was traced; a trace is false if less than half of it is "
         f"within 0.2 mm of the crack. {found['false_per_acquisition']:.3f} traces an acquisition "
         f"were false (95 % interval {low:.3f} to {high:.3f}). Verdicts of the scans across cracks "
-        f"that were found: {scans or 'none'}."
+        f"that were found: {scans or 'none'}. The other renderer, that of make judge, has no "
+        "scenes with cracks: these shares are on scenes of the twin alone."
     )
 
 

@@ -26,6 +26,7 @@ from minorloop.head.vision.calibrated_camera import CalibratedCamera, Window
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, find_holes
 from minorloop.head.vision.reflectance_map import LitFrame
+from minorloop.identification.bands import PER_DEVIATION
 
 SAME = 0.2e-3
 """Distance in metres within which two courses are the same: required."""
@@ -58,6 +59,8 @@ class CrackOutcome:
         Verdict of the scan across it; empty without one.
     depth_error : float
         Of the depth by the scan, in metres; NaN without one.
+    width_sd : float
+        Standard deviation of the width that is stated, in metres; NaN if not found.
     """
 
     seed: int
@@ -69,6 +72,7 @@ class CrackOutcome:
     false: int
     scan: str = ""
     depth_error: float = math.nan
+    width_sd: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +175,7 @@ def outcome_of(seed: int, search: CrackSearch) -> CrackOutcome:
         length / (len(course) * FINE) - 1,
         float(np.median(widths) - np.median(search.widths[drawn])),
         false,
+        width_sd=max((trace for trace, _ in right), key=lambda trace: trace.length).width_sd,
     )
 
 
@@ -186,6 +191,13 @@ def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
         "false_interval": _rate_interval(sum(one.false for one in outcomes), len(outcomes)),
         "length_error_pct": _median([100 * abs(one.length_error) for one in found]),
         "width_error_um": _median([1e6 * abs(one.width_error) for one in found]),
+        "width_band_um": _median([1e6 * PER_DEVIATION * one.width_sd for one in found]),
+        "width_coverage": float(
+            np.mean([abs(one.width_error) <= PER_DEVIATION * one.width_sd for one in found])
+        )
+        if found
+        else math.nan,
+        "found": len(found),
         "course_traced": _median([one.shares[0] for one in found]),
         "trace_right": _median([one.shares[1] for one in found]),
         "scans": len(scans),

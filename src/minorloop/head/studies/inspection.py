@@ -8,7 +8,7 @@ head, camera, pipe and probe, scored on scenes that were not used for tuning.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import parent_process
@@ -55,8 +55,6 @@ _PLAIN_SHARE, _SCANNED = 4, 4
 scan takes five times as long as a scene."""
 _WARM = 20.0
 """Temperature of the water in degrees Celsius from which on most heads must reach a raster."""
-_PARTS = 2
-"""Parts of a specimen that take about as long: the servo, and the rest."""
 _SCORED = ("outcomes", "cracks", "edges", "scored", "sweep")
 
 CLAIMS = (
@@ -161,6 +159,17 @@ CLAIMS = (
     Claim("false cracks an acquisition", "cracks.false_per_acquisition", "-", most=0.05),
     Claim("cracks: length error, median [%]", "cracks.length_error_pct", "-", most=10),
     Claim("cracks: width error, median [um]", "cracks.width_error_um", "-", most=15),
+    Claim("cracks: half the 90 % band of a width, median [um]", "cracks.width_band_um", "-"),
+    Claim(
+        "cracks: bands of 90 % cover the width",
+        "cracks.width_coverage",
+        "-",
+        least=0.85,
+        most=0.95,
+        percent=True,
+        count="cracks.found",
+        enough=40,
+    ),
     Claim("cracks: share of the course traced", "cracks.course_traced", "-", percent=True),
     Claim("cracks: share of the trace on the course", "cracks.trace_right", "-", percent=True),
     Claim(
@@ -308,7 +317,12 @@ class InspectionStudy:
 
 
 @one_thread()
-def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> InspectionStudy:
+def run_study(
+    seed: int,
+    scenes: int = SCENES,
+    scans: int = SCANS,
+    told: Callable[[str], None] = lambda part: None,
+) -> InspectionStudy:
     """Run the study for one specimen.
 
     Parameters
@@ -321,29 +335,37 @@ def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> Inspection
     scans : int
         Number of pits with a flat floor for the score of depths and bands; the last has the size
         for the score of fusion.
+    told : callable
+        Is given the name of each part that is done, with its processor time.
     """
     work = partial(_part, seed, scenes, scans)
     # One of several specimens has a core of its own; the first of them, or a single one, does not
     # leave the others idle.
     share = parent_process() is None
-    each = list(for_each(work, _PARTS, 0)) if share else [work(k) for k in range(_PARTS)]
-    found = {name: value for part, _ in each for name, value in part.items()}
-    return InspectionStudy(seed=seed, **found, seconds=sum(seconds for _, seconds in each))
+    count = len(_SHARES)
+    found: dict[str, Any] = {}
+    total = 0.0
+    for name, part, seconds in (
+        for_each(work, count, 0, ordered=False) if share else map(work, range(count))
+    ):
+        told(f"{name}: {seconds:.0f} s")
+        found, total = found | part, total + seconds
+    return InspectionStudy(seed=seed, **found, seconds=total)
 
 
-def _part(seed: int, scenes: int, scans: int, number: int) -> tuple[dict[str, Any], float]:
-    """Return the results of a part, 0 for the servo and 1 for the rest, and its processor time."""
-    began = time.process_time()
-    found = _servo(seed) if number == 0 else _others(seed, scenes, scans)
-    return found, time.process_time() - began
+def _part(seed: int, scenes: int, scans: int, number: int) -> tuple[str, dict[str, Any], float]:
+    """Return the name of a part, its results, and its processor time."""
+    began, (name, work) = time.process_time(), _SHARES[number]
+    found = work(seed, scenes, scans)
+    return name, found, time.process_time() - began
 
 
-def _servo(seed: int) -> dict[str, Any]:
+def _servo(seed: int, scenes: int, scans: int) -> dict[str, Any]:
     servo, runs = servo_figures(Scene(seed))
     return {"servo": servo, "runs": runs}
 
 
-def _others(seed: int, scenes: int, scans: int) -> dict[str, Any]:
+def _holes(seed: int, scenes: int, scans: int) -> dict[str, Any]:
     plain = -(-scenes // _PLAIN_SHARE)
     outcomes = [
         outcome
@@ -355,21 +377,40 @@ def _others(seed: int, scenes: int, scans: int) -> dict[str, Any]:
             score_sizes(FIRST_SIZED + seed * scenes + k, hole),
         )
     ]
-    return {
-        "outcomes": tuple(outcomes),
-        "cracks": tuple(
-            score_cracks(FIRST_CRACK + seed * scenes + k, crack, scan=k % _SCANNED == 0)
-            for k in range(scenes)
-            for crack in (True, False)
-        ),
-        "edges": np.concatenate(
-            [plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]
-        ),
-        "scored": _scored_scans(FIRST_SCAN + (scans + 4) * seed, scans),
-        "mission": run_mission(seed),
-        "sweep": run_sweep(seed),
-        "reach": reach_figures(seed),
-    }
+    edges = np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)])
+    return {"outcomes": tuple(outcomes), "edges": edges}
+
+
+def _cracks(seed: int, scenes: int, scans: int) -> dict[str, Any]:
+    outcomes = (
+        score_cracks(FIRST_CRACK + seed * scenes + k, crack, scan=k % _SCANNED == 0)
+        for k in range(scenes)
+        for crack in (True, False)
+    )
+    return {"cracks": tuple(outcomes)}
+
+
+def _depths(seed: int, scenes: int, scans: int) -> dict[str, Any]:
+    return {"scored": _scored_scans(FIRST_SCAN + (scans + 4) * seed, scans)}
+
+
+def _mission(seed: int, scenes: int, scans: int) -> dict[str, Any]:
+    return {"mission": run_mission(seed), "reach": reach_figures(seed)}
+
+
+def _sweep(seed: int, scenes: int, scans: int) -> dict[str, Any]:
+    return {"sweep": run_sweep(seed)}
+
+
+_SHARES = (
+    ("servo", _servo),
+    ("mission", _mission),
+    ("sweep", _sweep),
+    ("scans of pits", _depths),
+    ("scenes of holes", _holes),
+    ("scenes of cracks", _cracks),
+)
+"""Parts of a specimen; the servo takes as long as the rest together, and begins first."""
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

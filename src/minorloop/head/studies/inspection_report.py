@@ -14,6 +14,7 @@ from minorloop.head.studies.crack_report import crack_pictures, crack_table, cra
 from minorloop.head.studies.detection_report import detection_pictures, detection_table, limits
 from minorloop.head.studies.inspection import CLAIMS, TITLE
 from minorloop.head.studies.inspection_servo import SETTLED_PX, SWAY_WAIT
+from minorloop.head.studies.judged import JUDGE, judge_words
 from minorloop.head.studies.mission import Mission
 from minorloop.head.studies.mission_report import (
     draw_crack,
@@ -22,6 +23,7 @@ from minorloop.head.studies.mission_report import (
     draw_images,
     draw_ring,
     finding_rows,
+    place_words,
     save_mission,
 )
 from minorloop.head.ultrasound.crack_depth import MEASURED
@@ -100,7 +102,9 @@ def _summary(seed: int, figures: Mapping[str, Any], runs: Sequence[Mapping[str, 
         f"with {'pipes of their own' if many else 'a pipe of its own'}; figures are drawn "
         f"for {'that of ' if many else ''}seed {seed}. "
         f"{found['recall']:.1%} of the holes were found with "
-        f"{found['false_per_acquisition']:.2f} false findings an acquisition, depths were off by "
+        f"{found['false_per_acquisition']:.2f} false findings an acquisition (on scenes of another "
+        f"renderer, by make judge, {JUDGE['recall']:.1%} with "
+        f"{JUDGE['false_per_acquisition']:.2f}), depths were off by "
         f"{figures['depth']['bias_um']:.1f} um on average, and in {measured} of {of} "
         f"mission{'s' if of > 1 else ''} the pit was measured, in {cracks} the crack found."
     )
@@ -170,6 +174,7 @@ def _add_detection(
             "Where nothing is near, nine tenths of the outline of a dark hole are within "
             f"{found['plain_edge_px_p90']:.2f} pixels of its edge.",
             limits(outcomes),
+            judge_words(),
         ),
         table=detection_table(found),
         pictures=pictures,
@@ -196,7 +201,8 @@ def _add_mission(report: Report, mission: Mission) -> None:
         report.add(
             "The pit",
             text="The outline is that of the image and of the echoes together, the depth that of "
-            "the joint fit spread by the footprints of the beams; the rim is the least sure.",
+            "the joint fit spread by the footprints of the beams; the rim is the least sure. "
+            f"{place_words(mission)}",
             table=finding_rows(mission.finding or finding_of(mission.pit)),
             pictures=[Picture(draw_finding(mission.wall), words)],
         )
@@ -225,7 +231,8 @@ def _add_cracks(report: Report, mission: Mission) -> None:
         report.add(
             "A crack",
             text="Dark under every light, thin, and seen again in a near view. Verdict of the "
-            f"echoes on its depth where it is widest: {crack.finding.verdict}."
+            f"echoes on its depth where it is widest: {crack.finding.verdict}. Its width is the "
+            "median along the near view; the widest place is the circle."
             + ("" if crack.finding.verdict == MEASURED else f" {_NARROW}"),
             table=finding_rows(crack.finding),
             pictures=[

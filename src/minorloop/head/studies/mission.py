@@ -101,8 +101,10 @@ class Mission:
         Images of the finding when picked, and with the axis sent to it.
     pixel : (2,) array, optional
         Of the finding in the first image.
+    picked : (2,) array, optional
+        Phi and z of the candidate in the view that showed it first.
     found : Hole, optional
-        By the camera.
+        By the camera, in the near view.
     pit : PitDepth, optional
         By the echoes.
     wall, ring : DepthMap, optional
@@ -135,6 +137,7 @@ class Mission:
     first: npt.NDArray[np.uint8] | None = None
     pixel: FloatArray | None = None
     centred: npt.NDArray[np.uint8] | None = None
+    picked: FloatArray | None = None
     found: Hole | None = None
     pit: PitDepth | None = None
     wall: DepthMap | None = None
@@ -292,8 +295,8 @@ def _approached(
     focus(rig)
     near, found, again = extract(rig, hole)
     steps = tuple(rig.log[began:])
-    one = replace(mission, near=near, first=first, pixel=pixel, found=found, off=off, steps=steps)
-    return one, again, near.wall
+    one = replace(mission, near=near, first=first, pixel=pixel, off=off, steps=steps)
+    return replace(one, picked=hole.place, found=found), again, near.wall
 
 
 def _measured(

@@ -70,8 +70,14 @@ class SeenCrack:
 
     @property
     def finding(self) -> Finding:
-        """Line of the table of findings."""
-        return crack_finding(self.course.places, self.width, self.found, RADIUS)
+        """Line of the table of findings; its width is the median of the near view.
+
+        The width at the widest place is the maximum of what is noisy along the course: too large.
+        """
+        near = self.traced
+        return crack_finding(
+            self.course.places, near.width, self.found, RADIUS, width_sd=near.width_sd
+        )
 
 
 def examined(rig: InspectionRig, trace: TracedCrack, views: int) -> SeenCrack | None:

@@ -11,13 +11,14 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import MissingExtraError
-from minorloop.head.geometry import wrapped
+from minorloop.head.geometry import wall_distance, wrapped
 from minorloop.head.procedures.sweep_map import SHADES, SOURCES, water_angles
 from minorloop.head.reconstruction.depth_map import ECHOES, DepthMap
-from minorloop.head.reconstruction.findings import Finding, save_findings
+from minorloop.head.reconstruction.findings import PLACE_SD, Finding, save_findings
 from minorloop.head.reconstruction.mesh import save_mesh
 from minorloop.head.studies.mission import Mission
 from minorloop.head.studies.mission_cracks import SeenCrack
+from minorloop.head.studies.mission_scene import RADIUS
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 from minorloop.studies.drawing import new_figure
@@ -288,6 +289,20 @@ def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:
             ylabel="measured less true [um], 90 % band",
         )
     return figure
+
+
+def place_words(mission: Mission) -> str:
+    """Return a sentence on how far the picked place is from that of the pit, and why."""
+    if mission.picked is None or mission.pit is None:
+        return ""
+    off = wall_distance(mission.picked, (mission.pit.phi, mission.pit.z), RADIUS)
+    return (
+        f"The step pick gives a place that is {1e3 * float(off):.2f} mm from this one: it is the "
+        "outline in the first view, from afar and oblique, by the angles of the joints alone, with "
+        f"a standard deviation of {1e3 * PLACE_SD:.3f} mm around and along the pipe, and this one "
+        "is the joint fit to the echoes, about the outline in the near view; both count from the "
+        "same zero."
+    )
 
 
 def finding_rows(finding: Finding) -> Table:

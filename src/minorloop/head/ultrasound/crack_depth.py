@@ -120,7 +120,9 @@ def crack_depth(
     return _estimate(fit, share, width)
 
 
-def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius: float) -> Finding:
+def crack_finding(
+    places: npt.ArrayLike, width: float, found: CrackDepth, radius: float, *, width_sd: float
+) -> Finding:
     """Return a traced crack as a finding; width and length are those along its course.
 
     Parameters
@@ -128,11 +130,13 @@ def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius
     places : (N, 2) array_like
         Phi and z along it.
     width : float
-        In metres.
+        The median along it, in metres.
     found : CrackDepth
         Its depth by ultrasound.
     radius : float
         Of the pipe, in metres.
+    width_sd : float
+        Standard deviation of the width.
     """
     course = np.asarray(places, dtype=np.float64)
     length = float(wall_lengths(course, radius)[-1])
@@ -142,7 +146,7 @@ def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius
         verdict += f" (under {1e3 * found.least_width:.2f} mm)"
     if verdict == SILENT and np.isfinite(found.least_depth):
         verdict += f" (at least {1e3 * found.least_depth:.2f} mm deep)"
-    place_sd, width_sd = 0.05e-3, max(0.5 * width, 0.05e-3)
+    place_sd = 0.05e-3
     return Finding(
         "crack", verdict, phi, place_sd / radius, z, place_sd, width, width_sd, length,
         max(0.05 * length, 0.1e-3), found.depth, found.depth_sd,

@@ -8,6 +8,7 @@ The profiles across a course decide whether it is a crack.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +44,12 @@ _APART = 5
 """Texels from a course within which lines belong to it."""
 _SLENDER = 6.0
 """Least length over width."""
+_GROUND, _TAKEN = 6e-6, 0.1
+"""Standard deviations of a width: by the brightness of the wall beside the line, in metres, an
+eighth of a texel; and as a share of the width, by what a crack returns of the light, by errors of
+the pose, and by blur beyond the profile. By trial on 160 scenes with a crack."""
+_PART = 0.4e-3
+"""Length in metres of parts of a course whose widths are independent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +80,13 @@ class TracedCrack:
     def width(self) -> float:
         """Median width in metres."""
         return float(np.median(self.widths))
+
+    @property
+    def width_sd(self) -> float:
+        """Standard deviation of the median width in metres."""
+        spread = 1.4826 * float(np.median(np.abs(self.widths - self.width)))
+        along = spread / math.sqrt(max(self.length / _PART, 1.0))
+        return math.hypot(_GROUND, _TAKEN * self.width, along)
 
 
 def trace_cracks(
