@@ -452,17 +452,32 @@ def test_lines_of_a_single_view_are_visited_after_the_last_look_around(monkeypat
 
     def examined(rig, trace, views):
         visits.append((float(trace.places[0, 1]), views))
-        return trace if views >= least else None
+        whole = line(0.02, length=9e-3) if trace.places[0, 1] == 0.02 else trace
+        return SimpleNamespace(course=whole) if views >= least else None
 
     monkeypatch.setattr(missions, "ADVANCES", tuple(looks))
     monkeypatch.setattr(missions, "_look_around", look_around)
     monkeypatch.setattr(mission_cracks, "examined", examined)
     least, seen = 2, missions.Overview()
     (found,) = missions._cracks(None, seen)
-    assert (visits, found.places[0, 1]) == ([(0.02, 2)], 0.02)
+    assert (visits, found.course.places[0, 1]) == ([(0.02, 2)], 0.02)
     least, seen = 3, missions.Overview()
     assert missions._cracks(None, seen) == ()
     assert visits[1:] == [(0.02, 2), (0.03, 1), (0.025, 1)]
+
+
+def test_a_part_of_a_crack_that_was_found_is_not_visited(monkeypatch):
+    whole, visits = line(0.02, length=9e-3), []
+    parts = [line(0.02), line(0.02, phi=0.6, length=2e-3)]
+
+    def examined(rig, trace, views):
+        visits.append(float(trace.places[0, 0]))
+        return SimpleNamespace(course=whole)
+
+    monkeypatch.setattr(missions, "ADVANCES", ())
+    monkeypatch.setattr(mission_cracks, "examined", examined)
+    found = missions._cracks(None, missions.Overview(traces=[*parts, *parts]))
+    assert (len(found), visits) == (1, [0.0])
 
 
 def test_a_line_beside_the_true_crack_is_false():

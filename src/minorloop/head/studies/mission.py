@@ -31,7 +31,7 @@ from minorloop.head.procedures.steps import (
     search,
     touch,
 )
-from minorloop.head.procedures.trace import likely, traces_of
+from minorloop.head.procedures.trace import likely, one_course, traces_of
 from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
 from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of
 from minorloop.head.studies import mission_cracks, scoring
@@ -336,7 +336,8 @@ def _measured(
 def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
     """Visit candidates for cracks, and look around from further places until one is confirmed.
 
-    Lines of a single view come last: a line that further views show counts without an echo.
+    Lines of a single view come last: a line that further views show counts without an echo. One
+    that is part of a crack that was found is not visited.
     """
     found: list[SeenCrack] = []
     tried: list[TracedCrack] = []
@@ -347,6 +348,8 @@ def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
         if advance is not None:
             _look_around(rig, advance, seen)
         for trace, views in likely(seen.traces, tried, RADIUS):
+            if any(one_course(trace.places, crack.course.places, RADIUS) for crack in found):
+                continue
             if views >= least and len(tried) < mission_cracks.MOST:
                 tried.append(trace)
                 crack = mission_cracks.examined(rig, trace, views)
