@@ -49,6 +49,7 @@ ELSEWHERE = {
     "head/studies/ultrasonic_scan.py": "head/studies/test_inspection_parts.py",
     "head/studies/head_camera_report.py": "head/studies/test_head_study.py",
     "head/studies/picture_sensor.py": "head/studies/test_head_camera.py",
+    "head/studies/servo_integral_report.py": "head/studies/test_servo_integral.py",
     "head/studies/sight.py": "head/studies/test_head_study.py",
     "head/studies/sight_report.py": "head/studies/test_head_study.py",
     "head/studies/sight_trials.py": "head/studies/test_head_study.py",

@@ -79,8 +79,8 @@ def run(
     only: Annotated[
         str | None,
         typer.Option(
-            help="Only this part: unreachable (of head, with more cases), missions or sweeps (of "
-            "inspection)."
+            help="Only this part: integral or unreachable (with more cases) of head, missions or "
+            "sweeps of inspection."
         ),
     ] = None,
     as_json: _common.Json = False,

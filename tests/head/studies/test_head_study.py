@@ -10,15 +10,18 @@ from minorloop.head.studies import (
     head_camera,
     head_report,
     head_static,
+    servo_integral,
     touch_trials,
     tracking_trials,
 )
 from minorloop.head.studies.head_loop import circle, constant, ramps, run_loop, stairs
 from minorloop.head.studies.picture_sensor import PictureSensor
+from minorloop.head.studies.servo_integral import IntegralStudy
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.surroundings import Course, Surroundings
 from minorloop.head.vision import wall_refinement
 from minorloop.studies.claims import claim_table
+from servo_runs import held_points
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +54,7 @@ def study():
         }  # fmt: skip
         for name, value in by_camera.items():
             patch.setattr(head_camera, name, value)
+        patch.setattr(servo_integral, "run_study", lambda seed: IntegralStudy(held_points()))
         yield head.run_study(1)
 
 

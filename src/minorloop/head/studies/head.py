@@ -23,6 +23,7 @@ from minorloop.head.control.head import CONTROLLERS, HeadControl, head_control
 from minorloop.head.control.internal_model import InternalModel
 from minorloop.head.control.planning import PlannedPowers, Planner
 from minorloop.head.control.robustness import robust_margins
+from minorloop.head.studies import servo_integral
 from minorloop.head.studies.head_camera import CameraStudy, run_camera
 from minorloop.head.studies.head_loop import (
     DELAY,
@@ -45,6 +46,7 @@ from minorloop.head.studies.head_ramps import (
 )
 from minorloop.head.studies.head_static import CURRENT, HOLD, Static, run_static
 from minorloop.head.studies.scoring import truth
+from minorloop.head.studies.servo_integral import IntegralStudy
 from minorloop.head.studies.sight import SIGHT_CLAIMS, SightStudy, gather_sight, run_sight
 from minorloop.head.studies.unreachable import CLEARLY, cause_found, true_reach
 from minorloop.head.twins.head import Head
@@ -54,8 +56,11 @@ from minorloop.head.twins.wire import Wire
 from minorloop.studies.claims import Claim, medians
 
 TITLE = "A catheter head on shape-memory wires"
-PARTS = {"unreachable": "minorloop.head.studies.unreachable"}
-"""Studies of a part alone, with more cases."""
+PARTS = {
+    "integral": "minorloop.head.studies.servo_integral",
+    "unreachable": "minorloop.head.studies.unreachable",
+}
+"""Studies of a part alone; unreachable has more cases."""
 DEFAULT = CONTROLLERS[0]
 TARGETS = (20.0, 30.0, 40.0)
 """Steps in degrees, those of the paper."""
@@ -270,6 +275,7 @@ CLAIMS = (
     Claim("false alarms in all other runs", "unreachable.false_alarms", "left open", most=0),
     Claim("limits exceeded, all runs", "limits.violations", "not studied", most=0),
     *SIGHT_CLAIMS,
+    *servo_integral.CLAIMS,
     Claim("planned over inverse: cost", "planning.cost_ratio", "not studied", most=0.9),
     Claim("seconds for a specimen", "seconds", "-"),
 )
@@ -285,7 +291,8 @@ class HeadStudy:
     sequence for the same targets, with ``planned`` (2, N) the true angles of a wire that is driven
     by them; ``delay_edges`` the longest delay of the sensor in s with which the internal model is
     predicted and found to be stable; ``sight`` what its camera tracks and its tool touches;
-    ``camera`` the head without sensors at its joints.
+    ``integral`` a point held with the integral of Eq. (10) and without; ``camera`` the head without
+    sensors at its joints.
     """
 
     seed: int
@@ -298,6 +305,7 @@ class HeadStudy:
     planned: FloatArray
     delay_edges: tuple[float, float]
     sight: SightStudy
+    integral: IntegralStudy
     camera: CameraStudy
     seconds: float
 
@@ -333,7 +341,7 @@ class HeadStudy:
             "step_ms_median": float(np.median(took)),
             "step_ms_p999": float(np.quantile(took, 0.999)),
         }
-        found |= gather_sight([self.sight])
+        found |= {**gather_sight([self.sight]), **self.integral.figures()}
         return {**found, "sight": self.sight, "seconds": self.seconds}
 
     def _of(self, controller: str) -> Iterator[HeadRun]:
@@ -415,6 +423,7 @@ def run_study(seed: int) -> HeadStudy:
         planned=np.array(driven),
         delay_edges=edges,
         sight=run_sight(seed, controls[DEFAULT]),
+        integral=servo_integral.run_study(seed),
         camera=run_camera(seed, static.inputs, static.settled, static.arbitrary),
         seconds=time.perf_counter() - began,
     )

@@ -30,6 +30,7 @@ from minorloop.head.studies.head_rivals_report import (
     where_better,
 )
 from minorloop.head.studies.head_static import COMMAND, CURRENT, MESH
+from minorloop.head.studies.servo_integral_report import add_integral
 from minorloop.head.studies.sight_report import add_sight
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
@@ -91,6 +92,7 @@ def study_report(
     _add_limits(report, study)
     _add_planning(report, study, figures)
     add_sight(report, study.sight, figures)
+    add_integral(report, study.integral, figures["integral"])
     return report
 
 
@@ -110,8 +112,6 @@ def _add_overview(
             'from the wanted point, both axes together. In all tables, "not reached" means that '
             'it did not happen before the end of a run, and "none" that there was nothing to '
             "count.",
-            "The integral of Eq. (10) belongs to the visual servo. Its figures (integral.*) are in "
-            "the report of minorloop study inspection.",
             f"One control step of both axes took {clock['step_ms_median']:.2f} ms in the median, "
             f"and 999 of 1000 steps took at most {clock['step_ms_p999']:.2f} ms. The loop has "
             f"{1e3 * TICK:.0f} ms. These times depend on the machine that runs the study and on "

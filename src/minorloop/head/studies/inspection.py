@@ -63,23 +63,6 @@ CLAIMS = (
     Claim("servo: steady rms [px]", "servo.steady_rms_px", "shown", most=0.5),
     Claim("sway of 1 degree: motion held over not held", "sway.ratio", "not studied", most=0.65),
     Claim("the same in the stabilised pictures", "sway.stabilised_ratio", "-"),
-    Claim(
-        "camera only, sway: with the integral over without",
-        "integral.sway_ratio",
-        "attenuates errors (Eq 10)",
-        most=0.8,
-    ),
-    Claim("the same with angle sensors", "integral.sway_ratio_with_sensor", "-"),
-    Claim(
-        "camera only: mean offset with the integral [px]",
-        "integral.offset_px",
-        "attenuates errors (Eq 10)",
-        most=0.3,
-    ),
-    Claim("the same without [px]", "integral.without_offset_px", "-"),
-    Claim("base turns slowly, with the integral: rms [px]", "integral.drift_px", "-"),
-    Claim("the same without [px]", "integral.without_drift_px", "-"),
-    Claim("integral with the printed sign: rms after 8 s [px]", "integral.printed_px", "printed"),
     Claim("holes found", "detection.recall", "one image (Fig 14)", least=0.98, percent=True),
     Claim(
         "false findings an acquisition",
@@ -410,7 +393,7 @@ _SHARES = (
     ("scenes of holes", _holes),
     ("scenes of cracks", _cracks),
 )
-"""Parts of a specimen; the servo takes as long as the rest together, and begins first."""
+"""Parts of a specimen, the longest first."""
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

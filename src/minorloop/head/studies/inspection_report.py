@@ -63,7 +63,6 @@ def study_report(
         table=claim_table(CLAIMS, figures),
     )
     _add_servo(report, study, figures["sway"])
-    _add_integral(report, study, figures["integral"])
     _add_detection(report, study.mission, figures["detection"], runs)
     report.add(
         "Finding cracks beside scratches, drawing marks, welds and stains",
@@ -124,36 +123,6 @@ def _add_servo(report: Report, study: InspectionStudy, sway: Mapping[str, float]
         "angles that follow from the tracked patch.",
         pictures=[
             Picture(draw_servo(study), "Distance of the true point from the middle of the image.")
-        ],
-    )
-
-
-def _add_integral(report: Report, study: InspectionStudy, found: Mapping[str, float]) -> None:
-    columns = ("by the camera alone", "with the integral", "without")
-    rows = [
-        (words, f"{found[key]:.2f}", f"{found[f'without_{key}']:.2f}")
-        for words, key in (
-            ("off target: to 2 px from 43 px, s", "settle_s"),
-            ("on target: mean offset, px", "offset_px"),
-            ("base turns by 2 degrees in 25 s: rms, px", "drift_px"),
-            (
-                "sway of 1 degree at 0.3 and 0.23 Hz: rms over that of a still head",
-                "sway_over_still",
-            ),
-        )
-    ]
-    report.add(
-        "The integral of Eq. (10)",
-        text="The paper adds an integral to attenuate tracking errors. The angles that centre a "
-        "point do not depend on the angles at which the head is, so that without an integral "
-        "nothing corrects what the wires leave. It stops while the point is lost or far, at the "
-        "edge of the cone, and for a joint that does not follow. With angle sensors "
-        f"{found['sway_ratio_with_sensor']:.2f} of the sway remains that remains without it, by "
-        f"the camera alone {found['sway_ratio']:.2f}. With the sign as printed the loop is "
-        f"unstable: after 8 s the point is {found['printed_px']:.0f} pixels from the middle, rms.",
-        table=Table(columns, rows),
-        pictures=[
-            Picture(draw_integral(study), "By the camera alone, with the integral and without.")
         ],
     )
 
@@ -274,26 +243,6 @@ def draw_servo(study: InspectionStudy) -> Any:
     right.set_ylim(0.0, 1.5 * float(max(still.off.max(), swayed.off[late].max(initial=0.0))))
     left.legend(frameon=False)
     right.legend(frameon=False, loc="upper right")
-    return figure
-
-
-def draw_integral(study: InspectionStudy) -> Any:
-    """Draw distances against time by the camera alone: still, drifting and swayed base."""
-    figure, axes = new_figure(1, 3, height=3.6, sharey=True)
-    cases = ("camera", "camera drifting", "camera swayed")
-    titles = ("still base", "base turns slowly", "sway of 1 degree")
-    for one, case, title in zip(axes, cases, titles, strict=True):
-        for suffix, words, colour in (
-            (", no integral", "without", "C3"),
-            ("", "with the integral", "C0"),
-        ):
-            run = study.runs[f"{case}{suffix}"]
-            one.plot(run.t, run.off, color=colour, lw=0.9, label=words)
-        one.set(xlabel="time [s]", title=title, yscale="log")
-    printed = study.runs["printed"]
-    axes[0].plot(printed.t, printed.off, color="C7", lw=0.9, label="printed sign")
-    axes[0].set_ylabel("off the middle [px]")
-    axes[0].legend(frameon=False)
     return figure
 
 

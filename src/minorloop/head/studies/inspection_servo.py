@@ -1,16 +1,14 @@
 """Centre a point of the wall in the image, and hold it there with two wires.
 
 Camera, tracker, hold and the wires' controller form one loop at 25 Hz, with and without angle
-sensors, and with and without the integral of the paper's Eq. (10). Without sensors no reading of a
-joint is used: the model of the wires brings the head near, and then the controller gets the angles
-that follow from the tracked patch of the wall. All pixel figures are at the scale of a 320 by 240
-image.
+sensors. Without sensors no reading of a joint is used: the model of the wires brings the head near,
+and then the controller gets the angles that follow from the tracked patch of the wall. All pixel
+figures are at the scale of a 320 by 240 image.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -35,7 +33,6 @@ from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Pipe
 from minorloop.head.twins.rig import Rig, SimulatedTip
 from minorloop.head.twins.surroundings import Sway
-from minorloop.head.vision.hold import PointHold
 from minorloop.head.vision.tracking import TRACKED
 
 TICK = 0.04
@@ -47,10 +44,6 @@ FOCAL = LENS.focal / 2
 """Focal length in the pixels of this study: those of an image of 320 x 240."""
 START_PX, SETTLED_PX = 43.0, 2.0
 SWAY_SECONDS, SWAY_WAIT = 40.0, 12.0
-DRIFT = Sway(amplitude=math.radians(2.0), pan=0.01, tilt=0.008)
-"""Slow turn of the base, at up to 0.13 degrees a second: what an integral is for."""
-PRINTED_SECONDS, PRINTED_END = 12.0, 4.0
-"""Duration of the run with the printed sign, and its end that is scored, in seconds."""
 SWING, MOTION, MOTION_SECONDS = math.radians(7.0), math.radians(10.0), 20.0
 """Amplitude of the motion under which the tracker is tested, its fastest rate, and its duration."""
 STROKE_SHARE = 0.93
@@ -220,32 +213,7 @@ def run_servo(
         by_image=not sensor,
     )
     name = "sensor" if sensor else "camera only"
-    return _watched(scene, rig, centring).run(name if integral else f"{name}, no integral")
-
-
-class _PrintedHold(PointHold):
-    """A hold with the integral of Eq. (10) as it is printed: with a plus."""
-
-    def correction(self, integral: FloatArray, error: FloatArray | None) -> FloatArray:
-        return -super().correction(integral, error)
-
-
-class _PrintedCentring(Centring):
-    def _hold(self, reading: Reading) -> PointHold:
-        hold = super()._hold(reading)
-        return _PrintedHold(servo=hold.servo, near=math.pi, slip=math.pi)
-
-
-def run_printed(scene: Scene) -> ServoRun:
-    """Centre the hole by the camera alone with the printed sign of the integral."""
-    rig = scene.rig(sensor=False)
-    centring = _PrintedCentring(
-        calibration=rig.calibration,
-        still=math.inf,
-        patience=PRINTED_SECONDS + TICK,
-        by_image=True,
-    )
-    return _watched(scene, rig, centring).run("printed sign")
+    return watched(scene, rig, centring).run(name if integral else f"{name}, no integral")
 
 
 def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
@@ -284,10 +252,10 @@ def run_motion(scene: Scene) -> ServoRun:
     rig = scene.rig()
     patience = MOTION_SECONDS + TICK
     centring = Centring(calibration=rig.calibration, still=math.inf, patience=patience)
-    return _watched(scene, rig, centring, Swinging(centring, scene.aim)).run("motion")
+    return watched(scene, rig, centring, Swinging(centring, scene.aim)).run("motion")
 
 
-def _watched(
+def watched(
     scene: Scene, rig: InspectionRig, centring: Centring, procedure: Swinging | None = None
 ) -> Watch:
     """Bring the head to where the servo takes over, and track the patch that is picked there."""
@@ -312,21 +280,7 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
         "swayed": run_servo(scene, sensor=True, sway=sway, seconds=SWAY_SECONDS),
         "still": run_still(scene, sway, SWAY_SECONDS - SWAY_WAIT),
         "motion": run_motion(scene),
-        "printed": run_printed(scene),
     }
-    for name, around, seconds in (
-        ("camera", None, SERVO),
-        ("camera swayed", sway, SWAY_SECONDS),
-        ("camera drifting", DRIFT, SERVO),
-    ):
-        for integral, words in ((True, ""), (False, ", no integral")):
-            if f"{name}{words}" not in runs:
-                runs[f"{name}{words}"] = run_servo(
-                    scene, sensor=False, sway=around, seconds=seconds, integral=integral
-                )
-    runs["swayed, no integral"] = run_servo(
-        scene, sensor=True, sway=sway, seconds=SWAY_SECONDS, integral=False
-    )
     held, still = runs["swayed"].rms(SWAY_WAIT), runs["still"].rms(0.0)
     figures = {
         "servo": {
@@ -341,29 +295,6 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
             "held_px": held,
             "still_px": still,
         },
-        "integral": integral_figures(runs, still),
         "tracking": {"lost_fraction": runs["motion"].lost, "reacquire_s": runs["motion"].reacquire},
     }
     return figures, runs
-
-
-def integral_figures(runs: Mapping[str, ServoRun], still: float) -> dict[str, float]:
-    """Return what the integral changes, by the camera alone unless a sensor is named."""
-
-    def ratio(name: str) -> float:
-        return runs[name].rms(SWAY_WAIT) / runs[f"{name}, no integral"].rms(SWAY_WAIT)
-
-    found = {
-        "sway_ratio": ratio("camera swayed"),
-        "sway_ratio_with_sensor": ratio("swayed"),
-        "printed_px": runs["printed"].rms(PRINTED_SECONDS - PRINTED_END),
-    }
-    for key, words in (("", ""), ("without_", ", no integral")):
-        camera, drifting = runs[f"camera{words}"], runs[f"camera drifting{words}"]
-        found |= {
-            f"{key}offset_px": camera.offset(SERVO - STEADY),
-            f"{key}settle_s": camera.settle,
-            f"{key}sway_over_still": runs[f"camera swayed{words}"].rms(SWAY_WAIT) / still,
-            f"{key}drift_px": drifting.rms(SERVO - STEADY),
-        }
-    return found
