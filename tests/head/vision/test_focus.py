@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop.head.geometry import wall_point
-from minorloop.head.vision.focus import sharpness
+from minorloop.head.vision.focus import peak_of, sharpness
 
 from .walls import CAMERA, photograph
 
@@ -40,3 +40,22 @@ def test_light_that_falls_off_across_the_region_leaves_the_sharpness():
 )
 def test_nothing_to_see_is_not_a_number(image, pixel):
     assert np.isnan(sharpness(image, pixel))
+
+
+def test_a_flat_top_with_scatter_gives_the_middle_of_the_curve():
+    true, errors, rng = 20e-3, [], np.random.default_rng(1)
+    inverse = np.linspace(1.3, 0.7, 9) / true
+    for _ in range(100):
+        level = -0.1 * (true * inverse - 1) ** 2 / 0.3**2 + 0.02 * rng.standard_normal(9)
+        found = peak_of(np.stack([1 / inverse, np.exp(level)], axis=1), true, 5)
+        errors.append(found.distance / true - 1)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.03
+
+
+def test_a_sharp_peak_is_not_drawn_aside_by_its_slower_flank():
+    true = 20e-3
+    inverse = np.linspace(1.6, 0.4, 17) / true
+    off = true * inverse - 1
+    level = -(np.abs(off) ** 2) / np.where(off > 0, 0.02, 0.2)
+    found = peak_of(np.stack([1 / inverse, np.exp(level)], axis=1), true, 5)
+    assert found.distance == pytest.approx(true, rel=0.1)

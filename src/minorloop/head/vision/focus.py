@@ -18,6 +18,9 @@ _DARK = 2.0
 """Grey level that is added before the logarithm, so that noise in the dark counts little."""
 _LEAST_GAIN, _SCATTERS = 0.02, 3.0
 """A sweep has a peak if the logarithm of its sharpness bends by 2 % and three times its scatter."""
+_NEAR_TOP = 0.75
+"""Share of the greatest sharpness from which values belong to the top of the curve. A far wall is
+sharp over most of a sweep: five values about the greatest one would follow their scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +81,7 @@ def sharpness(image: Any, pixel: npt.ArrayLike, *, size: int = 96) -> float:
 
 
 def peak_of(curve: FloatArray, guess: float, least: int) -> FocusPeak:
-    """Find the peak of a sweep.
+    """Find the peak of a sweep: that of a parabola through the top of the curve.
 
     Parameters
     ----------
@@ -97,7 +100,8 @@ def peak_of(curve: FloatArray, guess: float, least: int) -> FocusPeak:
         return FocusPeak(guess, curve, FLAT)
     best = int(sharp.argmax())
     first = int(np.clip(best - 2, 0, len(sharp) - 5))
-    near = slice(first, first + 5)
+    upper = np.flatnonzero(sharp > _NEAR_TOP * sharp[best])
+    near = slice(min(first, int(upper[0])), max(first + 5, int(upper[-1]) + 1))
     a, b, _ = np.polyfit(inverse[near] - inverse[best], np.log(sharp[near]), 2)
     top = inverse[best] - b / (2 * a) if a < 0 else inverse[best]
     top = float(np.clip(top, inverse.min(), inverse.max()))
