@@ -61,6 +61,7 @@ def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_pat
         swept_view(tmp_path, head, 0.4)
     (tmp_path / "camera.json").rename(tmp_path / "pan-loop.sqlite")
     assert swept_view(tmp_path, head, 0.4) is None
+    assert "the calibration of the camera is not corrected: the runs" in capsys.readouterr().err
 
 
 def test_a_head_is_identified_once_and_driven_by_its_file(run):

@@ -73,6 +73,10 @@ def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration |
                 f"{path} is no calibration of a camera ({error}); remove the folder to begin anew"
             ) from error
     if any(store.glob("*.sqlite")):
+        typer.echo(
+            f"the calibration of the camera is not corrected: the runs in {store} began without",
+            err=True,
+        )
         return None
     typer.echo(
         f"turning both axes slowly up and down for {as_duration(SWEEP_SECONDS)}: the pictures "

@@ -226,3 +226,13 @@ def test_what_to_do_about_a_picture_is_said_once():
         "the camera does not show the angles: the first picture is black; check lights, lens and "
         "cable"
     )
+
+
+def test_a_sweep_whose_pictures_show_nothing_for_10_s_stops_with_the_wires_off(monkeypatch):
+    began, safe = [], []
+    seen, rig = head(lambda frame: Frame(frame.t, frame.image * (not began)))
+    began.append(seen._t)
+    monkeypatch.setattr(rig, "safe", lambda: safe.append(seen._t))
+    with pytest.raises(InstrumentError, match="does not show the angles: the picture is black"):
+        seen.survey()
+    assert 10.0 < safe[0] - began[0] < 12.0

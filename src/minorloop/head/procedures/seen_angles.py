@@ -26,6 +26,7 @@ from minorloop.head.vision.wall_refinement import refined
 from minorloop.lab.actuator import Actuator, Channel, Frame, Value
 from minorloop.lab.drivers.parts import Clock
 from minorloop.lab.records import Record, Timing
+from minorloop.lab.run import left_safe
 from minorloop.lab.wrapped_actuator import WrappedActuator
 
 OUTPUTS = Channel("pan", "deg"), Channel("tilt", "deg")
@@ -241,6 +242,7 @@ class SeenHead(WrappedActuator):
         self._clock: Clock = _Ticks() if clock is None else clock
         self._began = self._due = self._clock.now()
         self._gain, self._why = 1.0, ""
+        self._frame: Frame | None = None
         self.age = math.nan
         self._seen_at = self._t
         self._wait_for_zero()
@@ -303,14 +305,21 @@ class SeenHead(WrappedActuator):
         SignalError
             If the pictures do not show the wall, as `refined_view`.
         InstrumentError
-            If the camera gives no picture.
+            If the camera does not show the angles for 10 s; the head is safe then.
         """
 
         def hold(u: FloatArray, seconds: float) -> None:
             for _ in range(round(seconds / self.tick)):
                 self._hold(u)
 
-        return refined_view(self._view, sweep(hold, self._taken, highest))
+        def picture() -> Frame:
+            self._look()
+            assert self._frame is not None  # that of the zero, at least
+            return self._frame  # one that did not come is the one before, which counts as frozen
+
+        with left_safe(self):
+            frames = sweep(hold, picture, highest)
+        return refined_view(self._view, frames)
 
     @property
     def time(self) -> float:
@@ -363,6 +372,7 @@ class SeenHead(WrappedActuator):
         if self._expose is not None:
             self._expose(LIMITS.exposure, self._gain)
         frame, lens = self._picture(), self._view.lens
+        self._frame = frame
         self.age = self._clock.now() - frame.t
         height, width = frame.image.shape
         if (height, width) != (lens.height, lens.width):
