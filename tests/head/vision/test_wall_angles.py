@@ -159,6 +159,19 @@ def test_a_view_that_was_found_again_is_learned_from_once_it_turns(seen):
     assert len(seen.state.patches.sd) > count
 
 
+def test_a_fast_head_that_a_search_finds_is_followed_from_there_and_learned_from(seen):
+    """Nine pictures a second, and 31 degrees a second at once: too far for steps from the last."""
+    count, at, state = len(seen.state.patches.sd), REST, seen.state
+    searched = []
+    for n in range(1, 8):
+        at = REST + math.radians(3.5) * np.array([n, n])
+        sight, state = seen.eyes.step(state, seen.picture(*at).image, 10.0 + 0.11 * n)
+        searched.append(sight.verdict)
+    assert searched == [SEEN] * 7
+    assert error(sight, *at) < math.radians(0.3)
+    assert len(state.patches.sd) > count
+
+
 def dark(image):
     return np.zeros_like(image)
 

@@ -69,6 +69,10 @@ _BESIDE, _FINE = math.radians(6.0), math.radians(1.0)
 stops near, and with few patches in view the steps lead to the peak from less than a degree."""
 _GOING = 5
 """Pictures for which the head is taken to go on turning while it is not seen."""
+_FASTEST = math.radians(60.0)
+"""Most radians a second at which a head that a search found is taken to turn: twice as fast as one
+turns. If it were taken to stand, a fast one would be searched for in picture after picture, and
+nothing would be learned on the way."""
 _TURNED = math.radians(0.4)
 """Turn after which new patches are looked for: what is seen then is new by a tenth of a patch."""
 _UNEVEN = 1e-3
@@ -243,7 +247,7 @@ class WallAngles:
         """Return the state after a picture that showed the angles."""
         passed = t - state.t
         rates = (sight.angles - state.angles) / passed
-        if state.missed > _GOING or state.hunted:
+        if state.missed > _GOING or (state.hunted and np.abs(rates).max() > _FASTEST):
             rates = np.zeros(2)
         patches, again = state.patches, sight.angles if state.hunted else state.again
         turned = np.abs(again - sight.angles).max() >= _HUNT
