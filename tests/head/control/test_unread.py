@@ -27,6 +27,16 @@ def test_a_gap_keeps_the_head_where_it_was_when_the_gap_became_unusual():
     assert watch.near(watch.step(state, 0, WHERE), wanted).tolist() == [40.0, 0.0]
 
 
+def test_a_head_that_is_not_seen_for_long_goes_back_towards_the_cold_one():
+    watch, wanted = UnreadWatch(after=3, stays=50), np.array([40.0, 30.0])
+    stays, goes = after(range(51), watch), after(range(100), watch)
+    assert watch.near(stays, wanted).tolist() == [13.5, 23.5]
+    assert (np.abs(goes.kept - 0.5 * stays.kept) < 1.0).all()
+    assert watch.near(watch.step(goes, 0, WHERE), wanted).tolist() == [40.0, 30.0]
+    skipped = watch.step(stays, 60, WHERE)
+    assert skipped.kept == pytest.approx(after(range(61), watch).kept)
+
+
 def test_a_sensor_with_few_readings_may_have_its_usual_gaps():
     watch = UnreadWatch(after=3)
     usual = [0, 1, 2, 3, 4] * 20
@@ -59,3 +69,5 @@ def test_a_head_that_is_not_seen_stops_and_goes_on_when_it_is():
 def test_steps_out_of_range_are_refused():
     with pytest.raises(ParameterError, match="after"):
         UnreadWatch(after=0)
+    with pytest.raises(ParameterError, match="stays"):
+        UnreadWatch(stays=0)

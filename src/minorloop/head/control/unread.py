@@ -1,7 +1,8 @@
-"""A head stays where it is while it is not read.
+"""A head stays where it is while it is not read, and goes back after some time.
 
 A model takes a head to its target without readings, past everything that was seen before: by a
-camera, it is not found again there.
+camera, it is not found again there. Where the wall was never seen, no search finds it. The way back
+to the cold head leads past wall that was.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ _LEARNED, _MOST = 0.25, 25.0
 those of a camera with one picture a second."""
 _USUAL = 2.0
 """Times the usual gap from which a gap is an unusual one."""
+_BACK = 0.015
+"""Share of the angles by which a step takes the head back: at 25 a second it is half way in 2 s."""
 _NEAR = 0.5
 """Degrees about where it was: as accurate as the model is in a moment, so that a head at its target
 keeps it."""
@@ -34,7 +37,8 @@ class Unread:
     usual : float
         Steps between two readings, lately.
     kept : (axes,) array, optional
-        Readings in degrees by the model when the gap became an unusual one; None before.
+        Readings in degrees by the model when the gap became an unusual one, None before; after some
+        time those on the way back.
     """
 
     gap: int = 0
@@ -51,6 +55,9 @@ class UnreadWatch:
     after : int
         Steps, at least; for a sensor that has fewer readings than the loop has steps, it is twice
         the usual gap between them.
+    stays : int
+        Steps without a reading for which it stays: a search has tried all angles where the wall was
+        seen in fewer.
 
     Raises
     ------
@@ -59,9 +66,11 @@ class UnreadWatch:
     """
 
     after: int = 3
+    stays: int = 50
 
     def __post_init__(self) -> None:
         within("after", self.after, 1, 10_000)
+        within("stays", self.stays, 1, 10_000)
 
     def step(self, before: Unread, gap: int, read: FloatArray) -> Unread:
         """Return the state one step later.
@@ -79,7 +88,9 @@ class UnreadWatch:
             return Unread(0, usual)
         if gap < max(self.after, _USUAL * before.usual):
             return replace(before, gap=gap, kept=None)
-        return replace(before, gap=gap, kept=read if before.kept is None else before.kept)
+        kept = read if before.kept is None else before.kept
+        left = 1.0 if gap <= self.stays else (1.0 - _BACK) ** (gap - before.gap)
+        return replace(before, gap=gap, kept=left * kept)
 
     def near(self, state: Unread, wanted: FloatArray) -> FloatArray:
         """Return wanted readings (axes,) in degrees, near those that are kept."""
