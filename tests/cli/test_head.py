@@ -87,7 +87,8 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
     assert "is of head 'twin-head-1000', and the head here is 'twin-head-3'" in error
     status, _, error = run(f"{IDENTIFY} --head head.json --specimen 1000")
     assert status == 2
-    assert "--force" in error
+    assert "head.json has wires already; --force replaces them and keeps the calibration" in error
+    assert "another name" not in error
     later = replace(read_head("head.json"), calibration=VIEW, calibrated=LATER)
     save_head(later, "head.json", force=True)
     status, _, error = run(f"{IDENTIFY} --head head.json --specimen 1000 --force")
@@ -179,6 +180,74 @@ def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypa
     assert status == 1
     assert "error nan deg rms" in out
     assert "tilt did not reach target 1, 25 degrees: there was no reading" in error
+
+
+def test_head_drive_checks_its_arguments_before_it_opens_a_device(run, monkeypatch):
+    control = head_control("observer", (identified().model,) * 2)
+    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
+    monkeypatch.setattr("minorloop.cli._common.connected", lambda *_, **__: pytest.fail("opened"))
+    save_head(HeadFile(serial="H-01"), "head.json")
+    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+    Path("far.csv").write_text("pan [deg],tilt [deg]\n80,25\n")
+    drive = "--head head.json --actuator bench:head.toml"
+    for hold in ("0.01", "1e9", "0", "-3"):
+        status, _, error = run(f"head drive angles.csv {drive} --hold {hold}")
+        assert status == 2
+        assert error.endswith(f"hold is {float(hold)} s; give 0.04 to 3600 s\n")
+    status, _, error = run(f"head drive far.csv {drive}")
+    assert (status, "pan of target 1 is 80 degrees" in error) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("ends", "status"), [(KeyboardInterrupt(), 130), (InstrumentError("the board is silent"), 2)]
+)
+def test_head_drive_keeps_what_it_measured_until_an_error_or_a_signal(
+    run, monkeypatch, ends, status
+):
+    control = head_control("observer", (identified().model,) * 2)
+    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
+    save_head(HeadFile(serial="twin-head-nominal"), "head.json")
+    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n10,10\n")
+    drive = "head drive angles.csv --head head.json --actuator twin:head --hold 2"
+    exchange, count = Head.exchange, iter(range(1000))
+
+    def failing(head, u):
+        if next(count) == 76:
+            raise ends
+        return exchange(head, u)
+
+    monkeypatch.setattr(Head, "exchange", failing)
+    found, out, error = run(f"{drive} --save reached.csv")
+    assert (found, out) == (status, "")
+    said = error.splitlines()
+    assert said[0] == (
+        "the drive ended after 3.0 s, and what was measured is kept in reached.csv; the head has "
+        "confirmed that it is safe"
+    )
+    assert said[1] in ("interrupted", "error: the board is silent")
+    kept = np.genfromtxt("reached.csv", delimiter=",", names=True)
+    assert kept["time_s"].tolist() == pytest.approx((0.04 * np.arange(1, 76)).tolist())
+    assert kept["wanted_pan_deg"].tolist() == [30.0] * 50 + [10.0] * 25
+    assert np.isfinite(kept["pan_deg"]).all()
+
+
+def test_an_unfinished_drive_does_not_call_a_head_safe_that_did_not_confirm_it(run, monkeypatch):
+    control = head_control("observer", (identified().model,) * 2)
+    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
+    save_head(HeadFile(serial="twin-head-nominal"), "head.json")
+    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+
+    def silent(head):
+        raise SafetyError("the board did not confirm")
+
+    monkeypatch.setattr(Head, "safe", silent)
+    drive = "head drive angles.csv --head head.json --actuator twin:head --hold 2"
+    status, _, error = run(drive)
+    assert status == 3
+    assert error.splitlines() == [
+        "the drive ended after 2.0 s, and nothing is kept without --save",
+        "error: the board did not confirm",
+    ]
 
 
 def test_head_drive_marks_angles_whose_readings_were_not_used(run, monkeypatch):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,12 +13,10 @@ from minorloop.cli import _common
 from minorloop.cli._completion import addresses, one_of
 from minorloop.cli._head_calibration import calibrate, photograph
 from minorloop.cli.run import carry_out_levels
-from minorloop.errors import ParameterError
+from minorloop.errors import OutputError, ParameterError
 
 if TYPE_CHECKING:
-    from minorloop.head.procedures.drive_faults import DriveFault
     from minorloop.head.procedures.head_file import HeadFile
-    from minorloop.head.procedures.steer import SteeredHead
     from minorloop.lab.actuator import Actuator
 
 NAME = "head"
@@ -86,7 +83,12 @@ def identify(
     if serial is not None:
         replace(before or HeadFile(serial=serial), identified=None).check_fits(serial, head)
     replaces = before is not None and before.identified is not None
-    _common.check_outputs([head], force=force or not replaces)
+    if replaces and not force:
+        raise OutputError(
+            f"{head} has wires already; --force replaces them and keeps the calibration of the "
+            "camera"
+        )
+    _common.check_outputs([head], force=True)
     opened: Any = partial(_common.connected, actuator, specimen=specimen, noise=noise)
     pipe = is_pipe(actuator)
     seen = camera is not None or pipe
@@ -162,7 +164,7 @@ def drive(
     actuator: _common.Address,
     pan: Annotated[str, typer.Option(help="Column of the wanted pan, in deg.")] = "pan",
     tilt: Annotated[str, typer.Option(help="Column of the wanted tilt, in deg.")] = "tilt",
-    hold: Annotated[float, _common.seconds_option("Seconds for each target.")] = 8.0,
+    hold: Annotated[float, _common.number_option("Seconds for each target.")] = 8.0,
     camera: _Seeing = None,
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
@@ -180,11 +182,12 @@ def drive(
     """
     import numpy as np
 
+    from minorloop.cli._driven import UnfinishedDrive, save_drive, show_drive
     from minorloop.cli._seen import seen_head
     from minorloop.head.console.settings import is_pipe
     from minorloop.head.procedures.head_file import read_head
     from minorloop.head.procedures.identify import check_head
-    from minorloop.head.procedures.steer import steer
+    from minorloop.head.procedures.steer import check_targets, steer
 
     _common.check_outputs([save], inputs=[file, head], force=force)
     known = read_head(head)
@@ -193,72 +196,20 @@ def drive(
     seen = camera is not None or is_pipe(actuator)
     if seen:
         opened = partial(seen_head, actuator, camera, known.calibration)
-    kept = "the drive was not finished, and nothing is kept"
-    with _common.interruptible(lambda: kept), opened(specimen=specimen, seed=seed) as plant:
+    targets, unfinished = np.column_stack(columns), UnfinishedDrive(save, force)
+    check_targets(known.control(by_camera=seen), targets, hold)
+    with unfinished.said(), opened(specimen=specimen, seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
         known.check_fits(getattr(plant, "serial", None), head)
         control = known.control(interval=plant.tick, by_camera=seen)
-        result = steer(plant, control, np.column_stack(columns), hold)
+        result = steer(plant, control, targets, hold, unfinished=unfinished)
     if save is not None:
-        table = {"time [s]": result.t}
-        for k, axis in enumerate(("pan", "tilt")):
-            table |= {f"wanted {axis} [deg]": result.wanted[:, k]}
-            table |= {f"{axis} [deg]": result.read[:, k], f"{axis} [A]": result.current[:, k]}
-        for k, axis in enumerate(("pan", "tilt")):
-            table |= {f"{axis} by the model [deg]": result.modelled[:, k]}
-            table |= {f"{axis} used": result.used[:, k].astype(float)}
-        _common.write_csv(save, table, force=force)
-    _show_drive(result, as_json)
+        save_drive(result, save, force)
+    show_drive(result, as_json)
     for said in result.warnings:
         typer.echo(f"warning: {said}", err=True)
     if not result.done:
         raise typer.Exit(1)
-
-
-def _show_drive(result: SteeredHead, as_json: bool) -> None:
-    """Print the angles at the end of each hold, and their error where readings were used."""
-    import numpy as np
-
-    known = np.isfinite(result.reached)
-    off = (result.reached - result.targets)[known]
-    rms = float(np.sqrt(np.mean(off**2))) if off.size else math.nan
-    if as_json:
-        content = {"targets_deg": result.targets, "reached_deg": result.reached, "rms_deg": rms}
-        content |= {"readings_used": known, "by_model_deg": result.expected}
-        content |= {"unreachable": result.unreachable, "missed": result.missed}
-        content |= {"unconfirmed": result.unconfirmed}
-        _common.print_json({**content, "faults": [_fault(each) for each in result.faults]})
-        return
-    shown = np.where(known, result.reached, result.expected)
-    rows = [
-        (
-            *(f"{each:.2f}" for each in result.targets[n]),
-            *(f"{shown[n, k]:.2f}{'' if known[n, k] else ' (model)'}" for k in range(2)),
-        )
-        for n in range(len(shown))
-    ]
-    columns = ("pan wanted", "tilt wanted", "pan", "tilt")
-    _common.print_table(columns, rows, "degrees at the end of each hold")
-    typer.echo(f"error {rms:.2f} deg rms")
-    if not known.all():
-        typer.echo(
-            "(model): by the model, because readings were missing or not used; the error is of the "
-            f"other {known.sum()} of {known.size} angles"
-        )
-
-
-def _fault(fault: DriveFault) -> dict[str, Any]:
-    """Return a fault of a drive by name."""
-    return {
-        "axis": fault.axis,
-        "began_s": fault.began,
-        "lasted_s": fault.lasted,
-        "times": fault.times,
-        "what": fault.what,
-        "cooled": fault.cooled,
-        "over": fault.over,
-        "late": fault.late,
-    }
 
 
 @app.command(

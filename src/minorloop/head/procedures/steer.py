@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,13 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, SafetyError
 from minorloop.head.control.controller import within
 from minorloop.head.control.head import HeadControl, HeadState
 from minorloop.head.procedures.drive_faults import DriveFault, FaultLog
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.run import left_safe
 
+TICK = 0.04
+"""Seconds of a step, unless a head has others."""
 _AXES = "pan", "tilt"
 _STEADY = 0.2
 """Share of a hold, at its end, over which the angles are averaged."""
@@ -115,8 +117,36 @@ class SteeredHead:
         return [each[-max(round(_STEADY * len(each)), 1) :] for each in holds]
 
 
+Unfinished = Callable[[SteeredHead, bool], None]
+
+
+def check_targets(
+    control: HeadControl, targets: npt.ArrayLike, hold: float, tick: float = TICK
+) -> tuple[FloatArray, float]:
+    """Return targets (N, 2) in degrees, and their hold in seconds in whole ticks.
+
+    Raises
+    ------
+    ParameterError
+        If the targets are not (N, 2) numbers or beyond the reach of the wires, or the hold is
+        shorter than a tick or longer than an hour.
+    """
+    wanted = np.atleast_2d(np.asarray(targets, dtype=np.float64))
+    if wanted.ndim != 2 or wanted.shape[1] != 2 or not np.isfinite(wanted).all():
+        raise ParameterError(f"the targets have shape {wanted.shape}; give (N, 2) angles in deg")
+    hold = tick * round(within("hold", hold, tick, 3600.0, "s") / tick)
+    for n, each in enumerate(wanted, 1):
+        _check_reach(control, each, n)
+    return wanted, hold
+
+
 def steer(
-    head: Actuator, control: HeadControl, targets: npt.ArrayLike, hold: float = 8.0
+    head: Actuator,
+    control: HeadControl,
+    targets: npt.ArrayLike,
+    hold: float = 8.0,
+    *,
+    unfinished: Unfinished = lambda found, safe: None,
 ) -> SteeredHead:
     """Bring a cold head to targets, hold each, and leave it safe.
 
@@ -133,52 +163,84 @@ def steer(
         Readings of pan and tilt, in degrees.
     hold : float
         Seconds for each target.
+    unfinished : callable
+        Takes what was measured if an error or a signal ends the drive, after the head was made
+        safe, and whether that was confirmed.
 
     Raises
     ------
     ParameterError
-        If the targets are not (N, 2) numbers or beyond the reach of the wires, or the hold is
-        shorter than a tick; nothing is switched on then.
+        As `check_targets`; nothing is switched on then.
     SafetyError
         If the head does not confirm at the end that it is safe.
     """
-    wanted = np.atleast_2d(np.asarray(targets, dtype=np.float64))
-    if wanted.ndim != 2 or wanted.shape[1] != 2 or not np.isfinite(wanted).all():
-        raise ParameterError(f"the targets have shape {wanted.shape}; give (N, 2) angles in deg")
-    tick = head.tick
-    hold = tick * round(within("hold", hold, tick, 3600.0, "s") / tick)
-    for n, each in enumerate(wanted, 1):
-        _check_reach(control, each, n)
-    rows: list[tuple[float, int, FloatArray, FloatArray]] = []
-    judged: list[tuple[BoolArray, FloatArray]] = []
-    given_up: dict[tuple[int, int], str] = {}
-    faults = FaultLog(_AXES, tick, control.axes[0].observer.delay)
-    by_camera = hasattr(head, "age")
-    with left_safe(head):
-        seen = np.asarray(head.exchange(np.zeros(2)))
-        state, t, began = control.begin(seen), 0.0, _time(head, 0.0)
-        for n, each in enumerate(wanted):
-            while t < (n + 1) * hold - 0.5 * tick:
-                current, state = control.step(state, each, seen, t=t)
-                why, age = getattr(head, "why", ""), getattr(head, "age", math.nan)
-                faults.note(t, state, why, age)
-                judged.append(_judged(control, state))
-                seen = np.asarray(head.exchange(current))
-                t = _time(head, tick * (len(rows) + 1)) - began
-                rows.append((t, n, seen, current))
-            given_up |= {(n, k): text for k, text in _given_up(state, n + 1).items()}
-    # A step judges the reading of the tick before: the last reading needs one more.
-    judged.append(_judged(control, control.step(state, wanted[-1], seen, t=t)[1]))
-    times, row, read, current = (np.array(each) for each in zip(*rows, strict=True))
-    used, modelled = (np.array(each) for each in zip(*judged[1:], strict=True))
-    found = SteeredHead(times, wanted[row], read, current, wanted, row, used, modelled)
+    wanted, hold = check_targets(control, targets, hold, head.tick)
+    faults = FaultLog(_AXES, head.tick, control.axes[0].observer.delay)
+    drive = _Drive(head, control, wanted, faults)
+    try:
+        with left_safe(head):
+            drive.carry_out(hold)
+    except BaseException as error:
+        if drive.rows:
+            unfinished(drive.found(), not isinstance(error, SafetyError))
+        raise
+    found, given_up = drive.found(), drive.given_up
+    otherwise = _CHECK if hasattr(head, "age") else ""
     return replace(
         found,
         unreachable=tuple(given_up.values()),
-        missed=tuple(_missed(control, found, set(given_up), faults, _CHECK if by_camera else "")),
+        missed=tuple(_missed(control, found, set(given_up), faults, otherwise)),
         unconfirmed=tuple(_unconfirmed(control, found, set(given_up))),
-        faults=faults.found(t),
     )
+
+
+class _Drive:
+    """What is measured while a head is brought to targets."""
+
+    def __init__(
+        self, head: Actuator, control: HeadControl, wanted: FloatArray, faults: FaultLog
+    ) -> None:
+        self._head, self._control, self._wanted, self._faults = head, control, wanted, faults
+        self._t, self._state = 0.0, control.begin()
+        self.rows: list[tuple[float, int, FloatArray, FloatArray]] = []
+        self._judged: list[tuple[BoolArray, FloatArray]] = []
+        self.given_up: dict[tuple[int, int], str] = {}
+
+    def carry_out(self, hold: float) -> None:
+        """Hold each target for so many seconds."""
+        head, control, faults = self._head, self._control, self._faults
+        tick = head.tick
+        seen = np.asarray(head.exchange(np.zeros(2)))
+        self._state, began = control.begin(seen), _time(head, 0.0)
+        for n, each in enumerate(self._wanted):
+            while self._t < (n + 1) * hold - 0.5 * tick:
+                current, self._state = control.step(self._state, each, seen, t=self._t)
+                why, age = getattr(head, "why", ""), getattr(head, "age", math.nan)
+                faults.note(self._t, self._state, why, age)
+                self._judged.append(_judged(control, self._state))
+                seen = np.asarray(head.exchange(current))
+                self._t = _time(head, tick * (len(self.rows) + 1)) - began
+                self.rows.append((self._t, n, seen, current))
+            self.given_up |= {(n, k): text for k, text in _given_up(self._state, n + 1).items()}
+
+    def found(self) -> SteeredHead:
+        """Return what was measured until now."""
+        times, row, read, current = (np.array(each) for each in zip(*self.rows, strict=True))
+        # A step judges the reading of the tick before: the last reading needs one more.
+        last = self._control.step(self._state, self._wanted[row[-1]], read[-1], t=self._t)[1]
+        judged = [*self._judged[1 : len(self.rows)], _judged(self._control, last)]
+        used, modelled = (np.array(each) for each in zip(*judged, strict=True))
+        return SteeredHead(
+            times,
+            self._wanted[row],
+            read,
+            current,
+            self._wanted[: row[-1] + 1],
+            row,
+            used,
+            modelled,
+            faults=self._faults.found(self._t),
+        )
 
 
 def _judged(control: HeadControl, state: HeadState) -> tuple[BoolArray, FloatArray]:
