@@ -217,6 +217,26 @@ def test_a_saturated_picture_says_to_switch_leds_off():
     assert "check lights, lens and cable" in seen_angles.unseen("the picture is black")
 
 
+@pytest.mark.parametrize(
+    ("why", "said"),
+    [
+        ("camera:0 cannot be opened; check the camera and its cable", "check lights"),
+        ("the first picture shows 2 patches of wall; set focus, lights and gain", "check lights"),
+        ("the first picture is saturated; check lights, lens and cable", "check lights"),
+    ],
+)
+def test_what_has_its_own_advice_gets_no_other(why, said):
+    sentence = seen_angles.unseen(why)
+    assert said not in sentence
+    assert sentence.count(";") == 1
+
+
+def test_white_pictures_at_the_start_are_called_saturated(monkeypatch):
+    monkeypatch.setattr(seen_angles, "_PATIENCE", 3.0)
+    with pytest.raises(InstrumentError, match="the first picture is saturated; switch LEDs off"):
+        head(lambda frame: Frame(frame.t, np.full_like(frame.image, 255)))
+
+
 def test_what_to_do_about_a_picture_is_said_once():
     devices = Slow()
     view = HeadCalibration(lens=Pinhole(4, 4, 4.0, (1.5, 1.5)), leds=np.zeros((1, 3)))

@@ -399,13 +399,15 @@ def unseen(why: str) -> str:
     """Return the sentence on a camera that does not show the angles, with what to do."""
     if why in (_WAITED, _WARM):
         return why
-    advice = NOTHING_SEEN
-    if SATURATED in why:
+    what, advised, advice = why.partition("; ")
+    if SATURATED in what:
         advice = (
             "switch LEDs off, in the bench file with rest = false for their lines, or shorten the "
             "exposure"
         )
-    return f"the camera does not show the angles: {why.removesuffix(f'; {NOTHING_SEEN}')}; {advice}"
+    elif not advised:
+        advice = NOTHING_SEEN
+    return f"the camera does not show the angles: {what}; {advice}"
 
 
 def unknown_zero(why: str) -> str:

@@ -179,6 +179,8 @@ class WallAngles:
             self.pictures.pyramid(image), at, self.pictures.none, np.zeros(2), np.zeros(2)
         )
         if len(patches.sd) < self.fewest:
+            if verdict == frame_checks.SATURATED:
+                raise SignalError(f"the first picture is {verdict}; {NOTHING_SEEN}")
             raise SignalError(
                 f"the first picture shows {len(patches.sd)} patches of wall with detail, and "
                 f"{self.fewest} are needed; set focus, lights and gain"
