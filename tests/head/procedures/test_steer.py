@@ -38,6 +38,25 @@ def test_a_reading_that_takes_longer_than_a_tick_counts_as_long_as_it_took():
     assert result.row.tolist() == [0] * 150 + [1] * 150
 
 
+@pytest.mark.parametrize(("every", "said"), [(2, ""), (4, "6.2 pictures a second came, and 10")])
+def test_too_few_pictures_are_named(every, said):
+    class Seen(Head):
+        age, ticks = 0.04, 0
+
+        @property
+        def pictures(self):
+            return self.ticks // every
+
+        def exchange(self, u):
+            self.ticks += 1
+            return super().exchange(u)
+
+    result = steer(Seen(noise=0.05, seed=3), CONTROL, [[30.0, 30.0]], 4.0)
+    found = [str(each) for each in result.faults if "pictures a second" in each.what]
+    assert len(found) == bool(said)
+    assert all(f"pan and tilt, from 0.00 s to the end: {said}" in each for each in found)
+
+
 def test_a_target_without_a_reading_has_no_result():
     head = Head(noise=0.05, faults=[Fault("pan", "lost", 0.0)])
     result = steer(head, CONTROL, [[10.0, 10.0]], 1.0)

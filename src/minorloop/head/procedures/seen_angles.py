@@ -210,6 +210,8 @@ class SeenHead(WrappedActuator):
     age : float
         Of the newest picture when it was taken over, in seconds, by its time: at least, where that
         is the time of its arrival.
+    pictures : int
+        Number of those that have come.
 
     Raises
     ------
@@ -243,7 +245,7 @@ class SeenHead(WrappedActuator):
         self._began = self._due = self._clock.now()
         self._gain, self._why = 1.0, ""
         self._frame: Frame | None = None
-        self.age = math.nan
+        self.age, self.pictures = math.nan, 0
         self._seen_at = self._t
         self._wait_for_zero()
 
@@ -373,6 +375,7 @@ class SeenHead(WrappedActuator):
             self._expose(LIMITS.exposure, self._gain)
         frame, lens = self._picture(), self._view.lens
         self._frame = frame
+        self.pictures += 1
         self.age = self._clock.now() - frame.t
         height, width = frame.image.shape
         if (height, width) != (lens.height, lens.width):

@@ -28,6 +28,8 @@ _CHECK = (
     "differs from its file"
 )
 """What to check if a head that its camera reads misses a target, and no fault is known."""
+_RATE = 10.0
+"""Pictures a second that a head needs whose angles its camera gives."""
 _OFF = 0.05
 """Share of the reach of a wire by which a target is missed: as `minorloop drive` warns."""
 
@@ -202,6 +204,7 @@ class _Drive:
     ) -> None:
         self._head, self._control, self._wanted, self._faults = head, control, wanted, faults
         self._t, self._state = 0.0, control.begin()
+        self._pictures = getattr(head, "pictures", math.nan)
         self.rows: list[tuple[float, int, FloatArray, FloatArray]] = []
         self._judged: list[tuple[BoolArray, FloatArray]] = []
         self.given_up: dict[tuple[int, int], str] = {}
@@ -239,8 +242,18 @@ class _Drive:
             row,
             used,
             modelled,
-            faults=self._faults.found(self._t),
+            faults=(*self._faults.found(self._t), *self._too_few_pictures()),
         )
+
+    def _too_few_pictures(self) -> Iterator[DriveFault]:
+        """Yield a fault if the camera gave fewer pictures than the head needs."""
+        rate = (getattr(self._head, "pictures", math.nan) - self._pictures) / self._t
+        if rate < _RATE:
+            what = (
+                f"{rate:.2g} pictures a second came, and {_RATE:g} are needed; check the camera, "
+                "its network, and what else this computer does"
+            )
+            yield DriveFault(" and ".join(_AXES), 0.0, self._t, what, over=False)
 
 
 def _judged(control: HeadControl, state: HeadState) -> tuple[BoolArray, FloatArray]:
