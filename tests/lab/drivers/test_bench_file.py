@@ -248,3 +248,13 @@ def test_the_bench_of_the_examples_is_that_of_a_head():
     assert [source["unit"] for source in described["sources"]] == ["A", "A"]
     assert [sensor["unit"] for sensor in described["sensors"]] == ["deg", "deg"]
     assert all(source["rest"] == 0.0 for source in described["sources"])
+
+
+def test_the_bench_of_a_head_by_its_camera_is_that_of_a_head_without_sensors():
+    described, other = (
+        tomllib.loads((EXAMPLES / name).read_text()) for name in ("head_camera.toml", "head.toml")
+    )
+    assert other.pop("sensors")
+    assert described["devices"]["board"].pop("resource") == "ASRL/tmp/board::INSTR"
+    assert other["devices"]["board"].pop("resource")
+    assert described == other
