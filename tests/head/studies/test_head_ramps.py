@@ -44,6 +44,16 @@ def test_the_stepping_inverse_passes_each_target_by_less_than_a_step():
     assert stepping_inverse(model, np.array([1e3, -1e3]), 0.015).tolist() == [1.2, 0.0]
 
 
+def test_an_unchanged_target_leaves_the_input():
+    model = identify_mesh(1001).model
+    wanted = np.repeat([20.0, 35.0, 12.0, 30.0], 5)
+    exact = model.invert(wanted).u
+    for u in (stepping_inverse(model, wanted, 0.015), exact):
+        held = u.reshape(4, 5)
+        assert (held == held[:, :1]).all()
+        assert np.unique(u).size == 4
+
+
 def test_errors_are_scored_ramp_by_ramp():
     t = np.arange(0.0, 50.0, 0.5)
     error = np.where(t < 10, 9.0, np.where(t < 20, 1.0, np.where(t < 30, 2.0, 3.0)))

@@ -30,6 +30,7 @@ from minorloop.head.studies.head_rivals_report import (
     where_better,
 )
 from minorloop.head.studies.head_static import COMMAND, CURRENT, MESH
+from minorloop.head.studies.paper_sections_report import add_sections
 from minorloop.head.studies.servo_integral_report import add_integral
 from minorloop.head.studies.sight_report import add_sight
 from minorloop.report import Picture, Report, Table
@@ -82,6 +83,7 @@ def study_report(
         f"power, in {pi['settle_s']:.1f} s with PI control without a model.",
     )
     _add_overview(report, study, figures, runs)
+    add_sections(report, figures, _drawn(study))
     _add_static(report, study, figures)
     _add_inverse(report, study, figures)
     _add_open_loop(report, study, figures)
@@ -133,6 +135,21 @@ def _add_overview(
         "more than the 172 MPa that makers advise for long life. It comes 63 % of the way up in "
         f"{facts['heat_t63_s']:.1f} s and of the way down in {facts['cool_t63_s']:.1f} s.",
     )
+
+
+def _drawn(study: HeadStudy) -> dict[str, dict[str, float]]:
+    """Return how the steps of each controller settle, and the time of a step of the loop in ms."""
+    found = {}
+    for name in WORDS:
+        runs = [study.runs[f"step {target:g}", name] for target in TARGETS]
+        took = np.concatenate([run.step_seconds[1:] for run in runs])
+        settled = [run.settle for run in runs]
+        found[name] = {
+            "least": min(settled),
+            "most": max(settled),
+            "step_ms": 1e3 * float(np.median(took)),
+        }
+    return found
 
 
 def _add_static(report: Report, study: HeadStudy, over_all: Mapping[str, Any]) -> None:
