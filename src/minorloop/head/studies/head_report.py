@@ -48,11 +48,13 @@ _COLOURS = {
     "internal_model": "C1",
     "adaptive": "C2",
     "feedforward_pi": "C4",
-    "model_reference": "C5",
+    "model_reference": "C9",
 }
+_ROUNDING = 1e-9
+"""Error of an inverse in percent of the range that is of the floating-point numbers only."""
 RIVALS = (
     *STEP,
-    ControllerFigure("disturbed_settle_s", "settling when disturbed", "s", 1),
+    ControllerFigure("disturbed_settle_s", "settling when disturbed", "s", 1, least=TICK),
     ControllerFigure("disturbed_rms_deg", "steady rms when disturbed", "deg"),
     ControllerFigure("ambient_ramp_max_deg", "worst with ambient +10 K", "deg"),
     ControllerFigure("circle_rms_deg", f"circle in {PERIODS[1]:g} s, rms", "deg"),
@@ -91,11 +93,11 @@ def study_report(
     _add_steps(report, study, figures)
     _add_disturbed(report, study, figures)
     _add_circles(report, study, figures)
-    add_camera(report, study.camera, figures, study.runs)
+    add_camera(report, study.camera, figures, study.runs, study.seed)
     _add_limits(report, study)
     _add_planning(report, study, figures)
-    add_sight(report, study.sight, figures)
-    add_integral(report, study.integral, figures["integral"])
+    add_sight(report, study.sight, figures, study.seed)
+    add_integral(report, study.integral, figures["integral"], study.seed)
     return report
 
 
@@ -179,12 +181,17 @@ def _add_static(report: Report, study: HeadStudy, over_all: Mapping[str, Any]) -
         pictures=[
             Picture(
                 draw_loops(study),
-                "Fig 2: the major loop with reversal curves, and the density on power.",
+                "Fig 2: the major loop with reversal curves, and the density on power. "
+                f"{_sensed(study)}",
             ),
             Picture(
-                draw_arbitrary(study), "Fig 5: actual and predicted angle under an arbitrary input."
+                draw_arbitrary(study),
+                "Fig 5: actual and predicted angle under an arbitrary input. " + _sensed(study),
             ),
-            Picture(draw_predictions(study), "Angle after each of the random holds, and errors."),
+            Picture(
+                draw_predictions(study),
+                f"Angle after each of the random holds, and errors. {_sensed(study)}",
+            ),
         ],
     )
 
@@ -196,10 +203,14 @@ def _add_inverse(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -
         text="The paper raises or lowers the command by 0.1 V until its model has passed the "
         "target, so that it errs by up to a step; in its chart the wrong output is tested, and "
         "nothing stops it at the end of the range. Made safe, it errs by "
-        f"{stepping['rms_pct']:.1f} % of the range rms on its own model, the exact inverse by "
-        f"{exact['rms_pct']:.0e} %. Driving the wire, {stepping['driven_rms_deg']:.1f} and "
+        f"{stepping['rms_pct']:.1f} % of the range rms on its own model. The exact inverse "
+        f"{_to_rounding(exact['rms_pct'])}. Driving the wire, {stepping['driven_rms_deg']:.1f} and "
         f"{exact['driven_rms_deg']:.1f} degrees rms remain.",
-        pictures=[Picture(draw_inverse(study), "Errors at random targets, model and wire.")],
+        pictures=[
+            Picture(
+                draw_inverse(study), f"Errors at random targets, model and wire. {_sensed(study)}"
+            )
+        ],
     )
 
 
@@ -239,8 +250,8 @@ def _add_open_loop(report: Report, study: HeadStudy, figures: Mapping[str, Any])
         "varies as that of a wire in a head does: latent heat, resistance of the phases, "
         "convection that grows with the temperature of the wire and with its bending, and a body "
         f"of the head that the wire warms, by {own['body_K']:.1f} K after twenty minutes. That "
-        f"{100 * share:.0f} % of the surroundings of a wire are this body is assumed, and with it the size "
-        "of the error; the paper does not give it. The "
+        f"{100 * share:.0f} % of the surroundings of a wire are this body is assumed, and with it "
+        "the size of the error; the paper does not give it. The "
         f"model has none of this, but one lag of {lag:.1f} s of the command. The first ramp begins "
         "cold, so that the tenth over the first is not 1 without the body either: it is "
         f"{ramps['constant']['ratio']:.2f} with latent heat and resistance alone and "
@@ -261,7 +272,8 @@ def _add_open_loop(report: Report, study: HeadStudy, figures: Mapping[str, Any])
         table=Table(columns, rows),
         pictures=[
             Picture(
-                draw_ramps(study), "Fig 8: reference and actual angle, errors, body of the head."
+                draw_ramps(study),
+                f"Fig 8: reference and actual angle, errors, body of the head. {_sensed(study)}",
             )
         ],
     )
@@ -294,7 +306,11 @@ def _add_steps(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -> 
             where_better(RIVALS, figures["rivals"], DEFAULT),
         ),
         table=rivals_table(RIVALS, figures["rivals"]),
-        pictures=[Picture(draw_steps(study), "Fig 10: angle and current of three steps.")],
+        pictures=[
+            Picture(
+                draw_steps(study), f"Fig 10: angle and current of three steps. {_sensed(study)}"
+            )
+        ],
     )
 
 
@@ -309,9 +325,13 @@ def _add_disturbed(report: Report, study: HeadStudy, figures: Mapping[str, Any])
         f"{aged['adaptive_rms_deg']:.2f} with the adaptive model: ageing mostly changes the "
         "bias, which the observer compensates anyway.",
         pictures=[
-            Picture(draw_disturbed(study), "Steps in other surroundings, and the rising ambient."),
             Picture(
-                draw_aged(study), "Aged wires: errors of the observer with and without learning."
+                draw_disturbed(study),
+                f"Steps in other surroundings, and the rising ambient. {_sensed(study)}",
+            ),
+            Picture(
+                draw_aged(study),
+                f"Aged wires: errors of the observer with and without learning. {_sensed(study)}",
             ),
         ],
     )
@@ -329,7 +349,7 @@ def _add_circles(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -
         text="Both axes at once, 10 degrees about (25, 25). Distance from the wanted point, "
         f"degrees rms: {speeds}. A wire is heated as fast as the current allows, but cools only "
         "as fast as the air takes the heat: this limits the speed of a circle.",
-        pictures=[Picture(draw_circles(study), "Fig 11: pan against tilt.")],
+        pictures=[Picture(draw_circles(study), f"Fig 11: pan against tilt. {_sensed(study)}")],
     )
 
 
@@ -357,7 +377,12 @@ def _add_limits(report: Report, study: HeadStudy) -> None:
         "sleeve the wire hardly warms, in air of -10 degrees most specimens do not turn all the "
         "way.",
         table=Table(columns, rows),
-        pictures=[Picture(draw_hopeless(study), "Targets out of reach: angle, current, verdict.")],
+        pictures=[
+            Picture(
+                draw_hopeless(study),
+                f"Targets out of reach: angle, current, verdict. {_sensed(study)}",
+            )
+        ],
     )
 
 
@@ -368,7 +393,12 @@ def _add_planning(report: Report, study: HeadStudy, over_all: Mapping[str, Any])
         text="Where targets fall faster than the wire cools, a plan that knows them cools early. "
         f"Its squared error is {figures['cost_ratio']:.2f} of that of the inverse, target by "
         f"target, on the model, and {figures['driven_cost_ratio']:.2f} on the wire.",
-        pictures=[Picture(draw_plan(study), "A planned sequence and the inverse one, driven.")],
+        pictures=[
+            Picture(
+                draw_plan(study),
+                f"A planned sequence and the inverse one, driven; seed {study.seed}.",
+            )
+        ],
     )
 
 
@@ -585,10 +615,20 @@ def draw_plan(study: HeadStudy) -> Any:
     return figure
 
 
+def _sensed(study: HeadStudy) -> str:
+    """Return for a caption which sensor gives the angles, and of which specimen."""
+    return f"Sensor at the joint, seed {study.seed}."
+
+
 def _listed(values: Sequence[float]) -> str:
     """Return numbers as a list in words."""
     *first, last = (f"{each:g}" for each in values)
     return f"{', '.join(first)} and {last}"
+
+
+def _to_rounding(rms: float) -> str:
+    """Return in words by how much of the range in percent an exact inverse errs."""
+    return "is exact to rounding" if rms < _ROUNDING else f"errs by {rms:.2g} %"
 
 
 def _mean_slope(wire: Any) -> float:
