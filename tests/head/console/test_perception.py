@@ -48,6 +48,17 @@ def test_a_pick_takes_what_is_known_near_it_and_follows_it(seeing):
     assert math.dist(report.target[:2], pixel) < 5.0
 
 
+def test_a_pick_that_is_refused_leaves_no_target_and_names_the_picked_pixel(seeing):
+    camera, reports = seeing
+    u, v, *_ = reports[-1].spots[0]
+    assert camera.tick(request(there(), ("pick", [u, v]))).target is not None
+    (event,) = camera.tick(request(there(), ("pick", [2.0, 3.0]))).events
+    assert event["what"] == "unpicked"
+    assert event["text"].startswith("pixel (2, 3) was not picked")
+    assert "there is no target now: " in event["text"]
+    assert camera.tick(request(there())).target is None
+
+
 def test_other_lights_are_not_shown_and_the_target_stays(seeing):
     camera, reports = seeing
     u, v, *_ = reports[-1].spots[0]
@@ -140,7 +151,8 @@ def test_an_impossible_command_gives_a_notice(seeing, pixel):
     camera, _ = seeing
     commands = ("pick", list(pixel)), ("finish_scan", []), ("focus", [9.0])
     reports = [camera.tick(request(there(), *commands))]
-    assert len(events(reports, "notice")) == 3
+    assert len(events(reports, "notice")) == 2
+    assert len(events(reports, "unpicked")) == 1
 
 
 def test_nothing_round_is_not_measured():

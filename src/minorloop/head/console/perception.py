@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from minorloop.arrays import FloatArray
 from minorloop.errors import MinorloopError, SignalError
 from minorloop.head.console.camera_protocol import FEW_PICTURES, CameraReport, CameraRequest
 from minorloop.head.console.finder import Finder
@@ -60,6 +61,13 @@ def at_once(work: Callable[[], Any]) -> Callable[[], Any | None]:
     """Compute immediately; for tests."""
     result = work()
     return lambda: result
+
+
+def _unpicked(picked: tuple[float, float], pixel: FloatArray, error: MinorloopError) -> str:
+    """Return the sentence on a picked pixel that cannot be tracked, at the pixel that was tried."""
+    moved = ", by the middle of the outline there," if math.dist(picked, pixel) > 1.0 else ""
+    u, v = picked
+    return f"pixel ({u:.0f}, {v:.0f}) was not picked{moved} and there is no target now: {error}"
 
 
 @dataclass(eq=False)
@@ -262,7 +270,13 @@ class Perception:
             frame = LitFrame(reading.image, *reading.angles.tolist())
             frames = self._finder.frames_with(frame, self._position)
             pixel = self._centring.outlined(frames, pixel, reading)
-        track, self._track = self._centring.pick(reading.image, pixel, reading)
+        try:
+            track, self._track = self._centring.pick(reading.image, pixel, reading)
+        except MinorloopError as error:
+            # What was tracked is not what is wanted now: nothing may touch it.
+            self._track, self._visible, self._mark = None, False, None
+            self._report("unpicked", text=_unpicked((u, v), pixel, error))
+            return
         self._visible, self._score = True, track.score
         self._mark = None
         self._report("picked")
