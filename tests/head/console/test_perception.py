@@ -52,11 +52,28 @@ def test_a_pick_that_is_refused_leaves_no_target_and_names_the_picked_pixel(seei
     camera, reports = seeing
     u, v, *_ = reports[-1].spots[0]
     assert camera.tick(request(there(), ("pick", [u, v]))).target is not None
-    (event,) = camera.tick(request(there(), ("pick", [2.0, 3.0]))).events
-    assert event["what"] == "unpicked"
+    picked, event = camera.tick(request(there(), ("pick", [2.0, 3.0]))).events
+    assert (picked, event["what"]) == ({"what": "picked"}, "unpicked")
     assert event["text"].startswith("pixel (2, 3) was not picked")
     assert "there is no target now: " in event["text"]
     assert camera.tick(request(there())).target is None
+
+
+def test_while_the_outline_about_a_pick_is_looked_for_there_is_no_target_and_the_last_pick_counts():
+    waiting = []
+
+    def later(work):
+        waiting.append(work)
+        return lambda: None if work in waiting else work()
+
+    camera = Perception(tip()[0], view(), later)
+    camera.tick(request(there(), ("pick", [400.0, 400.0])))
+    report = camera.tick(request(there(), ("pick", [350.0, 300.0])))
+    assert (report.events, report.target, len(waiting)) == ([{"what": "picked"}], None, 2)
+    waiting.clear()
+    camera.tick(request(there()))
+    report = camera.tick(request(there()))
+    assert math.dist(report.target[:2], (350.0, 300.0)) < 30.0
 
 
 def test_other_lights_are_not_shown_and_the_target_stays(seeing):
