@@ -22,8 +22,11 @@ def test_prints_claim_run_and_verdict_and_writes_the_report(run):
     assert "1 simulated specimen" in out
     assert "verdict" in out
     assert "met" in out
-    assert [file.name for file in Path("made").iterdir()] == ["report.html"]
+    assert {file.name for file in Path("made").iterdir()} == {"figures.json", "report.html"}
     assert fibre.TITLE in Path("made/report.html").read_text()
+    found = json.loads(Path("made/figures.json").read_text())
+    assert found["steady"]["curves_nrmse"] > 0
+    assert (found["specimens"], found["seed"]) == (1, 1)
 
 
 def test_figures_of_several_specimens_are_medians(run, monkeypatch):
@@ -85,7 +88,7 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
         ("study fibre --seed -1", "--seed is -1; give 0 or more"),
         ("study fibre --out good.csv", "good.csv is a file"),
         ("study fibre --only unreachable", "--only is 'unreachable'; fibre has no parts"),
-        ("study head --only all", "--only is 'all'; give unreachable"),
+        ("study head --only all", "--only is 'all'; give integral, unreachable"),
         ("study inspection --only all", "--only is 'all'; give missions, sweeps"),
         ("study head --only unreachable --out made", "a part of a study has no report"),
     ],

@@ -24,7 +24,7 @@ from minorloop.threads import one_thread
 NAME = "study"
 EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
 STUDIES = "minorloop.studies"
-_UNFINISHED = "unfinished.json"
+_FIGURES, _UNFINISHED = "figures.json", "unfinished.json"
 _MOST, _MOST_SCENES = 1000, 100_000
 """Largest counts: days of computation, so that more is a typing error."""
 
@@ -57,7 +57,10 @@ def run(
             autocompletion=one_of(_studies),
         ),
     ],
-    out: Annotated[Path | None, typer.Option(help="New or empty folder for the report.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="New or empty folder for the report, and its figures as JSON."),
+    ] = None,
     specimens: Annotated[
         int, _common.whole_option("Specimens; figures are medians over them.")
     ] = 1,
@@ -123,9 +126,11 @@ def run(
                 for figures, seconds in others:
                     found.add(study, figures, seconds, now)
     runs, figures = found.runs, found.gathered
-    steps: list[Callable[[], None]] = [partial(_show, study, figures, specimens, seed, as_json)]
+    shown = {**figures, "specimens": specimens, "seed": seed}
+    steps: list[Callable[[], None]] = [partial(_show, study, shown, as_json)]
     if out is not None:
-        steps.insert(0, partial(_report, module, first, figures, runs, out, as_json))
+        report = partial(_report, module, first, figures, runs, out, as_json)
+        steps[:0] = report, partial(write_atomically, out / _FIGURES, _common.json_text(shown))
     _common.do_all(steps)
 
 
@@ -237,10 +242,11 @@ def _figures_of(module: str, options: Mapping[str, int], seed: int) -> tuple[dic
     return found, time.monotonic() - began
 
 
-def _show(study: Any, figures: Mapping[str, Any], specimens: int, seed: int, as_json: bool) -> None:
+def _show(study: Any, figures: Mapping[str, Any], as_json: bool) -> None:
     if as_json:
-        _common.print_json({**figures, "specimens": specimens, "seed": seed})
+        _common.print_json(figures)
         return
+    specimens = figures["specimens"]
     claims = import_module("minorloop.studies.claims")
     table = claims.claim_table(study.CLAIMS, figures)
     title = f"{study.TITLE}: {specimens} simulated specimen{'s' if specimens > 1 else ''}"

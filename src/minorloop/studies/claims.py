@@ -91,7 +91,8 @@ class Claim:
         return ""
 
     def _text(self, value: float) -> str:
-        return cell(value, ".2%" if self.percent else ".3g")
+        text = cell(value, ".2%" if self.percent else ".3g")
+        return f"{float(text):.0f}" if "e+" in text else text
 
 
 def cell(value: float, form: str) -> str:

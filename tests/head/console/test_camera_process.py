@@ -51,7 +51,8 @@ def test_a_camera_compiles_with_pictures_that_are_good_enough_to_track_and_searc
 def test_outlines_are_compiled_before_a_picture_has_a_candidate(monkeypatch):
     fitted = []
     monkeypatch.setattr(_outline_kernels, "outline", lambda images, *_: fitted.append(images.dtype))
-    _warm_up(SimpleNamespace(tick=lambda request: None, reset=lambda: None))
+    nothing = dict.fromkeys(("finish", "reset"), lambda: None)
+    _warm_up(SimpleNamespace(tick=lambda request: None, **nothing))
     assert fitted == [np.float32]
 
 

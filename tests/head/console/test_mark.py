@@ -128,7 +128,12 @@ def test_each_end_has_its_sentence():
     unknown = "its distance from the picked point is not known: the camera does not show its mark"
     assert ended(touches.TOUCHED, None) == f"{TOUCHED}; {unknown}"
     assert ended(touches.NO_CONTACT, None) == NO_CONTACT
+    assert "in a hole" in NO_CONTACT
+    assert "on plain wall" in NO_CONTACT
     assert ended(touches.BEYOND, None) == OUT_OF_REACH
+    assert ended(touches.BEYOND, None, 0.6) == OUT_OF_REACH
+    unsure = "; the point was hard to recognise, with a score of 0.45, and 0.6 is sure: "
+    assert ended(touches.TOUCHED, 0.12e-3, 0.45).partition("withdrawn")[2].startswith(unsure)
     assert f"did not come to rest with the tool at the point in {PATIENCE:g} s" in ended("", None)
 
 

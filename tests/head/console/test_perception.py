@@ -48,6 +48,34 @@ def test_a_pick_takes_what_is_known_near_it_and_follows_it(seeing):
     assert math.dist(report.target[:2], pixel) < 5.0
 
 
+def test_a_pick_that_is_refused_leaves_no_target_and_names_the_picked_pixel(seeing):
+    camera, reports = seeing
+    u, v, *_ = reports[-1].spots[0]
+    assert camera.tick(request(there(), ("pick", [u, v]))).target is not None
+    picked, event = camera.tick(request(there(), ("pick", [2.0, 3.0]))).events
+    assert (picked, event["what"]) == ({"what": "picked"}, "unpicked")
+    assert event["text"].startswith("pixel (2, 3) was not picked")
+    assert "there is no target now: " in event["text"]
+    assert camera.tick(request(there())).target is None
+
+
+def test_while_the_outline_about_a_pick_is_looked_for_there_is_no_target_and_the_last_pick_counts():
+    waiting = []
+
+    def later(work):
+        waiting.append(work)
+        return lambda: None if work in waiting else work()
+
+    camera = Perception(tip()[0], view(), later)
+    camera.tick(request(there(), ("pick", [400.0, 400.0])))
+    report = camera.tick(request(there(), ("pick", [350.0, 300.0])))
+    assert (report.events, report.target, len(waiting)) == ([{"what": "picked"}], None, 2)
+    waiting.clear()
+    camera.tick(request(there()))
+    report = camera.tick(request(there()))
+    assert math.dist(report.target[:2], (350.0, 300.0)) < 30.0
+
+
 def test_other_lights_are_not_shown_and_the_target_stays(seeing):
     camera, reports = seeing
     u, v, *_ = reports[-1].spots[0]
@@ -140,7 +168,8 @@ def test_an_impossible_command_gives_a_notice(seeing, pixel):
     camera, _ = seeing
     commands = ("pick", list(pixel)), ("finish_scan", []), ("focus", [9.0])
     reports = [camera.tick(request(there(), *commands))]
-    assert len(events(reports, "notice")) == 3
+    assert len(events(reports, "notice")) == 2
+    assert len(events(reports, "unpicked")) == 1
 
 
 def test_nothing_round_is_not_measured():

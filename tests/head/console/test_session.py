@@ -550,6 +550,17 @@ def test_a_mark_is_stopped_by_another_pick_or_mode_and_not_begun_twice():
     assert "the mark was stopped: no picture came" in texts(pilot)[-1]
 
 
+def test_a_pick_that_is_refused_stops_a_mark_and_says_why():
+    pilot = marking()
+    pilot.camera.events = [{"what": "unpicked", "text": "pixel (2, 3) was not picked"}]
+    pilot.drive(2)
+    assert texts(pilot)[-2:] == [
+        "the mark was stopped: another point was picked",
+        "pixel (2, 3) was not picked",
+    ]
+    assert numbers_of(pilot, "end_mark") == [[]]
+
+
 def test_a_mark_that_does_not_come_to_rest_says_why_and_a_far_one_is_not_begun(monkeypatch):
     pilot = marking()
     monkeypatch.setattr(Session, "_trouble", lambda self: "pan: out of reach in the cold")

@@ -44,6 +44,15 @@ def test_the_stepping_inverse_passes_each_target_by_less_than_a_step():
     assert stepping_inverse(model, np.array([1e3, -1e3]), 0.015).tolist() == [1.2, 0.0]
 
 
+def test_an_unchanged_target_leaves_the_input():
+    model = identify_mesh(1001).model
+    wanted = np.repeat([20.0, 35.0, 12.0, 30.0], 5)
+    exact = model.invert(wanted).u
+    for u, rounding in ((stepping_inverse(model, wanted, 0.015), 0.0), (exact, 1e-15)):
+        assert np.ptp(u.reshape(4, 5), axis=1).max() <= rounding
+        assert np.abs(np.diff(u[::5])).min() > 0.01
+
+
 def test_errors_are_scored_ramp_by_ramp():
     t = np.arange(0.0, 50.0, 0.5)
     error = np.where(t < 10, 9.0, np.where(t < 20, 1.0, np.where(t < 30, 2.0, 3.0)))

@@ -22,6 +22,17 @@ def test_a_difference_that_is_not_shown_does_not_count():
     assert said == "No other controller is better than the observer on any of these figures."
 
 
+def test_a_tick_of_a_time_and_the_noise_of_a_reading_are_no_difference():
+    rival = {**OBSERVER, "settle_s": 6.92, "overshoot_pct": 0.4}
+    observer = {**OBSERVER, "settle_s": 6.96}
+    said = where_better(STEP, {"observer": observer, "adaptive": rival}, "observer")
+    assert said.startswith("No other")
+    rival |= {"settle_s": 6.88, "overshoot_pct": 0.3}
+    said = where_better(STEP, {"observer": observer, "adaptive": rival}, "observer")
+    assert "Settling in s: observer 7.0, adaptive 6.9." in said
+    assert "Overshoot in %: observer 0.6, adaptive 0.3." in said
+
+
 def test_a_default_that_does_not_settle_is_worse_than_any_that_does():
     said = where_better(STEP[:1], {"observer": PI, "adaptive": OBSERVER}, "observer")
     assert "Settling in s: observer not reached, adaptive 7.0." in said

@@ -22,7 +22,7 @@ def test_figures_compare_runs_with_the_integral_and_without():
 
 def test_the_report_has_both_columns_and_a_figure():
     study, report = IntegralStudy(held_points()), Report("x", "y")
-    add_integral(report, study, study.figures()["integral"])
+    add_integral(report, study, study.figures()["integral"], 5)
     page = report.html()
     assert page.count("<img") == 1
     assert "0.40" in page

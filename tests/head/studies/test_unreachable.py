@@ -31,6 +31,7 @@ def test_shares_are_over_the_cases_of_all_specimens():
     assert found["false_alarms"] == 3
     assert (found["cause_right"], found["cause_open"]) == (0.5, pytest.approx(1 / 3))
     assert found["within_band"] == pytest.approx(2 / 3)
+    assert found["given_up"] == 3
     assert found["after_max_s"] == 8.0
 
 

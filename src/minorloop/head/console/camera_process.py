@@ -223,4 +223,6 @@ def _warm_up(perception: Perception) -> None:
     first: list[CameraCommand] = [("pick", [320.0, 400.0]), ("find", [])]
     for commands in (first, *([],) * 8):
         perception.tick(msgspec.structs.replace(request, commands=commands))
+    perception.finish()
+    perception.tick(request)
     perception.reset()

@@ -18,6 +18,7 @@ from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.mark import Marking, tool_pixel
 from minorloop.head.procedures.steps import WITHIN
 from minorloop.head.procedures.values import Reading
+from minorloop.head.vision.tracking import PatchTracker
 
 PATIENCE = 30.0
 """Longest duration of a stage in seconds: in the simulated pipe the head takes 5 to 12 s to come to
@@ -29,7 +30,8 @@ TOUCHED = "the tool has touched the wall, and is withdrawn"
 NOT_SHOWN = "the camera does not show its mark"
 NO_CONTACT = (
     f"the tool was withdrawn: no contact up to {1e3 * Marking.beyond:g} mm behind the wall; "
-    "pick a point beside the hole"
+    "if the point is in a hole, pick one beside it; if it is on plain wall, pick it again from "
+    "nearer"
 )
 OUT_OF_REACH = (
     "the tool does not reach this point from here; move the catheter, or pick another point"
@@ -56,7 +58,7 @@ def servoed(view: HeadCalibration, pixel: Pair, now: Reading) -> FloatArray:
     return np.asarray(np.asarray(pixel) - met + np.asarray(view.lens.centre))
 
 
-def ended(verdict: str, off: float | None) -> str:
+def ended(verdict: str, off: float | None, score: float = 1.0) -> str:
     """Return the sentence on a touch.
 
     Parameters
@@ -65,7 +67,19 @@ def ended(verdict: str, off: float | None) -> str:
         Of `Marking`.
     off : float, optional
         Distance of the mark from the picked point in metres; None if it is not seen.
+    score : float
+        Of the recognition of the point when the touch began.
     """
+    said = _ended(verdict, off)
+    if score < PatchTracker.surely:
+        said += (
+            f"; the point was hard to recognise, with a score of {score:.2f}, and "
+            f"{PatchTracker.surely:g} is sure: pick one that stands out"
+        )
+    return said
+
+
+def _ended(verdict: str, off: float | None) -> str:
     if verdict == touches.TOUCHED:
         if off is None:
             return unmeasured(NOT_SHOWN)

@@ -167,7 +167,7 @@ def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted
         return f"{inputs.lost}; press HEAD to continue"
     entering = inputs.request is not None and state.mode != "TRACK"
     if wanted == "TRACK" and entering and inputs.servo is None:
-        return "there is no target in sight; pick one, then press TRACK"
+        return "there is no target in sight; pick one, wait until it is marked, then press TRACK"
     if wanted == "SCAN" and inputs.scan is None:
         return "there is nothing to scan; measure a finding first"
     if wanted == "TRACK" and state.mode == "TRACK" and state.unseen > config.blind:

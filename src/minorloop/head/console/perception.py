@@ -8,12 +8,15 @@ fitted in another process. Everything here uses the measured angles and the cali
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from minorloop.arrays import FloatArray
 from minorloop.errors import MinorloopError, SignalError
 from minorloop.head.console.camera_protocol import FEW_PICTURES, CameraReport, CameraRequest
 from minorloop.head.console.finder import Finder
@@ -62,6 +65,13 @@ def at_once(work: Callable[[], Any]) -> Callable[[], Any | None]:
     return lambda: result
 
 
+def _unpicked(picked: tuple[float, float], pixel: FloatArray, error: MinorloopError) -> str:
+    """Return the sentence on a picked pixel that cannot be tracked, at the pixel that was tried."""
+    moved = ", by the middle of the outline there," if math.dist(picked, pixel) > 1.0 else ""
+    u, v = picked
+    return f"pixel ({u:.0f}, {v:.0f}) was not picked{moved} and there is no target now: {error}"
+
+
 @dataclass(eq=False)
 class _Work:
     """A procedure that uses the camera, and what to do with its last state."""
@@ -101,6 +111,7 @@ class Perception:
         self._meter = self._metering.begin()
         self._track: TrackState | None = None
         self._picked: tuple[float, float] | None = None
+        self._wanted: tuple[float, float] | None = None
         self._visible, self._score = False, 0.0
         self._work: _Work | None = None
         self._all_lights = True
@@ -247,25 +258,47 @@ class Perception:
 
     def _pick(self, u: float, v: float) -> None:
         """Track what is at a pixel, from the next frame under all lights."""
-        self._picked = (u, v)
+        self._picked = self._wanted = (u, v)
 
     def _begin_track(self, reading: Reading) -> None:
-        """Track the picked point, or the candidate near it."""
-        (u, v), self._picked = self._picked or (0.0, 0.0), None
+        """Track the candidate near the picked point, or the outline about it once it is known.
+
+        What was tracked is not what is wanted now: nothing may touch it.
+        """
+        assert self._picked is not None
         assert reading.image is not None
-        pixel = np.array([u, v])
-        for spot in self._finder.shown(self._position):
-            if math.hypot(spot[0] - u, spot[1] - v) < max(_SNAP, 0.7 * spot[2]):
-                pixel = np.array(spot[:2])
-                break
-        else:
-            frame = LitFrame(reading.image, *reading.angles.tolist())
-            frames = self._finder.frames_with(frame, self._position)
-            pixel = self._centring.outlined(frames, pixel, reading)
-        track, self._track = self._centring.pick(reading.image, pixel, reading)
-        self._visible, self._score = True, track.score
-        self._mark = None
+        picked, self._picked = self._picked, None
+        self._track, self._visible, self._mark = None, False, None
         self._report("picked")
+        for spot in self._finder.shown(self._position):
+            if math.dist(spot[:2], picked) < max(_SNAP, 0.7 * spot[2]):
+                self._track_from(reading, picked, np.array(spot[:2]))
+                return
+        frame = LitFrame(reading.image, *reading.angles.tolist())
+        frames = self._finder.frames_with(frame, self._position)
+        # It takes as long as many frames.
+        outline = self._later(lambda: self._outlined(frames, picked, reading))
+        self._pending.append((outline, partial(self._track_from, reading, picked)))
+
+    def _outlined(
+        self, frames: tuple[LitFrame, ...], picked: tuple[float, float], reading: Reading
+    ) -> FloatArray:
+        try:
+            return self._centring.outlined(frames, picked, reading)
+        except MinorloopError:
+            return np.array(picked)
+
+    def _track_from(self, reading: Reading, picked: tuple[float, float], pixel: FloatArray) -> None:
+        """Track what the picture of a reading shows at a pixel, unless another one was picked."""
+        if picked is not self._wanted:
+            return
+        assert reading.image is not None
+        try:
+            track, self._track = self._centring.pick(reading.image, pixel, reading)
+        except MinorloopError as error:
+            self._report("unpicked", text=_unpicked(picked, pixel, error))
+            return
+        self._visible, self._score = True, track.score
 
     def _follow(self, reading: Reading, usable: bool) -> tuple[float, float, float, bool] | None:
         """Return pixel, score and visibility of the tracked point."""
@@ -454,6 +487,12 @@ class Perception:
     def _fires(self) -> bool:
         """Whether a scan or a sweep is on."""
         return self._echoes is not None or self._sweep is not None
+
+    def finish(self) -> None:
+        """Wait for longer computations, and take their results."""
+        while self._pending:
+            self._take_results()
+            time.sleep(_FRAME)
 
     def _take_results(self) -> None:
         waiting = []

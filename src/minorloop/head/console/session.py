@@ -114,7 +114,7 @@ class Session:
         self._joints: Pair | None = None
         self._scanning = Scanning(self.view, self.control, self.interval, self._out)
         self._centred_at: float | None = None
-        self._marking = self._touched = False
+        self._marking, self._touched, self._score = False, False, 1.0
         self.focus: str = ""
         self._centring = Centring(calibration=self.view, interval=self.interval)
 
@@ -380,6 +380,9 @@ class Session:
             elif kind == "picked":
                 self._centred_at, self.focus = None, ""
                 self._stop_mark("another point was picked")
+            elif kind == "unpicked":
+                self._stop_mark("another point was picked")
+                self.notice(event["text"])
             elif kind == "focused":
                 self.focus = str(event["verdict"])
                 self._out.send(
@@ -417,7 +420,7 @@ class Session:
         elif not reaches(self.view, target[:2], self._reading()):
             self.notice(OUT_OF_REACH)
         else:
-            self._marking, self._touched = True, False
+            self._marking, self._touched, self._score = True, False, target[2]
             self._out.command("mark")
             self.notice("the tool is turned to the point")
 
@@ -429,7 +432,7 @@ class Session:
     def _marked(self, event: dict[str, Any]) -> None:
         """Say how a touch has ended, and what is wrong if it was none."""
         trouble = "" if self._touched else self._trouble()
-        said = ended(event["verdict"], event["off"])
+        said = ended(event["verdict"], event["off"], self._score)
         self._end_mark(f"{said} ({trouble})" if trouble else said)
 
     def _stop_mark(self, why: str) -> None:

@@ -27,6 +27,7 @@ def add_camera(
     study: CameraStudy,
     over_all: Mapping[str, Any],
     sensed: Mapping[tuple[str, str], HeadRun],
+    seed: int,
 ) -> None:
     """Add the sections on the camera alone.
 
@@ -39,6 +40,8 @@ def add_camera(
         Figures over all specimens.
     sensed : mapping of (what, controller) to HeadRun
         The same steps with sensors at the joints, to compare with.
+    seed : int
+        Of the specimen that is drawn, for captions.
     """
     figures = over_all["camera"]
     report.add(
@@ -69,12 +72,14 @@ def add_camera(
             f"{where_better(STEP, _highest_steps(study), LAWS[0])}",
         ),
         table=_laws(study, sensed),
-        pictures=[Picture(draw_steps(study), "Fig 10, by the camera alone: steps of pan.")],
+        pictures=[
+            Picture(draw_steps(study), f"Fig 10, by the camera alone: steps of pan. Seed {seed}.")
+        ],
     )
-    _add_circle(report, study)
+    _add_circle(report, study, seed)
 
 
-def _add_circle(report: Report, study: CameraStudy) -> None:
+def _add_circle(report: Report, study: CameraStudy, seed: int) -> None:
     """Add Fig 11, and why its circle is no larger."""
     places = [study.reach(z) for z in (HOLE.z, *FARTHER)]
     own = places[0]
@@ -108,7 +113,8 @@ def _add_circle(report: Report, study: CameraStudy) -> None:
         pictures=[
             Picture(
                 draw_wall_circles(study),
-                "Fig 11, by the camera alone: where the optical axis meets the wall.",
+                "Fig 11, by the camera alone: where the optical axis meets the wall, X around the "
+                f"pipe and Y along it, from the hole. Seed {seed}.",
             ),
         ],
     )
@@ -168,8 +174,8 @@ def draw_steps(study: CameraStudy) -> Any:
         if run is not None:
             (line,) = axes.plot(run.t, run.truth.angle[:, 0], label=f"{target:g} degrees")
             axes.axhline(target, color=line.get_color(), linewidth=0.6, linestyle=":")
-    axes.set_xlabel("time (s)")
-    axes.set_ylabel("angle (deg)")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("angle [deg]")
     axes.legend()
     return figure
 
@@ -182,8 +188,8 @@ def draw_wall_circles(study: CameraStudy) -> Any:
     for circle in list(study.circles.values())[:1]:
         axes.plot(*circle.wanted.T, "k:", label="wanted")
     axes.plot(0.0, 0.0, "k+", label="hole")
-    axes.set_xlabel("X [mm]")
-    axes.set_ylabel("Y [mm]")
+    axes.set_xlabel("X, around the pipe [mm]")
+    axes.set_ylabel("Y, along the pipe [mm]")
     axes.set_aspect("equal")
     axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.02, 0.5))
     return figure

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from minorloop.head.studies.head_loop import NOISE, TICK
 from minorloop.report import Table
 from minorloop.studies.claims import cell
 
+_ROUNDING = 1e-9
+"""Of times that are whole ticks."""
 WORDS = {
     "observer": "observer",
     "feedforward": "open loop",
@@ -33,12 +36,15 @@ class ControllerFigure:
     unit : str
     digits : int
         Behind the decimal point.
+    least : float
+        Difference that counts if it is exceeded.
     """
 
     key: str
     words: str
     unit: str
     digits: int = 2
+    least: float = 0.0
 
     @property
     def heading(self) -> str:
@@ -50,9 +56,11 @@ class ControllerFigure:
         return cell(figures[self.key], f".{self.digits}f")
 
 
+_LOWEST = 20.0
+"""The lowest step of the paper in degrees: of its overshoot the noise of a reading is most."""
 STEP = (
-    ControllerFigure("settle_s", "settling", "s", 1),
-    ControllerFigure("overshoot_pct", "overshoot", "%", 1),
+    ControllerFigure("settle_s", "settling", "s", 1, least=TICK),
+    ControllerFigure("overshoot_pct", "overshoot", "%", 1, least=100 * NOISE / _LOWEST),
     ControllerFigure("steady_rms_deg", "steady rms", "deg"),
 )
 """Figures of steps."""
@@ -74,7 +82,8 @@ def where_better(
 ) -> str:
     """Return in words on which figures another controller is better than the default.
 
-    Figures count as they are shown: a difference behind the last digit is none.
+    Figures count as they are shown: a difference behind the last digit is none. Nor is one of up to
+    a tick of the loop in a time, or the noise of a reading in an overshoot.
 
     Parameters
     ----------
@@ -86,8 +95,7 @@ def where_better(
     """
     said = []
     for each in quantities:
-        own = _shown(each, figures[default])
-        better = [name for name, of in figures.items() if _shown(each, of) < own]
+        better = [name for name, of in figures.items() if _less(each, of, figures[default])]
         if better:
             parts = [f"{WORDS[name]} {each.text(figures[name])}" for name in (default, *better)]
             said.append(
@@ -98,5 +106,7 @@ def where_better(
     return f"On these figures others are better than the {WORDS[default]}: {' '.join(said)}"
 
 
-def _shown(quantity: ControllerFigure, figures: Mapping[str, float]) -> float:
-    return round(float(figures[quantity.key]), quantity.digits)
+def _less(quantity: ControllerFigure, one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    low, high = float(one[quantity.key]), float(other[quantity.key])
+    shown = round(low, quantity.digits) < round(high, quantity.digits)
+    return shown and not high - low <= quantity.least + _ROUNDING

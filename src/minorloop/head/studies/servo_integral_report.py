@@ -11,7 +11,9 @@ from minorloop.studies.claims import cell
 from minorloop.studies.drawing import new_figure
 
 
-def add_integral(report: Report, study: IntegralStudy, found: Mapping[str, float]) -> None:
+def add_integral(
+    report: Report, study: IntegralStudy, found: Mapping[str, float], seed: int
+) -> None:
     """Add a section.
 
     Parameters
@@ -21,15 +23,17 @@ def add_integral(report: Report, study: IntegralStudy, found: Mapping[str, float
         Of the specimen that is drawn.
     found : mapping of str to float
         Figures over all specimens.
+    seed : int
+        Of the specimen that is drawn, for the caption.
     """
     columns = ("by the camera alone, medians over specimens", "with the integral", "without")
     rows = [
         (words, cell(found[key], ".2f"), cell(found[f"without_{key}"], ".2f"))
         for words, key in (
-            ("off target: to 2 px from 43 px, s", "settle_s"),
-            ("on target: mean offset, px", "offset_px"),
-            ("base turns by 2 degrees in 25 s: rms, px", "drift_px"),
-            ("sway of 1 degree at 0.3 and 0.23 Hz: rms, px", "sway_px"),
+            ("off target: to 2 px of 320 from 43, s", "settle_s"),
+            ("on target: mean offset, px of 320", "offset_px"),
+            ("base turns by 2 degrees in 25 s: rms, px of 320", "drift_px"),
+            ("sway of 1 degree at 0.3 and 0.23 Hz: rms, px of 320", "sway_px"),
         )
     ]
     report.add(
@@ -40,11 +44,13 @@ def add_integral(report: Report, study: IntegralStudy, found: Mapping[str, float
         "edge of the cone, and for a joint that does not follow. By the camera alone "
         f"{found['sway_ratio']:.2f} of the sway remains that remains without it. With the sign as "
         "printed the loop is unstable: after 8 s the point is "
-        f"{found['printed_px']:.0f} pixels from the middle, rms. Pixels are those of a picture "
-        "320 wide.",
+        f"{found['printed_px']:.0f} pixels of 320 from the middle, rms.",
         table=Table(columns, rows),
         pictures=[
-            Picture(draw_integral(study), "By the camera alone, with the integral and without.")
+            Picture(
+                draw_integral(study),
+                f"By the camera alone, with the integral and without; seed {seed}.",
+            )
         ],
     )
 
@@ -63,6 +69,6 @@ def draw_integral(study: IntegralStudy) -> Any:
         one.set(xlabel="time [s]", title=title, yscale="log")
     printed = study.runs[PRINTED]
     axes[0].plot(printed.t, printed.off, color="C7", lw=0.9, label="printed sign")
-    axes[0].set_ylabel("off the middle [px]")
+    axes[0].set_ylabel("off the middle [px of 320]")
     axes[0].legend(frameon=False)
     return figure

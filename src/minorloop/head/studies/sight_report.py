@@ -22,7 +22,7 @@ _CROP = 70
 """Half the side of the pictures of a mark, in pixels of 640."""
 
 
-def add_sight(report: Report, sight: SightStudy, figures: Mapping[str, Any]) -> None:
+def add_sight(report: Report, sight: SightStudy, figures: Mapping[str, Any], seed: int) -> None:
     """Add sections on Fig 14, tracking, picking and touching.
 
     Parameters
@@ -32,6 +32,8 @@ def add_sight(report: Report, sight: SightStudy, figures: Mapping[str, Any]) -> 
         Of the specimen that is drawn.
     figures : mapping
         Over all specimens.
+    seed : int
+        Of the specimen that is drawn, for captions.
     """
     fig14, pick, tool = figures["fig14"], figures["pick"], figures["tool"]
     report.add(
@@ -44,7 +46,13 @@ def add_sight(report: Report, sight: SightStudy, figures: Mapping[str, Any]) -> 
         "while the head turns as that of an operator does: the tracked point stays within "
         f"{fig14['track_error_px_p95']:.2f} pixels of 320 of the true one (95th percentile). In "
         "the mode TRACK of the console the operator's head moves nothing.",
-        pictures=[Picture(draw_insertion(sight.insertion), "Fig 14: insertion, and tracking.")],
+        pictures=[
+            Picture(
+                draw_insertion(sight.insertion),
+                "Fig 14: (a) to (c) insertion, (d) to (f) tracking. Pictures of the camera, seed "
+                f"{seed}; the head turns by sensors at its joints.",
+            )
+        ],
     )
     tracking = figures["tracking"]
     report.add(
@@ -68,10 +76,12 @@ def add_sight(report: Report, sight: SightStudy, figures: Mapping[str, Any]) -> 
             "of the specimen that is drawn, the numbers of this text are of all specimens.",
             f"A click that is off by {CLICK:g} pixels of 640 rms is put on the outline; in the "
             f"end {pick['final_error_px']:.2f} pixels of 320 remain in the worst case, and the "
-            f"focus errs by {pick['focus_error_pct']:.0f} % of the distance at most.",
+            f"focus errs by {pick['focus_error_pct']:.1f} % of the distance at most.",
         ),
         table=_walls_table(sight.followed),
-        pictures=[Picture(draw_followed(sight.followed), "Errors of the tracked points.")],
+        pictures=[
+            Picture(draw_followed(sight.followed), f"Errors of the tracked points; seed {seed}.")
+        ],
     )
     report.add(
         "The micro-tool",
@@ -82,7 +92,11 @@ def add_sight(report: Report, sight: SightStudy, figures: Mapping[str, Any]) -> 
         f"{cell(tool['touch_mm_p90'], '.2f')}. "
         f"{100 * tool['within_bound']:.0f} % of the touches are within 0.3 mm. An attempt in which "
         "the tool does not touch the wall counts as outside of it, and its distance as infinite.",
-        pictures=[Picture(draw_touches(sight.touches), "Before a touch, and the mark after it.")],
+        pictures=[
+            Picture(
+                draw_touches(sight.touches), f"Before a touch, and the mark after it; seed {seed}."
+            )
+        ],
     )
 
 
@@ -93,9 +107,9 @@ def _lost_share(tracking: Mapping[str, Any]) -> str:
 def _walls_table(followed: tuple[Followed, ...]) -> Table:
     columns = (
         "wall",
-        "hole: error, 95th percentile, px",
+        "hole: error, 95th percentile, px of 320",
         "hole: frames lost",
-        "plain wall: error, 99th percentile, px",
+        "plain wall: error, 99th percentile, px of 320",
         "plain wall: frames given up",
         "plain wall: points that drifted",
     )
