@@ -40,3 +40,4 @@ def test_figures_take_the_place_of_their_names():
     assert len(rows) == len(STATEMENTS)
     assert not any("{" in row[-1] for row in rows)
     assert "not reached" in rows[1][-1]
+    assert rows[0][2].startswith('"test equals the sum of areas cell by cell" in tests/operators/')

@@ -5,6 +5,7 @@ Statements are those of sections 4 and 5.1, and those of sections 3.2 and 6 on w
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from string import Formatter
 from typing import Any
@@ -244,6 +245,11 @@ class _Results(Formatter):
         return cell(value, format_spec)
 
 
+def _readable(where: str) -> str:
+    """Return it with names of tests as words, so that a narrow column can break them."""
+    return re.sub(r"\btest(_\w+)\b(?!\.py)", lambda m: f'"test{m[1]}"'.replace("_", " "), where)
+
+
 def add_sections(
     report: Report, figures: Mapping[str, Any], drawn: Mapping[str, Mapping[str, float]]
 ) -> None:
@@ -263,11 +269,11 @@ def add_sections(
         "What sections 4 and 5.1 say",
         text="Each statement in our words, where it is tested, and the result, as medians over "
         "specimens unless it says otherwise. Sections are those of this report; tests are in the "
-        "source of the project.",
+        "source of the project, where their names have underscores for spaces.",
         table=Table(
             ("in the paper", "statement", "tested in", "result"),
             [
-                (place, words, where, _Results().vformat(result, (), known))
+                (place, words, _readable(where), _Results().vformat(result, (), known))
                 for place, words, where, result in STATEMENTS
             ],
         ),
