@@ -49,7 +49,7 @@ class Scanning:
 
     Attributes
     ----------
-    scan : ConsoleScan or ConsoleSweep, optional
+    scan : ConsoleScan, ConsoleSweep or None
         That is on.
     """
 
