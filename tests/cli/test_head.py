@@ -1033,11 +1033,13 @@ def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch,
     status, _, error = run("head identify --actuator twin:pipe --store runs --head head.json")
     assert status == 130
     assert error.startswith(said)
+    control = head_control("observer", (made_up(), made_up()))
+    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
     save_head(HeadFile(serial="H-07"), "head.json")
     Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
     status, _, error = run("head drive angles.csv --head head.json --actuator twin:pipe")
     assert status == 130
-    assert error.startswith("the drive was not finished, and nothing is kept")
+    assert error.startswith("the drive has not begun, and nothing is kept")
 
 
 def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, monkeypatch):
