@@ -1070,6 +1070,8 @@ def test_an_inspection_refuses_advances_without_a_catheter(run, inspected):
 
 def test_a_camera_is_named_only_by_commands_that_read_angles_from_one(run, monkeypatch):
     monkeypatch.setattr("minorloop.head.vision.video.LiveCamera", Still)
+    control = head_control("observer", (made_up(), made_up()))
+    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
     save_head(HeadFile(serial="H-07"), "head.json")
     Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
     _, _, error = run("head drive angles.csv --head head.json --actuator twin:ipmc")
