@@ -115,3 +115,14 @@ def test_force_replaces_a_page(tmp_path):
     page.write_text("old")
     Report("new", "page").write(page, force=True)
     assert "<h1>new</h1>" in page.read_text()
+
+
+def test_a_column_of_sentences_begins_at_the_left():
+    table = Table(("a", "b"), [("1", "x" * 40), ("2", "y")])
+    assert table.sentences == [False, True]
+    report = Report("t", "s")
+    report.add("h", table=table)
+    page = report.html()
+    assert '<td class="sentence">y</td>' in page
+    assert "<td>2</td>" in page
+    assert Table(("a", "b"), []).sentences == [False, False]

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from minorloop.identification.result import Identification
     from minorloop.lab.reduction import Reduction
 
+_SENTENCE = 30
+"""Characters from which a cell of a table counts as a sentence."""
 _RESOLUTION = 110
 """Dots per inch of the raster parts of a figure: sharp on a screen, and small."""
 _MOST_SCORED = 2000
@@ -32,6 +34,13 @@ class Table:
 
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
+
+    @property
+    def sentences(self) -> list[bool]:
+        """Whether each column has sentences, which begin at the left; numbers end at the right."""
+        cells = zip(*self.rows, strict=False)
+        found = [any(len(str(cell)) > _SENTENCE for cell in column) for column in cells]
+        return found or [False] * len(self.columns)
 
 
 @dataclass(frozen=True)
