@@ -90,11 +90,21 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
         ("study fibre --only unreachable", "--only is 'unreachable'; fibre has no parts"),
         ("study head --only all", "--only is 'all'; give integral, unreachable"),
         ("study inspection --only all", "--only is 'all'; give missions, sweeps"),
-        ("study head --only unreachable --out made", "a part of a study has no report"),
     ],
 )
 def test_refuses_in_one_line(line, says, refused):
     assert says in refused(line)
+
+
+def test_a_part_of_a_study_keeps_its_figures_and_has_no_report(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "made_study", SimpleNamespace(PARTS={"half": "made_part"}))
+    monkeypatch.setitem(sys.modules, "made_part", Specimen(None))
+    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
+    status, _, _ = run("study made --only half --seed 7 --out made")
+    assert status == 0
+    (file,) = Path("made").iterdir()
+    assert file.name == "figures.json"
+    assert json.loads(file.read_text())["seed_of"] == 7
 
 
 def test_the_parts_of_a_specimen_that_are_done_are_said_where_a_study_tells_them():

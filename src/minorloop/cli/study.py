@@ -59,7 +59,10 @@ def run(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="New or empty folder for the report, and its figures as JSON."),
+        typer.Option(
+            help="New or empty folder for the report, and its figures as JSON; a part has no "
+            "report."
+        ),
     ] = None,
     specimens: Annotated[
         int, _common.whole_option("Specimens; figures are medians over them.")
@@ -102,12 +105,13 @@ def run(
     counts = {"scenes": scenes, "scans": scans}
     options = _shared_out(name, counts, specimens)
     if only is not None:
-        module = _part_of(name, module, only, out)
+        module = _part_of(name, module, only)
     if out is not None:
         from minorloop.files import make_folder
 
         make_folder(out)
-        _check_surfaces(name)
+        if only is None:
+            _check_surfaces(name)
     found = _Specimens(specimens, seed, out)
     with (
         ended_by_signals(),
@@ -129,8 +133,9 @@ def run(
     shown = {**figures, "specimens": specimens, "seed": seed}
     steps: list[Callable[[], None]] = [partial(_show, study, shown, as_json)]
     if out is not None:
-        report = partial(_report, module, first, figures, runs, out, as_json)
-        steps[:0] = report, partial(write_atomically, out / _FIGURES, _common.json_text(shown))
+        steps.insert(0, partial(write_atomically, out / _FIGURES, _common.json_text(shown)))
+        if only is None:
+            steps.insert(0, partial(_report, module, first, figures, runs, out, as_json))
     _common.do_all(steps)
 
 
@@ -157,14 +162,12 @@ def _module_of(name: str) -> str:
     return studies[name].value
 
 
-def _part_of(name: str, module: str, only: str, out: Path | None) -> str:
+def _part_of(name: str, module: str, only: str) -> str:
     """Return the module of a part of a study, which has no report."""
     parts: Mapping[str, str] = getattr(import_module(module), "PARTS", {})
     if only not in parts:
         known = f"give {', '.join(parts)}" if parts else f"{name} has no parts"
         raise ParameterError(f"--only is {only!r}; {known}")
-    if out is not None:
-        raise ParameterError("a part of a study has no report; leave out --out or --only")
     return parts[only]
 
 

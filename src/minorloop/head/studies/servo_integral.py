@@ -53,10 +53,14 @@ CLAIMS = (
         "attenuates errors (Eq 10)",
         most=0.3,
     ),
-    Claim("the same without [px]", "integral.without_offset_px", "-"),
-    Claim("base turns slowly, with the integral: rms [px]", "integral.drift_px", "-"),
-    Claim("the same without [px]", "integral.without_drift_px", "-"),
-    Claim("integral with the printed sign: rms after 8 s [px]", "integral.printed_px", "printed"),
+    Claim("the same without [px of 320]", "integral.without_offset_px", "-"),
+    Claim("base turns slowly, with the integral: rms [px of 320]", "integral.drift_px", "-"),
+    Claim("the same without [px of 320]", "integral.without_drift_px", "-"),
+    Claim(
+        "integral with the printed sign: rms after 8 s [px of 320]",
+        "integral.printed_px",
+        "printed",
+    ),
 )
 
 
