@@ -27,7 +27,6 @@ from minorloop.head.studies.inspection_servo import (
 from minorloop.head.twins.surroundings import Sway
 from minorloop.head.vision.hold import PointHold
 from minorloop.studies.claims import Claim
-from minorloop.threads import one_thread
 
 TITLE = "The integral of Eq. (10)"
 CASES: Mapping[str, tuple[Sway | None, float]] = {
@@ -94,7 +93,6 @@ class IntegralStudy:
         return self.runs[name].rms(after)
 
 
-@one_thread()
 def run_study(seed: int) -> IntegralStudy:
     """Hold a point in all cases with one specimen.
 
