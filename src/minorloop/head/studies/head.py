@@ -22,7 +22,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.control.head import CONTROLLERS, HeadControl, head_control
 from minorloop.head.control.internal_model import InternalModel
 from minorloop.head.control.planning import PlannedPowers, Planner
-from minorloop.head.control.robustness import robust_margins
+from minorloop.head.control.robustness import Margins, robust_margins
 from minorloop.head.studies import servo_integral
 from minorloop.head.studies.head_camera import CameraStudy, run_camera
 from minorloop.head.studies.head_loop import (
@@ -211,6 +211,8 @@ CLAIMS = (
     Claim(
         "the same: measured over predicted", "robust.measured_ratio", "adjusted", least=1, most=2
     ),
+    Claim("predicted edge of the gain, wire over model", "robust.gain", "adjusted"),
+    Claim("predicted edge of the lag, wire over model", "robust.lag", "adjusted"),
     Claim(
         "camera alone, random holds: rms [deg]", "camera.static_rms_deg", "agrees (Fig 5)", most=1.5
     ),
@@ -290,10 +292,10 @@ class HeadStudy:
     experiment and the controller; ``reach`` the true angle under full current, in degrees, for
     impossible targets; ``ramps`` those of Fig 8 by case; ``plan`` the planned and the inverse
     sequence for the same targets, with ``planned`` (2, N) the true angles of a wire that is driven
-    by them; ``delay_edges`` the longest delay of the sensor in s with which the internal model is
-    predicted and found to be stable; ``sight`` what its camera tracks and its tool touches;
-    ``integral`` a point held with the integral of Eq. (10) and without; ``camera`` the head without
-    sensors at its joints.
+    by them; ``margins`` the predicted edges of stability of the internal model;
+    ``longest_delay`` of the sensor in s with which it was found to be stable; ``sight`` what its
+    camera tracks and its tool touches; ``integral`` a point held with the integral of Eq. (10) and
+    without; ``camera`` the head without sensors at its joints.
     """
 
     seed: int
@@ -304,7 +306,8 @@ class HeadStudy:
     ramps: dict[str, Ramps]
     plan: tuple[PlannedPowers, PlannedPowers]
     planned: FloatArray
-    delay_edges: tuple[float, float]
+    margins: Margins
+    longest_delay: float
     sight: SightStudy
     integral: IntegralStudy
     camera: CameraStudy
@@ -331,10 +334,13 @@ class HeadStudy:
             "stress_MPa": max(float(run.truth.stress.max()) for run in self.runs.values()) / 1e6,
         }
         found["planning"] = self._planning()
+        predicted = DELAY + self.margins.delay
         found["robust"] = {
-            "predicted_edge": self.delay_edges[0],
-            "measured_edge": self.delay_edges[1],
-            "measured_ratio": self.delay_edges[1] / self.delay_edges[0],
+            "predicted_edge": predicted,
+            "measured_edge": self.longest_delay,
+            "measured_ratio": self.longest_delay / predicted,
+            "gain": self.margins.gain,
+            "lag": self.margins.lag,
         }
         found["camera"] = self.camera.figures()
         took = np.concatenate([run.step_seconds[1:] for run in self._of(DEFAULT)]) * 1e3
@@ -410,7 +416,7 @@ def run_study(seed: int) -> HeadStudy:
     wires = (static.wires[0].model, static.wires[1].model)
     controls = {name: head_control(name, wires, coupling=static.coupling) for name in CONTROLLERS}
     runs = {**_steps(seed, controls), **_others(seed, controls), **_hard(seed, controls)}
-    later, edges = _later_sensors(seed, controls["internal_model"])
+    later, edges, longest = _later_sensors(seed, controls["internal_model"])
     plan, inverse = _plans(static)
     driven = [_driven(seed, each) for each in (plan, inverse)]
     return HeadStudy(
@@ -422,7 +428,8 @@ def run_study(seed: int) -> HeadStudy:
         ramps=run_ramps(seed),
         plan=(plan, inverse),
         planned=np.array(driven),
-        delay_edges=edges,
+        margins=edges,
+        longest_delay=longest,
         sight=run_sight(seed, controls[DEFAULT]),
         integral=servo_integral.run_study(seed),
         camera=run_camera(seed, static.inputs, static.settled, static.arbitrary),
@@ -565,17 +572,16 @@ def _nearly_all(control: HeadControl) -> list[float]:
 
 def _later_sensors(
     seed: int, control: HeadControl
-) -> tuple[dict[tuple[str, str], HeadRun], tuple[float, float]]:
+) -> tuple[dict[tuple[str, str], HeadRun], Margins, float]:
     """Run the internal model with sensors that are later than it knows, until it is unstable.
 
-    Returns the runs, and the longest delay in s with which it should be stable and the longest of
-    those tried up to which it is.
+    Returns the runs, the predicted edges, and the longest delay in s up to which it is stable.
     """
     law = control.axes[0].controller
     if not isinstance(law, InternalModel):
         raise TypeError("the delay is that of the internal model")
-    predicted = DELAY + robust_margins(law).delay
-    runs, measured = {}, DELAY
+    edges = robust_margins(law)
+    predicted, runs, measured = DELAY + edges.delay, {}, DELAY
     for share in LATER:
         run = run_loop(
             "internal_model",
@@ -591,7 +597,7 @@ def _later_sensors(
         if np.ptp(end) > OSCILLATES:
             break
         measured = share * predicted
-    return runs, (predicted, measured)
+    return runs, edges, measured
 
 
 def _plans(static: Static) -> tuple[PlannedPowers, PlannedPowers]:

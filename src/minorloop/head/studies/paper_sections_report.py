@@ -132,7 +132,8 @@ STATEMENTS = (
         "test_a_wire_is_stable_up_to_the_predicted_delay_and_not_far_beyond in "
         "tests/head/control/test_robustness.py",
         "stable to a delay of the sensor of {robust.predicted_edge:.2f} s as predicted, to "
-        "{robust.measured_edge:.2f} s as found",
+        "{robust.measured_edge:.2f} s as found; predicted up to {robust.gain:.1f} times the gain "
+        "of its model, and down to {robust.lag:.2f} times the lag",
     ),
     (
         "4.3",
