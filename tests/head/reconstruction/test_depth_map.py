@@ -112,6 +112,15 @@ def test_a_lost_echo_does_not_move_the_water_line():
     assert line.wrong > 0
 
 
+def test_dents_at_the_line_do_not_move_it():
+    phi = np.radians(np.arange(-20, 91, 0.5))
+    heard = np.sin(phi) > -0.13
+    # The flanks of a dent send most of the beam elsewhere.
+    heard[(np.abs(phi) < np.radians(6)) & (np.arange(phi.size) % 3 > 0)] = False
+    line = find_water(phi, heard, 10e-3)
+    assert line.height == pytest.approx(-1.3e-3, abs=0.1e-3)
+
+
 def test_a_dry_and_a_full_pipe_have_their_line_at_an_end():
     phi = np.radians(np.arange(-90, 91, 5.0))
     assert find_water(phi, np.ones(phi.size, bool), 10e-3).height == pytest.approx(-10e-3)

@@ -180,6 +180,17 @@ def test_losses_at_the_foot_of_beads_are_no_crack():
     assert c_scan(bursts, PROBE, PATCH).finds == ()
 
 
+def test_losses_at_the_foot_of_a_bead_are_no_crack_where_sway_leaves_a_gap():
+    bursts = []
+    for one in swept(step=0.2e-3):
+        x, y = abs(10e-3 * (one.spot[0] - BOTTOM)), one.spot[1] - Z
+        if x > 0.5e-3 or not 0.1e-3 < y < 0.5e-3:
+            on_it, foot = x < 0.5e-3 and -0.9e-3 < y < 0.1e-3, x < 0.9e-3 and 0.5e-3 < y < 0.7e-3
+            one.burst.trace[:] *= 0.05 if on_it else 0.6 if foot else 1.0
+            bursts.append(one)
+    assert c_scan(bursts, PROBE, PATCH).finds == ()
+
+
 def test_the_wall_about_the_top_of_a_bead_is_no_pit():
     bead = swept(round_pit(-0.25e-3, 1e-3))
     found = c_scan(bead, PROBE, PATCH)

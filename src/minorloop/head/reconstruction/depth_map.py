@@ -16,6 +16,9 @@ STEP = 0.1e-3
 """Size of a texel in metres, a tenth of the footprint of an echo."""
 UNSEEN, CAMERA, ECHOES, BOTH = 0, 1, 2, 3
 """Sources of a texel, as two bits: the bitwise or of two maps of sources has the source of both."""
+_ABOVE = 5.0
+"""Missing echoes below the water that weigh as much as an echo above it: the flanks of dents return
+none in up to a third of the wall, and noise is an echo once in some thousand bursts."""
 Bytes = npt.NDArray[np.uint8]
 
 
@@ -324,7 +327,9 @@ def find_water(
 
     Notes
     -----
-    The height with the fewest contradictions: a lost echo does not move it.
+    The height with the fewest contradictions. A lost echo does not move it, nor does a dent whose
+    flanks send the beam elsewhere: nothing above the water returns an echo, so that one there
+    counts as much as `_ABOVE` that are missing below.
     """
     y = coupled_at(phi, radius, face=face, offset=offset).ravel()
     wet = np.asarray(detected, dtype=bool).ravel()
@@ -336,10 +341,12 @@ def find_water(
     y, wet = y[order], wet[order]
     edges = np.concatenate([[-radius], y, [radius]])
     # Contradictions with the line between the n-th place and the next.
-    wrong = np.concatenate([[0], np.cumsum(wet)]) + (~wet).sum()
-    wrong = wrong - np.concatenate([[0], np.cumsum(~wet)])
-    best = np.flatnonzero(wrong == wrong.min())
+    above = np.concatenate([[0], np.cumsum(wet)])
+    missing = np.concatenate([[0], np.cumsum(~wet)])
+    missing = missing[-1] - missing
+    cost = _ABOVE * above + missing
+    best = np.flatnonzero(cost == cost.min())
     n = int(best[len(best) // 2])
     low, high = float(edges[n]), float(edges[n + 1])
-    sd, share = (high - low) / np.sqrt(12), float(wrong[n]) / y.size
+    sd, share = (high - low) / np.sqrt(12), float(above[n] + missing[n]) / y.size
     return WaterLine((low + high) / 2, sd, share, seen=0 < n < y.size)

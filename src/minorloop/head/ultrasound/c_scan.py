@@ -49,14 +49,11 @@ _LOST, _LOST_SURE = 0.1, 3.0
 bursts in a row are not by chance. A crack of 0.06 mm takes 0.1 midway between two lines."""
 _SLENDER, _SHORTEST = 3.0, 1e-3
 """Least length of a crack over its width on the map, and in metres."""
-_FLANK = 2.0
-"""Widths of the beam about a burst on a steep flank in which a loss of echo is that of its foot: by
-trial, 1.5 to 3 find the same; with 1, parts of rings are left."""
 _LEVEL = 0.02e-3
 """Largest difference of the depths on both sides of a crack, in metres."""
 _BRIDGED, _CLOSE = 3.0, 0.8
-"""Widths of the beam between bursts on one crack, or on or about one pit, as sway leaves gaps, and
-fewest bursts on such a width of the length of a crack."""
+"""Widths of the beam between bursts on one crack, on or about one pit, or on a steep flank and its
+foot, as sway leaves gaps, and fewest bursts on such a width of the length of a crack."""
 _NEAR = 2.0
 """Widths of the beam within which bursts are at the edge of what was swept."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
@@ -375,7 +372,8 @@ def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> li
     The wall on both sides of each is level, unless the edge cuts it.
     """
     short = echoes.lost > max(_LOST_SURE * noise, _LOST)
-    flank = on.within(used[echoes.scattered[used]], _FLANK * on.width)
+    # The foot of a steep flank lacks echo too.
+    flank = on.within(used[echoes.scattered[used]], _BRIDGED * on.width)
     lost = np.isin(np.arange(len(short)), used) & echoes.flat & short & ~flank
     group = on.groups(on.pairs(np.flatnonzero(lost)))
     edges = on.neighbours(used)
