@@ -18,7 +18,7 @@ def test_verdicts():
         ],
         FIGURES,
     ).rows
-    assert [row[-1] for row in rows] == ["met", "short", "reported", "reported", "met", "short"]
+    assert [row[-1] for row in rows] == ["met", "not met", "reported", "reported", "met", "not met"]
     assert rows[0][2:4] == ("2.00%", "<= 3.00% (ours)")
     assert rows[3][2] == "no"
     assert [row[3] for row in rows[3:]] == ["-", "no (ours)", "yes (ours)"]
@@ -28,12 +28,12 @@ def test_what_is_not_a_number_is_never_met():
     claims = [Claim("of none", "a", "-"), Claim("asked for", "a", "-", most=1.0)]
     rows = claim_table(claims, {"a": float("nan")}).rows
     assert [row[2] for row in rows] == ["none", "none"]
-    assert [row[-1] for row in rows] == ["nothing to count", "short"]
+    assert [row[-1] for row in rows] == ["nothing to count", "not met"]
 
 
 def test_what_never_came_is_said_in_words():
     claim = Claim("settling", "a", "-", most=9.0)
-    assert claim.row({"a": float("inf")})[2:] == ("not reached", "<= 9 (ours)", "short")
+    assert claim.row({"a": float("inf")})[2:] == ("not reached", "<= 9 (ours)", "not met")
     assert [cell(value, ".1f") for value in (float("inf"), float("nan"), 1.26)] == [
         "not reached",
         "none",
@@ -53,7 +53,7 @@ def test_bounds_are_said_as_short_as_they_can_be():
     wrong = Claim("wrong", "wrong", "-", most=0)
     assert bias.row(figures)[3:] == ("-10 to 10 (ours)", "met")
     assert wrong.row(figures)[3:] == ("0 (ours)", "met")
-    assert wrong.row(figures | {"wrong": 1})[3:] == ("0 (ours)", "short")
+    assert wrong.row(figures | {"wrong": 1})[3:] == ("0 (ours)", "not met")
     assert Claim("sign", "bias", "-", most=0).row(figures)[3:] == ("<= 0 (ours)", "met")
 
 
@@ -62,7 +62,7 @@ def test_of_too_few_nothing_is_said():
     assert claim.row({"cover": 1.0, "scans": 6})[2:] == (
         "100.00% (of 6)", "85.00% to 95.00% (ours)", "too few"
     )  # fmt: skip
-    assert claim.row({"cover": 1.0, "scans": 100})[-1] == "short"
+    assert claim.row({"cover": 1.0, "scans": 100})[-1] == "not met"
     spread = Claim("spread", "spread", "-", most=20.0, count="scans", enough=2)
     assert spread.row({"spread": float("nan"), "scans": 1})[-1] == "too few"
 

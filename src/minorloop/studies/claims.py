@@ -60,7 +60,7 @@ class Claim:
         if isinstance(value, bool):
             known = math.isfinite(self.most) or math.isfinite(self.least)
             wanted = self.least > 0 if math.isfinite(self.least) else self.most > 0
-            verdict = "reported" if not known else "met" if value == wanted else "short"
+            verdict = "reported" if not known else "met" if value == wanted else "not met"
             words = ("no", "yes")
             asked = f"{words[wanted]} ({self.bound})" if known else "-"
             return self.what, self.paper, words[value], asked, verdict
@@ -69,9 +69,9 @@ class Claim:
         if count < self.enough:
             verdict = "too few"
         elif math.isnan(value):
-            verdict = "nothing to count" if not asked else "short"
+            verdict = "nothing to count" if not asked else "not met"
         elif asked:
-            verdict = "met" if self.least <= value <= self.most else "short"
+            verdict = "met" if self.least <= value <= self.most else "not met"
         shown = f"{self._text(value)} (of {count:.0f})" if self.count else self._text(value)
         return self.what, self.paper, shown, asked or "-", verdict
 

@@ -29,7 +29,7 @@ from minorloop.head.studies.head_rivals_report import (
     rivals_table,
     where_better,
 )
-from minorloop.head.studies.head_static import COMMAND, CURRENT, MESH
+from minorloop.head.studies.head_static import CURRENT
 from minorloop.head.studies.paper_sections_report import add_sections
 from minorloop.head.studies.servo_integral_report import add_integral
 from minorloop.head.studies.sight_report import add_sight
@@ -172,7 +172,8 @@ def _add_static(report: Report, study: HeadStudy, over_all: Mapping[str, Any]) -
         f"{wire.lag + wire.latent * _mean_slope(wire):.1f} s on average while it does. Of the "
         f"random holds, {figures['moving_holds']:.0f} of {study.static.inputs.size} lie between "
         f"the ends of the stroke; there it errs by {figures['moving_rms_deg']:.2f} degrees rms. "
-        "Fig 5 has an arbitrary input over time. Under one with minor loops the operator on power "
+        "Fig 5 has an arbitrary input over time. Under one with "
+        f"{arbitrary['minor_loops']:.0f} minor loops of the angle the operator on power "
         f"with its lag errs by {arbitrary['rms_deg']:.2f} degrees rms, and by "
         f"{arbitrary['moving_rms_deg']:.2f} in the {arbitrary['moving_share']:.0%} of the time in "
         "which the wire moves; the mesh behind a linear lag of the command errs by "
@@ -407,12 +408,10 @@ def draw_loops(study: HeadStudy) -> Any:
     figure, (left, right) = new_figure(1, 2, height=4.2)
     paper = study.static.paper
     left.plot(paper.u, paper.y, ".", ms=4, color="C1", label="measured, settled")
-    fine = np.linspace(0.0, COMMAND, 200)
-    ends = fine[:: 200 // MESH]
-    for top in ends[4:]:
-        down = np.linspace(top, 0.0, 120)
-        way = np.concatenate([np.linspace(0.0, top, 120), down])
-        left.plot(way, paper.model.simulate(way), color="C0", lw=0.5, alpha=0.7)
+    for top in paper.model.levels[4:]:
+        way = np.concatenate([np.linspace(0.0, top, 120), np.linspace(top, 0.0, 120)])
+        label = "mesh, interpolated" if top == paper.model.levels[-1] else None
+        left.plot(way, paper.model.simulate(way), color="C0", lw=0.5, alpha=0.7, label=label)
     left.set(xlabel="command [V]", ylabel="angle [deg]", title="mesh of 0.1 V")
     left.legend(frameon=False)
     right.grid(False)
@@ -494,7 +493,11 @@ def draw_ramps(study: HeadStudy) -> Any:
     named = study.ramps[NAMED]
     upper.plot(named.t, named.wanted, color="0.2", lw=0.8, ls="--", label="reference")
     upper.plot(named.t, named.angle, color="C0", lw=1.0, label="actual")
-    words = {NAMED: "varying heating", "constant": "not varying", "room": "room warms by 6 K"}
+    words = {
+        NAMED: "varying heating, with a body",
+        "constant": "latent heat and resistance alone",
+        "room": "room warms by 6 K",
+    }
     for (name, label), colour in zip(words.items(), ("C0", "C7", "C3"), strict=True):
         run = study.ramps[name]
         middle.plot(run.t, run.error, color=colour, lw=0.8, label=label)

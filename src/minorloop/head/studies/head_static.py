@@ -41,6 +41,11 @@ STEP = (0.16, 25.0, 40.0)
 ARBITRARY_SECONDS, ARBITRARY_PERIODS, SINES, RISE = 600.0, (30.0, 90.0), 4, 20.0
 """The arbitrary input: duration in s; a sum of so many sines with periods in this range, slow
 enough for the wire to cross its loop and fast enough for the lag to count; rise from 0 in s."""
+WHOLE, INSIDE = 200.0, 0.5
+"""Seconds over the whole range of commands, and the share of it above which the input stays after
+them: below, the wire is cold, and no reversal is a minor loop."""
+LOOP = 1.0
+"""Degrees by which the angle rises and falls in what counts as a minor loop."""
 MOVING, MOVING_GAP = 0.1, 2.0
 """A wire moves where its angle changes by so many degrees a second over so many seconds: a
 hundredth of its usual rate, and four times the noise of such a difference."""
@@ -76,9 +81,20 @@ class Arbitrary:
         )
         return np.asarray(np.abs(change) > MOVING * MOVING_GAP)
 
+    @property
+    def minor_loops(self) -> int:
+        """Reversals from a fall to a rise of the angle away from cold."""
+        count, falls, turn = 0, False, float(self.angle[0])
+        for angle in self.angle.tolist():
+            turn = min(turn, angle) if falls else max(turn, angle)
+            if abs(angle - turn) > LOOP:
+                count += falls and turn > 2.0 * LOOP
+                falls, turn = not falls, angle
+        return count
+
     def figures(self) -> dict[str, float]:
         """Return rms errors in degrees, of all samples and of those in which the wire moves."""
-        found = {"moving_share": float(np.mean(self.moving))}
+        found = {"moving_share": float(np.mean(self.moving)), "minor_loops": self.minor_loops}
         for name, predicted in self.predicted.items():
             prefix, error = "" if name == "power" else f"{name}_", predicted - self.angle
             found[f"{prefix}rms_deg"] = _rms(error)
@@ -198,12 +214,14 @@ def heating_lag(seed: int, model: Preisach, surroundings: Surroundings | None = 
 
 
 def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Arbitrary:
-    """Drive the first axis by an arbitrary input over the whole range of commands."""
+    """Drive the first axis by an arbitrary input: over the whole range, then where it moves."""
     rng = np.random.default_rng([seed, 6])
     t: FloatArray = 2 * TICK * np.arange(round(ARBITRARY_SECONDS / (2 * TICK)), dtype=np.float64)
     turns = np.outer(1.0 / rng.uniform(*ARBITRARY_PERIODS, SINES), t)
     shape = np.sin(2 * np.pi * (turns + rng.uniform(size=(SINES, 1)))).sum(axis=0)
-    command = COMMAND * np.minimum(t / RISE, 1.0) * (shape - shape.min()) / np.ptp(shape)
+    share = (shape - shape.min()) / np.ptp(shape)
+    share = np.where(t < WHOLE, share, INSIDE + (1.0 - INSIDE) * share)
+    command = COMMAND * np.minimum(t / RISE, 1.0) * share
     current = command * CURRENT / COMMAND
     head = Head(seed, NOISE, 2 * seed)
     heated = Linear.lags(heating_lag(seed, mesh)).simulate(t, command)

@@ -36,6 +36,8 @@ CASES: Mapping[str, tuple[Sway | None, float]] = {
 }
 """Motion of the base, and seconds of a run. The slow turn is up to 0.13 degrees a second."""
 WITHOUT, PRINTED = ", no integral", "printed"
+BEGUN = 8.0
+"""Seconds after which a point on a turning base is scored: it has long been centred by then."""
 PRINTED_SECONDS, PRINTED_END = 12.0, 4.0
 """Duration of the run with the printed sign, and its end that is scored, in seconds."""
 
@@ -53,6 +55,8 @@ CLAIMS = (
         most=0.3,
     ),
     Claim("the same without [px of 320]", "integral.without_offset_px", "-"),
+    Claim("the same, rms with the integral [px of 320]", "integral.still_px", "-"),
+    Claim("the same, rms without [px of 320]", "integral.without_still_px", "-"),
     Claim("base turns slowly, with the integral: rms [px of 320]", "integral.drift_px", "-"),
     Claim("the same without [px of 320]", "integral.without_drift_px", "-"),
     Claim(
@@ -84,7 +88,8 @@ class IntegralStudy:
             found |= {
                 f"{key}settle_s": self.runs[f"still{words}"].settle,
                 f"{key}offset_px": self.runs[f"still{words}"].offset(SERVO - STEADY),
-                f"{key}drift_px": self._rms(f"drift{words}", SERVO - STEADY),
+                f"{key}still_px": self._rms(f"still{words}", SERVO - STEADY),
+                f"{key}drift_px": self._rms(f"drift{words}", BEGUN),
                 f"{key}sway_px": self._rms(f"sway{words}", SWAY_WAIT),
             }
         return {"integral": found}

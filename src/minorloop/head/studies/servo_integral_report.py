@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from minorloop.head.studies.servo_integral import PRINTED, WITHOUT, IntegralStudy
+from minorloop.head.studies.inspection_servo import STEADY
+from minorloop.head.studies.servo_integral import BEGUN, PRINTED, WITHOUT, IntegralStudy
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import cell
 from minorloop.studies.drawing import new_figure
@@ -31,8 +32,9 @@ def add_integral(
         (words, cell(found[key], ".2f"), cell(found[f"without_{key}"], ".2f"))
         for words, key in (
             ("off target: to 2 px of 320 from 43, s", "settle_s"),
-            ("on target: mean offset, px of 320", "offset_px"),
-            ("base turns by 2 degrees in 25 s: rms, px of 320", "drift_px"),
+            (f"on target, last {STEADY:.0f} s: mean offset, px of 320", "offset_px"),
+            (f"on target, last {STEADY:.0f} s: rms, px of 320", "still_px"),
+            (f"base turns by 2 degrees, {BEGUN:.0f} to 25 s: rms, px of 320", "drift_px"),
             ("sway of 1 degree at 0.3 and 0.23 Hz: rms, px of 320", "sway_px"),
         )
     ]
