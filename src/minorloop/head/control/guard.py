@@ -18,7 +18,7 @@ from minorloop.errors import ParameterError
 from minorloop.head.control.controller import MOST_DELAY, Controller, Loop
 from minorloop.head.control.guard_log import ASTRAY, GuardLog
 from minorloop.head.control.guard_state import COOLED, Cause, GuardState
-from minorloop.head.control.lateness import Lateness, LatenessWatch
+from minorloop.head.control.lateness import Lateness, LatenessWatch, Stop, StopWatch, late_by
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.motion import Belief, MotionWatch, Sign, SignWatch
 from minorloop.head.control.observer import Estimate, PowerObserver
@@ -105,6 +105,7 @@ class Guard:
             estimate.ambient,
             Sign(),
             Lateness(),
+            Stop(),
             ReachState(),
             angle,
             math.nan,
@@ -164,6 +165,11 @@ class Guard:
             sensed = replace(sensed, value=math.nan, fault=fault)
         used = math.nan if sensed.fault or not belief.believed else angle
         lateness = self._lateness.step(state.lateness, used, driven.power, steps=steps)
+        stop = self._stop.step(state.stop, used, state.applied**2, steps=steps)
+        if stop.late and not lateness.doubted:
+            lateness = late_by(stop.late)
+            past = (driven.angle,) * len(estimate.past)  # the readings have led it astray
+            estimate = Estimate(driven, state.bias, 0.0, past)
         if lateness.doubted > 0.0 and sensed.fault not in COOLED:
             sensed = replace(sensed, value=math.nan, fault="late")
         estimate = self.observer.corrected(estimate, sensed.value)
@@ -195,6 +201,7 @@ class Guard:
             state.bias,
             sign,
             lateness,
+            stop,
             reach,
             wanted,
             whole,
@@ -257,6 +264,16 @@ class Guard:
     def _motion(self) -> MotionWatch:
         return MotionWatch(
             wire=self.observer.wire, jump=self.sensor.jump, interval=self.observer.interval
+        )
+
+    @cached_property
+    def _stop(self) -> StopWatch:
+        return StopWatch(
+            wire=self.observer.wire,
+            jump=self.sensor.jump,
+            interval=self.observer.interval,
+            delay=self.observer.delay,
+            highest=self.observer.highest,
         )
 
     @cached_property
