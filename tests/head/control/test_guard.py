@@ -142,6 +142,25 @@ def test_after_a_gap_the_wire_is_as_warm_as_its_current_made_it():
     assert "clock" in causes(state)
 
 
+@pytest.mark.parametrize("name", ["observer", "adaptive"])
+def test_a_law_knows_how_long_a_step_took_as_its_guard_does(name):
+    guard = guarded(name)
+    state = guard.begin()
+    for n in range(20):
+        _, state = guard.step(state, 40.0, state.estimate.wire.angle, t=4 * n * TICK)
+    assert state.estimate.wire.power > 0.05
+    assert state.inner.estimate.wire.power == pytest.approx(state.estimate.wire.power)
+
+
+def test_a_guard_for_older_readings_takes_over_a_state():
+    guard = guarded()
+    state, old = guard.begin(), guard.later(3)
+    for n in range(20):
+        _, state = (guard if n < 9 else old).step(state, 40.0, math.nan, t=n * TICK)
+    assert [len(each.past) for each in (state.estimate, state.inner.estimate)] == [4, 4]
+    assert guarded("adaptive").later(3).observer.delay == 4
+
+
 def test_a_target_that_is_too_fast_is_logged():
     guard, plant = guarded(), Wire(noise=0.05, seed=1)
     state, seen = guard.begin(), 0.0

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
+from minorloop.head.control.by_camera import LEAD, camera_control
 from minorloop.head.control.head import head_control
-from minorloop.head.control.lateness import Lateness, LatenessWatch
+from minorloop.head.control.lateness import Lateness, LatenessWatch, Stop, StopWatch
 from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.surroundings import Course, Surroundings
 from wires import TICK, Run, identified
@@ -72,6 +73,50 @@ def test_a_loop_with_late_readings_stops_swinging_and_says_why():
     )
     assert after < 0.3 * before
     assert abs(run.error(began + 4.0)[:, 0]).max() < 4.0
+
+
+@pytest.mark.parametrize("late", [0.4, 0.5, 0.7])
+def test_late_pictures_are_known_at_the_end_of_the_first_move(late):
+    wires, coupling = identify_head(1000)
+    control = camera_control("observer", wires, coupling=coupling, lead=LEAD)
+    run = Run(control, [40.0, 20.0], 16.0, delay=0.06 + late, noise=0.02, specimen=1000)
+    first = next(event for _, event in run.state.log if event.cause == "sensor")
+    assert "they are late" in first.text
+    assert first.step * TICK < 6.5
+    said = float(first.text.split("go on for ")[1].split(" s")[0])
+    assert said == pytest.approx(late + 0.06, abs=0.1)
+    # From then on each wire goes by its current, whatever the readings had made of it.
+    assert np.ptp(run.true[run.t > 12.0], axis=0).max() < 3.0
+    assert abs(run.error(12.0)).max() < 6.0
+
+
+@pytest.mark.parametrize("delay", [0.04, 0.08, 0.16])
+@pytest.mark.parametrize("around", ["still", "cold", "swaying"])
+def test_pictures_of_the_usual_age_are_never_late(delay, around):
+    surroundings = {
+        "still": Surroundings(),
+        "cold": Surroundings(ambient=5.0),
+        "swaying": Surroundings(load=Course(0.0, amplitude=1e-3, period=2.0)),
+    }[around]
+    control = camera_control("observer", (identified().model,) * 2)
+    moves = lambda t: [(40.0, 20.0), (20.0, 40.0), (30.0, 10.0)][min(int(t / 6.0), 2)]  # noqa: E731
+    run = Run(control, moves, 18.0, delay=delay, surroundings=surroundings, specimen=1000)
+    assert not [event for _, event in run.state.log if event.cause == "sensor"]
+
+
+@pytest.mark.parametrize(("missing", "late"), [(7, 0.48), (2, 0.48), (1, 0.0)])
+def test_a_stop_tells_how_late_the_readings_are_also_if_some_are_missing(missing, late):
+    """Of some readings, one is missing; or all but one in three."""
+    watch = StopWatch(wire=identified().model, delay=2)
+    state, angle, found = Stop(), 0.0, []
+    power = [0.16 if k < 150 else max(0.16 - 0.004 * (k - 150), 0.06) for k in range(220)]
+    for k in range(1, 220):
+        angle += 60.0 * (power[max(k - 13, 0)] - 0.06) * TICK
+        lost = k % 3 if missing == 1 else k % missing == 0
+        state = watch.step(state, math.nan if lost else angle, power[k - 1])
+        found.append(state.late)
+    assert max(found[:150]) == 0.0
+    assert max(found) == pytest.approx(late, abs=0.05)
 
 
 def test_readings_in_time_are_never_late():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from minorloop.head.control.by_camera import camera_control
+from minorloop.head.control.by_camera import LEAD, camera_control
 from minorloop.head.control.head import head_control
 from minorloop.head.control.unread import UnreadWatch
 from minorloop.head.procedures.drive_faults import FaultLog
@@ -155,6 +155,15 @@ def test_late_pictures_are_named_by_their_times_or_what_to_check_is(known):
     check = said if known else "check whether the hold is too short, the pictures come late, a load"
     assert len(result.missed) == 2
     assert all(f"at the end of its hold; {check}" in each for each in result.missed)
+
+
+def test_pictures_that_are_late_by_their_content_alone_are_named_within_a_row():
+    control = camera_control("observer", (identified().model,) * 2, lead=LEAD)
+    head = Head(noise=0.02, seed=3, delay=0.56)
+    head.age = 0.04
+    late = steer(head, control, [[40.0, 20.0]], 8.0).faults
+    assert all("the wire has turned back or stopped: they are late" in each.what for each in late)
+    assert late[0].began < 6.5
 
 
 def test_pictures_as_old_as_the_control_is_set_up_for_are_no_fault():

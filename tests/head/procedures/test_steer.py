@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
+from minorloop.head.control.by_camera import LEAD, camera_control
 from minorloop.head.control.head import head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.sensing import SensorWatch
@@ -55,6 +56,48 @@ def test_too_few_pictures_are_named(every, said):
     found = [str(each) for each in result.faults if "pictures a second" in each.what]
     assert len(found) == bool(said)
     assert all(f"pan and tilt, from 0.00 s to the end: {said}" in each for each in found)
+
+
+class Slow:
+    """A head that its camera reads; to search a picture takes some seconds, and then it is used."""
+
+    tick, inputs, outputs, age = 0.04, Head.inputs, Head.outputs, 0.04
+
+    def __init__(self, search):
+        self.head, self.search = Head(noise=0.02, seed=3, tick=0.01, delay=0.04), search
+        self.now = self.time = 0.0
+        self.pictures, self.true, self.seen = 0, [], np.zeros(2)
+
+    def exchange(self, u):
+        self.time += self.tick * max(np.ceil((self.now - self.time) / self.tick - 1e-6), 1)
+        self.wait(u, self.time - self.now)
+        seen = self.seen
+        self.pictures += 1
+        self.wait(u, self.search)
+        return seen
+
+    def wait(self, u, seconds):
+        for _ in range(round(seconds / 0.01)):
+            self.seen = np.array(self.head.exchange(u))
+            self.true.append(self.head._output_now())
+        self.now += seconds
+
+    def safe(self):
+        self.head.safe()
+
+
+@pytest.mark.parametrize("search", [0.02, 0.13, 0.2])
+def test_a_computer_that_is_too_slow_for_the_loop_does_not_make_it_overshoot(search):
+    head = Slow(search)
+    control = camera_control("observer", (identified().model,) * 2, lead=LEAD)
+    result = steer(head, control, [[40.0, 20.0]], 14.0)
+    assert (np.max(head.true, axis=0) < [41.0, 21.0]).all()
+    assert np.ptp(head.true[-400:], axis=0).max() < 1.0
+    assert result.missed == ()
+    said = [
+        each for each in result.warnings if "are needed: the head was turned more slowly;" in each
+    ]
+    assert len(said) == (search > 0.1)
 
 
 def test_a_target_without_a_reading_has_no_result():

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from minorloop.head.control import by_camera
 from minorloop.head.studies import head_camera
@@ -23,7 +24,7 @@ def control():
 
 
 def run(control, target, seconds, disturb=None):
-    """A step by pictures, and the sensor that took them."""
+    """A step of pan, or of both, by pictures, and the sensor that took them."""
     used = []
 
     def camera(head):
@@ -31,7 +32,13 @@ def run(control, target, seconds, disturb=None):
         return used[0]
 
     step = run_loop(
-        "observer", control, constant(target), seconds, specimen=SEED, seed=SEED, camera=camera
+        "observer",
+        control,
+        constant(*np.atleast_1d(target)),
+        seconds,
+        specimen=SEED,
+        seed=SEED,
+        camera=camera,
     )
     return step, used[0]
 
@@ -102,6 +109,24 @@ def test_pictures_that_become_mirrored_in_a_move_stop_the_head_until_they_are_ri
     assert np.isfinite(step.read[165:170]).any()
     assert abs(step.error[-1, 0]) < 1.0
     assert any("of wall in view agree" in each.reason for each in sensor.missed)
+
+
+def test_a_lens_that_was_fouled_in_a_move_is_not_lost_again_once_it_is_clean(control):
+    noise = np.random.default_rng(0)
+    rough = gaussian_filter(noise.standard_normal((240, 160)), 6.0)
+    dirt = 60.0 + 25.0 * rough / rough.std()
+
+    def soiled(tick, frame):
+        image = frame.image.copy()
+        if 50 <= tick < 100:
+            level = dirt + noise.normal(0.0, 1.5, dirt.shape)
+            image[:, :160] = np.clip(np.rint(level), 0, 255)
+        return Frame(frame.t, image)
+
+    step, sensor = run(control, (40.0, 20.0), 10.0, soiled)
+    late = [each for each in sensor.missed if each.tick > 105 and each.reason != "no picture came"]
+    assert late == []
+    assert np.abs(step.error[-1]).max() < 1.0
 
 
 def test_a_head_that_never_sees_again_cools(control, monkeypatch):

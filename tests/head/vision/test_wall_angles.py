@@ -136,6 +136,23 @@ def test_dirt_in_which_some_patches_match_elsewhere_is_not_believed(seen):
     assert error(seen.step(pan, REST[1]), pan) < CLOSE
 
 
+def test_dirt_that_fouls_half_of_the_lens_in_a_turn_is_not_learned_as_wall(seen):
+    """What is learned through it would be in the way of the clean view: it disagrees there."""
+
+    def soiled(image):
+        level = image.astype(float)
+        level[:, :160] = dirt(0)[:, :160]
+        return noisy(level, int(image.sum()))
+
+    seen.goes(-26.0)
+    for pan in np.radians(np.arange(-25.5, -17.0, 0.5)):
+        sight = seen.step(pan, REST[1], soiled)
+    assert error(sight, math.radians(-17.5)) < CLOSE
+    clean = seen.step(math.radians(-17.0), REST[1])
+    assert error(clean, math.radians(-17.0)) < CLOSE
+    assert clean.agreeing > 0.8 * clean.seen
+
+
 def test_a_view_that_was_found_again_is_not_taken_to_turn(seen):
     seen.goes(-14.0)
     for _ in range(6):

@@ -15,10 +15,10 @@ from functools import cached_property
 
 from minorloop.dynamics.heated_wire import HeatedState
 from minorloop.errors import ParameterError
-from minorloop.head.control.controller import Controller
+from minorloop.head.control.controller import MOST_DELAY, Controller, Loop
 from minorloop.head.control.guard_log import ASTRAY, GuardLog
 from minorloop.head.control.guard_state import COOLED, Cause, GuardState
-from minorloop.head.control.lateness import Lateness, LatenessWatch
+from minorloop.head.control.lateness import Lateness, LatenessWatch, Stop, StopWatch, late_by
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.motion import Belief, MotionWatch, Sign, SignWatch
 from minorloop.head.control.observer import Estimate, PowerObserver
@@ -105,6 +105,7 @@ class Guard:
             estimate.ambient,
             Sign(),
             Lateness(),
+            Stop(),
             ReachState(),
             angle,
             math.nan,
@@ -164,6 +165,11 @@ class Guard:
             sensed = replace(sensed, value=math.nan, fault=fault)
         used = math.nan if sensed.fault or not belief.believed else angle
         lateness = self._lateness.step(state.lateness, used, driven.power, steps=steps)
+        stop = self._stop.step(state.stop, used, state.applied**2, steps=steps)
+        if stop.late and not lateness.doubted:
+            lateness = late_by(stop.late)
+            past = (driven.angle,) * len(estimate.past)  # the readings have led it astray
+            estimate = Estimate(driven, state.bias, 0.0, past)
         if lateness.doubted > 0.0 and sensed.fault not in COOLED:
             sensed = replace(sensed, value=math.nan, fault="late")
         estimate = self.observer.corrected(estimate, sensed.value)
@@ -172,7 +178,10 @@ class Guard:
         # Where readings are not believed, a law goes on with what the model expects.
         doubted = sensed.fault in ("implausible", "late") or (usable and not belief.believed)
         known = expected if doubted or sign.reversed else sensed.value
-        requested, inner = self.controller.step(state.inner, target, known)
+        inner = state.inner
+        for _ in range(steps - 1):  # the law goes on by its model, as the current did
+            inner = replace(self.controller.step(inner, target, math.nan)[1], applied=state.applied)
+        requested, inner = self.controller.step(inner, target, known)
         most = self.observer.highest
         requested = min(max(requested, 0.0), most) if math.isfinite(requested) else 0.0
         cool = self._allowed(estimate, heated)
@@ -192,6 +201,7 @@ class Guard:
             state.bias,
             sign,
             lateness,
+            stop,
             reach,
             wanted,
             whole,
@@ -205,6 +215,19 @@ class Guard:
         )
         hot = self.temperature(new) if cool < requested else None
         return current, self._log.step(state, new, notes, hot)
+
+    def later(self, steps: int) -> Guard:
+        """Return the guard for readings that are older by some intervals; states remain valid.
+
+        Parameters
+        ----------
+        steps : int
+            0 or more. A law without a delay of its own, such as the adaptive one, remains as it is.
+        """
+        delay, law = min(self.observer.delay + steps, MOST_DELAY), self.controller
+        if isinstance(law, Loop):
+            law = replace(law, delay=delay)
+        return replace(self, controller=law, observer=replace(self.observer, delay=delay))
 
     def temperature(self, state: GuardState) -> float:
         """Return the highest temperature that the wire may have now, in degrees Celsius."""
@@ -241,6 +264,16 @@ class Guard:
     def _motion(self) -> MotionWatch:
         return MotionWatch(
             wire=self.observer.wire, jump=self.sensor.jump, interval=self.observer.interval
+        )
+
+    @cached_property
+    def _stop(self) -> StopWatch:
+        return StopWatch(
+            wire=self.observer.wire,
+            jump=self.sensor.jump,
+            interval=self.observer.interval,
+            delay=self.observer.delay,
+            highest=self.observer.highest,
         )
 
     @cached_property

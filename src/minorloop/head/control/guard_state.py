@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 from minorloop.dynamics.heated_wire import HeatedState
-from minorloop.head.control.lateness import Lateness
+from minorloop.head.control.lateness import Lateness, Stop
 from minorloop.head.control.motion import Belief, Sign
 from minorloop.head.control.observer import Estimate
 from minorloop.head.control.reach import ReachState, Unreachable
@@ -73,6 +73,8 @@ class GuardState:
         What is known of the sign of the readings.
     lateness : Lateness
         What is known of how late they are.
+    stop : Stop
+        The same, where a motion gets slower.
     reach : ReachState
         Of the target.
     reference : float
@@ -110,6 +112,7 @@ class GuardState:
     bias: float
     sign: Sign
     lateness: Lateness
+    stop: Stop
     reach: ReachState
     reference: float
     asked: float

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -176,6 +176,10 @@ class HeadControl:
             )
             states.append(after)
         return current, HeadState(tuple(states), unread)
+
+    def later(self, steps: int) -> HeadControl:
+        """Return the control for readings that are older by some intervals; states remain valid."""
+        return replace(self, axes=tuple(axis.later(steps) for axis in self.axes))
 
     def reach(self, reference: npt.ArrayLike, ends: npt.ArrayLike | None = None) -> FloatArray:
         """Return the least and largest readings (axes, 2) with the other axes where they belong.

@@ -1,4 +1,9 @@
-"""Whether readings are later than they should be.
+"""Whether readings are later than they should be: at each stop of a motion, and at turns in a row.
+
+A wire slows down when its current falls, at once: the rate of its angle is that of its temperature,
+and this follows the power. At the end of a motion `StopWatch` compares by which delay the rate of
+the readings follows the power. What makes a wire start later than its model expects, a colder room
+or the width of the hysteresis, does not matter there.
 
 An angle turns back when the temperature of its wire does: the output of the operator is monotone in
 its input. The temperature turns back when the current changes so, whatever the surroundings are, as
@@ -9,10 +14,14 @@ other and for the same time, are late by it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+
+from minorloop.arrays import FloatArray
 from minorloop.head.control.controller import Loop, within
+from minorloop.head.control.motion import WireWatch
 
 _BEYOND, _ROUGH = 1.0 / 3.0, 3.0
 """Share of `jump`, and times the mean change of slope of the readings, by which they must go on:
@@ -31,6 +40,24 @@ _TURNS = 4
 """Turns in a row that are late alike: a load that sways the wire moves it at one or two."""
 _DOUBTED = 30.0
 """Seconds for which late readings are not used, until they are tried again."""
+_WINDOW, _RATE = 2.4, 4
+"""Seconds of a motion up to its stop that are compared, and intervals in which a rate is taken."""
+_SLOWER, _BACK = 2.0, 0.5
+"""Degrees a second by which a motion must get slower from the first quarter of the window to the
+last, and the most by which it may go back."""
+_IN_TIME = 0.12
+"""Seconds later than expected up to which readings are in time."""
+_EXPLAINED, _BETTER = 0.9, 2.5
+"""Share of the changes of the rate that a late response must explain, and by how many times less it
+must leave unexplained than one in time: simulated readings in time reach one, but not the other."""
+_VARIED = 0.05
+"""Least standard deviation of the power in the window, as a share of the full power."""
+_GAIN = 0.3, 1.5
+"""Rate for a power over the largest one of the wire, least and most."""
+_AGAIN = 5
+"""Steps in a row in which this must be found."""
+_SEEN = 0.5
+"""Least share of the steps of a window in which there is a reading."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +99,124 @@ class Lateness:
     turns: tuple[float, ...] = ()
     before: tuple[float, ...] = ()
     rough: float = 0.0
+
+
+def late_by(seconds: float) -> Lateness:
+    """Return what is known of readings that are late by some seconds: for a while none is used."""
+    return Lateness(late=seconds, doubted=_DOUBTED)
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """State of `StopWatch`.
+
+    Parameters
+    ----------
+    recent : (2, n) array
+        Powers in A^2 that were applied up to the newest readings, oldest first, and the readings in
+        degrees, NaN where there was none.
+    row : int
+        Steps in a row in which they were late.
+    late : float
+        Age of the readings in seconds, 0 if they are not known to be late.
+    """
+
+    recent: FloatArray = field(default_factory=lambda: np.empty((2, 0)))
+    row: int = 0
+    late: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StopWatch(WireWatch):
+    """Finds readings that are late where a motion gets slower; parameters as of `WireWatch`.
+
+    Notes
+    -----
+    With the effective power w and the slope s, dy/dt = s (p - w) / (tau + q s). Within seconds,
+    w and s change slowly: the rate of the readings is regressed on the power some time before, on a
+    constant and on time.
+    """
+
+    def step(self, before: Stop, reading: float, power: float, *, steps: int = 1) -> Stop:
+        """Return what is known after one more reading.
+
+        Parameters
+        ----------
+        before : Stop
+        reading : float
+            In degrees; NaN where there is none that is believed.
+        power : float
+            That was applied in the intervals up to it, in A^2.
+        steps : int
+            Number of these intervals.
+        """
+        added = np.tile([[power], [np.nan]], steps)
+        added[1, -1] = reading
+        recent = np.concatenate([before.recent, added], axis=1)[:, -self._kept :]
+        late = self._late(recent)
+        row = before.row + 1 if late else 0
+        return Stop(recent, row, late if row >= _AGAIN else 0.0)
+
+    def _late(self, recent: FloatArray) -> float:
+        """Return after how many seconds the rate follows the power, 0 if in time or not known."""
+        count, last = self._window, self._lags[-1]
+        power, reading = recent
+        known = np.isfinite(reading)
+        if len(reading) < self._kept or known[-count:].mean() < _SEEN:
+            return 0.0
+        at = np.arange(len(reading))
+        angle = np.interp(at, at[known], reading[known])
+        rate = (angle[_RATE:] - angle[:-_RATE])[-count:] / (_RATE * self.interval)
+        way, part = math.copysign(1.0, angle[-1] - angle[-count]), count // 4
+        slower = way * float(rate[:part].mean() - rate[-part:].mean())
+        if slower < _SLOWER or float((way * rate).min()) < -_BACK:
+            return 0.0
+        mean = np.convolve(power, np.full(_RATE, 1.0 / _RATE), "valid")
+        before = np.lib.stride_tricks.sliding_window_view(mean, count)[::-1][: last + 1]
+        return self._compared(rate, before)
+
+    def _compared(self, rate: FloatArray, before: FloatArray) -> float:
+        """Return the age of late readings in s by a rate (n,) and the powers (lags, n) before."""
+        rate, before = rate - self._fitted(rate), before - self._fitted(before)
+        size, square = np.maximum((before**2).sum(axis=1), 1e-12), max(float(rate @ rate), 1e-12)
+        gain = before @ rate / size
+        explained = np.where(gain > 0, gain**2 * size / square, 0.0)
+        in_time, late, _ = self._lags
+        best = late + int(np.argmax(explained[late:]))
+        left, otherwise = 1.0 - explained[best], 1.0 - explained[: in_time + 1].max()
+        varied = size[best] >= (_VARIED * self.highest**2) ** 2 * len(rate)
+        least, most = (share * self._fastest for share in _GAIN)
+        good = varied and left <= 1.0 - _EXPLAINED and least <= gain[best] <= most
+        if not good or best == len(explained) - 1 or otherwise < _BETTER * left:
+            return 0.0
+        return best * self.interval
+
+    def _fitted(self, values: FloatArray) -> FloatArray:
+        """Return the constant and the linear part of values (..., n)."""
+        return np.asarray(values @ self._even @ self._even.T)
+
+    @cached_property
+    def _even(self) -> FloatArray:
+        """Orthonormal constant and time (n, 2) of a window."""
+        columns = np.stack([np.ones(self._window), np.arange(self._window)], axis=1)
+        return np.asarray(np.linalg.qr(columns)[0])
+
+    @cached_property
+    def _window(self) -> int:
+        return max(round(_WINDOW / self.interval), 8)
+
+    @cached_property
+    def _lags(self) -> tuple[int, int, int]:
+        """Intervals up to which readings are in time, and from and up to which they are late."""
+        in_time, first, last = (
+            self.delay + round(t / self.interval) for t in (_IN_TIME, _LATER, _LONGEST)
+        )
+        return in_time, first, last
+
+    @cached_property
+    def _kept(self) -> int:
+        """Intervals of a window and the longest lag before it."""
+        return self._window + self._lags[-1] + _RATE
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -156,7 +301,7 @@ class LatenessWatch(Loop):
             turns = turns[1:]
         if len(turns) < _TURNS:
             return replace(state, turns=turns)
-        return Lateness(late=sum(turns) / len(turns), doubted=_DOUBTED)
+        return late_by(sum(turns) / len(turns))
 
     @cached_property
     def _due(self) -> float:

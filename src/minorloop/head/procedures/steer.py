@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -30,6 +31,8 @@ _CHECK = (
 """What to check if a head that its camera reads misses a target, and no fault is known."""
 _RATE = 10.0
 """Pictures a second that a head needs whose angles its camera gives."""
+_LATELY = 25
+"""Steps whose median duration is the usual one: a search for a lost view takes longer in a few."""
 _OFF = 0.05
 """Share of the reach of a wire by which a target is missed: as `minorloop drive` warns."""
 
@@ -205,6 +208,8 @@ class _Drive:
         self._head, self._control, self._wanted, self._faults = head, control, wanted, faults
         self._t, self._state = 0.0, control.begin()
         self._pictures = getattr(head, "pictures", math.nan)
+        self._took: deque[float] = deque(maxlen=_LATELY)
+        self._later = {1: control}
         self.rows: list[tuple[float, int, FloatArray, FloatArray]] = []
         self._judged: list[tuple[BoolArray, FloatArray]] = []
         self.given_up: dict[tuple[int, int], str] = {}
@@ -217,14 +222,28 @@ class _Drive:
         self._state, began = control.begin(seen), _time(head, 0.0)
         for n, each in enumerate(self._wanted):
             while self._t < (n + 1) * hold - 0.5 * tick:
-                current, self._state = control.step(self._state, each, seen, t=self._t)
+                current, self._state = self._paced().step(self._state, each, seen, t=self._t)
                 why, age = getattr(head, "why", ""), getattr(head, "age", math.nan)
                 faults.note(self._t, self._state, why, age)
                 self._judged.append(_judged(control, self._state))
-                seen = np.asarray(head.exchange(current))
+                seen, before = np.asarray(head.exchange(current)), self._t
                 self._t = _time(head, tick * (len(self.rows) + 1)) - began
+                self._took.append(self._t - before)
                 self.rows.append((self._t, n, seen, current))
             self.given_up |= {(n, k): text for k, text in _given_up(self._state, n + 1).items()}
+
+    def _paced(self) -> HeadControl:
+        """Return the control for the usual duration of a step.
+
+        A picture is taken at the beginning of a step, and its current begins when it was searched,
+        near the end: in a step of several ticks, it is older by as much.
+        """
+        ticks = 1
+        if self._took and hasattr(self._head, "age"):
+            ticks = max(round(float(np.median(self._took)) / self._head.tick), 1)
+        if ticks not in self._later:
+            self._later[ticks] = self._control.later(ticks - 1)
+        return self._later[ticks]
 
     def found(self) -> SteeredHead:
         """Return what was measured until now."""
@@ -249,9 +268,10 @@ class _Drive:
         """Yield a fault if the camera gave fewer pictures than the head needs."""
         rate = (getattr(self._head, "pictures", math.nan) - self._pictures) / self._t
         if rate < _RATE:
+            slower = ": the head was turned more slowly" if len(self._later) > 1 else ""
             what = (
-                f"{rate:.2g} pictures a second came, and {_RATE:g} are needed; check the camera, "
-                "its network, and what else this computer does"
+                f"{rate:.2g} pictures a second came, and {_RATE:g} are needed{slower}; check the "
+                "camera, its network, and what else this computer does"
             )
             yield DriveFault(" and ".join(_AXES), 0.0, self._t, what, over=False)
 

@@ -132,7 +132,7 @@ class PatchPictures:
         before = np.tril(np.equal.outer(row * _PARTS + column, row * _PARTS + column), -1)
         return np.asarray(order[np.lexsort((before.sum(axis=1), poor[order]))][:_MOST])
 
-    def with_new(
+    def new(
         self,
         pyramid: list[Image32],
         angles: FloatArray,
@@ -140,10 +140,10 @@ class PatchPictures:
         sd: FloatArray,
         rates: FloatArray,
     ) -> Patches:
-        """Return the known patches, and new ones where the picture shows wall without any."""
+        """Return new patches where the picture shows detail without a known one."""
         pan, tilt = angles.tolist()
         if not self.camera.inside(pan, tilt) or len(known.sd) >= _MOST_KEPT:
-            return known
+            return self.none
         places = self.camera.place(self._cells, pan, tilt)
         taken = known.places[known.poor < _POOR]
         places = places[np.isfinite(places).all(axis=1)]
@@ -155,7 +155,7 @@ class PatchPictures:
             free[n + 1 :] &= ~(free[n] & crowded[n, n + 1 :])
         middles = places[free]
         if not len(middles):
-            return known
+            return self.none
         points = wall_point(
             middles[:, :1] + self._offsets[0] / self.camera.radius,
             middles[:, 1:] + self._offsets[1],
@@ -172,16 +172,24 @@ class PatchPictures:
                 values = templates[level, n]
                 seen = kernels.sample(pyramid[level], points[n], lens, *pose, shift, values, slopes)
                 whole[n] &= seen and kernels.normalise(values, SIDE) > self._detail
-        return known.with_more(
-            Patches(
-                middles[whole],
-                points[whole],
-                templates[:, whole],
-                np.tile(angles, (int(whole.sum()), 1)),
-                np.tile(sd, (int(whole.sum()), 1)),
-                np.zeros(int(whole.sum()), dtype=np.int64),
-            )
+        return Patches(
+            middles[whole],
+            points[whole],
+            templates[:, whole],
+            np.tile(angles, (int(whole.sum()), 1)),
+            np.tile(sd, (int(whole.sum()), 1)),
+            np.zeros(int(whole.sum()), dtype=np.int64),
         )
+
+    def tried(
+        self, pyramid: list[Image32], trial: Patches, angles: FloatArray, rates: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the scores (P,) of patches as wall, and as dirt that stays where it first was."""
+        scores, stays = self.compared(pyramid, 0, trial, angles, rates)[0], np.empty(len(trial.sd))
+        for origin in np.unique(trial.origins, axis=0):
+            same = np.flatnonzero((trial.origins == origin).all(axis=1))
+            stays[same] = self.compared(pyramid, 0, trial.of(same), origin, np.zeros(2))[0]
+        return scores, stays
 
     def _beside(self, places: FloatArray, others: FloatArray) -> BoolArray:
         """Return (n, m) which places are beside which others."""

@@ -10,8 +10,8 @@ turned until the patches agree with it::
         sight, state = eyes.step(state, frame.image, frame.t)
         sight.angles  # (2,) radians; NaN where the picture does not tell
 
-New patches are added as the view moves, and none is forgotten as long as it agrees, so that a
-return to an old view removes the drift.
+New patches are added as the view moves, once a further turn has shown that they are not dirt on the
+lens. None is forgotten as long as it agrees, so that a return to an old view removes the drift.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ NOTHING_SEEN = "check lights, lens and cable"
 """What to do where a picture shows nothing."""
 _COARSE = 2
 """Texels in one of the search for a lost view, along a side."""
-_STEPS = (3, 3, 3)
-"""Steps of Gauss-Newton in the whole, half and quarter picture, by trial."""
+_STEPS = 3
+"""Steps of Gauss-Newton in each size of the picture, by trial; twice as many in the whole
+one for a lost view."""
 _CLOSE, _FARTHEST = 2e-5, math.radians(3.0)
 """Length of a step after which no other is made, and of the longest step, in radians."""
 _ALIKE = 4.0
@@ -55,6 +56,9 @@ _ALIKE = 4.0
 _ONE_IN = 3
 """A picture is used if one in three of the patches in view agree. Far down the pipe their looks
 change fast, and half of them may not; at wrong angles one in seven agrees on average."""
+_HIDDEN = 5
+"""Pictures in a row in which a patch disagrees, after which it does not count: something is before
+it, such as dirt on the lens."""
 _SEARCHED = 2
 """After a search one in two must agree, and twice as many as else: among many angles, dirt on the
 lens matches at some. Of 160 textures of dirt, 21 reached one in three, and none one in two."""
@@ -62,8 +66,7 @@ _ALL = 6
 """Where fewer patches are in view than must agree after a search, all do, and are as many as this:
 a head that stopped beside what it remembers."""
 _HUNT = math.radians(2.0)
-"""Distance between angles that are tried for a lost view: those between lead to the same peak.
-A view that was found again is learned from once it has turned by as much: dirt does not turn."""
+"""Distance between angles that are tried for a lost view: those between lead to the same peak."""
 _BESIDE, _FINE = math.radians(6.0), math.radians(1.0)
 """Distance about the last angles, and between those that are tried there: a head that is not seen
 stops near, and with few patches in view the steps lead to the peak from less than a degree."""
@@ -75,6 +78,9 @@ turns. If it were taken to stand, a fast one would be searched for in picture af
 nothing would be learned on the way."""
 _TURNED = math.radians(0.4)
 """Turn after which new patches are looked for: what is seen then is new by a tenth of a patch."""
+_TRIAL = math.radians(3.0)
+"""Turn after which a new patch must agree: dirt whose grains are 2 % of the width of the picture
+does not."""
 _UNEVEN = 1e-3
 """Uncertainty in seconds of when a row of a moving picture was taken."""
 
@@ -175,8 +181,9 @@ class WallAngles:
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
             raise SignalError(f"the first picture is {verdict}; {NOTHING_SEEN}")
         at = np.asarray(angles, dtype=np.float64)
-        patches = self.pictures.with_new(
-            self.pictures.pyramid(image), at, self.pictures.none, np.zeros(2), np.zeros(2)
+        none = self.pictures.none
+        patches = self.pictures.new(
+            self.pictures.pyramid(image), at, none, np.zeros(2), np.zeros(2)
         )
         if len(patches.sd) < self.fewest:
             if verdict == frame_checks.SATURATED:
@@ -187,6 +194,7 @@ class WallAngles:
             )
         state = WallState(
             patches,
+            none,
             at,
             np.zeros(2),
             t,
@@ -195,7 +203,6 @@ class WallAngles:
             image,
             frame_checks.repeated(image, ())[1],
             t,
-            np.full(2, np.inf),
         )
         count = len(patches.sd)
         return Sight(at, np.zeros(2), count, count, SEEN), state
@@ -251,22 +258,39 @@ class WallAngles:
         rates = (sight.angles - state.angles) / passed
         if state.missed > _GOING or (state.hunted and np.abs(rates).max() > _FASTEST):
             rates = np.zeros(2)
-        patches, again = state.patches, sight.angles if state.hunted else state.again
-        turned = np.abs(again - sight.angles).max() >= _HUNT
-        if turned and not (np.abs(patches.origins - sight.angles).max(axis=1) < _TURNED).any():
-            smear = np.hypot(sight.sd, _UNEVEN * rates)
-            patches = self.pictures.with_new(pyramid, sight.angles, patches, smear, rates)
-        again = np.full(2, np.inf) if turned else again
+        patches, trial = self._tried(pyramid, state, sight.angles, rates)
+        origins = np.concatenate([patches.origins, trial.origins])
+        if not (np.abs(origins - sight.angles).max(axis=1) < _TURNED).any():
+            smear, every = np.hypot(sight.sd, _UNEVEN * rates), patches.with_more(trial)
+            trial = trial.with_more(self.pictures.new(pyramid, sight.angles, every, smear, rates))
         return replace(
             state,
             patches=patches,
+            trial=trial,
             angles=sight.angles,
             rates=rates,
             t=t,
             missed=0,
             hunted=0,
-            again=again,
         )
+
+    def _tried(
+        self, pyramid: list[Image32], state: WallState, angles: FloatArray, rates: FloatArray
+    ) -> tuple[Patches, Patches]:
+        """Return the patches with the new ones that turn out to be wall, and those still on trial.
+
+        A new patch is wall if it still agrees after a turn, and more so than with what is then
+        where it was in the picture: dirt on the lens, and reflections, stay there. After a search
+        none is left: the view may have been lost because of them.
+        """
+        trial = self.pictures.none if state.hunted else state.trial
+        turned = np.abs(trial.origins - angles).max(axis=1) >= _TRIAL
+        if not turned.any():
+            return state.patches, trial
+        ripe = trial.of(np.flatnonzero(turned))
+        scores, stays = self.pictures.tried(pyramid, ripe, angles, rates)
+        wall = ripe.of(np.flatnonzero((scores >= self.least) & ~(stays >= scores)))
+        return state.patches.with_more(wall), trial.of(np.flatnonzero(~turned))
 
     def _found(
         self, pyramid: list[Image32], state: WallState, start: FloatArray
@@ -277,9 +301,9 @@ class WallAngles:
             return nothing(NO_PATCH, 0, int(chosen.size)), patches
         some, angles = patches.of(chosen), start
         weights = np.ones(chosen.size)
-        levels = LEVELS if state.missed or state.hunted else LEVELS - 1
-        for level in reversed(range(levels)):
-            for _ in range(_STEPS[level]):
+        lost = bool(state.missed or state.hunted)
+        for level in reversed(range(LEVELS if lost else LEVELS - 1)):
+            for _ in range(_STEPS if level or not lost else 2 * _STEPS):
                 scores, normal, slope = self.pictures.compared(
                     pyramid, level, some, angles, state.rates
                 )
@@ -309,7 +333,8 @@ class WallAngles:
         """Return the angles if enough patches agree on them."""
         seen = np.isfinite(scores)
         agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
-        counts = int(agree.sum()), int(seen.sum())
+        hidden = (patches.poor[chosen] >= _HIDDEN) & (not searched)
+        counts = int(agree.sum()), int((agree | (seen & ~hidden)).sum())
         fewest, one_in = self.fewest, _ONE_IN
         if searched:
             fewest, one_in = min(2 * self.fewest, max(counts[1], _ALL)), _SEARCHED

@@ -112,6 +112,9 @@ class WallState:
     Parameters
     ----------
     patches : Patches
+        Those that are known to be wall.
+    trial : Patches
+        New ones, which may be dirt on the lens.
     angles, rates : (2,) array
         Of the last picture that showed them, in radians and radians per second.
     t : float
@@ -126,11 +129,10 @@ class WallState:
         Check sums of the last pictures, to detect repeated ones.
     newest : float
         Time of the newest picture.
-    again : (2,) array
-        Angles at which the view was found again by a search; infinite once it has turned from them.
     """
 
     patches: Patches
+    trial: Patches
     angles: FloatArray
     rates: FloatArray
     t: float
@@ -139,7 +141,6 @@ class WallState:
     before: Image
     earlier: tuple[int, ...]
     newest: float
-    again: FloatArray
 
 
 def nothing(verdict: str, agreeing: int = 0, seen: int = 0) -> Sight:
