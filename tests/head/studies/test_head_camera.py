@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from minorloop.head.control import by_camera
 from minorloop.head.studies import head_camera
-from minorloop.head.studies.head_camera import HOLE, RADIUS, WAIT, run_circle, seen_control
+from minorloop.head.studies.head_camera import HOLE, WAIT, Circle, run_circle, seen_control
 from minorloop.head.studies.head_loop import constant, run_loop
 from minorloop.head.studies.head_static import identify_head
 from minorloop.head.studies.picture_sensor import PictureSensor
@@ -141,9 +141,11 @@ def test_a_head_that_never_sees_again_cools(control, monkeypatch):
 
 def test_a_circle_about_a_hole_is_scored_where_the_true_axis_meets_the_wall(control, monkeypatch):
     monkeypatch.setattr(head_camera, "WAIT", 6.0)
-    found = run_circle(SEED, control, 12.0, lambda head: PictureSensor(head, SEED, bores=(HOLE,)))
+    found = run_circle(
+        SEED, control, Circle(12.0), lambda head: PictureSensor(head, SEED, bores=(HOLE,))
+    )
     assert found.t[0] > 6.0
-    assert np.allclose(np.linalg.norm(found.wanted, axis=1), 1e3 * RADIUS)
+    assert np.allclose(np.linalg.norm(found.wanted, axis=1), 4.0)
     first = np.linalg.norm(found.reached[0] - found.wanted[0])
     assert first < 1.0
     assert WAIT == 15.0

@@ -50,7 +50,7 @@ def study():
         patch.setattr(touch_trials, "TOUCHES", 1)
         by_camera = {
             "LAWS": ("observer", "internal_model"), "STEPS": (20.0,), "STEP_SECONDS": 12.0,
-            "PERIODS": (60.0, 30.0), "WAIT": 4.0, "identify_seen": seen_wires,
+            "WAIT": 4.0, "identify_seen": seen_wires,
             "run_circle": circled,
         }  # fmt: skip
         for name, value in by_camera.items():
@@ -66,7 +66,7 @@ def seen_wires(seed):
     return head_camera.SeenWires(found, identify_coupling(moves), view, 0)
 
 
-def circled(seed, control, period, camera):
+def circled(seed, control, circle, camera):
     """A circle that is not driven."""
     run = run_loop("observer", control, constant(0.0), 0.2, specimen=seed, seed=seed)
     around = np.stack([4 * np.cos(run.t), 4 * np.sin(run.t)], axis=1)
@@ -113,7 +113,7 @@ def test_the_report_has_every_figure(study, figures):
     for number in (2, 5, 6, 8, 10, 11):
         assert f"Fig {number}" in page
     assert page.count("<img") >= 11
-    for said in ("largest circle", "better than the observer", "no bound is set"):
+    for said in ("20 to 25 mm across", "better than the observer", "no bound is set"):
         assert said in page
     assert not re.search(r"<td[^>]*>(nan|inf)</td>", page)
 

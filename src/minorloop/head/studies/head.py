@@ -259,9 +259,9 @@ CLAIMS = (
     ),
     Claim("the same in 30 s [mm]", "camera.circle_30s.rms_mm", "plotted (Fig 11)", most=0.6),
     Claim(
-        "camera alone, largest circle about that hole: across [mm]",
-        "camera.largest_circle_mm",
-        "20 to 25 (Fig 11)",
+        "camera alone, circle of the paper's size in 60 s: rms [mm]",
+        "camera.circle_paper.rms_mm",
+        "plotted (Fig 11)",
     ),
     Claim("angles of pictures, both axes: rms [deg]", "camera.reading_rms_deg", "not given"),
     Claim("aged wires: rms [deg]", "aged.observer_rms_deg", "left open"),
