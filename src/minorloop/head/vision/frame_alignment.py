@@ -16,6 +16,7 @@ import numpy as np
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
+from minorloop.head.vision import _map_kernels as kernels
 from minorloop.head.vision.calibrated_camera import (
     CalibratedCamera,
     Image32,
@@ -99,25 +100,21 @@ class _Maps:
 
     def turn(self, frame: LitFrame) -> FloatArray:
         """Return the turn (2,) of a frame from its measured angles, in radians."""
-        turn = np.zeros(2)
+        turn, told, right = np.zeros(2), np.empty((2, 2)), np.empty(2)
+        rest = np.empty(self._seen.size, dtype=np.float32)
         for n, width in enumerate(_SMOOTHED):
             level, own = self._level(frame, turn)
             both = self._seen & own
             if both.sum() < _FEWEST:
                 return np.zeros(2)
-            (base, steep), (level, slopes) = self._bases[width], self._smoothed(level, width)
-            instrument, slope = steep[:, both], slopes[:, both]
-            if n < _NEAR:
-                instrument = slope = 0.5 * (instrument + slope)
-            rest = (level - base)[both]
-            scale = 1.48 * float(np.median(np.abs(rest))) + _EVEN
-            weight = 1.0 / (1.0 + (rest / scale) ** 2)
+            base, level = self._bases[width], self._smoothed(level, width)
+            count = kernels.differences(level, base, both, rest)
+            scale = 1.48 * float(np.median(np.abs(rest[:count]))) + _EVEN
+            kernels.weigh(level, base, both, self._motion, scale, n < _NEAR, told, right)
             # Smoothed noise is alike over so many texels.
             alike = 4.0 * math.pi * width**2
             prior = alike * scale**2 / _SD**2
-            told = (instrument * weight) @ slope.T
-            right = (instrument * weight) @ rest + prior * turn
-            turn = turn - np.linalg.solve(told + prior * np.eye(2), right)
+            turn = turn - np.linalg.solve(told + prior * np.eye(2), right + prior * turn)
             if not np.abs(turn).max() < _FARTHEST:
                 return np.zeros(2)
         least = float(np.linalg.eigvalsh(0.5 * (told + told.T))[0])
@@ -126,7 +123,8 @@ class _Maps:
     def _moved(self, first: LitFrame) -> FloatArray:
         """Return by how many texels the wall moves on the map, (2, 2, rows, columns).
 
-        The first index is that of the angle, the second of column and row, both for a radian.
+        The first index is that of the angle, the second of column and row, both for a radian; 0
+        where the wall is not seen.
         """
         camera, window = self._camera, self._window
         y, x = np.mgrid[: window.rows, : window.columns]
@@ -134,10 +132,10 @@ class _Maps:
         angles = np.array([first.pan, first.tilt])
         moved = []
         for turn in _TURN * np.eye(2):
-            there = camera.place(camera.pixel(places, *(angles + turn)), *angles)
+            there = camera.shifted(places, angles, angles + turn)
             off = window.texels(there, camera.radius) - np.stack([x, y], axis=-1)
             moved.append(np.moveaxis(off, -1, 0) / _TURN)
-        return np.array(moved)
+        return np.nan_to_num(np.array(moved))
 
     def _level(
         self, frame: LitFrame, turn: FloatArray
@@ -154,8 +152,7 @@ class _Maps:
         inside = ndimage.minimum_filter(seen, _WIDE + 1, mode="constant")
         return level, inside
 
-    def _smoothed(self, level: Image32, width: float) -> tuple[Image32, FloatArray]:
-        """Return a smoothed map, and its change with pan and tilt (2, rows, columns), a radian."""
-        smooth = ndimage.gaussian_filter(level, width, truncate=2.5)
-        down, across = np.gradient(smooth)
-        return smooth, np.nan_to_num(self._motion[:, 0] * across + self._motion[:, 1] * down)
+    def _smoothed(self, level: Image32, width: float) -> Image32:
+        """Return a smoothed map."""
+        smooth: Image32 = ndimage.gaussian_filter(level, width, truncate=2.5)
+        return smooth
