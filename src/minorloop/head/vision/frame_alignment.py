@@ -16,6 +16,7 @@ import numpy as np
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
+from minorloop.head._filter_kernels import gaussian
 from minorloop.head.vision import _map_kernels as kernels
 from minorloop.head.vision.calibrated_camera import (
     CalibratedCamera,
@@ -35,6 +36,8 @@ _WIDE = 12
 _SMOOTHED = (4.0, 2.5, 1.5, 1.0, 1.0)
 """Widths in texels of the Gaussian smoothing, one for each step of the search: wide first, so that
 frames half a degree apart are found."""
+_CUT = 2.5
+"""Widths at which it is cut off."""
 _NEAR = 2
 """Steps from which the maps lie on each other, so that noise is what shortens a step."""
 _CLIPPED = 0.5
@@ -96,7 +99,7 @@ class _Maps:
         self._light = np.maximum(light, LEAST_LIGHT)
         self._motion = self._moved(first)
         level, self._seen = self._level(first, np.zeros(2))
-        self._bases = {width: self._smoothed(level, width) for width in _SMOOTHED}
+        self._bases = {width: gaussian(level, width, _CUT) for width in _SMOOTHED}
 
     def turn(self, frame: LitFrame) -> FloatArray:
         """Return the turn (2,) of a frame from its measured angles, in radians."""
@@ -107,7 +110,7 @@ class _Maps:
             both = self._seen & own
             if both.sum() < _FEWEST:
                 return np.zeros(2)
-            base, level = self._bases[width], self._smoothed(level, width)
+            base, level = self._bases[width], gaussian(level, width, _CUT)
             count = kernels.differences(level, base, both, rest)
             scale = 1.48 * float(np.median(np.abs(rest[:count]))) + _EVEN
             kernels.weigh(level, base, both, self._motion, scale, n < _NEAR, told, right)
@@ -151,8 +154,3 @@ class _Maps:
         level = np.where(seen, np.clip(level, -_CLIPPED, _CLIPPED), np.float32(0))
         inside = ndimage.minimum_filter(seen, _WIDE + 1, mode="constant")
         return level, inside
-
-    def _smoothed(self, level: Image32, width: float) -> Image32:
-        """Return a smoothed map."""
-        smooth: Image32 = ndimage.gaussian_filter(level, width, truncate=2.5)
-        return smooth
