@@ -138,7 +138,7 @@ class _Maps:
             there = camera.shifted(places, angles, angles + turn)
             off = window.texels(there, camera.radius) - np.stack([x, y], axis=-1)
             moved.append(np.moveaxis(off, -1, 0) / _TURN)
-        return np.nan_to_num(np.array(moved))
+        return np.asarray(np.nan_to_num(np.array(moved)))
 
     def _level(
         self, frame: LitFrame, turn: FloatArray
