@@ -243,7 +243,7 @@ class Centring(Procedure[CentreState]):
         return (reading.angles, None) if sighted is None else (sighted, sighted)
 
     def _checked(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
-        """Return the state with the error, done if it has been small, unknown, or large for long."""
+        """Return the state with the error, done if that was small, unknown or large for long."""
         if move.error < NEARER * state.least:
             state = replace(state, least=move.error, least_since=t)
         since = held_since(state.near_since, t, move.error < self.in_middle)
