@@ -74,7 +74,7 @@ class CrackBasis:
         back = np.roll(waves[:, ::-1], 1, axis=1)
         squares = along**2, across**2, wavenumbers
         echoes = [kernels.crack_echo(waves, back, *squares, depth) for depth in depths]
-        return np.asarray(echoes) * _STEP / count
+        return np.asarray(echoes, dtype=np.complex128) * (_STEP / count)
 
 
 def basis_of_crack(crack: Crack, radius: float) -> CrackBasis:
