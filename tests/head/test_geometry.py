@@ -91,6 +91,16 @@ def test_a_camera_outside_the_pipe_is_refused():
         geometry.meet_wall([11e-3, 0, 0], [1.0, 0, 0], 10e-3)
 
 
+@given(pan=angles, tilt=angles, roll=st.floats(-3, 3), squint=angles, camera=st.floats(-3, 3))
+def test_a_pose_is_the_product_of_its_turns(pan, tilt, roll, squint, camera):
+    mount = Mount(8e-3, (1e-3, -0.5e-3), roll, 5e-3, squint, camera)
+    pose = mount.pose(pan, tilt)
+    turn = geometry.rotation_z(roll) @ geometry.pan_tilt(pan, tilt) @ mount.camera
+    np.testing.assert_allclose(pose.rotation, turn, atol=1e-14)
+    pivot = np.array([1e-3, -0.5e-3, 5e-3])
+    np.testing.assert_allclose(pose.position, pivot + 8e-3 * turn[:, 2], atol=1e-16)
+
+
 @given(pan=angles, tilt=angles, roll=st.floats(-3, 3))
 def test_a_pose_and_back(pan, tilt, roll):
     pose = Mount(offset=(1e-3, -0.5e-3), roll=roll, advance=5e-3).pose(pan, tilt)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
+from minorloop.head import _geometry_kernels as kernels
 
 REACH = float(np.radians(30.0))
 """Half-angle of the cone in which the head may look; beyond, the lens touches the wall."""
@@ -173,9 +174,8 @@ class Mount:
 
     def pose(self, pan: float, tilt: float) -> Pose:
         """Return the pose of the camera at a pan and a tilt, in radians."""
-        rotation = rotation_z(self.roll) @ pan_tilt(pan, tilt) @ self.camera
-        pivot = np.array([self.offset[0], self.offset[1], self.advance])
-        return Pose(rotation, pivot + self.lever * rotation[:, 2])
+        place = self.lever, *self.offset, self.advance, self.roll, self.squint, self.camera_roll
+        return Pose(*kernels.pose(pan, tilt, *place))
 
     def aim(self, point: npt.ArrayLike) -> tuple[float, float]:
         """Return pan and tilt, in radians, that centre a (3,) point of the pipe in the image.

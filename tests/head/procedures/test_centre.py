@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from minorloop.head.geometry import wall_point
-from minorloop.head.procedures.centre import CONE, LOST_FOR, NOT_IN_VIEW, TWO_TICKS, Centring
+from minorloop.head.procedures.centre import (
+    CONE,
+    LOST_FOR,
+    NOT_IN_VIEW,
+    STUCK_FOR,
+    STUCK_PX,
+    TWO_TICKS,
+    Centring,
+)
 from minorloop.head.vision.tracking import TRACKED
 
 from .fakes import CALIBRATION, Loop, eye
@@ -50,6 +58,17 @@ def test_a_point_that_is_lost_is_given_up_unless_it_is_to_be_held(still, ends):
     )
     assert loop.run(centring, centring.begin(PLACE)).verdict != TRACKED
     assert loop.t == pytest.approx(ends, abs=0.2)
+
+
+@pytest.mark.parametrize(("still", "ends"), [(0.44, STUCK_FOR), (np.inf, 8.0)])
+def test_a_head_that_comes_no_nearer_is_stuck_unless_the_point_is_to_be_held(still, ends):
+    loop = Loop(AIM + np.array([0.1, 0.0]), (1e-3, 0.0), share=0.0, sees=True)
+    centring = Centring(calibration=CALIBRATION, still=still, patience=8.0, interval=TWO_TICKS)
+    state = loop.run(centring, centring.begin(PLACE))
+    assert state.verdict == TRACKED
+    assert state.stuck == np.isfinite(still)
+    assert state.error > STUCK_PX
+    assert loop.t == pytest.approx(ends, abs=0.5)
 
 
 def test_without_sensors_the_angles_follow_from_the_image():

@@ -18,17 +18,17 @@ def beam(width=0.25e-3):
 
 def test_a_broad_beam_goes_down_and_up_as_a_plane_wave():
     mouth = np.ones_like(beam()) * np.hanning(len(PART))[None, :, None]
-    echo = COURSE.echo(mouth, PART, K, 0.5e-3) / COURSE.echo(mouth, PART, K, 0.0)
+    echo = np.divide(*COURSE.echo(mouth, PART, K, 0.5e-3, 0.0))
     assert np.abs(echo / np.exp(2j * K * 0.5e-3) - 1).max() < 0.05
 
 
 def test_without_depth_it_is_the_wall_over_its_mouth():
     area = 0.04e-3 * (beam() ** 2 @ COURSE.weights * COURSE.widths[PART]).sum(axis=1)
-    assert COURSE.echo(beam(), PART, K, 0.0) == pytest.approx(2j * K * area, rel=0.02)
+    assert COURSE.echo(beam(), PART, K, 0.0)[0] == pytest.approx(2j * K * area, rel=0.02)
 
 
 def test_the_echo_of_a_narrow_beam_is_earlier_and_weaker_than_of_a_plane_wave():
-    echo = COURSE.echo(beam(0.06e-3), PART, K, 0.5e-3)
-    plain = COURSE.echo(beam(0.06e-3), PART, K, 0.0)
+    echo = COURSE.echo(beam(0.06e-3), PART, K, 0.5e-3)[0]
+    plain = COURSE.echo(beam(0.06e-3), PART, K, 0.0)[0]
     assert (np.abs(echo / plain) < 0.97).all()
     assert (np.angle(echo / plain / np.exp(2j * K * 0.5e-3)) < 0).all()

@@ -26,6 +26,17 @@ def test_a_pixel_on_the_wall_projects_to_itself(u, v):
         np.testing.assert_allclose(CAMERA.pixel(place, *AIM), (u, v), atol=1e-6)
 
 
+@given(u=st.floats(20, 620), v=st.floats(20, 460), by=st.floats(-0.01, 0.01))
+def test_a_place_after_an_unknown_turn_is_that_of_its_pixel(u, v, by):
+    before, after = np.array(AIM), np.array(AIM) + np.array([by, -by])
+    place = CAMERA.place((u, v), *AIM)
+    assume(np.isfinite(place).all() and place[1] < 0.5)
+    seen = CAMERA.place(CAMERA.pixel(place, *after), *AIM)
+    np.testing.assert_allclose(CAMERA.shifted(place, before, after), seen, atol=1e-8)
+    behind = CAMERA.shifted(np.array([place[0], -1.0]), before, after)
+    assert np.isnan(behind).all()
+
+
 def test_a_frame_laid_flat_shows_what_is_painted_on_the_wall():
     window = window_around(0.5, 20e-3, size=6e-3)
     flat = unroll(photograph(*AIM, noise=0.0), CAMERA, window, *AIM)

@@ -323,8 +323,10 @@ def _numbers(values: npt.ArrayLike, count: int) -> FloatArray:
 
 def _each(values: npt.ArrayLike, count: int) -> list[object]:
     """Return one value for each axis; all of them for each if there are not as many."""
+    each: list[object]
     try:
-        each = list(np.ravel(np.asarray(values, dtype=object)))
+        plain = isinstance(values, np.ndarray) and values.dtype == np.float64
+        each = np.ravel(np.asarray(values, dtype=None if plain else object)).tolist()
     except ValueError:
         each = []
     return each if len(each) == count else [[values]] * count

@@ -230,14 +230,14 @@ class SignWatch(WireWatch):
         if not follows or model < before.risen:
             return Sign(False, model, reading, reading)
         if model < before.risen + _RISE:
-            return replace(before, seen=reading, gap=0)
+            return Sign(False, before.risen, before.read, reading)
         fallen = reading < before.read - _FALL
         below = reading < self.wire.operator.range[0] - _FALL
         if fallen and below:
             return replace(before, reversed=True)
         # Readings are late: they have twice the rise to fall.
         if model < before.risen + 2 * _RISE:
-            return replace(before, seen=reading, gap=0)
+            return Sign(False, before.risen, before.read, reading)
         return Sign(False, model, reading, reading)
 
 

@@ -38,7 +38,9 @@ class CentreState:
     tracked last; ``sighted`` (2,) the angles of a head without sensors by the last frame.
     ``verdict`` is that of the tracker, or ``not in view`` if the first frame does not show the
     point whole; ``error`` in pixels from the middle, NaN if the point is not tracked. The point
-    has been in the middle without a break from ``near_since``, and lost from ``lost_since``.
+    has been in the middle without a break from ``near_since``, and lost from ``lost_since``. It
+    was ``least`` pixels from the middle from ``least_since`` on, and is ``stuck`` if it comes no
+    nearer.
     """
 
     place: FloatArray
@@ -52,12 +54,18 @@ class CentreState:
     began: float | None = None
     near_since: float | None = None
     lost_since: float | None = None
+    least: float = math.inf
+    least_since: float = 0.0
+    stuck: bool = False
     done: bool = False
 
 
 NOT_IN_VIEW = "not in view"
 LOST_FOR = 3.0
 """Seconds without the point after which it is not centred: what comes back does so within 1 s."""
+STUCK_FOR, STUCK_PX, NEARER = 5.0, 20.0, 0.95
+"""Seconds without coming nearer, to this share of the distance, after which a point farther than
+this from the middle does not come there: wires out of reach, which turn within 3 s if they do."""
 TWO_TICKS = 0.08
 """Seconds between frames of a tracker that works alone: the head turns by less than a degree."""
 
@@ -235,11 +243,16 @@ class Centring(Procedure[CentreState]):
         return (reading.angles, None) if sighted is None else (sighted, sighted)
 
     def _checked(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
-        """Return the state with the error, done if that has been small, or unknown, for long."""
+        """Return the state with the error, done if that was small, unknown or large for long."""
+        if move.error < NEARER * state.least:
+            state = replace(state, least=move.error, least_since=t)
         since = held_since(state.near_since, t, move.error < self.in_middle)
         lost = held_since(state.lost_since, t, state.verdict != TRACKED)
         still = since is not None and passed(since, t, self.still)
         late = passed(state.began or 0.0, t, self.patience)
         gone = math.isfinite(self.still) and lost is not None and passed(lost, t, LOST_FOR)
-        done = still or late or gone
-        return replace(state, error=move.error, near_since=since, lost_since=lost, done=done)
+        far = math.isfinite(self.still) and move.error > STUCK_PX
+        stuck = far and passed(state.least_since, t, STUCK_FOR)
+        done = still or late or gone or stuck
+        state = replace(state, error=move.error, near_since=since, lost_since=lost)
+        return replace(state, stuck=stuck, done=done)

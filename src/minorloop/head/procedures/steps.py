@@ -154,7 +154,7 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
             go(rig, angles=aim_at(rig.calibration, place, rig.place))
             meter(rig, place)
             continue
-        if not outlined:
+        if not outlined or state.stuck:
             break
         place, pixel = state.place, _outlined(rig, centring, state.place)
         lens = rig.calibration.lens

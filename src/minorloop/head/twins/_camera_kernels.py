@@ -80,7 +80,8 @@ def fill_nodes(rays, rotations, positions, radius, leds, strengths, optics, exti
                 lx, ly, lz = lx / far, ly / far, lz / far
                 ahead = -(lx * turn[0, 2] + ly * turn[1, 2] + lz * turn[2, 2])
                 power = strengths[k] * max(ahead, 0.0) * _NEAR / far**2
-                power *= np.exp(-extinction * (far + length))
+                if extinction > 0.0:
+                    power *= np.exp(-extinction * (far + length))
                 hx, hy, hz = lx - dx, ly - dy, lz - dz
                 up = max(hx * nx + hy * ny, 0.05)
                 p, q = (hx * tx + hy * ty) / up, hz / up
@@ -131,7 +132,7 @@ def backscatter(rays, rotations, positions, radius, leds, strengths, water, out)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _unwrap(fields, i, j):
+def unwrapped(fields, i, j):
     """Return phi at the corners of a cell without jumps: upper left, right, lower left, right."""
     turn = _F(2 * np.pi)
     a, b = fields[0, i, j], fields[0, i, j + 1]
@@ -142,125 +143,12 @@ def _unwrap(fields, i, j):
     return a, b, c, d
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _rows_between(fields, row, edge, lines):
-    """Fill lines (F, W) with fields along a row of pixels, all but phi; edge (U,) is scratch."""
-    i, share = row // CELL, _F(row % CELL) / _F(CELL)
-    part = _ONE / _F(CELL)
-    for f in range(1, fields.shape[0]):
-        upper, lower, line = fields[f, i], fields[f, i + 1], lines[f]
-        for j in range(edge.size):
-            edge[j] = upper[j] + share * (lower[j] - upper[j])
-        for j in range(edge.size - 1):
-            left, slope = edge[j], (edge[j + 1] - edge[j]) * part
-            for k in range(CELL):
-                line[j * CELL + k] = left + slope * _F(k)
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _look_up(fields, row, lines, texels, shapes, size, look):
-    """Fill look (4, W) with albedo, slopes and gloss along a row."""
-    top = shapes.shape[0] - 1
-    i0, share = row // CELL, _F(row % CELL) / _F(CELL)
-    albedo, slope_around, slope_along, gloss = look[0], look[1], look[2], look[3]
-    z, where, part = lines[1], np.empty(CELL, np.int32), np.empty((2, CELL), np.float32)
-    for cell in range(fields.shape[2] - 1):
-        start = cell * CELL
-        wide = lines[2, start + CELL // 2] / size[0]
-        level = 0
-        while level < top and wide > _F(1.5):
-            wide *= _HALF
-            level += 1
-        first, rows, columns = shapes[level, 0], shapes[level, 1], shapes[level, 2]
-        scale = _ONE / _F(1 << level)
-        middle = _HALF - _HALF * scale  # texels of a coarser level sit between those below
-        along, turn, last = scale / size[1], _F(columns), _F(rows - 1)
-        a, b, c, d = _unwrap(fields, i0, cell)
-        a, b = a + share * (c - a), b + share * (d - b)
-        x0, xs = a * scale / size[2], (b - a) * scale / size[2] / _F(CELL)
-        x0 += (_ONE - np.floor(x0 / turn)) * turn - middle
-        begin, width = np.int32(first), np.int32(columns + 1)
-        # The first of the two loops becomes one of vectors; together they would not.
-        for k in range(CELL):
-            # Within a cell phi may pass pi, by less than a turn either way.
-            x = x0 + xs * _F(k)
-            x = x - turn if x >= turn else x
-            x = x - turn if x >= turn else x
-            y = min(max(z[start + k] * along - middle, _ZERO), last)
-            j, i = np.int32(x), np.int32(y)
-            part[0, k], part[1, k] = x - _F(j), y - _F(i)
-            where[k] = begin + i * width + j
-        for k in range(CELL):
-            u, here = np.uint64(start + k), np.uint64(where[k])
-            below = here + np.uint64(width)
-            sx, sy = part[0, k], part[1, k]
-            pa, pb = texels[here], texels[here + np.uint64(1)]
-            pc, pd = texels[below], texels[below + np.uint64(1)]
-            wd = sx * sy
-            wb, wc = sx - wd, sy - wd
-            wa = _ONE - sx - wc
-            albedo[u] = wa * pa[0] + wb * pb[0] + wc * pc[0] + wd * pd[0]
-            slope_around[u] = wa * pa[1] + wb * pb[1] + wc * pc[1] + wd * pd[1]
-            slope_along[u] = wa * pa[2] + wb * pb[2] + wc * pc[2] + wd * pd[2]
-            gloss[u] = wa * pa[3] + wb * pb[3] + wc * pc[3] + wd * pd[3]
-
-
-_EXACT = {"nnan", "ninf", "nsz", "reassoc"}
-"""What may be assumed of numbers where each product, quotient and root is rounded by itself: fused
-products and estimates of reciprocals differ between processors."""
-
-
-# Without a check of each divisor, loops that divide become loops of vectors too.
-@njit(cache=True, nogil=True, fastmath=_EXACT, error_model="numpy")
-def _shade(lines, look, metal, spare, out):
-    """Compute the radiance along a row, in short loops that the compiler vectorises."""
-    around, along = _ONE / metal[2], _ONE / metal[3]
-    peak, ambient = metal[1] * around * along / _F(np.pi), metal[4]
-    albedo, a, b, gloss, others = look[0], look[1], look[2], look[3], lines[4]
-    for u in range(out.size):
-        albedo[u] *= metal[0]
-    for u in range(out.size):
-        out[u] = ambient * albedo[u] * others[u]
-    for u in range(out.size):
-        albedo[u] /= np.sqrt(_ONE + a[u] * a[u] + b[u] * b[u])
-    for k in range((lines.shape[0] - COMMON) // PER_LED):
-        first = COMMON + PER_LED * k
-        en, ea, ez = lines[first], lines[first + 1], lines[first + 2]
-        p, q, weight = lines[first + 3], lines[first + 4], lines[first + 5]
-        for u in range(out.size):
-            spare[u] = max(en[u] - a[u] * ea[u] - b[u] * ez[u], _ZERO)
-        for u in range(out.size):
-            out[u] += albedo[u] * spare[u]
-        for u in range(out.size):
-            s, t = (p[u] + a[u]) * around, (q[u] + b[u]) * along
-            spare[u] = _ONE + s * s + t * t
-        for u in range(out.size):
-            out[u] += peak * gloss[u] * weight[u] / (spare[u] * spare[u])
-
-
-@njit(cache=True, nogil=True)
-def shade(fields, texels, shapes, size, metal, radiance):
-    """Fill radiance with that of the wall, without its bores and cracks.
-
-    ``size`` is (texel around, texel along, angle of a texel), ``metal`` (diffuse, specular,
-    roughness around, roughness along, ambient), all float32.
-    """
-    lines = np.empty((fields.shape[0], radiance.shape[1]), np.float32)
-    look = np.empty((4, radiance.shape[1]), np.float32)
-    edge = np.empty(fields.shape[2], np.float32)
-    spare = np.empty(radiance.shape[1], np.float32)
-    for row in range(radiance.shape[0]):
-        _rows_between(fields, row, edge, lines)
-        _look_up(fields, row, lines, texels, shapes, size, look)
-        _shade(lines, look, metal, spare, radiance[row])
-
-
 @njit(cache=True, nogil=True)
 def _place_at(fields, v, u, slope):
     """Return phi and z of one pixel; fill slope (2, 2) with their slopes over u and v."""
     i, j = v // CELL, u // CELL
     sv, su = (v % CELL) / CELL, (u % CELL) / CELL
-    a, b, c, d = _unwrap(fields, i, j)
+    a, b, c, d = unwrapped(fields, i, j)
     phi = (1 - sv) * ((1 - su) * a + su * b) + sv * ((1 - su) * c + su * d)
     slope[0, 0] = ((1 - sv) * (b - a) + sv * (d - c)) / CELL
     slope[0, 1] = ((1 - su) * (c - a) + su * (d - b)) / CELL

@@ -56,9 +56,9 @@ class CrackBasis:
         pressure: npt.NDArray[np.complex128],
         part: npt.NDArray[np.intp],
         wavenumbers: FloatArray,
-        depth: float,
+        *depths: float,
     ) -> npt.NDArray[np.complex128]:
-        """Return the sum of 2 p dp/dn (F,) at a depth, for pressure (F, P, Q) on part of the mouth.
+        """Return sums of 2 p dp/dn (D, F) at depths, for pressure (F, P, Q) on part of the mouth.
 
         Notes
         -----
@@ -72,9 +72,9 @@ class CrackBasis:
         across = np.pi * np.arange(self.modes.shape[1]) / float(local.mean())
         waves = np.fft.fft(amplitudes, count, axis=1)
         back = np.roll(waves[:, ::-1], 1, axis=1)
-        total = kernels.crack_echo(waves, back, along**2, across**2, wavenumbers, depth)
-        echo: npt.NDArray[np.complex128] = total * _STEP / count
-        return echo
+        squares = along**2, across**2, wavenumbers
+        echoes = [kernels.crack_echo(waves, back, *squares, depth) for depth in depths]
+        return np.asarray(echoes, dtype=np.complex128) * (_STEP / count)
 
 
 def basis_of_crack(crack: Crack, radius: float) -> CrackBasis:

@@ -194,6 +194,7 @@ class SimulatedTip:
         flow: Callable[[bool], None] | None = None,
     ) -> None:
         self._mount, self._flow = mount or Mount(), flow
+        self._known_mount = self._mount
         self.pipe = pipe
         self.camera = Camera(pipe, self._mount, optics, specimen=specimen, seed=seed)
         self.tool = MicroTool(pipe, self._mount, specimen=specimen)
@@ -284,5 +285,8 @@ class SimulatedTip:
 
     def _mount_now(self) -> Mount:
         advance, roll = self._stance[4:]
-        mount = self._mount
-        return replace(mount, advance=mount.advance + advance, roll=mount.roll + roll)
+        mount, known = self._mount, self._known_mount
+        place = mount.advance + advance, mount.roll + roll
+        if place != (known.advance, known.roll):
+            self._known_mount = replace(mount, advance=place[0], roll=place[1])
+        return self._known_mount

@@ -186,6 +186,7 @@ class Ultrasound(Mounted):
             probe.aperture, probe.focus, self._k,
             near=stand_off - 2e-3, far=stand_off + 1.6e-3, off=self._reach + 0.8e-3,
         )  # fmt: skip
+        self._parts = _parts(self._beam.table)
         self._features = _features(self._pipe)
         pits = [bore for bore in self._pipe.bores if not bore.through]
         self._bases: list[PitBasis] = [basis_of(pit, radius, self._k[-1]) for pit in pits]
@@ -249,7 +250,7 @@ class Ultrasound(Mounted):
         out = np.zeros(len(self._k), dtype=np.complex128)
         extra = np.zeros_like(out)
         kernels.echo_of_wall(
-            self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
+            self._parts, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
             self._pipe.radius, self._reach, _FACET, water, bores, dents, texture,
             grains, _CELL, rough, self._stand_off, out, extra,
         )  # fmt: skip
@@ -301,10 +302,12 @@ class Ultrasound(Mounted):
         points = np.ascontiguousarray(course.points[part].reshape(-1, 3))
         mouth = self._pressure(points, origin, axis).reshape(len(self._k), part.size, -1)
         thickness = self._pipe.thickness
-        change = -course.echo(mouth, part, self._k, 0.0) * (1 + self._steel(thickness))
-        if crack.depth < thickness:
-            floor = course.echo(mouth, part, self._k, crack.depth)
-            change += floor * (1 + self._steel(thickness - crack.depth))
+        # Without a floor, only the wall over it is missing.
+        depths = (0.0, crack.depth) if crack.depth < thickness else (0.0,)
+        wall, *floor = course.echo(mouth, part, self._k, *depths)
+        change: Spectrum = -wall * (1 + self._steel(thickness))
+        for echo in floor:
+            change += echo * (1 + self._steel(thickness - crack.depth))
         return change
 
     def _floor(
@@ -378,9 +381,25 @@ def compile_echoes() -> None:
     bores, dents = _features(Pipe())
     surface = np.zeros((1, 1)), np.zeros((1, 1, 2)), 1.0, 0.0
     kernels.echo_of_wall(
-        *beam, 1.0, 0.0, 1.0, -np.inf, bores, dents, *surface, 0.0, out, np.zeros_like(out)
+        _parts(table),
+        *beam[1:],
+        1.0,
+        0.0,
+        1.0,
+        -np.inf,
+        bores,
+        dents,
+        *surface,
+        0.0,
+        out,
+        np.zeros_like(out),
     )
     kernels.pressure_at(*beam, 0.0, origin[None], out[None])
+
+
+def _parts(table: npt.NDArray[np.complex64]) -> npt.NDArray[np.float32]:
+    """Return a table (N, M, F) with real and imaginary parts apart, (N, M, 2, F)."""
+    return np.ascontiguousarray(np.stack([table.real, table.imag], axis=2))
 
 
 def _speed_of_sound(temperature: float) -> float:

@@ -58,6 +58,20 @@ class CalibratedCamera:
         points = wall_point(where[..., 0], where[..., 1], self.radius)
         return self.lens.project(self.mount.pose(pan, tilt).to_camera(points))
 
+    def shifted(self, places: npt.ArrayLike, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Return phi and z (..., 2) where places (..., 2) seem to be after an unknown turn.
+
+        They are seen by a head at angles ``after`` (2,), of which only those ``before`` (2,) are
+        known; NaN behind the camera. It is the place of their pixel, without lens distortion and
+        its inverse.
+        """
+        where = np.asarray(places, dtype=np.float64)
+        points = wall_point(where[..., 0], where[..., 1], self.radius)
+        seen = self.mount.pose(*after.tolist()).to_camera(points)
+        seen[~(seen[..., 2] > 0)] = np.nan
+        pose = self.mount.pose(*before.tolist())
+        return meet_wall(pose.position, seen @ pose.rotation.T, self.radius)[..., :2]
+
     def inside(self, pan: float, tilt: float) -> bool:
         """Return whether pan and tilt are finite and put the lens inside the pipe."""
         if not (math.isfinite(pan) and math.isfinite(tilt)):

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
+from minorloop.head._filter_kernels import ZERO, gaussian
 from minorloop.head.vision import _outline_kernels as kernels
 from minorloop.head.vision.calibrated_camera import Image32, halved
 from minorloop.head.vision.reflectance_map import STEP, ReflectanceMap, median
@@ -136,8 +137,8 @@ def _rings(wall: ReflectanceMap) -> Image32:
     rings = np.zeros(tuple(n // 2 for n in wall.ground.shape), np.float32)
     for image in images:
         level = halved(np.clip(image - wall.ground, low, high))
-        kernels.vote(ndimage.gaussian_filter(level, 0.7, truncate=2.5), near, far, rings)
-    shared = ndimage.gaussian_filter(rings, 1.0, truncate=2.5) / len(images)
+        kernels.vote(gaussian(level, 0.7, 2.5), near, far, rings)
+    shared = gaussian(rings, 1.0, 2.5) / len(images)
     return np.asarray(shared, dtype=np.float32)
 
 
@@ -160,8 +161,8 @@ def _blob(level: Image32, seen: np.ndarray) -> Image32:
     means = []
     for sigma in _SIGMAS:
         width = sigma / 2
-        share = ndimage.gaussian_filter(weight, width, truncate=3.0, mode="constant")
-        total = ndimage.gaussian_filter(value, width, truncate=3.0, mode="constant")
+        share = gaussian(weight, width, 3.0, ZERO)
+        total = gaussian(value, width, 3.0, ZERO)
         means.append((total / np.maximum(share, 0.05), share))
     blob: Image32 = np.where(means[0][1] < 0.6, np.float32(0), means[0][0] - means[1][0])
     return blob

@@ -16,6 +16,8 @@ import numpy as np
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
+from minorloop.head._filter_kernels import gaussian
+from minorloop.head.vision import _map_kernels as kernels
 from minorloop.head.vision.calibrated_camera import (
     CalibratedCamera,
     Image32,
@@ -34,6 +36,8 @@ _WIDE = 12
 _SMOOTHED = (4.0, 2.5, 1.5, 1.0, 1.0)
 """Widths in texels of the Gaussian smoothing, one for each step of the search: wide first, so that
 frames half a degree apart are found."""
+_CUT = 2.5
+"""Widths at which it is cut off."""
 _NEAR = 2
 """Steps from which the maps lie on each other, so that noise is what shortens a step."""
 _CLIPPED = 0.5
@@ -95,29 +99,25 @@ class _Maps:
         self._light = np.maximum(light, LEAST_LIGHT)
         self._motion = self._moved(first)
         level, self._seen = self._level(first, np.zeros(2))
-        self._bases = {width: self._smoothed(level, width) for width in _SMOOTHED}
+        self._bases = {width: gaussian(level, width, _CUT) for width in _SMOOTHED}
 
     def turn(self, frame: LitFrame) -> FloatArray:
         """Return the turn (2,) of a frame from its measured angles, in radians."""
-        turn = np.zeros(2)
+        turn, told, right = np.zeros(2), np.empty((2, 2)), np.empty(2)
+        rest = np.empty(self._seen.size, dtype=np.float32)
         for n, width in enumerate(_SMOOTHED):
             level, own = self._level(frame, turn)
             both = self._seen & own
             if both.sum() < _FEWEST:
                 return np.zeros(2)
-            (base, steep), (level, slopes) = self._bases[width], self._smoothed(level, width)
-            instrument, slope = steep[:, both], slopes[:, both]
-            if n < _NEAR:
-                instrument = slope = 0.5 * (instrument + slope)
-            rest = (level - base)[both]
-            scale = 1.48 * float(np.median(np.abs(rest))) + _EVEN
-            weight = 1.0 / (1.0 + (rest / scale) ** 2)
+            base, level = self._bases[width], gaussian(level, width, _CUT)
+            count = kernels.differences(level, base, both, rest)
+            scale = 1.48 * float(np.median(np.abs(rest[:count]))) + _EVEN
+            kernels.weigh(level, base, both, self._motion, scale, n < _NEAR, told, right)
             # Smoothed noise is alike over so many texels.
             alike = 4.0 * math.pi * width**2
             prior = alike * scale**2 / _SD**2
-            told = (instrument * weight) @ slope.T
-            right = (instrument * weight) @ rest + prior * turn
-            turn = turn - np.linalg.solve(told + prior * np.eye(2), right)
+            turn = turn - np.linalg.solve(told + prior * np.eye(2), right + prior * turn)
             if not np.abs(turn).max() < _FARTHEST:
                 return np.zeros(2)
         least = float(np.linalg.eigvalsh(0.5 * (told + told.T))[0])
@@ -126,7 +126,8 @@ class _Maps:
     def _moved(self, first: LitFrame) -> FloatArray:
         """Return by how many texels the wall moves on the map, (2, 2, rows, columns).
 
-        The first index is that of the angle, the second of column and row, both for a radian.
+        The first index is that of the angle, the second of column and row, both for a radian; 0
+        where the wall is not seen.
         """
         camera, window = self._camera, self._window
         y, x = np.mgrid[: window.rows, : window.columns]
@@ -134,10 +135,10 @@ class _Maps:
         angles = np.array([first.pan, first.tilt])
         moved = []
         for turn in _TURN * np.eye(2):
-            there = camera.place(camera.pixel(places, *(angles + turn)), *angles)
+            there = camera.shifted(places, angles, angles + turn)
             off = window.texels(there, camera.radius) - np.stack([x, y], axis=-1)
             moved.append(np.moveaxis(off, -1, 0) / _TURN)
-        return np.array(moved)
+        return np.asarray(np.nan_to_num(np.array(moved)))
 
     def _level(
         self, frame: LitFrame, turn: FloatArray
@@ -153,9 +154,3 @@ class _Maps:
         level = np.where(seen, np.clip(level, -_CLIPPED, _CLIPPED), np.float32(0))
         inside = ndimage.minimum_filter(seen, _WIDE + 1, mode="constant")
         return level, inside
-
-    def _smoothed(self, level: Image32, width: float) -> tuple[Image32, FloatArray]:
-        """Return a smoothed map, and its change with pan and tilt (2, rows, columns), a radian."""
-        smooth = ndimage.gaussian_filter(level, width, truncate=2.5)
-        down, across = np.gradient(smooth)
-        return smooth, np.nan_to_num(self._motion[:, 0] * across + self._motion[:, 1] * down)

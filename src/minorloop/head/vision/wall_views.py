@@ -249,8 +249,8 @@ def tile_motions(
     places = place + tile * np.stack(steps, axis=-1) / metres
     columns = []
     for turn in _NUDGE * np.eye(2):
-        after = camera.place(camera.pixel(places, *(angles + turn).tolist()), *angles.tolist())
-        columns.append((np.asarray(after) - places) * metres / _NUDGE)
+        after = camera.shifted(places, angles, angles + turn)
+        columns.append((after - places) * metres / _NUDGE)
     motions = np.stack(columns, axis=-1)
     middle = motions[SIDE * SIDE // 2]
     if not np.isfinite(middle).all() or abs(np.linalg.det(middle)) < 1e-12:
