@@ -45,7 +45,8 @@ def study():
         # The wires of one specimen are the same for its control, its sight and its camera.
         patch.setattr(head_static, "_wire", cache(head_static._wire))
         patch.setattr(wall_refinement, "_ROUNDS", 1)
-        patch.setattr(tracking_trials, "WALLS", ("drawn", "repeated"))
+        walls = {name: tracking_trials.WALLS[name] for name in ("drawn", "repeated")}
+        patch.setattr(tracking_trials, "WALLS", walls)
         patch.setattr(tracking_trials, "FRAMES", 16)
         patch.setattr(touch_trials, "TOUCHES", 1)
         by_camera = {

@@ -57,12 +57,11 @@ def add_camera(
             f"Steady rms is of the last {STEADY:.0f} s of a run. Runs by the camera last "
             f"{_end(study):.0f} s, those with joint sensors longer, so the last column has the "
             "same seconds of both. PI, alone or with the inverse, needs most of a run to settle: "
-            "its steady rms by the camera still has the end of the approach, and in the same "
-            "seconds it is as far off with joint sensors. Given time, PI turns until the readings "
-            "agree with the target. With joint sensors the error goes to zero, by the camera to "
-            "that of the calibration. Adaptive has the options of joint sensors: with those of "
-            "the observer by the camera, each change of its operator would move the angle about "
-            "the target.",
+            "its steady rms by the camera still has the end of the approach, as it has with joint "
+            "sensors in the same seconds. Given time, PI turns until the readings agree with the "
+            "target, so that the error of the calibration is left by the camera. Adaptive has the "
+            "options of joint sensors: with those of the observer by the camera, each change of "
+            "its operator would move the angle about the target.",
             "What follows is of the camera alone and the step of "
             f"{_targets(study)[-1]:g} degrees. "
             f"{where_better(STEP, _highest_steps(study), LAWS[0])}",

@@ -537,7 +537,7 @@ def draw_disturbed(study: HeadStudy) -> Any:
         run = study.runs[f"{where}, step {TARGETS[-1]:g}", DEFAULT]
         left.plot(run.t, run.truth.angle[:, 0], color=f"C{place}", lw=1.1, label=where)
     left.axhline(TARGETS[-1], color="0.2", lw=0.8, ls="--")
-    left.set(xlabel="time [s]", ylabel="angle [deg]")
+    left.set(xlabel="time [s]", ylabel="angle [deg]", title=WORDS[DEFAULT])
     left.legend(frameon=False)
     for name in (DEFAULT, "internal_model", "pi"):
         run = study.runs["ambient ramp", name]
@@ -589,8 +589,9 @@ def draw_hopeless(study: HeadStudy) -> Any:
         for alarm in run.alarms:
             for row in range(2):
                 axes[row, column].axvline(alarm.t, color="C3", lw=1.0)
+            words = f"{alarm.verdict.reason},\nafter {alarm.t:.1f} s"
             axes[0, column].text(
-                alarm.t + 0.3, 4, f"{alarm.verdict.reason},\nafter {alarm.t:.1f} s", color="C3"
+                alarm.t + 0.3, 4, words, color="C3", bbox={"fc": "white", "ec": "none", "pad": 1}
             )
         if not run.alarms:
             axes[0, column].text(

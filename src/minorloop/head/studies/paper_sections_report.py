@@ -104,7 +104,7 @@ STATEMENTS = (
         "Feedforward with PI (ref. 11) and a model reference (ref. 12) apply poorly where "
         "conditions vary; an internal model is more robust",
         "section on Fig 10",
-        "settling when disturbed in s: inverse and PI "
+        "held to where the internal model settles sooner; when disturbed, in s: inverse and PI "
         "{rivals.feedforward_pi.disturbed_settle_s:.1f}, model reference "
         "{rivals.model_reference.disturbed_settle_s:.1f}, internal model "
         "{rivals.internal_model.disturbed_settle_s:.1f}, observer "
@@ -154,9 +154,9 @@ STATEMENTS = (
     (
         "4.3, Fig 11",
         "A circle of both axes is followed by vision",
-        "section on Fig 11, the circle on the wall",
+        "section on Fig 11, circles on the wall",
         "{camera.circle_60s.rms_mm:.2f} mm rms in 60 s, {camera.circle_30s.rms_mm:.2f} in 30 s; "
-        "circles of the paper's size are not driven",
+        "{camera.circle_paper.rms_mm:.2f} on one of the paper's size",
     ),
     (
         "4.3",

@@ -114,11 +114,11 @@ def _walls_table(followed: tuple[Followed, ...]) -> Table:
         "plain wall: points that drifted",
     )
     rows = []
-    for wall in WALLS:
+    for wall, words in WALLS.items():
         own = tracking_figures([each for each in followed if each.wall == wall])
         rows.append(
             (
-                wall,
+                words,
                 cell(own["true_error_px_p95"], ".2f"),
                 cell(own["lost_fraction"], ".0%"),
                 cell(own["texture_error_px_p99"], ".2f"),
@@ -149,10 +149,10 @@ def draw_followed(followed: tuple[Followed, ...]) -> Any:
         for each in followed:
             if each.hole == hole:
                 error = np.where(each.tracked, np.maximum(each.error, 1e-2), np.nan)
-                one.plot(error, lw=0.8, color=f"C{WALLS.index(each.wall)}")
+                one.plot(error, lw=0.8, color=f"C{list(WALLS).index(each.wall)}")
         one.set(xlabel="frame", title=title, yscale="log")
-    for k, wall in enumerate(WALLS):
-        axes[0].plot([], [], color=f"C{k}", label=wall)
+    for k, words in enumerate(WALLS.values()):
+        axes[0].plot([], [], color=f"C{k}", label=words)
     axes[0].set_ylabel("off the true point [px of 320]")
     axes[0].legend(frameon=False, ncols=2)
     return figure

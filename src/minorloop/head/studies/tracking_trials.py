@@ -8,6 +8,7 @@ figures are at the scale of a 320 by 240 image.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, replace
 from typing import Any
@@ -25,9 +26,15 @@ from minorloop.head.twins.surroundings import Sway
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.tracking import TRACKED, PatchTracker
 
-WALLS = ("drawn", "poor", "repeated", "polished", "blurred", "lights")
-"""As drawn; hardly any texture; equal spots at equal distances; bright reflections that move with
-the lights; out of focus; lights that are switched and dimmed on the way."""
+WALLS: Mapping[str, str] = {
+    "drawn": "usual texture",
+    "poor": "hardly any texture",
+    "repeated": "equal spots at equal distances",
+    "polished": "reflections that move with the lights",
+    "blurred": "out of focus",
+    "lights": "lights switched and dimmed on the way",
+}
+"""Kinds of walls, and words for them."""
 FRAMES, INTERVAL = 60, 0.04
 """Frames of a sequence, and the time between them in seconds."""
 POINTS = 5
@@ -130,7 +137,7 @@ def draw_sequence(kind: str, seed: int) -> Sequence:
         One of ``WALLS``.
     seed : int
     """
-    rng = np.random.default_rng([seed, 52, WALLS.index(kind)])
+    rng = np.random.default_rng([seed, 52, list(WALLS).index(kind)])
     away, way = math.radians(rng.uniform(*AWAY)), float(rng.uniform(0, 2 * np.pi))
     aim = away * np.array([math.cos(way), math.sin(way)])
     x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
