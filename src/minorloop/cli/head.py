@@ -32,8 +32,8 @@ _Seeing = Annotated[
     str | None,
     typer.Option(
         help="Camera that gives the angles, for a head without sensors at its joints, such as "
-        "camera:0 or camera:http://...; its calibration is that in the file of the head. The "
-        "simulated pipe, twin:pipe, has its own.",
+        "camera:0, camera:http://... or module:PACKAGE.FUNCTION; its calibration is that in the "
+        "file of the head. The simulated pipe, twin:pipe, has its own.",
     ),
 ]
 _File = Annotated[

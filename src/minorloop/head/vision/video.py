@@ -308,7 +308,7 @@ def _target(address: str) -> _Target:
             return Path(address)
         raise ParameterError(
             f"there is no file or folder {address!r}; give one, or camera:0, camera:/dev/video0, "
-            "camera:rtsp://... or camera:http://..."
+            "camera:rtsp://..., camera:http://... or module:PACKAGE.FUNCTION"
         )
     place = address.removeprefix(SCHEME)
     device = place.removeprefix("/dev/video")
@@ -318,7 +318,7 @@ def _target(address: str) -> _Target:
         return place
     raise ParameterError(
         f"there is no camera at {address!r}; give camera:0, camera:/dev/video0, "
-        "camera:rtsp://... or camera:http://..."
+        "camera:rtsp://..., camera:http://... or module:PACKAGE.FUNCTION"
     )
 
 
