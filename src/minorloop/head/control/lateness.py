@@ -164,6 +164,8 @@ class StopWatch(WireWatch):
         known = np.isfinite(reading)
         if len(reading) < self._kept or known[-count:].mean() < _SEEN:
             return 0.0
+        if np.ptp(reading[known]) < (_SLOWER - _BACK) * _WINDOW / 4:  # too little to be a motion
+            return 0.0
         at = np.arange(len(reading))
         angle = np.interp(at, at[known], reading[known])
         rate = (angle[_RATE:] - angle[:-_RATE])[-count:] / (_RATE * self.interval)
