@@ -38,6 +38,7 @@ from minorloop.head.vision.wall_patches import (
     UNSURE,
     Patches,
     Sight,
+    Trial,
     WallState,
     nothing,
 )
@@ -62,6 +63,9 @@ it, such as dirt on the lens."""
 _SEARCHED = 2
 """After a search one in two must agree, and twice as many as else: among many angles, dirt on the
 lens matches at some. Of 160 textures of dirt, 21 reached one in three, and none one in two."""
+_SURE = 0.75
+"""Share of the patches in view which agree only with a clean lens: 0.95 and more did there, and 0.6
+at most where dirt matched. A view that a search found with fewer is on trial."""
 _ALL = 6
 """Where fewer patches are in view than must agree after a search, all do, and are as many as this:
 a head that stopped beside what it remembers."""
@@ -236,7 +240,29 @@ class WallAngles:
                 white = verdict == frame_checks.SATURATED
                 return self._missed(state, verdict, None if white else sight)
             sight, patches = again
-        return sight, self._moved_on(pyramid, replace(state, patches=patches), sight, t)
+        doubt = self._doubt(pyramid, state, sight)
+        moved = self._moved_on(pyramid, replace(state, patches=patches, doubt=doubt), sight, t)
+        return replace(sight, trial=doubt is not None), moved
+
+    def _doubt(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Trial | None:
+        """Return the trial of a view, None if it is known to be the wall.
+
+        It is once most patches agree, or patches agree after a turn with what was not there in the
+        picture before the turn. Dirt stays where it is: what matches at other angles was there.
+        """
+        if not (state.hunted or state.doubt) or sight.agreeing > _SURE * sight.seen:
+            return None
+        if state.doubt is None or state.missed > _GOING:
+            return Trial(pyramid[0], sight.angles)
+        if np.abs(sight.angles - state.doubt.angles).max() < _TRIAL:
+            return state.doubt
+        some = state.patches.of(self.pictures.in_view(state.patches, sight.angles))
+        now, before = (
+            self.pictures.compared([image], 0, some, sight.angles, np.zeros(2))[0]
+            for image in (pyramid[0], state.doubt.image)
+        )
+        turned = (now >= self.least) & ~(before >= self.least)
+        return None if turned.sum() >= self.fewest else state.doubt
 
     def _expected(self, state: WallState, t: float) -> FloatArray:
         """Return the angles at a time if the head goes on turning for a while."""
@@ -319,21 +345,21 @@ class WallAngles:
                 if length < _CLOSE:
                     break
         sd = self._deviations(weights, noise, normal, slope, some.sd)
-        return self._judged(patches, chosen, scores, sd, angles, state.hunted > 0)
+        return self._judged(state, chosen, scores, sd, angles)
 
     def _judged(
         self,
-        patches: Patches,
+        state: WallState,
         chosen: npt.NDArray[np.int64],
         scores: FloatArray,
         sd: FloatArray | None,
         angles: FloatArray,
-        searched: bool,
     ) -> tuple[Sight, Patches]:
         """Return the angles if enough patches agree on them."""
+        patches, searched = state.patches, state.hunted > 0
         seen = np.isfinite(scores)
         agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
-        hidden = (patches.poor[chosen] >= _HIDDEN) & (not searched)
+        hidden = (patches.poor[chosen] >= _HIDDEN) & (not searched and state.doubt is None)
         counts = int(agree.sum()), int((agree | (seen & ~hidden)).sum())
         fewest, one_in = self.fewest, _ONE_IN
         if searched:
