@@ -113,7 +113,7 @@ def test_lost_readings_are_counted_together_and_both_axes_named_once():
 
 def test_readings_that_were_refused_are_not_called_missing():
     why = "what the camera sees has not turned with the head, and 8 of 16 patches agree"
-    (fault,) = driven(lost(5.0, 6.0), [[30.0, 30.0]], 9.0, why=why).faults
+    (fault,) = driven(lost(5.0, 5.1), [[30.0, 30.0]], 9.0, why=why).faults
     assert fault.what == f"readings were not used, because {why}; the wire went by its model"
 
 

@@ -73,6 +73,9 @@ _ALL = 6
 a head that stopped beside what it remembers."""
 _HUNT = math.radians(2.0)
 """Distance between angles that are tried for a lost view: those between lead to the same peak."""
+_AROUND = math.radians(5.0)
+"""Distance from old patches of angles that are tried again within few pictures: axes that cool do
+not go back the way on which they were heated."""
 _BESIDE, _FINE = math.radians(6.0), math.radians(1.0)
 """Distance about the last angles, and between those that are tried there: a head that is not seen
 stops near, and with few patches in view the steps lead to the peak from less than a degree."""
@@ -423,10 +426,10 @@ class WallAngles:
         apart = np.maximum(pan, tilt).min(axis=1)
         order = np.lexsort((np.hypot(*(grid - state.angles).T), np.ceil(apart / _HUNT - 0.5)))
         each = (self.tries + 1) // 2
-        near, far = np.split(order, [min(each, len(order) - 1)])
-        beside = state.angles + self._beside
-        once, again = state.hunted % len(far), state.hunted % len(beside)
-        parts = beside[again : again + each], grid[near], grid[far[once : once + each]]
+        around = min(max(each, int((apart <= _AROUND).sum())), len(order) - 1)
+        near, far = np.split(grid[order], [around])
+        beside, n = state.angles + self._beside, state.hunted
+        parts = [some[n % len(some) :][:each] for some in (beside, near, far)]
         tried = np.concatenate(parts)
         state = replace(state, hunted=state.hunted + each)
         poses = [self.camera.mount.pose(*each.tolist()) for each in tried]
