@@ -267,7 +267,7 @@ class WallAngles:
             self.pictures.compared([image], 0, some, sight.angles, np.zeros(2))[0]
             for image in (pyramid[0], state.doubt.image)
         )
-        turned = (now >= self.least) & ~(before >= self.least)
+        turned = (now >= self.least) & (before < 0.5 * self.least)  # noise changes it by less
         return None if turned.sum() >= self.fewest else state.doubt
 
     def _expected(self, state: WallState, t: float) -> FloatArray:
