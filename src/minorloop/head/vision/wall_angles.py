@@ -64,10 +64,10 @@ _SEARCHED = 2
 """After a search one in two must agree, and twice as many as else: among many angles, dirt on the
 lens matches at some. Of 160 fine textures of dirt, 21 reached one in three, and none one in two;
 of 40 coarse ones, six did."""
-_SURE = 0.75
-"""Share of the patches in view which agree only with a clean lens: 0.95 and more did there, and 0.6
-at most where dirt matched. A view that a search found with fewer, or with less than twice the
-fewest patches, is on trial."""
+_SURE, _MANY = 0.9, 3.5
+"""Share of the patches in view which agree only with a clean lens, and times the fewest that must:
+0.92 and more did there, and 0.6 at most where dirt matched, or 10 of 10 where it hid the others. A
+view that a search found with fewer is on trial."""
 _ALL = 6
 """Where fewer patches are in view than must agree after a search, all do, and are as many as this:
 a head that stopped beside what it remembers."""
@@ -255,7 +255,7 @@ class WallAngles:
         It is once most patches agree, or patches agree after a turn with what was not there in the
         picture before the turn. Dirt stays where it is: what matches at other angles was there.
         """
-        sure = sight.agreeing > max(2 * self.fewest - 1, _SURE * sight.seen)
+        sure = sight.agreeing >= max(_MANY * self.fewest, _SURE * sight.seen)
         if sure or not (state.hunted or state.doubt):
             return None
         if state.doubt is None or state.missed > _GOING:
