@@ -201,7 +201,7 @@ def test_head_drive_checks_its_arguments_before_it_opens_a_device(run, monkeypat
 @pytest.mark.parametrize(
     ("ends", "status"), [(KeyboardInterrupt(), 130), (InstrumentError("the board is silent"), 2)]
 )
-def test_head_drive_keeps_what_it_measured_until_an_error_or_a_signal(
+def test_head_drive_keeps_and_shows_what_it_measured_until_an_error_or_a_signal(
     run, monkeypatch, ends, status
 ):
     control = head_control("observer", (identified().model,) * 2)
@@ -212,23 +212,31 @@ def test_head_drive_keeps_what_it_measured_until_an_error_or_a_signal(
     exchange, count = Head.exchange, iter(range(1000))
 
     def failing(head, u):
-        if next(count) == 76:
+        if (step := next(count) % 77) == 76:
             raise ends
-        return exchange(head, u)
+        return exchange(head, u) * (np.nan if step > 70 else 1.0)
 
     monkeypatch.setattr(Head, "exchange", failing)
     found, out, error = run(f"{drive} --save reached.csv")
-    assert (found, out) == (status, "")
+    assert found == status
+    assert "degrees at the end of each hold, or of the drive in it" in out
+    assert ["30.00", "25.00"] in [line.split()[1:4:2] for line in out.splitlines()]
     said = error.splitlines()
     assert said[0] == (
         "the drive ended after 3.0 s, and what was measured is kept in reached.csv; the head has "
         "confirmed that it is safe"
     )
-    assert said[1] in ("interrupted", "error: the board is silent")
+    assert said[1].startswith("warning: pan and tilt, from 2.84 s to the end: the sensor is lost")
+    assert said[2] in ("interrupted", "error: the board is silent")
     kept = np.genfromtxt("reached.csv", delimiter=",", names=True)
     assert kept["time_s"].tolist() == pytest.approx((0.04 * np.arange(1, 76)).tolist())
     assert kept["wanted_pan_deg"].tolist() == [30.0] * 50 + [10.0] * 25
-    assert np.isfinite(kept["pan_deg"]).all()
+    assert np.isfinite(kept["pan_deg"][:70]).all()
+    found, out, _ = run(f"{drive} --json")
+    shown = json.loads(out)
+    assert (found, set(shown)) == (status, {"error", "unfinished"})
+    assert shown["unfinished"]["targets_deg"] == [[30.0, 25.0], [10.0, 10.0]]
+    assert [each["axis"] for each in shown["unfinished"]["faults"]] == ["pan and tilt"]
 
 
 def test_an_unfinished_drive_does_not_call_a_head_safe_that_did_not_confirm_it(run, monkeypatch):

@@ -156,12 +156,20 @@ def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
 
 _json_missing = False
 """Whether a JSON object is expected on stdout and not yet there."""
+_beside: dict[str, Any] = {}
+"""What is printed beside an error if it ends the command."""
 
 
 def expect_json(wanted: bool) -> None:
     """Note at the beginning of a command line whether it prints JSON."""
     global _json_missing
     _json_missing = wanted
+    _beside.clear()
+
+
+def print_beside_error(content: Mapping[str, Any]) -> None:
+    """Keep what the JSON object of an error has too, if one ends the command."""
+    _beside.update(content)
 
 
 def print_json(content: Mapping[str, Any]) -> None:
@@ -178,7 +186,7 @@ def json_text(content: Mapping[str, Any]) -> str:
 def print_missing_json(content: Mapping[str, Any]) -> None:
     """Print the object that is expected instead of a result; nothing if the result was printed."""
     if _json_missing:
-        print_json(content)
+        print_json({**content, **_beside})
 
 
 def _plain(value: Any) -> Any:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class UnfinishedDrive:
-    """Keeps what a drive measured before an error or a signal ended it, and says so.
+    """Keeps what a drive measured before an error or a signal ended it, and shows it.
 
     Parameters
     ----------
@@ -27,13 +27,18 @@ class UnfinishedDrive:
         File to be written.
     force : bool
         Whether it may be replaced.
+    as_json : bool
+        Whether it is shown as an object beside that of the error.
     """
 
-    def __init__(self, save: Path | None, force: bool) -> None:
+    def __init__(self, save: Path | None, force: bool, as_json: bool = False) -> None:
         self._save, self._force, self._said = save, force, ""
+        self._as_json = as_json
+        self._found: SteeredHead | None = None
 
     def __call__(self, found: SteeredHead, safe: bool) -> None:
         """Keep what was measured; ``safe`` tells whether the head confirmed that it is."""
+        self._found = found
         kept = "nothing is kept without --save"
         if self._save is not None:
             save_drive(found, self._save, self._force)
@@ -44,7 +49,7 @@ class UnfinishedDrive:
 
     @contextmanager
     def said(self) -> Iterator[None]:
-        """Say what is kept if an error or a signal ends the work inside."""
+        """Show what was measured, and say what is kept, if the work inside ends early."""
         try:
             yield
         except (KeyboardInterrupt, MinorloopError) as error:
@@ -52,6 +57,12 @@ class UnfinishedDrive:
                 self._said = "the drive has not begun, and nothing is kept"
             if self._said:
                 typer.echo(self._said, err=True)
+            if self._found is not None:
+                if self._as_json:
+                    _common.print_beside_error({"unfinished": _numbers(self._found)})
+                else:
+                    _show(self._found, "degrees at the end of each hold, or of the drive in it")
+                show_warnings(self._found)
             raise
 
 
@@ -69,18 +80,49 @@ def save_drive(found: SteeredHead, path: Path, force: bool) -> None:
 
 def show_drive(result: SteeredHead, as_json: bool) -> None:
     """Print the angles at the end of each hold, and their error where readings were used."""
+    if as_json:
+        _common.print_json(_numbers(result))
+    else:
+        _show(result, "degrees at the end of each hold")
+
+
+def show_warnings(result: SteeredHead) -> None:
+    """Print what was wrong on stderr, a line for each."""
+    for said in result.warnings:
+        typer.echo(f"warning: {said}", err=True)
+
+
+def _rms(result: SteeredHead) -> float:
+    """Return the error in degrees where readings were used, NaN if none was."""
+    import numpy as np
+
+    off = (result.reached - result.targets).ravel()
+    off = off[np.isfinite(off)]
+    return float(np.sqrt(np.mean(off**2))) if off.size else math.nan
+
+
+def _numbers(result: SteeredHead) -> dict[str, Any]:
+    """Return what is printed of a drive as JSON."""
+    import numpy as np
+
+    return {
+        "targets_deg": result.targets,
+        "reached_deg": result.reached,
+        "rms_deg": _rms(result),
+        "readings_used": np.isfinite(result.reached),
+        "by_model_deg": result.expected,
+        "unreachable": result.unreachable,
+        "missed": result.missed,
+        "unconfirmed": result.unconfirmed,
+        "faults": [_fault(each) for each in result.faults],
+    }
+
+
+def _show(result: SteeredHead, title: str) -> None:
+    """Print the angles and their error as a table."""
     import numpy as np
 
     known = np.isfinite(result.reached)
-    off = (result.reached - result.targets)[known]
-    rms = float(np.sqrt(np.mean(off**2))) if off.size else math.nan
-    if as_json:
-        content = {"targets_deg": result.targets, "reached_deg": result.reached, "rms_deg": rms}
-        content |= {"readings_used": known, "by_model_deg": result.expected}
-        content |= {"unreachable": result.unreachable, "missed": result.missed}
-        content |= {"unconfirmed": result.unconfirmed}
-        _common.print_json({**content, "faults": [_fault(each) for each in result.faults]})
-        return
     shown = np.where(known, result.reached, result.expected)
     rows = [
         (
@@ -90,8 +132,8 @@ def show_drive(result: SteeredHead, as_json: bool) -> None:
         for n in range(len(shown))
     ]
     columns = ("pan wanted", "tilt wanted", "pan", "tilt")
-    _common.print_table(columns, rows, "degrees at the end of each hold")
-    typer.echo(f"error {rms:.2f} deg rms")
+    _common.print_table(columns, rows, title)
+    typer.echo(f"error {_rms(result):.2f} deg rms")
     if not known.all():
         typer.echo(
             "(model): by the model, because readings were missing or not used; the error is of the "

@@ -182,7 +182,7 @@ def drive(
     """
     import numpy as np
 
-    from minorloop.cli._driven import UnfinishedDrive, save_drive, show_drive
+    from minorloop.cli._driven import UnfinishedDrive, save_drive, show_drive, show_warnings
     from minorloop.cli._seen import seen_head
     from minorloop.head.console.settings import is_pipe
     from minorloop.head.procedures.head_file import read_head
@@ -196,7 +196,7 @@ def drive(
     seen = camera is not None or is_pipe(actuator)
     if seen:
         opened = partial(seen_head, actuator, camera, known.calibration)
-    targets, unfinished = np.column_stack(columns), UnfinishedDrive(save, force)
+    targets, unfinished = np.column_stack(columns), UnfinishedDrive(save, force, as_json)
     check_targets(known.control(by_camera=seen), targets, hold)
     with unfinished.said(), opened(specimen=specimen, seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
@@ -206,8 +206,7 @@ def drive(
     if save is not None:
         save_drive(result, save, force)
     show_drive(result, as_json)
-    for said in result.warnings:
-        typer.echo(f"warning: {said}", err=True)
+    show_warnings(result)
     if not result.done:
         raise typer.Exit(1)
 

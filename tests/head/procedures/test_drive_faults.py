@@ -111,6 +111,12 @@ def test_lost_readings_are_counted_together_and_both_axes_named_once():
     assert result.done
 
 
+def test_readings_that_were_refused_are_not_called_missing():
+    why = "what the camera sees has not turned with the head, and 8 of 16 patches agree"
+    (fault,) = driven(lost(5.0, 5.1), [[30.0, 30.0]], 9.0, why=why).faults
+    assert fault.what == f"readings were not used, because {why}; the wire went by its model"
+
+
 def test_late_steps_are_named():
     control = head_control("observer", (made_up(), made_up()))
     (fault,) = steer(Late(twice=False), control, [[30.0, 30.0]], 6.0).faults

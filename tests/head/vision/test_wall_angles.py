@@ -22,6 +22,9 @@ CLOSE = math.radians(0.15)
 ALIKE = 110
 """Columns of 320 that look as they did elsewhere: two in five of the patches in view."""
 
+MOST_ALIKE = 170
+"""Columns with more than half of them."""
+
 
 class Seen:
     """A camera in a pipe, and the estimator of its angles."""
@@ -134,6 +137,42 @@ def test_dirt_in_which_some_patches_match_elsewhere_is_not_believed(seen):
     assert len(seen.state.patches.sd) == count
     pan = math.radians(-14.0)
     assert error(seen.step(pan, REST[1]), pan) < CLOSE
+
+
+def patchy(picture, columns, seed):
+    """Return a picture of which only some columns at the right are seen beside dirt."""
+    level = dirt(0)
+    level[:, -columns:] = picture[:, -columns:]
+    return noisy(level, seed)
+
+
+def test_dirt_in_which_most_patches_match_elsewhere_stays_on_trial_until_the_lens_is_clean(seen):
+    """Half of the picture looks as it did at rest, and goes on so while the head turns."""
+    rest = seen.picture(*REST).image
+    seen.goes(-14.0)
+    found = []
+    for n, pan in enumerate(np.radians(np.linspace(-14.0, -20.0, 13))):
+        sight = seen.step(pan, REST[1], lambda _, n=n: patchy(rest, MOST_ALIKE, n))
+        found += [sight] if sight.verdict == SEEN else []
+    assert len(found) > 6
+    assert all(each.trial and error(each, *REST) < CLOSE for each in found)
+    assert found[-1].reason.startswith("what the camera sees has not turned with the head, and ")
+    clean = [seen.step(math.radians(-20.0), REST[1]) for _ in range(3)][-1]
+    assert (clean.trial, clean.reason) == (False, "")
+    assert error(clean, math.radians(-20.0)) < CLOSE
+
+
+def test_a_view_that_was_found_beside_dirt_is_on_trial_until_it_turns(seen):
+    seen.goes(-14.0)
+    for _ in range(3):
+        seen.step(*REST, dark)
+    trials = []
+    for n, pan in enumerate(np.radians([-28.0] * 5 + [*np.linspace(-27.5, -24.0, 8)])):
+        sight = seen.step(pan, REST[1], lambda image, n=n: patchy(image, MOST_ALIKE, n))
+        trials.append(sight.trial)
+    assert trials[4]
+    assert not sight.trial
+    assert error(sight, pan) < CLOSE
 
 
 def test_dirt_that_fouls_half_of_the_lens_in_a_turn_is_not_learned_as_wall(seen):

@@ -11,11 +11,14 @@ import numpy as np
 
 from minorloop.head.control.guard_state import GuardState
 from minorloop.head.control.head import HeadState
+from minorloop.head.vision.wall_patches import UNTURNED
 
 _SHORT = 5
 """Steps from which a fault is listed on its own; shorter ones that are alike are counted together:
 more than are lost by chance."""
 _UNREAD, _DOUBTED = "there was no reading", "readings jumped as no wire can, and were not used"
+_UNUSED = _UNREAD, _DOUBTED, UNTURNED
+"""Kinds of faults before the sensor counts as at fault."""
 _SLOW = 0.4
 """Intervals by which a step may be late before it counts, if the guard says so too: less than its
 limit, so that rounding does not matter."""
@@ -196,8 +199,9 @@ class FaultLog:
         self, t: float, name: str, of: str, kind: str, what: str, *, cooled: bool = False
     ) -> None:
         now = self._open.get((name, of))
-        # A sensor is at fault after some missing readings: it is one fault.
-        if now is not None and kind != now.kind and not (kind and now.kind == _UNREAD):
+        # A sensor is at fault after some readings that were not used: it is one fault.
+        grown = now is not None and now.kind in _UNUSED and kind not in ("", *_UNUSED)
+        if now is not None and kind != now.kind and not grown:
             self._found.append((_fault(name, now, t), now.steps))
             del self._open[name, of]
             now = None
@@ -215,7 +219,9 @@ def _reading(axis: GuardState, why: str) -> tuple[str, str]:
     if not np.isnan(axis.sensed.value):
         return "", ""
     if axis.sensed.odd and not axis.belief.believed:
-        return _UNREAD, f"{_DOUBTED}; the wire went by its model"
+        return _DOUBTED, f"{_DOUBTED}; the wire went by its model"
+    if why.startswith(UNTURNED):
+        return UNTURNED, f"readings were not used, because {why}; the wire went by its model"
     return _UNREAD, f"{_with(_UNREAD, why)}; the wire went by its model"
 
 

@@ -127,7 +127,7 @@ class SeenAngles:
         self.known, self.why = False, _WAITED
 
     def read(self, frame: Frame, *, cold: bool = False) -> FloatArray:
-        """Return pan and tilt (2,) in degrees; NaN where the picture does not show them.
+        """Return pan and tilt (2,) in degrees; NaN where the picture does not show them surely.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class SeenAngles:
         sight: Sight
         sight, self._state = self._eyes.step(self._state, frame.image, frame.t)
         self.why = sight.reason
-        return self._view.joints(sight.angles)
+        return self._view.joints(sight.angles) if not sight.trial else np.full(2, np.nan)
 
     def _look_for_zero(self, frame: Frame, cold: bool) -> None:
         """Take the picture of the cold head as that of the angles 0, once it stands still."""

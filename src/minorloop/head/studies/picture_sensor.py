@@ -25,7 +25,7 @@ from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Pipe
 from minorloop.head.twins.rig import Rig, SimulatedTip
 from minorloop.head.vision.calibrated_camera import Image
-from minorloop.head.vision.wall_patches import SEEN, Sight, WallState
+from minorloop.head.vision.wall_patches import Sight, WallState
 from minorloop.lab.actuator import Frame
 
 DROPPED = 0.02
@@ -174,8 +174,9 @@ class PictureSensor:
         self.picture = frame.image
         self._gain = LIMITS.gain(self._gain, frame.image)
         self.sight, self._state = self.eyes.step(self._state, frame.image, frame.t)
-        if self.sight.verdict != SEEN:
+        if self.sight.reason:
             self.missed.append(Missed(self.ticks, self.sight.reason))
+            return np.full(2, np.nan)
         return self.view.joints(self.sight.angles)
 
     def survey(self) -> HeadCalibration:

@@ -38,6 +38,7 @@ from minorloop.head.vision.wall_patches import (
     UNSURE,
     Patches,
     Sight,
+    Trial,
     WallState,
     nothing,
 )
@@ -61,12 +62,20 @@ _HIDDEN = 5
 it, such as dirt on the lens."""
 _SEARCHED = 2
 """After a search one in two must agree, and twice as many as else: among many angles, dirt on the
-lens matches at some. Of 160 textures of dirt, 21 reached one in three, and none one in two."""
+lens matches at some. Of 160 fine textures of dirt, 21 reached one in three, and none one in two;
+of 40 coarse ones, six did."""
+_SURE, _MANY = 0.9, 3.5
+"""Share of the patches in view which agree only with a clean lens, and times the fewest that must:
+0.92 and more did there, and 0.6 at most where dirt matched, or 10 of 10 where it hid the others. A
+view that a search found with fewer is on trial."""
 _ALL = 6
 """Where fewer patches are in view than must agree after a search, all do, and are as many as this:
 a head that stopped beside what it remembers."""
 _HUNT = math.radians(2.0)
 """Distance between angles that are tried for a lost view: those between lead to the same peak."""
+_AROUND = math.radians(5.0)
+"""Distance from old patches of angles that are tried again within few pictures: axes that cool do
+not go back the way on which they were heated."""
 _BESIDE, _FINE = math.radians(6.0), math.radians(1.0)
 """Distance about the last angles, and between those that are tried there: a head that is not seen
 stops near, and with few patches in view the steps lead to the peak from less than a degree."""
@@ -236,7 +245,30 @@ class WallAngles:
                 white = verdict == frame_checks.SATURATED
                 return self._missed(state, verdict, None if white else sight)
             sight, patches = again
-        return sight, self._moved_on(pyramid, replace(state, patches=patches), sight, t)
+        doubt = self._doubt(pyramid, state, sight)
+        moved = self._moved_on(pyramid, replace(state, patches=patches, doubt=doubt), sight, t)
+        return replace(sight, trial=doubt is not None), moved
+
+    def _doubt(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Trial | None:
+        """Return the trial of a view, None if it is known to be the wall.
+
+        It is once most patches agree, or patches agree after a turn with what was not there in the
+        picture before the turn. Dirt stays where it is: what matches at other angles was there.
+        """
+        sure = sight.agreeing >= max(_MANY * self.fewest, _SURE * sight.seen)
+        if sure or not (state.hunted or state.doubt):
+            return None
+        if state.doubt is None or state.missed > _GOING:
+            return Trial(pyramid[0], sight.angles)
+        if np.abs(sight.angles - state.doubt.angles).max() < _TRIAL:
+            return state.doubt
+        some = state.patches.of(self.pictures.in_view(state.patches, sight.angles))
+        now, before = (
+            self.pictures.compared([image], 0, some, sight.angles, np.zeros(2))[0]
+            for image in (pyramid[0], state.doubt.image)
+        )
+        turned = (now >= self.least) & (before < 0.5 * self.least)  # noise changes it by less
+        return None if turned.sum() >= self.fewest else state.doubt
 
     def _expected(self, state: WallState, t: float) -> FloatArray:
         """Return the angles at a time if the head goes on turning for a while."""
@@ -319,21 +351,21 @@ class WallAngles:
                 if length < _CLOSE:
                     break
         sd = self._deviations(weights, noise, normal, slope, some.sd)
-        return self._judged(patches, chosen, scores, sd, angles, state.hunted > 0)
+        return self._judged(state, chosen, scores, sd, angles)
 
     def _judged(
         self,
-        patches: Patches,
+        state: WallState,
         chosen: npt.NDArray[np.int64],
         scores: FloatArray,
         sd: FloatArray | None,
         angles: FloatArray,
-        searched: bool,
     ) -> tuple[Sight, Patches]:
         """Return the angles if enough patches agree on them."""
+        patches, searched = state.patches, state.hunted > 0
         seen = np.isfinite(scores)
         agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
-        hidden = (patches.poor[chosen] >= _HIDDEN) & (not searched)
+        hidden = (patches.poor[chosen] >= _HIDDEN) & (not searched and state.doubt is None)
         counts = int(agree.sum()), int((agree | (seen & ~hidden)).sum())
         fewest, one_in = self.fewest, _ONE_IN
         if searched:
@@ -387,17 +419,17 @@ class WallAngles:
     ) -> tuple[tuple[Sight, Patches] | None, WallState]:
         """Try further angles for a lost view: beside the last, at old patches, and all others.
 
-        The nearest come first.
+        Those near old patches come first: a head on its way back is beside its way there.
         """
         grid = self._grid
         pan, tilt = (np.abs(grid[:, n, None] - state.patches.origins[:, n]) for n in range(2))
         apart = np.maximum(pan, tilt).min(axis=1)
-        order = np.lexsort((np.hypot(*(grid - state.angles).T), apart > 0.5 * _HUNT))
+        order = np.lexsort((np.hypot(*(grid - state.angles).T), np.ceil(apart / _HUNT - 0.5)))
         each = (self.tries + 1) // 2
-        near, far = np.split(order, [min(each, len(order) - 1)])
-        beside = state.angles + self._beside
-        once, again = state.hunted % len(far), state.hunted % len(beside)
-        parts = beside[again : again + each], grid[near], grid[far[once : once + each]]
+        around = min(max(each, int((apart <= _AROUND).sum())), len(order) - 1)
+        near, far = np.split(grid[order], [around])
+        beside, n = state.angles + self._beside, state.hunted
+        parts = [some[n % len(some) :][:each] for some in (beside, near, far)]
         tried = np.concatenate(parts)
         state = replace(state, hunted=state.hunted + each)
         poses = [self.camera.mount.pose(*each.tolist()) for each in tried]

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.vision.calibrated_camera import Image
+from minorloop.head.vision.calibrated_camera import Image, Image32
 
 SEEN = "seen"
 """Verdict of a picture that shows the angles; others say why it does not."""
@@ -18,6 +18,10 @@ LATE, FEW, NO_PATCH, UNSURE = (
     "no patch in view",
     "the patches in view do not tell the angles",
 )
+
+
+UNTURNED = "what the camera sees has not turned with the head"
+"""Why angles are on trial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +39,9 @@ class Sight:
         Number of patches that agree, and of those in view.
     verdict : str
         ``seen``, or why there are no angles.
+    trial : bool
+        Whether the angles may be those of dirt on the lens: a search found them, a part of the
+        patches disagrees, and no turn of the head has confirmed them yet.
     """
 
     angles: FloatArray
@@ -42,14 +49,18 @@ class Sight:
     agreeing: int
     seen: int
     verdict: str
+    trial: bool = False
 
     @property
     def reason(self) -> str:
-        """Why there are no angles, in words; empty if there are."""
+        """Why there are no angles, or they are on trial, in words; empty if neither is so."""
+        counts = f"{self.agreeing} of {self.seen} patches of wall in view agree"
+        if self.trial:
+            return f"{UNTURNED}, and {counts}"
         if self.verdict == SEEN:
             return ""
         if self.verdict == FEW:
-            return f"{self.agreeing} of {self.seen} patches of wall in view agree"
+            return counts
         return (
             self.verdict if self.seen or " " in self.verdict else f"the picture is {self.verdict}"
         )
@@ -106,6 +117,22 @@ class Patches:
 
 
 @dataclass(frozen=True, eq=False)
+class Trial:
+    """A view that a search found and that may be dirt on the lens.
+
+    Parameters
+    ----------
+    image : (height, width) array of float32
+        Logarithm of the picture in which it was found, in the largest size that is compared.
+    angles : (2,) array
+        Those found in it, in radians.
+    """
+
+    image: Image32
+    angles: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class WallState:
     """State of the estimator.
 
@@ -129,6 +156,8 @@ class WallState:
         Check sums of the last pictures, to detect repeated ones.
     newest : float
         Time of the newest picture.
+    doubt : Trial, optional
+        Of the view, None if it is known to be the wall.
     """
 
     patches: Patches
@@ -141,6 +170,7 @@ class WallState:
     before: Image
     earlier: tuple[int, ...]
     newest: float
+    doubt: Trial | None = None
 
 
 def nothing(verdict: str, agreeing: int = 0, seen: int = 0) -> Sight:
