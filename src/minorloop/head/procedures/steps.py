@@ -250,8 +250,8 @@ def _in_reach(
     return bool((wanted > least + SPARE).all() and (wanted < most - SPARE).all())
 
 
-def touch(rig: InspectionRig, hole: Hole) -> Image:
-    """Touch a hole with the point of the tool; return the image after it.
+def touch(rig: InspectionRig, hole: Hole) -> None:
+    """Touch a hole with the point of the tool.
 
     The catheter travels and rolls to where the tool reaches it, if it does not from here. The first
     touch of a rig comes after one of the wall beside it, whose mark gives the error of the tool.
@@ -268,7 +268,6 @@ def touch(rig: InspectionRig, hole: Hole) -> Image:
         off = float(wall_distance(state.touch, hole.place, rig.calibration.radius))
     words = state.verdict if off < WITHIN or math.isinf(off) else f"{1e3 * off:.2f} mm beside"
     rig.say("touch", f"phi {phi:.1f} deg, z {z:.2f} mm: {words}", succeeded=off <= WITHIN)
-    return photo(rig).image
 
 
 def _test_tool(rig: InspectionRig, hole: Hole) -> None:

@@ -27,6 +27,7 @@ from minorloop.head.procedures.steps import (
     focus,
     go,
     meter,
+    photo,
     pick,
     search,
     touch,
@@ -293,9 +294,12 @@ def _approached(
     centre(rig, hole.place, outlined=True)
     off = scoring.off_middle(rig.tip, mission.truth)
     focus(rig)
+    centred = photo(rig).image
     near, found, again = extract(rig, hole)
     steps = tuple(rig.log[began:])
-    one = replace(mission, near=near, first=first, pixel=pixel, off=off, steps=steps)
+    one = replace(
+        mission, near=near, first=first, pixel=pixel, centred=centred, off=off, steps=steps
+    )
     return replace(one, picked=hole.place, found=found), again, near.wall
 
 
@@ -307,10 +311,10 @@ def _measured(
     if hole is None:
         return one
     began = len(rig.log)
-    centred_image = touch(rig, hole)
+    touch(rig, hole)
     off = scoring.touch_off(rig.tip, truth.bore, RADIUS)
     place = (float(hole.place[0]), float(hole.place[1]))
-    one = replace(one, centred=centred_image, touch=off)
+    one = replace(one, touch=off)
     probe, bursts = scan(rig, place)
     if refused(rig):
         steps = (*one.steps, *rig.log[began:])
