@@ -64,3 +64,12 @@ def test_the_area_is_drawn_and_the_rest_of_the_pipe_is_not(brief, count):
     marks = [line for line in panels[1].lines if line.get_marker() in ("o", "s")]
     assert len(marks) == 2
     assert all(low < line.get_xdata()[0] < high for line in marks)
+
+
+def test_a_find_beyond_the_area_is_drawn_too():
+    cut = EchoFind("cut by the edge", -0.5, 21e-3, 0.3e-3, 1e-3)
+    axes = draw_pipe_map(swept(-0.3, 0.3, finds=(cut,)), (-0.3, 0.3), brief=True).axes[1]
+    low, high = axes.get_images()[0].get_extent()[:2]
+    (mark,) = (line for line in axes.lines if line.get_marker() == "D")
+    assert low < mark.get_xdata()[0] < high
+    assert high - low == pytest.approx(math.degrees(0.9), abs=1.0)

@@ -10,6 +10,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray
 from minorloop.drawing.layout import new_figure
+from minorloop.head.geometry import wrapped
 from minorloop.head.reconstruction.depth_map import UNSEEN, Patch
 from minorloop.head.reconstruction.pipe_map import PipeMap
 from minorloop.head.ultrasound.c_scan import CRACK, PIT
@@ -21,6 +22,8 @@ SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CONTRAST = 0.5
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _DEEPEST = 1.0  # mm, of the colours of depths
+_MARGIN = 1e-3
+"""Wall in metres that is drawn beyond a find outside the area."""
 _MARKS = {PIT: "o", CRACK: "s"}
 _DIGITS = {
     "phi, degrees": 1,
@@ -76,13 +79,14 @@ def draw_pipe_map(
     ----------
     fused : PipeMap
     around : (float, float), optional
-        Angles in radians between which it is drawn; the whole pipe without them.
+        Angles in radians between which it is drawn, and as far as there are finds; the whole pipe
+        without them.
     brief : bool
         Whether to draw the first two only.
     """
     panels = (_draw_amplitude, _draw_depth, _draw_band, _draw_source)[: 2 if brief else 4]
     figure, axes = new_figure(len(panels), 1, 0.4 + 1.8 * len(panels), grid=False, sharex=True)
-    shown = _Shown.of(fused.wall.patch, around)
+    shown = _Shown.of(fused.wall.patch, around and _with_finds(around, fused))
     for one, draw in zip(axes, panels, strict=True):
         draw(figure, one, fused, shown)
         one.set_ylabel("along [mm]")
@@ -189,6 +193,16 @@ def _mark_finds(axes: Any, fused: PipeMap, start: float) -> None:
                 f"{1e3 * find.depth:.2f}", (phi, 1e3 * find.z), (12, 0), va="center",
                 textcoords="offset points", bbox={"fc": "w", "ec": "none", "pad": 1.0},
             )  # fmt: skip
+
+
+def _with_finds(around: tuple[float, float], fused: PipeMap) -> tuple[float, float]:
+    """Return angles widened to finds beyond them: a line runs up and out outside of its area."""
+    middle, margin = 0.5 * sum(around), _MARGIN / fused.wall.patch.radius
+    finds = [middle + float(wrapped(find.phi - middle)) for find in fused.finds]
+    return (
+        min(around[0], *(phi - margin for phi in finds), math.inf),
+        max(around[1], *(phi + margin for phi in finds), -math.inf),
+    )
 
 
 def _on_axis(degrees: FloatArray, start: float) -> FloatArray:

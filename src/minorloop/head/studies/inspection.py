@@ -164,7 +164,14 @@ CLAIMS = (
         count="cracks.scans",
         enough=20,
     ),
-    Claim("of those, depth error, median [mm]", "cracks.depth_error_mm", "-", most=0.1),
+    Claim(
+        "of those, depth error, median [mm]",
+        "cracks.depth_error_mm",
+        "-",
+        most=0.1,
+        count="cracks.scans",
+        enough=20,
+    ),
     Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
     Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
     Claim(
