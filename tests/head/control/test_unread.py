@@ -37,6 +37,12 @@ def test_a_head_that_is_not_seen_for_long_goes_back_towards_the_cold_one():
     assert skipped.kept == pytest.approx(after(range(61), watch).kept)
 
 
+def test_steps_that_take_several_intervals_go_back_after_the_same_time():
+    each, third = UnreadWatch(after=3), UnreadWatch(after=3, takes=3)
+    assert third.step(Unread(16, 0.0, WHERE), 17, WHERE).kept == pytest.approx(WHERE * 0.985**3)
+    assert each.step(Unread(16, 0.0, WHERE), 17, WHERE).kept == pytest.approx(WHERE)
+
+
 def test_a_sensor_with_few_readings_may_have_its_usual_gaps():
     watch = UnreadWatch(after=3)
     usual = [0, 1, 2, 3, 4] * 20

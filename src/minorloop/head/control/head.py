@@ -178,8 +178,12 @@ class HeadControl:
         return current, HeadState(tuple(states), unread)
 
     def later(self, steps: int) -> HeadControl:
-        """Return the control for readings that are older by some intervals; states remain valid."""
-        return replace(self, axes=tuple(axis.later(steps) for axis in self.axes))
+        """Return the control for steps that take more intervals by so many, and readings as late.
+
+        States remain valid.
+        """
+        unread = self.unread and replace(self.unread, takes=1 + steps)
+        return replace(self, axes=tuple(axis.later(steps) for axis in self.axes), unread=unread)
 
     def reach(self, reference: npt.ArrayLike, ends: npt.ArrayLike | None = None) -> FloatArray:
         """Return the least and largest readings (axes, 2) with the other axes where they belong.

@@ -20,7 +20,8 @@ those of a camera with one picture a second."""
 _USUAL = 2.0
 """Times the usual gap from which a gap is an unusual one."""
 _BACK = 0.015
-"""Share of the angles by which a step takes the head back: at 25 a second it is half way in 2 s."""
+"""Share of the angles by which an interval takes the head back: at 25 a second it is half way in
+2 s."""
 _NEAR = 0.5
 """Degrees about where it was: as accurate as the model is in a moment, so that a head at its target
 keeps it."""
@@ -56,8 +57,10 @@ class UnreadWatch:
         Steps, at least; for a sensor that has fewer readings than the loop has steps, it is twice
         the usual gap between them.
     stays : int
-        Steps without a reading for which it stays: a search has tried all angles where the wall was
-        seen in fewer.
+        Intervals without a reading for which it stays: a search has tried all angles where the wall
+        was seen in fewer.
+    takes : int
+        Intervals of the loop that a step takes.
 
     Raises
     ------
@@ -67,10 +70,12 @@ class UnreadWatch:
 
     after: int = 3
     stays: int = 50
+    takes: int = 1
 
     def __post_init__(self) -> None:
         within("after", self.after, 1, 10_000)
         within("stays", self.stays, 1, 10_000)
+        within("takes", self.takes, 1, 10_000)
 
     def step(self, before: Unread, gap: int, read: FloatArray) -> Unread:
         """Return the state one step later.
@@ -89,7 +94,8 @@ class UnreadWatch:
         if gap < max(self.after, _USUAL * before.usual):
             return replace(before, gap=gap, kept=None)
         kept = read if before.kept is None else before.kept
-        left = 1.0 if gap <= self.stays else (1.0 - _BACK) ** (gap - before.gap)
+        back = self.takes * (gap - before.gap) if self.takes * gap > self.stays else 0
+        left = (1.0 - _BACK) ** back
         return replace(before, gap=gap, kept=left * kept)
 
     def near(self, state: Unread, wanted: FloatArray) -> FloatArray:

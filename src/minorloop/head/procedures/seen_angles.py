@@ -167,6 +167,8 @@ class SeenAngles:
     def _begin(self, frame: Frame) -> None:
         try:
             _, self._state = self._eyes.begin(frame.image, self._rest, frame.t)
+            # A search is compiled before a current is on: a mirrored picture needs one.
+            self._eyes.step(self._state, np.ascontiguousarray(frame.image[:, ::-1]), frame.t + 1.0)
         except SignalError as error:
             self._state, self.why = None, str(error)
         else:

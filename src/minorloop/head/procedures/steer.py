@@ -219,7 +219,10 @@ class _Drive:
         head, control, faults = self._head, self._control, self._faults
         tick = head.tick
         seen = np.asarray(head.exchange(np.zeros(2)))
-        self._state, began = control.begin(seen), _time(head, 0.0)
+        self._state = control.begin(seen)
+        for _ in range(2):  # what is compiled in the first steps is so before a current is on
+            control.step(self._state, self._wanted[0], seen, t=0.0)
+        began = _time(head, 0.0)
         for n, each in enumerate(self._wanted):
             while self._t < (n + 1) * hold - 0.5 * tick:
                 current, self._state = self._paced().step(self._state, each, seen, t=self._t)

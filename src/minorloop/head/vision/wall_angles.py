@@ -64,10 +64,10 @@ _SEARCHED = 2
 """After a search one in two must agree, and twice as many as else: among many angles, dirt on the
 lens matches at some. Of 160 fine textures of dirt, 21 reached one in three, and none one in two;
 of 40 coarse ones, six did."""
-_SURE, _MANY = 0.9, 3.5
-"""Share of the patches in view which agree only with a clean lens, and times the fewest that must:
-0.92 and more did there, and 0.6 at most where dirt matched, or 10 of 10 where it hid the others. A
-view that a search found with fewer is on trial."""
+_SURE, _MOST = 0.85, 0.75
+"""Median correlation of the patches that agree, and their share of those in view, from which a view
+that a search found is the wall: 0.9 and 0.92 or more with a clean lens; where dirt matched, 0.77 at
+most, and a share of 0.6, or all where it hid the others. One with less is on trial."""
 _ALL = 6
 """Where fewer patches are in view than must agree after a search, all do, and are as many as this:
 a head that stopped beside what it remembers."""
@@ -252,10 +252,11 @@ class WallAngles:
     def _doubt(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Trial | None:
         """Return the trial of a view, None if it is known to be the wall.
 
-        It is once most patches agree, or patches agree after a turn with what was not there in the
-        picture before the turn. Dirt stays where it is: what matches at other angles was there.
+        It is if the patches look as they did, or if they agree after a turn with what was not there
+        in the picture before the turn. Dirt stays where it is: what matches at other angles was
+        there.
         """
-        sure = sight.agreeing >= max(_MANY * self.fewest, _SURE * sight.seen)
+        sure = sight.likeness >= _SURE and sight.agreeing >= _MOST * sight.seen
         if sure or not (state.hunted or state.doubt):
             return None
         if state.doubt is None or state.missed > _GOING:
@@ -378,7 +379,8 @@ class WallAngles:
         poor = patches.poor.copy()
         poor[chosen[seen & ~agree]] += 1
         poor[chosen[agree]] = 0
-        return Sight(angles, sd, *counts, SEEN), replace(patches, poor=poor)
+        likeness = float(np.median(scores[agree]))
+        return Sight(angles, sd, *counts, SEEN, likeness), replace(patches, poor=poor)
 
     def _deviations(
         self,

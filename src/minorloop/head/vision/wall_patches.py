@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,9 +40,11 @@ class Sight:
         Number of patches that agree, and of those in view.
     verdict : str
         ``seen``, or why there are no angles.
+    likeness : float
+        Median correlation of the patches that agree.
     trial : bool
-        Whether the angles may be those of dirt on the lens: a search found them, a part of the
-        patches disagrees, and no turn of the head has confirmed them yet.
+        Whether the angles may be those of dirt on the lens: a search found them, the patches
+        do not look as they did or a part disagrees, and no turn of the head has confirmed them yet.
     """
 
     angles: FloatArray
@@ -49,6 +52,7 @@ class Sight:
     agreeing: int
     seen: int
     verdict: str
+    likeness: float = math.nan
     trial: bool = False
 
     @property
