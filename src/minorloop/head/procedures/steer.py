@@ -33,6 +33,8 @@ _RATE = 10.0
 """Pictures a second that a head needs whose angles its camera gives."""
 _LATELY = 25
 """Steps whose median duration is the usual one: a search for a lost view takes longer in a few."""
+_REHEARSED = 25
+"""Steps of the control without a head: what is compiled in them is so before a current is on."""
 _OFF = 0.05
 """Share of the reach of a wire by which a target is missed: as `minorloop drive` warns."""
 
@@ -218,11 +220,11 @@ class _Drive:
         """Hold each target for so many seconds."""
         head, control, faults = self._head, self._control, self._faults
         tick = head.tick
+        state = self._state
+        for n in range(_REHEARSED):
+            _, state = control.step(state, self._wanted[0], np.zeros(2), t=n * tick)
         seen = np.asarray(head.exchange(np.zeros(2)))
-        self._state = control.begin(seen)
-        for _ in range(2):  # what is compiled in the first steps is so before a current is on
-            control.step(self._state, self._wanted[0], seen, t=0.0)
-        began = _time(head, 0.0)
+        self._state, began = control.begin(seen), _time(head, 0.0)
         for n, each in enumerate(self._wanted):
             while self._t < (n + 1) * hold - 0.5 * tick:
                 current, self._state = self._paced().step(self._state, each, seen, t=self._t)
