@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
-from minorloop.head import _geometry_kernels as kernels
 
 REACH = float(np.radians(30.0))
 """Half-angle of the cone in which the head may look; beyond, the lens touches the wall."""
@@ -175,6 +174,8 @@ class Mount:
     def pose(self, pan: float, tilt: float) -> Pose:
         """Return the pose of the camera at a pan and a tilt, in radians."""
         place = self.lever, *self.offset, self.advance, self.roll, self.squint, self.camera_roll
+        from minorloop.head import _geometry_kernels as kernels  # a supervisor needs no kernels
+
         return Pose(*kernels.pose(pan, tilt, *place))
 
     def aim(self, point: npt.ArrayLike) -> tuple[float, float]:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft
+from scipy import fft, ndimage
 
-from minorloop.head._filter_kernels import ZERO, gaussian
 from minorloop.head.vision._line_kernels import keep_highest
 from minorloop.head.vision.calibrated_camera import Image32
 
@@ -92,4 +91,5 @@ def _levelled(level: Image32, seen: npt.NDArray[np.bool_], share: Image32) -> Im
 
 def _around(level: Image32) -> Image32:
     """Return a map averaged over what counts as its surroundings."""
-    return gaussian(level, _GROUND, 3.0, ZERO)
+    averaged: Image32 = ndimage.gaussian_filter(level, _GROUND, mode="constant", truncate=3)
+    return averaged

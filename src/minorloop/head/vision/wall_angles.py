@@ -36,9 +36,9 @@ from minorloop.head.vision.wall_patches import (
     NO_PATCH,
     SEEN,
     UNSURE,
+    Doubt,
     Patches,
     Sight,
-    Trial,
     WallState,
     nothing,
 )
@@ -249,7 +249,7 @@ class WallAngles:
         moved = self._moved_on(pyramid, replace(state, patches=patches, doubt=doubt), sight, t)
         return replace(sight, trial=doubt is not None), moved
 
-    def _doubt(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Trial | None:
+    def _doubt(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Doubt | None:
         """Return the trial of a view, None if it is known to be the wall.
 
         It is if the patches look as they did, or if they agree after a turn with what was not there
@@ -260,7 +260,7 @@ class WallAngles:
         if sure or not (state.hunted or state.doubt):
             return None
         if state.doubt is None or state.missed > _GOING:
-            return Trial(pyramid[0], sight.angles)
+            return Doubt(pyramid[0], sight.angles)
         if np.abs(sight.angles - state.doubt.angles).max() < _TRIAL:
             return state.doubt
         some = state.patches.of(self.pictures.in_view(state.patches, sight.angles))

@@ -121,7 +121,7 @@ class Patches:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class Doubt:
     """A view that a search found and that may be dirt on the lens.
 
     Parameters
@@ -160,7 +160,7 @@ class WallState:
         Check sums of the last pictures, to detect repeated ones.
     newest : float
         Time of the newest picture.
-    doubt : Trial, optional
+    doubt : Doubt, optional
         Of the view, None if it is known to be the wall.
     """
 
@@ -174,7 +174,7 @@ class WallState:
     before: Image
     earlier: tuple[int, ...]
     newest: float
-    doubt: Trial | None = None
+    doubt: Doubt | None = None
 
 
 def nothing(verdict: str, agreeing: int = 0, seen: int = 0) -> Sight:
