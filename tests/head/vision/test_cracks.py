@@ -4,8 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import ndimage
 
 from minorloop.errors import ParameterError, SignalError
@@ -39,8 +37,9 @@ def line(points, width, *, gap=None):
     return np.log(ndimage.gaussian_filter(1 - 0.95 * dark, 0.7))
 
 
-@settings(max_examples=10, deadline=None)
-@given(turn=st.floats(0, np.pi), bend=st.floats(-0.6, 0.6), width=st.floats(2.2, 5.0))
+@pytest.mark.parametrize("width", [2.5, 3.5])
+@pytest.mark.parametrize("bend", [-0.5, 0.0, 0.5])
+@pytest.mark.parametrize("turn", [0.0, 0.6, 1.2, 1.8, 2.4, 3.0])
 def test_course_length_and_width_are_those_of_the_line(turn, bend, width):
     ways = turn + np.array([0.0, bend])
     steps = 45 * np.stack([np.cos(ways), np.sin(ways)], axis=1)
