@@ -66,8 +66,11 @@ lens matches at some. Of 160 fine textures of dirt, 21 reached one in three, and
 of 40 coarse ones, six did."""
 _SURE, _MOST = 0.85, 0.75
 """Median correlation of the patches that agree, and their share of those in view, from which a view
-that a search found is the wall: 0.9 and 0.92 or more with a clean lens; where dirt matched, 0.77 at
-most, and a share of 0.6, or all where it hid the others. One with less is on trial."""
+that a search found is the wall: where dirt matched it was 0.77 at most."""
+_NEARLY, _MANY = 0.9, 3.5
+"""The same where noise makes correlations lower: share of the patches in view, and times the fewest
+that must agree. Where dirt matched, 0.6 did at most, or 10 of 10 where it hid the others. A view
+with less is on trial."""
 _ALL = 6
 """Where fewer patches are in view than must agree after a search, all do, and are as many as this:
 a head that stopped beside what it remembers."""
@@ -256,7 +259,8 @@ class WallAngles:
         in the picture before the turn. Dirt stays where it is: what matches at other angles was
         there.
         """
-        sure = sight.likeness >= _SURE and sight.agreeing >= _MOST * sight.seen
+        alike = sight.likeness >= _SURE and sight.agreeing >= _MOST * sight.seen
+        sure = alike or sight.agreeing >= max(_MANY * self.fewest, _NEARLY * sight.seen)
         if sure or not (state.hunted or state.doubt):
             return None
         if state.doubt is None or state.missed > _GOING:
