@@ -173,9 +173,9 @@ class Mount:
 
     def pose(self, pan: float, tilt: float) -> Pose:
         """Return the pose of the camera at a pan and a tilt, in radians."""
-        place = self.lever, *self.offset, self.advance, self.roll, self.squint, self.camera_roll
         from minorloop.head import _geometry_kernels as kernels  # a supervisor needs no kernels
 
+        place = self.lever, *self.offset, self.advance, self.roll, self.squint, self.camera_roll
         return Pose(*kernels.pose(pan, tilt, *place))
 
     def aim(self, point: npt.ArrayLike) -> tuple[float, float]:

@@ -178,7 +178,7 @@ class HeadControl:
         return current, HeadState(tuple(states), unread)
 
     def later(self, steps: int) -> HeadControl:
-        """Return the control for steps that take more intervals by so many, and readings as late.
+        """Return the control for steps that take so many intervals more, with readings as late.
 
         States remain valid.
         """

@@ -200,8 +200,8 @@ def _with_finds(around: tuple[float, float], fused: PipeMap) -> tuple[float, flo
     middle, margin = 0.5 * sum(around), _MARGIN / fused.wall.patch.radius
     finds = [middle + float(wrapped(find.phi - middle)) for find in fused.finds]
     return (
-        min(around[0], *(phi - margin for phi in finds), math.inf),
-        max(around[1], *(phi + margin for phi in finds), -math.inf),
+        min([around[0], *(phi - margin for phi in finds)]),
+        max([around[1], *(phi + margin for phi in finds)]),
     )
 
 
