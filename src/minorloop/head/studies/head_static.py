@@ -40,10 +40,10 @@ STEP = (0.16, 25.0, 40.0)
 """Times at which the current of the step is switched on and off, and end of its record, in s."""
 ARBITRARY_SECONDS, ARBITRARY_PERIODS, SINES, RISE = 600.0, (30.0, 90.0), 4, 20.0
 """The arbitrary input: duration in s; a sum of so many sines with periods in this range, slow
-enough for the wire to cross its loop and fast enough for the lag to count; rise from 0 in s."""
+enough for the wire to cross its loop and fast enough for the lag to count; rise in s."""
 WHOLE, INSIDE = 200.0, 0.5
 """Seconds over the whole range of commands, and the share of it above which the input stays after
-them: below, the wire is cold, and no reversal is a minor loop."""
+them and another rise: below, the wire is cold, and no reversal is a minor loop."""
 LOOP = 1.0
 """Degrees by which the angle rises and falls in what counts as a minor loop."""
 MOVING, MOVING_GAP = 0.1, 2.0
@@ -220,7 +220,8 @@ def _arbitrary(seed: int, wire: HeatedWire, mesh: Preisach) -> Arbitrary:
     turns = np.outer(1.0 / rng.uniform(*ARBITRARY_PERIODS, SINES), t)
     shape = np.sin(2 * np.pi * (turns + rng.uniform(size=(SINES, 1)))).sum(axis=0)
     share = (shape - shape.min()) / np.ptp(shape)
-    share = np.where(t < WHOLE, share, INSIDE + (1.0 - INSIDE) * share)
+    floor = INSIDE * np.clip((t - WHOLE) / RISE, 0.0, 1.0)
+    share = floor + (1.0 - floor) * share
     command = COMMAND * np.minimum(t / RISE, 1.0) * share
     current = command * CURRENT / COMMAND
     head = Head(seed, NOISE, 2 * seed)
