@@ -10,7 +10,7 @@ TESTS = Path(__file__).parents[2]
 
 def test_each_statement_names_tests_that_exist():
     files = {path.name: path.read_text("utf-8") for path in TESTS.rglob("test_*.py")}
-    for _, _, where, _ in STATEMENTS:
+    for _, _, where, _, _ in STATEMENTS:
         for part in where.split(";"):
             named = re.findall(r"\btest_\w+\b(?!\.py)", part)
             own = re.findall(r"tests/[\w/]+\.py", part)
@@ -21,23 +21,47 @@ def test_each_statement_names_tests_that_exist():
 
 
 def test_a_statement_has_a_place_a_test_or_why_there_is_none_and_a_result():
-    for place, words, where, result in STATEMENTS:
+    for place, words, where, result, verdict in STATEMENTS:
         assert re.match(r"3\.2|4\.[123]|5\.1|6", place)
         assert words[0].isupper()
-        assert (result == "-") == where.startswith("not tested: ")
+        assert (result == "-") == where.startswith("not tested: ") == (verdict == "not tested")
 
 
-def test_figures_take_the_place_of_their_names():
+def rows_of(figures):
+    report, drawn = Report("", ""), figures.pop("drawn")
+    add_sections(report, figures, drawn)
+    return report.sections[0]["table"].rows
+
+
+def every_figure(value):
+    """Return the figures that statements name, each of one value."""
     known = {}
-    for name in re.findall(r"\{([\w.]+):", " ".join(result for *_, result in STATEMENTS)):
+    for name in re.findall(r"\{([\w.]+):", " ".join(result for *_, result, _ in STATEMENTS)):
         at, (*path, last) = known, name.split(".")
         for part in path:
             at = at.setdefault(part, {})
-        at[last] = math.inf
-    report, drawn = Report("", ""), known.pop("drawn")
-    add_sections(report, known, drawn)
-    rows = report.sections[0]["table"].rows
+        at[last] = value
+    return known
+
+
+def test_figures_take_the_place_of_their_names():
+    rows = rows_of(every_figure(math.inf))
     assert len(rows) == len(STATEMENTS)
-    assert not any("{" in row[-1] for row in rows)
-    assert "not reached" in rows[1][-1]
+    assert not any("{" in row[3] for row in rows)
+    assert "not reached" in rows[1][3]
     assert rows[0][2].startswith('"test equals the sum of areas cell by cell" in tests/operators/')
+
+
+def test_a_figure_beyond_its_bound_does_not_hold():
+    known = every_figure(1.0)
+    known["arbitrary"]["rms_deg"] = 1.6
+    known["rivals"]["internal_model"]["disturbed_settle_s"] = math.nan
+    verdicts = {words: verdict for _, words, _, _, verdict in rows_of(known)}
+    assert [words for words, verdict in verdicts.items() if verdict == "does not hold here"] == [
+        "The model agrees with the wire under an arbitrary input",
+        "After a long operation a significant error is left; the heating varies",
+        "Its integral attenuates tracking errors",
+        "Feedforward with PI (ref. 11) and a model reference (ref. 12) apply poorly where "
+        "conditions vary; an internal model is more robust",
+        "A circle of both axes is followed by vision",
+    ]
