@@ -37,6 +37,19 @@ def test_a_head_that_is_not_seen_for_long_goes_back_towards_the_cold_one():
     assert skipped.kept == pytest.approx(after(range(61), watch).kept)
 
 
+def test_a_head_whose_camera_shows_nothing_stays_until_it_can_be_looked_for():
+    watch = UnreadWatch(after=3, stays=50)
+    state = after(range(10), watch)
+    for gap in range(10, 100):
+        state = watch.step(state, gap, WHERE, searched=False)
+    assert state.kept.tolist() == (WHERE + 3).tolist()
+    for gap in range(100, 141):
+        state = watch.step(state, gap, WHERE)
+    assert state.kept.tolist() == (WHERE + 3).tolist()
+    assert watch.step(state, 141, WHERE).kept == pytest.approx(0.985 * (WHERE + 3))
+    assert watch.step(state, 0, WHERE).dark == 0
+
+
 def test_steps_that_take_several_intervals_go_back_after_the_same_time():
     each, third = UnreadWatch(after=3), UnreadWatch(after=3, takes=3)
     assert third.step(Unread(16, 0.0, WHERE), 17, WHERE).kept == pytest.approx(WHERE * 0.985**3)

@@ -135,6 +135,7 @@ class HeadControl:
         measurement: npt.ArrayLike,
         *,
         t: float | None = None,
+        searched: bool = True,
     ) -> tuple[FloatArray, HeadState]:
         """Return the currents for the next interval, within the limits; nothing is raised.
 
@@ -147,6 +148,8 @@ class HeadControl:
             Newest readings in degrees; NaN where there is none.
         t : float, optional
             Time of the readings in seconds.
+        searched : bool
+            Whether missing readings were looked for, as in `UnreadWatch.step`.
 
         Returns
         -------
@@ -163,7 +166,8 @@ class HeadControl:
         unread = state.unread
         if self.unread is not None:
             gap = max(max(axis.sensed.missing, axis.sensed.odd) for axis in state.axes)
-            unread = self.unread.step(unread, gap, estimated + self._mixing @ estimated)
+            modelled = estimated + self._mixing @ estimated
+            unread = self.unread.step(unread, gap, modelled, searched=searched)
             wanted = self.unread.near(unread, wanted)
         working = np.array([not axis.fault for axis in state.axes])
         readings = self._own(seen, estimated, working)

@@ -56,6 +56,11 @@ class Sight:
     trial: bool = False
 
     @property
+    def searched(self) -> bool:
+        """Whether the angles were looked for: not in a picture that shows nothing."""
+        return self.verdict in (SEEN, FEW, NO_PATCH, UNSURE)
+
+    @property
     def reason(self) -> str:
         """Why there are no angles, or they are on trial, in words; empty if neither is so."""
         counts = f"{self.agreeing} of {self.seen} patches of wall in view agree"
