@@ -416,7 +416,7 @@ def unseen(why: str) -> str:
     if SATURATED in what:
         advice = (
             "switch LEDs off, in the bench file with rest = false for their lines, or shorten the "
-            "exposure"
+            "exposure of the camera: most of the picture is white"
         )
     elif not advised:
         advice = NOTHING_SEEN
