@@ -276,7 +276,10 @@ def test_a_black_picture_or_none_is_not_searched_and_another_that_does_not_fit_i
 
     now[0] = none
     seen.exchange(np.zeros(2))
-    assert not seen.searched
+    assert (seen.searched, seen.why) == (False, "the picture is black")
+    for _ in range(30):
+        seen.exchange(np.zeros(2))
+    assert seen.why == "no picture came"
 
 
 def test_a_head_is_left_safe_if_the_wait_for_its_zero_ends_early(monkeypatch):

@@ -45,6 +45,8 @@ _STILL, LONGEST, _MOVED = 5.0, 120.0, 0.1
 """A head is cold that turns less than 0.1 degrees in 5 s; seconds that are waited for that."""
 _WAITED = "the angles are counted from the cold head; it has to stand still first"
 _WARM = "the angles are counted from the cold head, and it is heated"
+_FRESH = 1.0
+"""Seconds for which a picture says why there are no angles, where the camera gives few."""
 _PATIENCE = 10.0
 """Seconds without angles after which a run stops: as long as control goes by its model."""
 
@@ -220,7 +222,7 @@ class SeenHead(WrappedActuator):
     pictures : int
         Number of those that have come.
     searched : bool
-        Whether the angles were looked for in the newest one: not if none came, or it shows nothing.
+        Whether the angles were looked for in the newest one: not if it is old, or shows nothing.
 
     Raises
     ------
@@ -370,7 +372,9 @@ class SeenHead(WrappedActuator):
         try:
             frame = self._taken()
         except InstrumentError as error:
-            self._why, self.searched = str(error), False
+            fresh = self._frame is not None and self._clock.now() - self._frame.t < _FRESH
+            self._why = self._why if fresh and self._why else str(error)
+            self.searched = self.searched and fresh
         else:
             angles = self._angles.read(frame, cold=cold)
             self._why, self.searched = self._angles.why, self._angles.searched
