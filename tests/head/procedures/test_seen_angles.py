@@ -154,7 +154,7 @@ class Slow:
 class Angles:
     """Angles that are known at once."""
 
-    known, why = True, ""
+    known, why, searched = True, "", True
 
     def __init__(self, view):
         self.asked = []
