@@ -1025,7 +1025,11 @@ def test_an_interruption_before_the_first_view_says_that_nothing_is_kept(
 @pytest.mark.parametrize(
     ("kept", "said"),
     [
-        (None, "nothing was measured yet, and nothing is kept; the same command begins anew"),
+        (
+            None,
+            "nothing was measured yet, and nothing is kept; the same command begins anew with the "
+            "whole sweep of the camera, which takes 2.4 min\n",
+        ),
         ("camera.json", "the sweep is kept in runs, and nothing else yet; the same command goes"),
         ("pan-loop.sqlite", "what was measured is kept in runs; the same command continues it"),
     ],

@@ -30,13 +30,28 @@ _EVERY = 4
 """Pictures of the simulated camera: half as wide, and one in four ticks, since each takes time."""
 
 
-def kept_in(store: Path) -> str:
-    """Return what the folder of an identification keeps before its first run, or between two."""
+def kept_in(store: Path, *, seen: bool) -> str:
+    """Return what the folder of an identification keeps before its first run, or between two.
+
+    Parameters
+    ----------
+    store : Path
+    seen : bool
+        Whether a camera gives the angles, so that there is a sweep before the first run.
+    """
     if any(store.glob("*.sqlite")):
         return f"what was measured is kept in {store}; the same command continues it"
     if (store / SWEPT).exists():
         return f"the sweep is kept in {store}, and nothing else yet; the same command goes on"
-    return "nothing was measured yet, and nothing is kept; the same command begins anew"
+    anew = "nothing was measured yet, and nothing is kept; the same command begins anew"
+    return anew + _whole_sweep() * seen
+
+
+def _whole_sweep() -> str:
+    """Return how long a sweep takes, which is carried out in one go from the cold head."""
+    from minorloop.head.procedures.seen_angles import SWEEP_SECONDS
+
+    return f" with the whole sweep of the camera, which takes {as_duration(SWEEP_SECONDS)}"
 
 
 def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration | None:

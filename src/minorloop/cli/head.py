@@ -103,7 +103,7 @@ def identify(
         lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
         pipe or is_simulated(actuator),
     )
-    with _common.interruptible(lambda: kept_in(store)), opened(seed=seed) as plant:
+    with _common.interruptible(lambda: kept_in(store, seen=seen)), opened(seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
         serial = _serial(plant, serial)
         if before is not None:
@@ -177,8 +177,8 @@ def drive(
 
     Faults of the readings are named with their times. An angle whose readings were not used is
     that of the model, and is marked so. The exit status is 1 if a target was not reached within
-    5 % of the reach of its wire or is not confirmed by used readings, or a wire was cooled because
-    of its readings.
+    5 % of the reach of its wire, was not held still within as much, or is not confirmed by used
+    readings, or a wire was cooled because of its readings.
     """
     import numpy as np
 

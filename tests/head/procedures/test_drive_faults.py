@@ -102,12 +102,12 @@ def test_lost_readings_are_counted_together_and_both_axes_named_once():
     def dropped(t, seen):
         return seen * np.nan if round(t / 0.04) % 9 == 5 else seen
 
-    result = driven(dropped, [[30.0, 30.0]], 6.0, why="the picture is late")
+    result = driven(dropped, [[30.0, 30.0]], 8.0, why="the picture is late")
     (fault,) = result.faults
-    assert (fault.axis, fault.times) == ("pan and tilt", 17)
-    assert fault.lasted == pytest.approx(17 * 0.04)
+    assert (fault.axis, fault.times) == ("pan and tilt", 22)
+    assert fault.lasted == pytest.approx(22 * 0.04)
     assert fault.what == "there was no reading (the picture is late); the wire went by its model"
-    assert str(fault).startswith("pan and tilt, 17 times from 0.20 s, 0.68 s in all: there was no")
+    assert str(fault).startswith("pan and tilt, 22 times from 0.20 s, 0.88 s in all: there was no")
     assert result.done
 
 
@@ -176,5 +176,5 @@ def test_pictures_as_old_as_the_control_is_set_up_for_are_no_fault():
     control = camera_control("observer", (identified().model,) * 2)
     head = Head(noise=0.05, seed=3, delay=0.08)
     head.age = 0.1
-    result = steer(head, control, [[30.0, 30.0]], 6.0)
+    result = steer(head, control, [[30.0, 30.0]], 8.0)
     assert (result.faults, result.missed) == ((), ())

@@ -147,11 +147,14 @@ class Slow:
         self.t += 0.03
         return Frame(self.t, np.zeros((4, 4), np.uint8))
 
+    def safe(self):
+        pass
+
 
 class Angles:
     """Angles that are known at once."""
 
-    known, why = True, ""
+    known, why, searched = True, "", True
 
     def __init__(self, view):
         self.asked = []
@@ -256,3 +259,36 @@ def test_a_sweep_whose_pictures_show_nothing_for_10_s_stops_with_the_wires_off(m
     with pytest.raises(InstrumentError, match="does not show the angles: the picture is black"):
         seen.survey()
     assert 10.0 < safe[0] - began[0] < 12.0
+
+
+def test_a_black_picture_or_none_is_not_searched_and_another_that_does_not_fit_is():
+    changes = [lambda image: image, lambda image: image[:, ::-1].copy(), lambda image: 0 * image]
+    now = changes[:1]
+    seen, _ = head(lambda frame: Frame(frame.t, now[0](frame.image)))
+    searched = []
+    for now[0] in changes:
+        seen.exchange(np.zeros(2))
+        searched.append(seen.searched)
+    assert searched == [True, True, False]
+
+    def none(image):
+        raise InstrumentError("no picture came")
+
+    now[0] = none
+    seen.exchange(np.zeros(2))
+    assert (seen.searched, seen.why) == (False, "the picture is black")
+    for _ in range(30):
+        seen.exchange(np.zeros(2))
+    assert seen.why == "no picture came"
+
+
+def test_a_head_is_left_safe_if_the_wait_for_its_zero_ends_early(monkeypatch):
+    safe = []
+    monkeypatch.setattr(RigWires, "safe", lambda self: safe.append(True), raising=True)
+
+    def stopped(frame):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        head(stopped)
+    assert safe == [True]

@@ -151,6 +151,27 @@ def test_a_target_is_not_confirmed_if_nothing_was_read_and_the_model_is_at_it():
     assert not result.done
 
 
+def test_a_head_that_swings_about_its_target_is_not_still_there():
+    class Swinging(Head):
+        ticks = 0
+
+        def exchange(self, u):
+            self.ticks += 1
+            swing = 2.0 * np.sin(2 * np.pi * self.ticks * self.tick / 3.0)
+            return super().exchange(u) + np.array([0.0, swing])
+
+    control = head_control("observer", (identified().model,) * 2)
+    result = steer(Swinging(noise=0.05, seed=3), control, [[30.0, 30.0]], 12.0)
+    np.testing.assert_allclose(result.reached, result.targets, atol=1.0)
+    assert result.moved[0, 0] < 0.5
+    assert not result.done
+    (said,) = result.missed
+    assert said == (
+        f"tilt was not still at target 1, 30 degrees: it moved by {result.moved[0, 1]:.1f} degrees "
+        "at the end of its hold"
+    )
+
+
 def test_some_outliers_at_the_end_of_a_hold_do_not_count():
     class Outliers(Head):
         ticks = 0

@@ -12,6 +12,7 @@ from minorloop.head.studies.head_camera import HOLE, WAIT, Circle, run_circle, s
 from minorloop.head.studies.head_loop import constant, run_loop
 from minorloop.head.studies.head_static import identify_head
 from minorloop.head.studies.picture_sensor import PictureSensor
+from minorloop.head.twins.head import Head
 from minorloop.lab.actuator import Frame
 
 SEED = 1001
@@ -127,6 +128,21 @@ def test_a_lens_that_was_fouled_in_a_move_is_not_lost_again_once_it_is_clean(con
     late = [each for each in sensor.missed if each.tick > 105 and each.reason != "no picture came"]
     assert late == []
     assert np.abs(step.error[-1]).max() < 1.0
+
+
+def test_the_exposure_does_not_swing_when_pictures_are_late():
+    greys, before = [], []
+
+    def late_after_dark(tick, frame):
+        greys.append(frame.image.mean())
+        before.append(frame)
+        return Frame(frame.t, 0 * frame.image) if tick < 20 else before[-13:][0]
+
+    sensor = PictureSensor(Head(), SEED, dropped=0.0, disturb=late_after_dark)
+    for _ in range(170):
+        sensor.exchange(np.zeros(2))
+    assert max(greys) > 200.0
+    assert greys[-50:] == pytest.approx([95.0] * 50, rel=0.1)
 
 
 def test_a_head_that_never_sees_again_cools(control, monkeypatch):

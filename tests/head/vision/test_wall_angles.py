@@ -1,6 +1,7 @@
 """Pan and tilt from pictures of the wall alone, with good pictures and bad ones."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -290,6 +291,14 @@ def test_without_a_view_it_says_why_and_goes_on_when_it_sees_again(seen, spoil, 
         assert reason in sight.reason
     pan = math.radians(-27.0)
     assert error(seen.step(pan, REST[1]), pan) < CLOSE
+
+
+def test_too_few_patches_are_told_with_the_number_that_is_needed(seen):
+    seen.step(*REST)
+    reason = seen.step(*REST, plain).reason
+    counts = r"(\d+) of (\d+) patches of wall in view agree, and (\d+) are needed: something is "
+    agree, _, needed = (int(each) for each in re.match(counts, reason).groups())
+    assert agree < needed
 
 
 def test_a_repeated_picture_is_frozen_and_an_old_one_late(seen):

@@ -69,6 +69,7 @@ class HeadControl:
         diagonal. Without it, the axes are independent.
     lead : float
         Most degrees by which a wanted reading is ahead of the newest one. Infinite for no limit.
+        Less once the view was lost, as in `minorloop.head.control.unread.Unread.slower`.
     unread : UnreadWatch, optional
         Keeps the head where it is while it is not read. Without it, it goes on by the models.
 
@@ -135,6 +136,7 @@ class HeadControl:
         measurement: npt.ArrayLike,
         *,
         t: float | None = None,
+        searched: bool = True,
     ) -> tuple[FloatArray, HeadState]:
         """Return the currents for the next interval, within the limits; nothing is raised.
 
@@ -147,6 +149,8 @@ class HeadControl:
             Newest readings in degrees; NaN where there is none.
         t : float, optional
             Time of the readings in seconds.
+        searched : bool
+            Whether missing readings were looked for, as in `UnreadWatch.step`.
 
         Returns
         -------
@@ -159,11 +163,13 @@ class HeadControl:
         wanted, seen = _numbers(reference, count), _numbers(measurement, count)
         estimated = np.array([axis.estimate.wire.angle for axis in state.axes])
         last = np.array([axis.reference for axis in state.axes])
-        wanted = self._near(wanted, np.array([axis.sensed.last for axis in state.axes]))
         unread = state.unread
+        newest = np.array([axis.sensed.last for axis in state.axes])
+        wanted = self._near(wanted, newest, self.lead / unread.slower)
         if self.unread is not None:
             gap = max(max(axis.sensed.missing, axis.sensed.odd) for axis in state.axes)
-            unread = self.unread.step(unread, gap, estimated + self._mixing @ estimated)
+            modelled = estimated + self._mixing @ estimated
+            unread = self.unread.step(unread, gap, modelled, searched=searched)
             wanted = self.unread.near(unread, wanted)
         working = np.array([not axis.fault for axis in state.axes])
         readings = self._own(seen, estimated, working)
@@ -210,9 +216,9 @@ class HeadControl:
         filled = np.where(known & working, seen, instead + self._mixing @ instead)
         return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
 
-    def _near(self, wanted: FloatArray, newest: FloatArray) -> FloatArray:
-        """Return wanted readings (axes,) no farther from the newest ones than the lead."""
-        near = np.clip(wanted, newest - self.lead, newest + self.lead)
+    def _near(self, wanted: FloatArray, newest: FloatArray, lead: float) -> FloatArray:
+        """Return wanted readings (axes,) no farther from the newest ones than a lead."""
+        near = np.clip(wanted, newest - lead, newest + lead)
         return np.where(np.isnan(newest), wanted, near)
 
     def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:

@@ -42,6 +42,9 @@ _DOUBTED = 30.0
 """Seconds for which late readings are not used, until they are tried again."""
 _WINDOW, _RATE = 2.4, 4
 """Seconds of a motion up to its stop that are compared, and intervals in which a rate is taken."""
+_OLDEST = 2.0
+"""Seconds of lateness up to which a stop tells it: a network holds pictures back by as much. A turn
+does not: a load that sways the wire slowly makes some that look so late."""
 _SLOWER, _BACK = 2.0, 0.5
 """Degrees a second by which a motion must get slower from the first quarter of the window to the
 last, and the most by which it may go back."""
@@ -211,7 +214,7 @@ class StopWatch(WireWatch):
     def _lags(self) -> tuple[int, int, int]:
         """Intervals up to which readings are in time, and from and up to which they are late."""
         in_time, first, last = (
-            self.delay + round(t / self.interval) for t in (_IN_TIME, _LATER, _LONGEST)
+            self.delay + round(t / self.interval) for t in (_IN_TIME, _LATER, _OLDEST)
         )
         return in_time, first, last
 

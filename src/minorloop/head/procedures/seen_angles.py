@@ -45,6 +45,8 @@ _STILL, LONGEST, _MOVED = 5.0, 120.0, 0.1
 """A head is cold that turns less than 0.1 degrees in 5 s; seconds that are waited for that."""
 _WAITED = "the angles are counted from the cold head; it has to stand still first"
 _WARM = "the angles are counted from the cold head, and it is heated"
+_FRESH = 1.0
+"""Seconds for which a picture says why there are no angles, where the camera gives few."""
 _PATIENCE = 10.0
 """Seconds without angles after which a run stops: as long as control goes by its model."""
 
@@ -117,6 +119,8 @@ class SeenAngles:
         Whether the picture of the cold head was found.
     why : str
         Why the last picture gave no angles; empty if it did.
+    searched : bool
+        Whether they were looked for in it: not in one that shows nothing.
     """
 
     def __init__(self, view: HeadCalibration) -> None:
@@ -124,7 +128,7 @@ class SeenAngles:
         self._rest = view.line_of_sight(np.zeros(2))
         self._state: WallState | None = None
         self._since: float | None = None
-        self.known, self.why = False, _WAITED
+        self.known, self.why, self.searched = False, _WAITED, False
 
     def read(self, frame: Frame, *, cold: bool = False) -> FloatArray:
         """Return pan and tilt (2,) in degrees; NaN where the picture does not show them surely.
@@ -142,7 +146,7 @@ class SeenAngles:
             return np.full(2, np.nan)
         sight: Sight
         sight, self._state = self._eyes.step(self._state, frame.image, frame.t)
-        self.why = sight.reason
+        self.why, self.searched = sight.reason, sight.searched
         return self._view.joints(sight.angles) if not sight.trial else np.full(2, np.nan)
 
     def _look_for_zero(self, frame: Frame, cold: bool) -> None:
@@ -191,6 +195,9 @@ class _Ticks:
 class SeenHead(WrappedActuator):
     """Two currents of an actuator, and the angles that its camera sees.
 
+    It waits until the head stands still. The actuator confirms that it is safe at the end of that,
+    also where it ends early.
+
     Parameters
     ----------
     actuator : Actuator
@@ -214,6 +221,8 @@ class SeenHead(WrappedActuator):
         is the time of its arrival.
     pictures : int
         Number of those that have come.
+    searched : bool
+        Whether the angles were looked for in the newest one: not if it is old, or shows nothing.
 
     Raises
     ------
@@ -247,9 +256,10 @@ class SeenHead(WrappedActuator):
         self._began = self._due = self._clock.now()
         self._gain, self._why = 1.0, ""
         self._frame: Frame | None = None
-        self.age, self.pictures = math.nan, 0
+        self.age, self.pictures, self.searched = math.nan, 0, False
         self._seen_at = self._t
-        self._wait_for_zero()
+        with left_safe(actuator):
+            self._wait_for_zero()
 
     @property
     def serial(self) -> str | None:
@@ -362,10 +372,12 @@ class SeenHead(WrappedActuator):
         try:
             frame = self._taken()
         except InstrumentError as error:
-            self._why = str(error)
+            fresh = self._frame is not None and self._clock.now() - self._frame.t < _FRESH
+            self._why = self._why if fresh and self._why else str(error)
+            self.searched = self.searched and fresh
         else:
             angles = self._angles.read(frame, cold=cold)
-            self._why = self._angles.why
+            self._why, self.searched = self._angles.why, self._angles.searched
         if cold or np.isfinite(angles).all():
             self._seen_at = self._t
         elif self._t - self._seen_at > _PATIENCE:
@@ -408,7 +420,7 @@ def unseen(why: str) -> str:
     if SATURATED in what:
         advice = (
             "switch LEDs off, in the bench file with rest = false for their lines, or shorten the "
-            "exposure"
+            "exposure of the camera: most of the picture is white"
         )
     elif not advised:
         advice = NOTHING_SEEN

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +37,10 @@ _LATELY = 25
 _REHEARSED = 25
 """Steps of the control without a head: what is compiled in them is so before a current is on."""
 _OFF = 0.05
-"""Share of the reach of a wire by which a target is missed: as `minorloop drive` warns."""
+"""Share of the reach of a wire by which a target is missed, as `minorloop drive` warns, and within
+which an angle is still."""
+_MOST = 0.05, 0.95
+"""Parts of the readings between which an angle moves: noise and outliers are beyond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +64,8 @@ class SteeredHead:
     unreachable : tuple of str
         A sentence for each target that the guard found out of reach until the end of its hold.
     missed : tuple of str
-        A sentence for each other target that was not reached at the end of its hold.
+        A sentence for each other target that was not reached, or not held still, at the end of its
+        hold.
     unconfirmed : tuple of str
         A sentence for each other target of which it is not known whether it was reached: readings
         were not used, or there was none and the model says that it was.
@@ -100,12 +105,15 @@ class SteeredHead:
 
         NaN where there was no reading, or where more than half of the readings were not used.
         """
-        reached = np.full(self.targets.shape, np.nan)
-        for n, k in np.ndindex(reached.shape):
-            seen, used = self.read[self._ends[n], k], self.used[self._ends[n], k]
-            if used.any() and 2 * used.sum() >= np.isfinite(seen).sum():
-                reached[n, k] = seen[used].mean()
-        return reached
+        return self._of_used(np.mean)
+
+    @cached_property
+    def moved(self) -> FloatArray:
+        """(N, 2) degrees by which used readings differ at the end of each hold; NaN as `reached`.
+
+        Of nine in ten of them.
+        """
+        return self._of_used(lambda seen: np.ptp(np.quantile(seen, _MOST)))
 
     @cached_property
     def expected(self) -> FloatArray:
@@ -116,6 +124,15 @@ class SteeredHead:
     def had_readings(self) -> BoolArray:
         """(N, 2) whether there were readings at the end of each hold, used or not."""
         return np.array([np.isfinite(self.read[each]).any(axis=0) for each in self._ends])
+
+    def _of_used(self, found: Callable[[FloatArray], np.floating[Any]]) -> FloatArray:
+        """Return what is found (N, 2) of the used readings at the end of each hold."""
+        values = np.full(self.targets.shape, np.nan)
+        for n, k in np.ndindex(values.shape):
+            seen, used = self.read[self._ends[n], k], self.used[self._ends[n], k]
+            if used.any() and 2 * used.sum() >= np.isfinite(seen).sum():
+                values[n, k] = found(seen[used])
+        return values
 
     @cached_property
     def _ends(self) -> list[IntArray]:
@@ -158,7 +175,8 @@ def steer(
     """Bring a cold head to targets, hold each, and leave it safe.
 
     A head with a ``time`` may take longer than a tick for a reading: the wires go by that time. One
-    with an ``age`` is read from pictures, of which it is the newest one's.
+    with an ``age`` is read from pictures, of which it is the newest one's. One with ``searched``
+    tells whether that showed anything, in which its view was looked for.
 
     Parameters
     ----------
@@ -227,7 +245,9 @@ class _Drive:
         self._state, began = control.begin(seen), _time(head, 0.0)
         for n, each in enumerate(self._wanted):
             while self._t < (n + 1) * hold - 0.5 * tick:
-                current, self._state = self._paced().step(self._state, each, seen, t=self._t)
+                current, self._state = self._paced().step(
+                    self._state, each, seen, t=self._t, searched=getattr(head, "searched", True)
+                )
                 why, age = getattr(head, "why", ""), getattr(head, "age", math.nan)
                 faults.note(self._t, self._state, why, age)
                 self._judged.append(_judged(control, self._state))
@@ -323,20 +343,23 @@ def _missed(
     faults: FaultLog,
     otherwise: str,
 ) -> Iterator[str]:
-    """Yield a sentence for each other axis that was not at its target at the end of its hold.
+    """Yield a sentence for each other axis that was not still at its target at the end of its hold.
 
     It ends with the fault that was on, ``otherwise`` if none was.
     """
     for (n, k), at in np.ndenumerate(found.reached):
-        near = _near(control, found, found.reached, (n, k))
-        if (n, k) in given_up or near or _doubted(control, found, (n, k)):
+        near, moved = _near(control, found, found.reached, (n, k)), found.moved[n, k]
+        swings = bool(near and moved > _tolerance(control, k))
+        if (n, k) in given_up or (near and not swings) or _doubted(control, found, (n, k)):
             continue
+        what = "was not still at" if swings else "did not reach"
         where = "there was no reading" if np.isnan(at) else f"it was at {at:.1f} degrees"
+        where = f"it moved by {moved:.1f} degrees" if swings else where
         hold = found.t[found.row == n]
         why = faults.during(_AXES[k], float(hold[0]), float(hold[-1])) or otherwise
         yield (
-            f"{_AXES[k]} did not reach target {n + 1}, {found.targets[n, k]:g} degrees: {where} at "
-            f"the end of its hold{why and '; '}{why}"
+            f"{_AXES[k]} {what} target {n + 1}, {found.targets[n, k]:g} degrees: {where} at the "
+            f"end of its hold{why and '; '}{why}"
         )
 
 
@@ -368,5 +391,10 @@ def _near(
     control: HeadControl, found: SteeredHead, angles: FloatArray, at: tuple[int, int]
 ) -> bool:
     """Return whether an angle of a row and an axis is near its target; not if it is NaN."""
-    low, high = control.axes[at[1]].reach
-    return bool(abs(angles[at] - found.targets[at]) <= _OFF * (high - low))
+    return bool(abs(angles[at] - found.targets[at]) <= _tolerance(control, at[1]))
+
+
+def _tolerance(control: HeadControl, axis: int) -> float:
+    """Return the degrees by which an axis may miss a target, or move at it."""
+    low, high = control.axes[axis].reach
+    return _OFF * (high - low)

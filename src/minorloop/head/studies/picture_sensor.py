@@ -147,6 +147,7 @@ class PictureSensor:
         self.latest: FloatArray = np.zeros(2)
         self._rng, self._dropped, self._disturb = rng, dropped, disturb
         self._gain, self.ticks = 1.0, 0
+        self._taken_with: dict[float, float] = {}
         self._state = self._zero()
         self._coming: list[FloatArray] = [np.zeros(2)] * (AGE - 1)
 
@@ -172,7 +173,7 @@ class PictureSensor:
             self.missed.append(Missed(self.ticks, "no picture came"))
             return np.full(2, np.nan)
         self.picture = frame.image
-        self._gain = LIMITS.gain(self._gain, frame.image)
+        self._meter(frame)
         self.sight, self._state = self.eyes.step(self._state, frame.image, frame.t)
         if self.sight.reason:
             self.missed.append(Missed(self.ticks, self.sight.reason))
@@ -229,13 +230,19 @@ class PictureSensor:
     def _lit(self) -> Frame:
         """Take a picture, and set the gain for the next one."""
         frame = self._frame()
-        self._gain = LIMITS.gain(self._gain, frame.image)
+        self._meter(frame)
         return frame
+
+    def _meter(self, frame: Frame) -> None:
+        """Set the gain by a picture, which may be late: it was taken with the gain of its time."""
+        self._gain = LIMITS.gain(self._taken_with.get(frame.t, self._gain), frame.image)
 
     def _frame(self) -> Frame:
         self.tip.expose(LIMITS.exposure, self._gain)
         self.tip.move_to(self.rig.stance())
-        return self.tip.frame()
+        frame = self.tip.frame()
+        self._taken_with[frame.t] = self._gain
+        return frame
 
     def _zero(self) -> WallState:
         """Take the picture at rest as that of the angles 0."""

@@ -375,8 +375,9 @@ class WallAngles:
         fewest, one_in = self.fewest, _ONE_IN
         if searched:
             fewest, one_in = min(2 * self.fewest, max(counts[1], _ALL)), _SEARCHED
-        if counts[0] < fewest or one_in * counts[0] < counts[1]:
-            return nothing(FEW, *counts), patches
+        needed = max(fewest, math.ceil(counts[1] / one_in))
+        if counts[0] < needed:
+            return nothing(FEW, *counts, needed), patches
         inside = (angles > np.array(self.low)) & (angles < np.array(self.high))
         if sd is None or not (sd.max() <= self.widest and inside.all()):
             return nothing(UNSURE, *counts), patches

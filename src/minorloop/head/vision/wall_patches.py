@@ -23,6 +23,8 @@ LATE, FEW, NO_PATCH, UNSURE = (
 
 UNTURNED = "what the camera sees has not turned with the head"
 """Why angles are on trial."""
+_HIDDEN_OR_NEW = "something is before the wall, the light changed, or this wall was not seen before"
+"""Why too few patches agree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,8 @@ class Sight:
     trial : bool
         Whether the angles may be those of dirt on the lens: a search found them, the patches
         do not look as they did or a part disagrees, and no turn of the head has confirmed them yet.
+    needed : int
+        Number of patches that must agree; 0 where too few are not the reason.
     """
 
     angles: FloatArray
@@ -54,6 +58,12 @@ class Sight:
     verdict: str
     likeness: float = math.nan
     trial: bool = False
+    needed: int = 0
+
+    @property
+    def searched(self) -> bool:
+        """Whether the angles were looked for: not in a picture that shows nothing."""
+        return self.verdict in (SEEN, FEW, NO_PATCH, UNSURE)
 
     @property
     def reason(self) -> str:
@@ -64,7 +74,7 @@ class Sight:
         if self.verdict == SEEN:
             return ""
         if self.verdict == FEW:
-            return counts
+            return f"{counts}, and {self.needed} are needed: {_HIDDEN_OR_NEW}"
         return (
             self.verdict if self.seen or " " in self.verdict else f"the picture is {self.verdict}"
         )
@@ -177,6 +187,7 @@ class WallState:
     doubt: Doubt | None = None
 
 
-def nothing(verdict: str, agreeing: int = 0, seen: int = 0) -> Sight:
+def nothing(verdict: str, agreeing: int = 0, seen: int = 0, needed: int = 0) -> Sight:
     """Return the sight of a picture that does not show the angles."""
-    return Sight(np.full(2, np.nan), np.full(2, np.nan), agreeing, seen, verdict)
+    none = np.full(2, np.nan)
+    return Sight(none, none, agreeing, seen, verdict, needed=needed)
