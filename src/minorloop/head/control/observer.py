@@ -165,9 +165,7 @@ class ObserverControl(PowerObserver):
         Largest power for a small error, as the slope of the operator over its mean slope; it
         keeps the loop calm where the operator is flat.
     wire, correction, learning, smoothing, dead_band, interval, delay, highest
-        As in `PowerObserver`. The bias is learnt faster than by an observer that only watches:
-        where it is wrong, the loop oscillates about the target. More than 8 per second does the
-        same where readings are later than the loop knows.
+        As in `PowerObserver`.
 
     Raises
     ------
@@ -175,7 +173,6 @@ class ObserverControl(PowerObserver):
         If a number is out of its range.
     """
 
-    learning: float = 6.0
     response: float = 0.4
     steepness: float = 1.33
 
