@@ -542,10 +542,12 @@ def inspected(monkeypatch):
     save_head(HeadFile(serial="H-07"), "head.json")
     state = SimpleNamespace(
         safe=False, travels=False, then=lambda: None, first=[], nothing=False,
-        calibration=SimpleNamespace(radius=10e-3, length=None),
+        calibration=HeadCalibration(
+            lens=Pinhole(320, 240, 200.0, (159.5, 119.5)), leds=np.zeros((3, 3))
+        ),
     )  # fmt: skip
 
-    def views(rig, advances, done):
+    def views(rig, advances, done, probing):
         yield from state.first
         if state.nothing:
             return
@@ -889,11 +891,11 @@ def test_a_finding_says_that_its_centring_failed_also_after_a_resume(run, script
     assert again["findings"] == content["findings"]
 
 
-def looked_round(verdict="good", **more):
+def looked_round(verdict="good", name="view 1", **more):
     from minorloop.head.procedures.inspected_view import InspectedView
     from minorloop.head.procedures.pictures import InspectedPicture
 
-    picture = InspectedPicture(name="view 1", t=0.0, verdict=verdict)
+    picture = InspectedPicture(name=name, t=0.0, verdict=verdict)
     image = np.zeros((240, 320), np.uint8)
     return InspectedView(
         picture=picture, image=image, angles=(0.1, 0.2), joints=(0.6, 0.7), place=(0.0, 0.0), **more
@@ -938,7 +940,10 @@ def test_what_was_not_confirmed_is_in_the_summary_the_files_and_the_report(run, 
 
 
 def test_an_inspection_without_a_picture_that_can_be_searched_has_status_1(run, inspected):
-    inspected.first, inspected.nothing = [looked_round("black"), looked_round("torn")], True
+    inspected.first, inspected.nothing = (
+        [looked_round("black"), looked_round("torn", "view 2")],
+        True,
+    )
     status, out, error = run(INSPECT)
     assert status == 1
     assert "0 findings in 2 views; 2 of 2 views not usable: black (1), torn (1); not" in out
@@ -972,7 +977,10 @@ def test_an_inspection_with_some_pictures_says_how_many_could_not_be_searched(ru
         ("--actuator twin:pipe --camera camera:0", "twin:pipe has a camera of its own; leave"),
         ("--actuator twin:pipe --advances 0,103", "--advances has 103, and the pipe ends at 102.4"),
         ("--actuator bench:head.toml", "--actuator bench:head.toml needs --camera, and --head"),
-        ("--actuator bench:head.toml --camera camera:0 --seed 3", "--seed are of twin:pipe"),
+        (
+            "--actuator bench:head.toml --camera camera:0 --seed 3",
+            "are of twin:pipe, and --actuator is bench:head.toml",
+        ),
         ("--actuator bench:head.toml --camera twin:pipe", "give it as --actuator, without"),
         ("--actuator bench:head.toml --camera camera:0 --resume", "there is no folder s1; give"),
     ],

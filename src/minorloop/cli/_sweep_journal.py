@@ -16,6 +16,7 @@ from minorloop.files import write_atomically
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.head.ultrasound.echoes import Burst
     from minorloop.head.ultrasound.wall_echoes import SweptBurst
 
 _AGAIN = (
@@ -99,13 +100,15 @@ class SweptBefore:
 
 def burst_line(swept: SweptBurst) -> dict[str, Any]:
     """Return the content of the line of a burst; its numbers are exact."""
+    place, spot = swept.place.tolist(), swept.spot.tolist()
+    return {"fired": swept.t, "place": place, "spot": spot, **burst_values(swept.burst)}
+
+
+def burst_values(burst: Burst) -> dict[str, Any]:
+    """Return the values of the mean of a burst; its numbers are exact."""
     import numpy as np
 
-    burst = swept.burst
     return {
-        "fired": swept.t,
-        "place": swept.place.tolist(),
-        "spot": swept.spot.tolist(),
         "angles": burst.angles.tolist(),
         "shots": [burst.used, burst.fired],
         "noise": burst.noise,
@@ -169,7 +172,6 @@ def _burst(where: str, line: dict[str, Any], limits: dict[str, Limits]) -> Swept
     """Return the burst of a line."""
     import numpy as np
 
-    from minorloop.head.ultrasound.echoes import Burst
     from minorloop.head.ultrasound.wall_echoes import SweptBurst
 
     verdict = line["verdict"]
@@ -177,14 +179,35 @@ def _burst(where: str, line: dict[str, Any], limits: dict[str, Limits]) -> Swept
         raise RecordError(f"{where} has the verdict {reprlib.repr(verdict)}, no text; {_AGAIN}")
     for name, allowed in limits.items():
         _check(where, name, line[name], allowed, unknown=bool(verdict))
-    trace = np.frombuffer(base64.b64decode(line["trace"], validate=True), "<f8").astype(np.float64)
+    burst = burst_of_values(line)
     if not verdict:
-        _check_trace(where, trace, line["interval"])
-    used, fired = line["shots"]
-    burst = Burst(
-        trace, line["interval"], np.array(line["angles"]), used, fired, line["noise"], verdict
-    )
+        _check_trace(where, burst.trace, line["interval"])
     return SweptBurst(line["fired"], np.array(line["place"]), np.array(line["spot"]), burst)
+
+
+def burst_of_values(values: dict[str, Any]) -> Burst:
+    """Return the burst whose values `burst_values` gave.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If a value is missing, or of another kind.
+    """
+    import numpy as np
+
+    from minorloop.head.ultrasound.echoes import Burst
+
+    trace = np.frombuffer(base64.b64decode(values["trace"], validate=True), "<f8")
+    used, fired = values["shots"]
+    return Burst(
+        trace.astype(np.float64),
+        values["interval"],
+        np.array(values["angles"]),
+        used,
+        fired,
+        values["noise"],
+        values["verdict"],
+    )
 
 
 def _check(where: str, name: str, value: Any, limits: Limits, *, unknown: bool = False) -> None:

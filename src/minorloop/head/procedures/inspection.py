@@ -1,9 +1,10 @@
-"""Inspection of the reachable wall by the camera alone, without an operator.
+"""Inspection of the reachable wall by camera and probe, without an operator.
 
 The head looks round, then visits each candidate: it is centred, and measured where it is seen
 again. A hole that the centred view does not show is looked at once more from another side, because
-a far one is narrow there. What no other view shows is not confirmed, and told apart. There is no
-probe, so that depths stay unknown.
+a far one is narrow there. What no other view shows is not confirmed, and told apart. With a probe,
+what is confirmed is touched, scanned in the flooded pipe, and its depth is measured. At the end the
+probe is rolled once round the pipe, which shows the level of the water.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from minorloop.head.procedures.inspected_view import (
 )
 from minorloop.head.procedures.mark import aim_at
 from minorloop.head.procedures.pictures import CRACK, InspectedPicture
+from minorloop.head.procedures.probing import Probing
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.steps import NEAR, acquire, centre, go, meter, pick, search
 from minorloop.head.procedures.trace import (
@@ -118,9 +120,14 @@ def views_of(lens: Pinhole) -> FloatArray:
 
 
 def inspect_wall(
-    rig: InspectionRig, advances: Sequence[float] = (0.0,), done: Sequence[InspectedView] = ()
+    rig: InspectionRig,
+    advances: Sequence[float] = (0.0,),
+    done: Sequence[InspectedView] = (),
+    probing: Probing | None = None,
 ) -> Iterator[InspectedView]:
     """Look round from each place, visit what was seen, and yield each view as it is searched.
+
+    With a probe, the view of a finding is yielded again once it was scanned.
 
     Parameters
     ----------
@@ -129,6 +136,8 @@ def inspect_wall(
         Places of the catheter in metres. A head without one stays where it is.
     done : sequence of InspectedView
         Of an inspection of the same wall that was cut off: they are not taken again, nor yielded.
+    probing : Probing, optional
+        The probe of the head; without it only the camera is used.
 
     Raises
     ------
@@ -138,6 +147,8 @@ def inspect_wall(
     """
     radius = rig.calibration.radius
     known = {view.picture.name: view for view in done}
+    if probing is not None:
+        probing.begin(rig)
     views = yield from _looked_round(rig, advances, known)
     early = _early([*done, *views])
     holes = _sightings(views, Hole)
@@ -147,7 +158,7 @@ def inspect_wall(
     for k, hole in enumerate(best[:_MOST_HOLES], 1):
         if not _known(hole, found, radius):
             same = _same(hole, holes, radius)
-            again = yield from _visited(rig, hole, same, f"hole {k}", known)
+            again = yield from _visited(rig, hole, same, f"hole {k}", known, probing)
             found += [] if again is None or _known(again, found, radius) else [again]
     traces = _sightings(views, TracedCrack)
     cracks: list[TracedCrack] = []
@@ -160,7 +171,12 @@ def inspect_wall(
                 alike = _alike(trace, traces, radius)
                 known[name] = _followed(rig, trace, _names(alike), name)
                 yield known[name]
+            yield from _probed(rig, known[name], probing)
             cracks += [one for one in known[name].seen if isinstance(one, TracedCrack)]
+    if probing is not None:
+        places = [hole.place for hole in found] + [crack.places[0] for crack in cracks]
+        ahead = advances[0] + radius / math.tan(_DEFLECTION)
+        probing.roll_round(rig, float(places[0][1]) if places else ahead)
 
 
 def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed]:
@@ -327,6 +343,7 @@ def _visited(
     same: Sequence[_Sighting[Hole]],
     name: str,
     known: Mapping[str, InspectedView],
+    probing: Probing | None,
 ) -> Generator[InspectedView, None, Hole | None]:
     """Visit a candidate for a hole, from two sides if need be; return it if it is seen again."""
     view = known.get(name)
@@ -348,7 +365,16 @@ def _visited(
                 phi, z = hole.place.tolist()
                 view = _not_confirmed(rig, seen, UNDECIDED, (phi, z), hole.evidence, _names(same))
             yield view
+    yield from _probed(rig, view, probing)
     return next((one for one in view.seen if isinstance(one, Hole)), None)
+
+
+def _probed(
+    rig: InspectionRig, view: InspectedView, probing: Probing | None
+) -> Iterator[InspectedView]:
+    """Yield the view of a finding once more, with its depth, if there is a probe."""
+    if probing is not None and view.finding is not None and view.probed is None:
+        yield probing.scanned(rig, view)
 
 
 def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:

@@ -1,0 +1,188 @@
+"""Steps with the probe of a rig: scan a place of the flooded wall, and measure the defect there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from minorloop.arrays import FloatArray
+from minorloop.head.procedures.measure import NO_COUPLING, has_coupling, wall_about
+from minorloop.head.procedures.meter import Metering
+from minorloop.head.procedures.rig import InspectionRig, LogEntry
+from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.trace import widest
+from minorloop.head.procedures.values import Request
+from minorloop.head.reconstruction.depth_map import DepthMap, Patch
+from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_depth
+from minorloop.head.ultrasound.echoes import Burst
+from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.pits import ASTRAY, DISTURBED, SILENT, PitDepth, measure_pit
+from minorloop.head.vision.cracks import TracedCrack
+from minorloop.head.vision.defects import Hole
+from minorloop.head.vision.reflectance_map import ReflectanceMap
+
+REFUSED = "out of reach"
+"""Verdict of a place that the probe does not reach in the water."""
+AGAIN = (DISTURBED, SILENT, ASTRAY)
+"""Verdicts after which a raster is scanned again, displaced by half a pitch: they depend on where
+the points are, and on how the flow turned the head at each of them."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scanned:
+    """Bursts of a raster.
+
+    Parameters
+    ----------
+    reference : (2,) array
+        Advance and roll of the catheter, in metres and radians, at which their angles hold.
+    bursts : tuple of Burst
+    refused : str
+        Why it was not scanned; empty if it was.
+    steps : tuple of LogEntry
+        Of the visit until then, for who keeps the scan.
+    """
+
+    reference: FloatArray
+    bursts: tuple[Burst, ...] = ()
+    refused: str = ""
+    steps: tuple[LogEntry, ...] = ()
+
+
+Scan: TypeAlias = Callable[[InspectionRig, tuple[float, float], float], Scanned]
+"""Scans a raster about phi and z, displaced by some pitches: `scan`, or one that keeps scans."""
+
+
+def reach_words(rig: InspectionRig) -> tuple[str, bool]:
+    """Return whether the probe reaches the wall in the water as known, as a sentence and a flag."""
+    said = RasterScan(calibration=rig.calibration).out_of_reach(rig.control)
+    water = f"the probe is within reach in water of {rig.calibration.temperature:.0f} C"
+    return said or water, not said
+
+
+def scan(rig: InspectionRig, place: tuple[float, float], shift: float = 0.0) -> Scanned:
+    """Bring the probe over a place in the drained pipe, flood it, and scan a raster in the flow.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+        The water flows until `drain`.
+    place : (float, float)
+        Phi and z in the middle of the raster.
+    shift : float
+        Displacement of the raster in pitches, in both directions.
+    """
+    view = rig.calibration
+    scanning = RasterScan(calibration=view, metering=Metering(calibration=view))
+    begun = scanning.begin(place, shift=shift, control=rig.control, gain=rig.gain)
+    if begun.refused:
+        rig.say("reach", begun.refused, succeeded=False)
+        return Scanned(reference=rig.place, refused=begun.refused)
+    drain(rig)
+    state, late = rig.run(scanning, begun), rig.trouble
+    rig.gain = state.meter.gain
+    bursts, planned = state.bursts, scanning.points**2
+    words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
+    words += f"; rolled back {state.again} x for a row that was passed" if state.again else ""
+    rig.say("scan", words, succeeded=len(bursts) == planned and not late)
+    coupled = has_coupling(bursts)
+    answer = "the wall answers" if coupled else "no echo: camera only"
+    rig.say("modality", answer, succeeded=coupled)
+    return Scanned(reference=state.reference, bursts=tuple(bursts))
+
+
+def drain(rig: InspectionRig) -> None:
+    """Drain the pipe."""
+    rig.reading(Request(water=False))
+
+
+def scanned_pit(rig: InspectionRig, hole: Hole, scan: Scan = scan) -> tuple[PitDepth, Scanned]:
+    """Scan a hole or a pit, once more if the echoes depend on the points, and return its depth.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+    hole : Hole
+        By the camera.
+    scan : callable
+
+    Returns
+    -------
+    PitDepth, Scanned
+        The scan is the one that gave the depth.
+    """
+    place = (float(hole.place[0]), float(hole.place[1]))
+    first = scan(rig, place, 0.0)
+    if first.refused:
+        return PitDepth(REFUSED, *place, hole.diameter), first
+    pit = _measured(rig, first, hole, "measure")
+    if pit.verdict not in AGAIN:
+        return pit, first
+    second = scan(rig, place, 0.5)
+    other = _measured(rig, second, hole, "measure again")
+    return (other, second) if other.measured else (pit, first)
+
+
+def _measured(rig: InspectionRig, scanned: Scanned, hole: Hole, step: str) -> PitDepth:
+    """Measure the pit of a hole from a scan."""
+    place = (float(hole.place[0]), float(hole.place[1]))
+    probe = probe_of(rig, scanned)
+    pit = rig.compute(lambda: measure_pit(scanned.bursts, probe, place, hole.diameter))
+    rig.say(step, f"{pit.bursts} of {len(scanned.bursts)} places; {pit.verdict}")
+    return pit
+
+
+def scanned_crack(
+    rig: InspectionRig, traced: TracedCrack, scan: Scan = scan
+) -> tuple[CrackDepth, Scanned]:
+    """Scan across a crack where it is widest, and return its depth there.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+    traced : TracedCrack
+        In a near view.
+    scan : callable
+    """
+    where, width = widest(traced)
+    scanned = scan(rig, (float(where[0]), float(where[1])), 0.0)
+    if scanned.refused:
+        return CrackDepth(REFUSED), scanned
+    drain(rig)
+    if not has_coupling(scanned.bursts):
+        found = CrackDepth(NO_COUPLING)
+    else:
+        bursts, probe = scanned.bursts, probe_of(rig, scanned)
+        found = rig.compute(lambda: crack_depth(bursts, probe, traced.places, width))
+    deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
+    rig.say("measure", f"{found.verdict}{deep}")
+    return found, scanned
+
+
+def probe_of(rig: InspectionRig, scanned: Scanned) -> CalibratedProbe:
+    """Return the probe at the place for which the angles of a scan hold."""
+    return rig.calibration.probe_at(scanned.reference)
+
+
+def fused_wall(
+    scanned: Scanned,
+    probe: CalibratedProbe,
+    pit: PitDepth,
+    hole: Hole,
+    view: ReflectanceMap | None,
+) -> DepthMap:
+    """Fuse echoes and the near view to a map about a pit."""
+    centre = (float(hole.place[0]), float(hole.place[1]))
+    seen = None if view is None else lambda patch: resampled(view, patch)
+    return wall_about(pit, scanned.bursts, probe, centre, hole.diameter, seen=seen)
+
+
+def resampled(view: ReflectanceMap, patch: Patch) -> FloatArray:
+    """Resample a view of the camera on a patch (rows, columns); NaN where nothing is seen."""
+    x, y = np.moveaxis(view.window.texels(patch.places, patch.radius), -1, 0)
+    whole = np.asarray(view.whole, dtype=np.float64)
+    return np.asarray(map_coordinates(whole, [y, x], order=1, mode="constant", cval=np.nan))
