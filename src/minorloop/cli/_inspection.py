@@ -396,7 +396,7 @@ def show(content: dict[str, Any], out: Path) -> None:
             [*finding_cells(n, row), str(row["verdict"])]
             for n, row in enumerate(content["findings"], 1)
         ]
-        _common.print_table((*COLUMNS, "echoes"), rows, ANGLES)
+        _common.print_table((*COLUMNS, "verdict"), rows, ANGLES)
     if content["unconfirmed"]:
         lost = table(content["unconfirmed"], LOST_COLUMNS)
         _common.print_table(LOST_COLUMNS, lost, "not confirmed")

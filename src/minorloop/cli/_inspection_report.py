@@ -21,8 +21,8 @@ ANGLES = (
 )
 _EVIDENCE = (
     "Evidence is the logarithm of the odds that it is a hole or a pit: 3 is 20 to 1. A crack is "
-    "traced again from another place. A depth counts if the echoes say measured, without a step "
-    "that failed."
+    "traced again from another place. The verdict is that of the echoes. A depth counts if it "
+    "is measured, and no step failed."
 )
 COLUMNS = ("no.", "kind", "angle [deg]", "z [mm]", "width [mm]", "length [mm]", "depth [mm]")
 LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
@@ -105,7 +105,7 @@ def inspection_report(
     report.add(
         "Findings",
         text=(ANGLES, _EVIDENCE) if cells else ANGLES,
-        table=Table((*COLUMNS, _SURE, "echoes"), cells) if cells else None,
+        table=Table((*COLUMNS, _SURE, "verdict"), cells) if cells else None,
         notes=() if cells else ("Nothing was found.",),
     )
     if reasons := _without_depth(rows):
@@ -169,7 +169,7 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
     around = "all round" if last - first >= 360.0 else f"from {first:.0f} to {last:.0f} degrees"
     said = [
         f"The camera saw the inner wall from z {low:.1f} to {high:.1f} mm, {around}: "
-        f"{wall['seen']:.0%} of it."
+        f"{wall['seen']:.0%} of this part of the pipe."
     ]
     if wall["probed"]:
         said.append(

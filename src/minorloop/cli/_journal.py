@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 FINISHED = "finished"
 NAME = "journal.jsonl"
+_EXACT = 9
+"""Digits of a pose, so that an inspection that goes on has the same map as one that was not cut."""
 
 
 class Journal:
@@ -185,11 +187,11 @@ def view_line(view: InspectedView) -> dict[str, Any]:
         "taken": picture.t,
         "verdict": picture.verdict,
         "pose": {
-            **_degrees(view.joints),
-            "advance [mm]": round(1e3 * advance, 4),
-            "roll [deg]": round(math.degrees(roll), 4),
+            **_degrees(view.joints, _EXACT),
+            "advance [mm]": round(1e3 * advance, _EXACT),
+            "roll [deg]": round(math.degrees(roll), _EXACT),
         },
-        "sight": _degrees(view.angles),
+        "sight": _degrees(view.angles, _EXACT),
         "shown": picture.rows(),
         "seen": [_noted(shown) for shown in view.seen],
         "finding": None if view.finding is None else row(view),
@@ -352,10 +354,10 @@ def _restored(noted: dict[str, Any]) -> Hole | TracedCrack:
     return Hole(**values) if "rim" in values else TracedCrack(**values)
 
 
-def _degrees(pair: tuple[float, float]) -> dict[str, float]:
+def _degrees(pair: tuple[float, float], digits: int = 4) -> dict[str, float]:
     """Return pan and tilt in degrees."""
     return {
-        f"{name} [deg]": round(math.degrees(angle), 4)
+        f"{name} [deg]": round(math.degrees(angle), digits)
         for name, angle in zip(("pan", "tilt"), pair, strict=True)
     }
 

@@ -48,14 +48,16 @@ def kept_probing(folder: Path, lines: Sequence[dict[str, Any]], probing: Probing
     Raises
     ------
     RecordError
-        If a line of a scan lacks something.
+        If a line of a scan lacks something, or has an impossible value.
     """
     for number, line in enumerate(lines, 1):
         try:
             if line["what"] == "scan":
-                probing.scans[line["name"]] = _scan_of(line)
+                probing.scans[line["name"]] = _scan_of(f"line {number} of {folder / NAME}", line)
             elif line["what"] == "ring":
                 probing.ring = _ring_of(line)
+        except RecordError:
+            raise
         except (KeyError, TypeError, ValueError):
             raise RecordError(
                 f"line {number} of {folder / NAME} is not the whole line of a scan; inspect into a "
@@ -63,14 +65,14 @@ def kept_probing(folder: Path, lines: Sequence[dict[str, Any]], probing: Probing
             ) from None
 
 
-def _scan_of(line: dict[str, Any]) -> Scanned:
+def _scan_of(where: str, line: dict[str, Any]) -> Scanned:
     import numpy as np
 
     from minorloop.head.procedures.probe_steps import Scanned
 
     return Scanned(
         reference=np.array(line["reference"]),
-        bursts=tuple(burst_of_values(values) for values in line["bursts"]),
+        bursts=tuple(burst_of_values(where, values) for values in line["bursts"]),
         steps=steps_of(line["steps"], line["t"]),
     )
 

@@ -18,6 +18,7 @@ from minorloop.head.procedures.sweep_map import water_angles
 from minorloop.head.procedures.trace import patch_about, widest
 from minorloop.head.reconstruction.depth_map import (
     ECHOES,
+    STEP,
     DepthMap,
     Patch,
     WaterLine,
@@ -37,7 +38,8 @@ _CONTRAST = 0.6
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _SIDES = {-180: "left", -90: "top", 0: "right", 90: "bottom"}
 _MOST = 0.5
-"""Least share of a row or a column that is seen, for it to be in the range of what was seen."""
+"""Least share of a column that is seen, for it to be in the range of what was seen; and of a row,
+over that of the row of which most is seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +62,13 @@ class SeenWall:
 
     @property
     def along(self) -> tuple[float, float]:
-        """First and last place along the pipe, in metres, at which half of the wall was seen."""
-        rows = np.flatnonzero(self._seen.mean(axis=1) >= _MOST)
-        first, last = (rows[0], rows[-1]) if rows.size else (0, 0)
-        return tuple((self.patch.z + self.patch.step * np.array([first, last])).tolist())
+        """First and last place along the pipe that was seen, in metres.
+
+        Places of which less than half as much was seen as of any other do not count.
+        """
+        shares = self._seen.mean(axis=1)
+        rows = np.flatnonzero(shares >= _MOST * shares.max())
+        return tuple((self.patch.z + self.patch.step * rows[[0, -1]]).tolist())
 
     @property
     def around(self) -> tuple[float, float]:
@@ -121,9 +126,11 @@ def seen_wall(
     if not flat:
         return None
     ends = [(one.window.z, one.window.z + one.whole.shape[0] * one.window.step) for one in flat]
-    patch = Patch.ring(
-        min(low for low, _ in ends), max(high for _, high in ends), radius=calibration.radius
+    low, high = (
+        STEP * round(end / STEP)
+        for end in (min(low for low, _ in ends), max(high for _, high in ends))
     )
+    patch = Patch.ring(low, high + 0.5 * STEP, radius=calibration.radius)
     total, count = (np.zeros((patch.rows, patch.columns)) for _ in range(2))
     for one in flat:
         view = resampled(one, patch)
