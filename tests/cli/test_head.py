@@ -1102,15 +1102,20 @@ def probed(scripted, monkeypatch):
 
     made, trace = [], 0.01 * np.random.default_rng(1).standard_normal(2000)
 
-    def scan(rig, place, shift):
-        made.append((round(place[1], 3), shift))
+    def scan(rig, place, shift, *, before, told):
+        found = before or probe_steps.Scanned(reference=np.array([place[1], 0.1]), done=False)
+        for point in range(found.point, 2):
+            made.append((round(place[1], 3), shift, point))
+            burst = Burst(trace, 1e-8, np.array([shift, -0.27 - point]), 4, 4, 0.005)
+            found = replace(found, bursts=(*found.bursts, burst), point=point + 1)
+            told(found)
         rig.say("scan", "36 of 36 points")
-        bursts = [Burst(trace, 1e-8, np.array([-0.35, -0.27]), 4, 4, 0.005)] * 2
-        return probe_steps.Scanned(reference=np.array([place[1], 0.1]), bursts=tuple(bursts))
+        return replace(found, done=True)
 
     def pit(bursts, probe, place, diameter):
         """One that needs a second scan."""
-        verdict = "measured" if len(made) % 2 == 0 else "disturbed"
+        assert [burst.angles[1] for burst in bursts] == [-0.27, -1.27]
+        verdict = "measured" if bursts[0].angles[0] else "disturbed"
         sizes = {"diameter": diameter, "place_sd": 1e-5, "diameter_sd": 2e-5}
         return PitDepth(verdict, *place, depth=5e-4, depth_sd=1e-5, **sizes)
 
@@ -1149,7 +1154,10 @@ def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(run, scripted
     status, out, error = run(command)
     assert status == 0, error
     whole, every = content(), list(probed)
-    assert every == [(0.02, 0.0), (0.02, 0.5), (0.022, 0.0), "ring"]
+    points = [
+        (z, shift, n) for z, shift in ((0.02, 0.0), (0.02, 0.5), (0.022, 0.0)) for n in (0, 1)
+    ]
+    assert every == [*points, "ring"]
     assert [row["depth [mm]"] for row in whole["findings"]] == [0.5, 0.7]
     assert [row["touched"] for row in whole["findings"]] == [True, None]
     assert whole["water above the axis [mm]"] == [4.0, 0.2]
@@ -1158,10 +1166,10 @@ def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(run, scripted
     assert steps == ["touch", "scan", "measure", "scan", "measure again"]
     lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
     marks = [n for n, line in enumerate(lines) if '"what": "scan"' in line or '"ring"' in line]
-    assert len(marks) == 4
-    for left in (1, 3):
-        mark = marks[left]
-        # It is cut in the line of a scan, which is then made again, and none before it.
+    assert len(marks) == 10
+    for cut, left in ((1, 1), (4, 3), (9, 6)):
+        mark = marks[cut]
+        # It is cut in the line of a point, which is then fired again, and none before it.
         Path("found/journal.jsonl").write_text("".join(lines[:mark]) + lines[mark][:90])
         scripted.clear()
         probed[:] = every[:left]
@@ -1175,12 +1183,12 @@ def test_a_journal_with_an_impossible_scan_is_refused(run, probed):
     assert run(command)[0] == 0
     lines = journal()[:-1]
     number = next(n for n, line in enumerate(lines) if line["what"] == "scan")
-    burst = lines[number]["bursts"][1]
+    burst = lines[number]["bursts"][0]
     for change, words in (
         ({"noise": -1.0}, "has -1.0 as 'noise', which must be 0 to 1"),
         ({"trace": "AAA"}, "is not the whole line of a scan"),
     ):
-        lines[number]["bursts"][1] = burst | change
+        lines[number]["bursts"][0] = burst | change
         Path("found/journal.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in lines))
         status, _, error = run(f"{command} --resume")
         assert status == 2

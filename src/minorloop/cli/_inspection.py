@@ -179,8 +179,10 @@ class InspectionFolder:
         (folder / "pictures").mkdir(exist_ok=bool(before.lines))
         self._journal = Journal(folder, begun, before.lines, views=len(self._views))
         self._content = {**begun, "began": self._journal.began, "probe": probing is not None}
+        self._bursts: dict[str, int] = {}
         if probing is not None:
             probing.told = self.measured
+            self._bursts = {name: len(scanned.bursts) for name, scanned in probing.scans.items()}
         for each in before.views:
             self._mark(each)
         self._write_findings()
@@ -202,11 +204,12 @@ class InspectionFolder:
         self._write_findings()
 
     def measured(self, name: str, new: Scanned | Ring) -> None:
-        """Keep a scan of the probe, or the sweep round the pipe."""
+        """Keep a scan of the probe so far, or the sweep round the pipe."""
         from minorloop.head.procedures.probe_steps import Scanned
 
         if isinstance(new, Scanned):
-            self._journal.note("scan", **scan_line(name, new))
+            self._journal.note("scan", **scan_line(name, new, self._bursts.get(name, 0)))
+            self._bursts[name] = len(new.bursts)
         else:
             self._journal.note(name, **ring_line(new))
 

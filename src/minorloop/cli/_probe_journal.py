@@ -18,13 +18,25 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.ring import Ring
 
 
-def scan_line(name: str, scanned: Scanned) -> dict[str, Any]:
-    """Return the content of the line of a scan; the numbers of its bursts are exact."""
+def scan_line(name: str, scanned: Scanned, known: int) -> dict[str, Any]:
+    """Return the content of a line of a scan; the numbers of its bursts are exact.
+
+    Parameters
+    ----------
+    name : str
+    scanned : Scanned
+        So far.
+    known : int
+        Number of its bursts that are in lines before.
+    """
     return {
         "name": name,
         "reference": scanned.reference.tolist(),
+        "point": scanned.point,
+        "onward": scanned.onward,
+        "done": scanned.done,
         "steps": step_rows(scanned.steps),
-        "bursts": [burst_values(burst) for burst in scanned.bursts],
+        "bursts": [burst_values(burst) for burst in scanned.bursts[known:]],
     }
 
 
@@ -53,7 +65,8 @@ def kept_probing(folder: Path, lines: Sequence[dict[str, Any]], probing: Probing
     for number, line in enumerate(lines, 1):
         try:
             if line["what"] == "scan":
-                probing.scans[line["name"]] = _scan_of(f"line {number} of {folder / NAME}", line)
+                where, name = f"line {number} of {folder / NAME}", line["name"]
+                probing.scans[name] = _scan_of(where, line, probing.scans.get(name))
             elif line["what"] == "ring":
                 probing.ring = _ring_of(line)
         except RecordError:
@@ -65,14 +78,19 @@ def kept_probing(folder: Path, lines: Sequence[dict[str, Any]], probing: Probing
             ) from None
 
 
-def _scan_of(where: str, line: dict[str, Any]) -> Scanned:
+def _scan_of(where: str, line: dict[str, Any], before: Scanned | None) -> Scanned:
+    """Return a scan by its lines so far and the next one."""
     import numpy as np
 
     from minorloop.head.procedures.probe_steps import Scanned
 
+    bursts = tuple(burst_of_values(where, values) for values in line["bursts"])
     return Scanned(
         reference=np.array(line["reference"]),
-        bursts=tuple(burst_of_values(where, values) for values in line["bursts"]),
+        bursts=bursts if before is None else (*before.bursts, *bursts),
+        point=line["point"],
+        onward=line["onward"],
+        done=line["done"],
         steps=steps_of(line["steps"], line["t"]),
     )
 

@@ -10,6 +10,7 @@ from minorloop.head.procedures.inspected_view import InspectedView, with_finding
 from minorloop.head.procedures.pictures import InspectedPicture
 from minorloop.head.procedures.probe_steps import Scanned
 from minorloop.head.procedures.probing import Probing
+from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.procedures.ring import Ring
 from minorloop.head.ultrasound.crack_depth import CrackDepth
 from minorloop.head.ultrasound.pits import PitDepth
@@ -45,10 +46,13 @@ def made(monkeypatch):
     """Shifts of the scans that are made; each pit needs a second one, which measures it."""
     shifts = []
 
-    def scan(rig, place, shift):
+    def scan(rig, place, shift, *, before, told):
         shifts.append(shift)
+        begun = 0 if before is None else before.point
+        for point in range(begun, 3):
+            told(Scanned(reference=np.zeros(2), point=point, done=False))
         rig.say("scan", "36 of 36 points")
-        return Scanned(reference=np.array([20e-3, shift]))
+        return Scanned(reference=np.array([20e-3, shift]), point=3)
 
     def measured(rig, shown, scan):
         scan(rig, (0.3, 20e-3), 0.0)
@@ -71,10 +75,13 @@ def test_a_hole_is_touched_scanned_and_its_finding_has_a_depth(made):
     assert (found.finding.kind, found.finding.verdict) == ("pit", "measured")
     assert (found.finding.depth, found.finding.depth_sd) == (5e-4, 1e-5)
     assert [step.what for step in found.steps] == ["touch", "scan", "scan", "measure"]
-    assert [name for name, _ in told] == ["hole 1", "hole 1 again"]
-    assert [step.what for step in told[0][1].steps] == ["touch", "scan"]
-    assert probing.scan_of(found) is told[1][1]
-    assert probing.scan_of(replace(found, probed=PitDepth("disturbed", 0.3, 20e-3))) is told[0][1]
+    assert [name for name, _ in told] == ["hole 1"] * 4 + ["hole 1 again"] * 4
+    assert [(scanned.point, scanned.done) for _, scanned in told[:4]] == [
+        (0, False), (1, False), (2, False), (3, True),
+    ]  # fmt: skip
+    assert [step.what for step in told[3][1].steps] == ["touch", "scan"]
+    assert probing.scan_of(found) is told[7][1]
+    assert probing.scan_of(replace(found, probed=PitDepth("disturbed", 0.3, 20e-3))) is told[3][1]
 
 
 @pytest.mark.parametrize("kept", [1, 2])
@@ -87,6 +94,15 @@ def test_a_scan_that_is_kept_is_not_repeated_nor_is_the_touch_before_it(made, ke
     assert made == [0.5][: 2 - kept]
     assert again.finding == whole.finding
     assert [step.what for step in again.steps] == ["touch", "scan", "scan", "measure"]
+
+
+def test_a_scan_that_was_cut_off_goes_on_and_its_hole_is_not_touched_again(made):
+    told, touched = [], (LogEntry(0.0, "touch", "touched"),)
+    part = Scanned(reference=np.zeros(2), point=2, done=False, steps=touched)
+    probing = Probing(scans={"hole 1": part}, told=lambda name, new: told.append(new.point))
+    found = probing.scanned(Head(), view_of(HOLE))
+    assert told == [2, 3, 0, 1, 2, 3]
+    assert [step.what for step in found.steps] == ["touch", "scan", "scan", "measure"]
 
 
 def test_a_visit_from_another_side_has_the_scans_of_its_hole(made):

@@ -13,7 +13,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.procedures.measure import NO_COUPLING, has_coupling, wall_about
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
-from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.scan import RasterScan, ScanState
 from minorloop.head.procedures.trace import widest
 from minorloop.head.procedures.values import Request
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
@@ -34,13 +34,18 @@ the points are, and on how the flow turned the head at each of them."""
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scanned:
-    """Bursts of a raster.
+    """A scan of a raster, or the part of it that was made until it was cut off.
 
     Parameters
     ----------
     reference : (2,) array
-        Advance and roll of the catheter, in metres and radians, at which their angles hold.
+        Advance and roll of the catheter, in metres and radians, at which the angles of the bursts
+        hold.
     bursts : tuple of Burst
+    point, onward : int
+        As in `ScanState`.
+    done : bool
+        Whether it has ended.
     refused : str
         Why it was not scanned; empty if it was.
     steps : tuple of LogEntry
@@ -49,6 +54,9 @@ class Scanned:
 
     reference: FloatArray
     bursts: tuple[Burst, ...] = ()
+    point: int = 0
+    onward: int = 1
+    done: bool = True
     refused: str = ""
     steps: tuple[LogEntry, ...] = ()
 
@@ -64,7 +72,14 @@ def reach_words(rig: InspectionRig) -> tuple[str, bool]:
     return said or water, not said
 
 
-def scan(rig: InspectionRig, place: tuple[float, float], shift: float = 0.0) -> Scanned:
+def scan(
+    rig: InspectionRig,
+    place: tuple[float, float],
+    shift: float = 0.0,
+    *,
+    before: Scanned | None = None,
+    told: Callable[[Scanned], None] | None = None,
+) -> Scanned:
     """Bring the probe over a place in the drained pipe, flood it, and scan a raster in the flow.
 
     Parameters
@@ -75,15 +90,20 @@ def scan(rig: InspectionRig, place: tuple[float, float], shift: float = 0.0) -> 
         Phi and z in the middle of the raster.
     shift : float
         Displacement of the raster in pitches, in both directions.
+    before : Scanned, optional
+        The part of the same scan that was made before it was cut off; the rest is made.
+    told : callable, optional
+        Is given the scan so far when it begins and after each point.
     """
     view = rig.calibration
     scanning = RasterScan(calibration=view, metering=Metering(calibration=view))
-    begun = scanning.begin(place, shift=shift, control=rig.control, gain=rig.gain)
+    made = None if before is None else _state_of(before, place)
+    begun = scanning.begin(place, shift=shift, control=rig.control, gain=rig.gain, before=made)
     if begun.refused:
         rig.say("reach", begun.refused, succeeded=False)
         return Scanned(reference=rig.place, refused=begun.refused)
     drain(rig)
-    state, late = rig.run(scanning, begun), rig.trouble
+    state, late = rig.run(scanning, begun, told and _each_point(told)), rig.trouble
     rig.gain = state.meter.gain
     bursts, planned = state.bursts, scanning.points**2
     words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
@@ -92,7 +112,41 @@ def scan(rig: InspectionRig, place: tuple[float, float], shift: float = 0.0) -> 
     coupled = has_coupling(bursts)
     answer = "the wall answers" if coupled else "no echo: camera only"
     rig.say("modality", answer, succeeded=coupled)
-    return Scanned(reference=state.reference, bursts=tuple(bursts))
+    return _scanned(state)
+
+
+def _each_point(told: Callable[[Scanned], None]) -> Callable[[ScanState], None]:
+    """Return what tells of a scan so far, given its state after every tick."""
+    last = -1
+
+    def each(state: ScanState) -> None:
+        nonlocal last
+        if state.point != last:
+            last = state.point
+            told(_scanned(state))
+
+    return each
+
+
+def _scanned(state: ScanState) -> Scanned:
+    return Scanned(
+        reference=state.reference,
+        bursts=tuple(state.bursts),
+        point=state.point,
+        onward=state.onward,
+        done=state.done,
+    )
+
+
+def _state_of(part: Scanned, place: tuple[float, float]) -> ScanState:
+    """Return the state of a scan that was cut off."""
+    return ScanState(
+        centre=place,
+        reference=part.reference,
+        bursts=part.bursts,
+        point=part.point,
+        onward=part.onward,
+    )
 
 
 def drain(rig: InspectionRig) -> None:

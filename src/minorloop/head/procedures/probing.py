@@ -52,12 +52,13 @@ class Probing:
     Parameters
     ----------
     scans : dict of str to Scanned
-        By the name of the find; with ``again`` after it, the second one. Those of an inspection
-        that was cut off are not repeated.
+        By the name of the find; with ``again`` after it, the second one. Of an inspection that was
+        cut off: what was scanned is not repeated.
     ring : Ring, optional
         The pipe once round.
     told : callable
-        Is given the name of each new scan, and the scan; and ``ring`` with the ring.
+        Is given the name of a scan, and the scan so far, after each point; and ``ring`` with the
+        ring.
     refused : str
         Why nothing is scanned, such as ``no water``; empty if something is. `begin` sets it if the
         probe does not reach the wall in the water.
@@ -147,10 +148,15 @@ class Probing:
 
         def scanned(rig: InspectionRig, place: tuple[float, float], shift: float) -> Scanned:
             called = f"{name}{AGAIN}" if shift else name
-            if called not in self.scans:
-                found = scan(rig, place, shift)
+
+            def told(found: Scanned) -> None:
                 self.scans[called] = replace(found, steps=(*before, *rig.log[begun:]))
-                self.told(called, self.scans[called])
+                if not found.refused:
+                    self.told(called, self.scans[called])
+
+            part = self.scans.get(called)
+            if part is None or not part.done:
+                told(scan(rig, place, shift, before=part, told=told))
             return self.scans[called]
 
         return scanned
