@@ -33,9 +33,9 @@ TURNS, SHOTS = 48, 4
 """Places of the sweep round the pipe for water line and profile, and shots at each."""
 LENGTH, MARGIN = 9.6e-3, 1e-3
 """Least length of the map round the pipe, and margin about a finding, in metres."""
-_ASTRAY = 0.5e-3
-"""Distance from the wall in metres of an echo that is not the wall's: part of a beam that meets the
-wall above the water comes back from beside it."""
+_ASTRAY = 0.1e-3
+"""Distance from the wall in metres of an echo that does not count for the level of the water: of a
+beam that meets the wall above it, some sound comes back from the wall beside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def ring_sweep(rig: InspectionRig) -> Ring:
         angles = np.tile(now.line_of_sight, (SHOTS, 1))
         burst = average(now.shots, angles, np.zeros(SHOTS))
         profiles.append(wall_profile([burst], rig.calibration.probe_at(now.place)))
-    profile = joined(profiles)
+    profile = centred(joined(profiles))
     answers = profile.detected & (np.abs(profile.depths) < _ASTRAY)
     water = find_water(profile.spots[:, 0], answers, radius, face=Probe().face)
     band = f"+- {1e3 * PER_DEVIATION * water.sd:.1f} mm (90 %)"
@@ -70,7 +70,7 @@ def ring_sweep(rig: InspectionRig) -> Ring:
     skipped = TURNS - len(profiles)
     words += f"; {profile.detected.sum()} of {len(profiles)} places answer"
     rig.say("water line", f"{words}; {skipped} skipped" if skipped else words)
-    return Ring(centred(profile), water)
+    return Ring(profile, water)
 
 
 def ring_of(
