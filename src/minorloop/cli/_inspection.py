@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.rig import InspectionRig, LogEntry
     from minorloop.head.procedures.ring import Ring
     from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
+    from minorloop.head.ultrasound.c_scan import CScan
     from minorloop.report import Report
 
 _VISITS = ("hole", "crack", "device", "camera", "reach", "touch", "measure", "water line")
@@ -258,6 +259,18 @@ class InspectionFolder:
         }
         return {name: wall for name, wall in each.items() if wall is not None}
 
+    def _scans(self) -> dict[str, CScan]:
+        """Return the map of the echoes about each finding that was scanned."""
+        from minorloop.head.procedures.inspected_wall import c_scan_of
+
+        found = {}
+        for name, view in self._views.items():
+            scanned = None if self._probing is None else self._probing.scan_of(view)
+            scan = None if scanned is None else c_scan_of(scanned, self._view)
+            if scan is not None:
+                found[name] = scan
+        return found
+
     def _water_row(self) -> dict[str, Any]:
         """Return the level of the water with its standard deviation, if a sweep showed it."""
         water = self._water
@@ -348,6 +361,7 @@ class InspectionFolder:
             seen=seen,
             water=self._water,
             walls=walls,
+            scans=self._scans(),
             log=self._log,
         )
 

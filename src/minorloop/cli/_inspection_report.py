@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
     from minorloop.head.procedures.inspected_wall import SeenWall
     from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
+    from minorloop.head.ultrasound.c_scan import CScan
     from minorloop.report import Report
 
 ANGLES = (
@@ -71,6 +72,7 @@ def inspection_report(
     seen: SeenWall | None,
     water: WaterLine | None,
     walls: Mapping[str, DepthMap],
+    scans: Mapping[str, CScan],
     log: Sequence[Mapping[str, Any]],
 ) -> Report:
     """Return the report of an inspection.
@@ -88,10 +90,12 @@ def inspection_report(
     water : WaterLine, optional
     walls : mapping of str to DepthMap
         The wall about findings that were scanned, by the name of the view.
+    scans : mapping of str to CScan
+        Amplitude and depth of their echoes.
     log : sequence of dict
         Lines of the journal with steps.
     """
-    from minorloop.head.procedures.finding_map import draw_finding
+    from minorloop.head.procedures.finding_map import draw_c_scan, draw_finding
     from minorloop.head.procedures.inspected_wall import draw_wall
     from minorloop.head.procedures.pictures import annotated
     from minorloop.report import Picture, Report, Table
@@ -135,6 +139,9 @@ def inspection_report(
         name = view.picture.name
         marked = annotated(view.image, view.picture.findings, number)
         pictures = [Picture(figure_of(marked), f"As the camera saw it: {name}.")]
+        if name in scans:
+            caption = "C-scan: the echoes about it, seen from the axis; blank without an echo."
+            pictures.append(Picture(draw_c_scan(scans[name]), caption))
         if name in walls:
             caption = "The wall about it by camera and echoes; the 3-D models are in models."
             pictures.append(Picture(draw_finding(walls[name]), caption))

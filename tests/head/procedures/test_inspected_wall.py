@@ -6,15 +6,25 @@ from io import BytesIO
 import numpy as np
 import pytest
 
+from minorloop.head.procedures.finding_map import draw_c_scan
 from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
-from minorloop.head.procedures.inspected_wall import SeenWall, draw_wall, seen_wall, wall_of
+from minorloop.head.procedures.inspected_wall import (
+    SeenWall,
+    c_scan_of,
+    draw_wall,
+    seen_wall,
+    wall_of,
+)
 from minorloop.head.procedures.pictures import InspectedPicture
 from minorloop.head.procedures.probe_steps import Scanned
+from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.reconstruction.depth_map import BOTH, DepthMap, Patch, WaterLine
 from minorloop.head.ultrasound.crack_depth import CrackDepth
+from minorloop.head.ultrasound.echoes import Burst, Pulse
+from minorloop.head.ultrasound.pits import raster
 
 from .fakes import CALIBRATION, camera
-from .test_probe_steps import HOLE, TRACED
+from .test_probe_steps import HOLE, TRACED, burst
 from .test_probing import view_of
 
 RING = Patch.ring(10e-3, 20e-3, step=0.5e-3)
@@ -79,3 +89,28 @@ def test_the_wall_about_a_crack_is_as_deep_as_its_echoes_say():
     assert wall_of(view, None, CALIBRATION) is None
     shallow = replace(view, probed=CrackDepth("no floor echo"))
     assert wall_of(shallow, scanned, CALIBRATION) is None
+
+
+def test_a_scan_shows_amplitude_and_depth_of_its_echoes():
+    """In the middle of a raster the wall is 0.5 mm farther away."""
+    scan, reference = RasterScan(calibration=CALIBRATION), np.array([20e-3, 0.3])
+    probe, rng = CALIBRATION.probe_at(reference), np.random.default_rng(1)
+    t, middle = 1e-8 * np.arange(2000), tuple(probe.spots(scan.perpendicular)[0, :2].tolist())
+    bursts = []
+    for n, angles in enumerate(raster(probe, middle)):
+        far = 2 * (probe.spots(angles)[0, 2] + 0.5e-3 * (n in (14, 15, 20, 21))) / probe.speed
+        trace = 1e-3 * rng.standard_normal(t.size)
+        pulse = Pulse().samples(1e-8)
+        first = round(far / 1e-8) - pulse.size // 2
+        trace[first : first + pulse.size] += 0.5 * pulse
+        bursts.append(Burst(trace, 1e-8, angles, 16, 16, 1e-3))
+    found = c_scan_of(Scanned(reference=reference, bursts=tuple(bursts)), CALIBRATION)
+    depth = found.wall.depth[np.isfinite(found.wall.depth)]
+    assert np.ptp(depth) == pytest.approx(0.5e-3, abs=0.05e-3)
+    assert np.nanmax(found.amplitude) == pytest.approx(1.0, abs=0.1)
+    off = found.wall.patch.off(*middle)
+    assert np.abs(off.mean(axis=(0, 1))).max() < 0.1e-3
+    figure = draw_c_scan(found)
+    assert "amplitude" in figure.axes[0].get_title()
+    silent = Scanned(reference=reference, bursts=(burst("no coupling"),))
+    assert c_scan_of(silent, CALIBRATION) is None

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.drawing.layout import new_figure
 from minorloop.head.procedures.sweep_map import SHADES, SOURCES
 from minorloop.head.reconstruction.depth_map import DepthMap
+from minorloop.head.ultrasound.c_scan import CScan
 from minorloop.identification.bands import PER_DEVIATION
 
 _NARROW = 0.55  # of its length is the width of a map that has two ticks across
@@ -43,6 +45,21 @@ def draw_finding(wall: DepthMap) -> Any:
     bar = figure.colorbar(shown, ax=axes, shrink=0.9, ticks=range(4))
     bar.ax.set_yticklabels(SOURCES)
     _solid(figure.add_subplot(2, 2, 4, projection="3d"), wall)
+    return figure
+
+
+def draw_c_scan(scan: CScan) -> Any:
+    """Draw amplitude and depth of the echoes about a finding."""
+    figure, axes = new_figure(1, 2, 3.4, grid=False)
+    patch = scan.wall.patch
+    wide, long = (5e2 * n * patch.step for n in (patch.columns, patch.rows))
+    panels = (
+        (scan.amplitude, "amplitude of the echo over that of plain wall"),
+        (1e3 * scan.wall.depth, "depth of the strongest echo [mm]"),
+    )
+    for one, (values, title) in zip(axes, panels, strict=True):
+        one.set(title=title, xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
+        _draw_values(one, values, (-wide, wide, -long, long))
     return figure
 
 

@@ -13,6 +13,7 @@ from minorloop.drawing.layout import new_figure
 from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
+from minorloop.head.procedures.measure import PATCH, has_coupling
 from minorloop.head.procedures.probe_steps import Scanned, fused_wall, resampled
 from minorloop.head.procedures.sweep_map import water_angles
 from minorloop.head.procedures.trace import patch_about, widest
@@ -25,14 +26,17 @@ from minorloop.head.reconstruction.depth_map import (
     paste,
     unseen_map,
 )
+from minorloop.head.ultrasound.burst_checks import usable_bursts
+from minorloop.head.ultrasound.c_scan import CScan, c_scan
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_map
 from minorloop.head.ultrasound.pits import PitDepth
+from minorloop.head.ultrasound.wall_echoes import SweptBurst
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Hole
 from minorloop.head.vision.frame_checks import GOOD
 from minorloop.head.vision.reflectance_map import LitFrame, ReflectanceMap, lay_flat
 
-__all__ = ["SeenWall", "draw_wall", "seen_wall", "wall_of"]
+__all__ = ["SeenWall", "c_scan_of", "draw_wall", "seen_wall", "wall_of"]
 
 _CONTRAST = 0.6
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
@@ -178,6 +182,28 @@ def wall_of(
         patch = patch_about(shown.places, calibration.radius)
         return crack_map(shown.places, width, probed, tuple(where.tolist()), patch)
     return None
+
+
+def c_scan_of(scanned: Scanned, calibration: HeadCalibration) -> CScan | None:
+    """Return the map of amplitude and depth of a scan; None if no echo came back.
+
+    Parameters
+    ----------
+    scanned : Scanned
+    calibration : HeadCalibration
+    """
+    if not has_coupling(scanned.bursts):
+        return None
+    probe = calibration.probe_at(scanned.reference)
+    bursts = usable_bursts(scanned.bursts)
+    spots = probe.spots(np.array([burst.angles for burst in bursts]))
+    each = zip(spots, bursts, strict=True)
+    swept = [SweptBurst(0.0, scanned.reference, spot, burst) for spot, burst in each]
+    middle = spots[len(spots) // 2]
+    phi = float(middle[0] + np.mean(wrapped(spots[:, 0] - middle[0])))
+    z = float(spots[:, 1].mean())
+    patch = Patch.around(phi, z, size=PATCH, radius=calibration.radius, step=0.5 * STEP)
+    return c_scan(swept, probe, patch)
 
 
 def draw_wall(
