@@ -1178,6 +1178,26 @@ def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(run, scripted
         assert content() == whole
 
 
+def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monkeypatch):
+    from minorloop.head.procedures import probe_steps
+    from minorloop.head.ultrasound.crack_depth import CrackDepth
+
+    silent = CrackDepth("no floor echo")
+    monkeypatch.setattr(probe_steps, "crack_depth", lambda *given: silent)
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    content = json.loads(Path("found/findings.json").read_text())
+    assert [row["kind"] for row in content["findings"]] == ["pit"]
+    whys = {row["kind"]: row["why"] for row in content["unconfirmed"]}
+    assert whys["crack"].endswith("and no echo of its depth: no floor echo")
+    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
+    Path("found/journal.jsonl").write_text("".join(lines[:-1]))
+    probed.clear()
+    assert run(f"{command} --resume")[0] == 0
+    again = json.loads(Path("found/findings.json").read_text())
+    assert (probed, again["unconfirmed"]) == ([], content["unconfirmed"])
+
+
 def test_a_journal_with_an_impossible_scan_is_refused(run, probed):
     command = f"{INSPECT} --advances 0,5"
     assert run(command)[0] == 0

@@ -20,10 +20,9 @@ ANGLES = (
     "advance of the catheter reads 0. All findings are on the inner wall. The number after ± is "
     "one standard deviation."
 )
-_EVIDENCE = (
-    "Evidence is the logarithm of the odds that it is a hole or a pit: 3 is 20 to 1. A crack is "
-    "traced again from another place. The verdict is that of the echoes. A depth counts if it "
-    "is measured, and no step failed."
+_VERDICT = (
+    "The verdict is that of the echoes, and names what failed on the way. A depth counts if it is "
+    "measured, and no step failed."
 )
 COLUMNS = ("no.", "kind", "angle [deg]", "z [mm]", "width [mm]", "length [mm]", "depth [mm]")
 LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
@@ -32,7 +31,6 @@ MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", 
 """Of directions that were not searched, as lines of sight, with the place of the catheter."""
 THROUGH = "hole"
 """Kind of a through-hole."""
-_SURE = "camera: evidence"
 _DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
 _MEANING = {
     "no probe": "the head has no ultrasonic probe",
@@ -103,13 +101,12 @@ def inspection_report(
     rows = content["findings"]
     report = Report(f"Inspection by head {content['head']}", summary)
     cells = [
-        [*finding_cells(number, row), _evidence(row), str(row["verdict"])]
-        for number, row in enumerate(rows, 1)
+        [*finding_cells(number, row), str(row["verdict"])] for number, row in enumerate(rows, 1)
     ]
     report.add(
         "Findings",
-        text=(ANGLES, _EVIDENCE) if cells else ANGLES,
-        table=Table((*COLUMNS, _SURE, "verdict"), cells) if cells else None,
+        text=(ANGLES, _VERDICT) if cells else ANGLES,
+        table=Table((*COLUMNS, "verdict"), cells) if cells else None,
         notes=() if cells else ("Nothing was found.",),
     )
     if reasons := _without_depth(rows):
@@ -214,10 +211,6 @@ def _cell(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def _evidence(row: Mapping[str, Any]) -> str:
-    return "traced again" if row["evidence"] is None else f"{row['evidence']:+.1f}"
-
-
 def _without_depth(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """Return number and reason of findings without a depth, and of steps that failed."""
     found = []
@@ -240,7 +233,10 @@ def _sentence(row: Mapping[str, Any]) -> str:
     yes = [words for name, words in known.items() if row.get(name)]
     no = [words for name, words in known.items() if row.get(name) is False]
     said = f"It was found{''.join(f', {each}' for each in yes)}."
-    return f"{said} It was not {', not '.join(no)}." if no else said
+    said += f" It was not {', not '.join(no)}." if no else ""
+    if row["evidence"] is None:
+        return f"{said} Its line was traced again from another place."
+    return f"{said} The logarithm of the odds that it is a hole or a pit is {row['evidence']:+.1f}."
 
 
 def _outcome(step: Mapping[str, Any]) -> str:

@@ -31,6 +31,7 @@ from minorloop.head.procedures.inspected_view import (
 )
 from minorloop.head.procedures.mark import aim_at
 from minorloop.head.procedures.pictures import CRACK, InspectedPicture
+from minorloop.head.procedures.probe_steps import counts_as_crack
 from minorloop.head.procedures.probing import Probing
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.steps import NEAR, acquire, centre, go, meter, pick, search
@@ -43,6 +44,7 @@ from minorloop.head.procedures.trace import (
     widest,
 )
 from minorloop.head.reconstruction.findings import UNDECIDED
+from minorloop.head.ultrasound.crack_depth import CrackDepth
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
@@ -50,6 +52,8 @@ from minorloop.head.vision.frame_checks import GOOD
 
 __all__ = ["inspect_wall", "unvisited", "views_of"]
 
+NO_ECHO = "a line that one view on the way round showed, and no echo of its depth"
+"""Why a line that was traced again is no finding."""
 NOT_VISITED, FROM_ONE_SIDE = "seen, not visited", "not seen again, not looked at from another side"
 """Why candidates of an inspection that ended early, or has too many of them, are no findings."""
 _DEFLECTION = math.radians(25.0)
@@ -166,12 +170,11 @@ def inspect_wall(
     _say_limit(rig, "cracks", len(courses), _MOST_CRACKS)
     for k, trace in enumerate(courses[:_MOST_CRACKS], 1):
         if not any(one_course(trace.places, each.places, radius) for each in cracks):
-            name = f"crack {k}"
+            name, seen_in = f"crack {k}", _names(_alike(trace, traces, radius))
             if name not in known:
-                alike = _alike(trace, traces, radius)
-                known[name] = _followed(rig, trace, _names(alike), name)
+                known[name] = _followed(rig, trace, seen_in, name)
                 yield known[name]
-            yield from _probed(rig, known[name], probing)
+            yield from _probed(rig, known[name], probing, seen_in)
             cracks += [one for one in known[name].seen if isinstance(one, TracedCrack)]
     if probing is not None:
         places = [hole.place for hole in found] + [crack.places[0] for crack in cracks]
@@ -370,11 +373,30 @@ def _visited(
 
 
 def _probed(
-    rig: InspectionRig, view: InspectedView, probing: Probing | None
+    rig: InspectionRig,
+    view: InspectedView,
+    probing: Probing | None,
+    seen_in: tuple[str, ...] = (),
 ) -> Iterator[InspectedView]:
-    """Yield the view of a finding once more, with its depth, if there is a probe."""
-    if probing is not None and view.finding is not None and view.probed is None:
-        yield probing.scanned(rig, view)
+    """Yield the view of a finding once more, with its depth, if there is a probe.
+
+    A crack that only one of the views ``seen_in`` showed is not confirmed if no echo gives a depth.
+    """
+    if probing is None or view.finding is None or view.probed is not None:
+        return
+    after = probing.scanned(rig, view)
+    if isinstance(after.probed, CrackDepth) and not counts_as_crack(len(seen_in), after.probed):
+        lost = Unconfirmed(
+            kind=CRACK,
+            phi=view.finding.phi,
+            z=view.finding.z,
+            evidence=math.nan,
+            seen_in=seen_in,
+            why=f"{NO_ECHO}: {after.probed.verdict}",
+        )
+        rig.say(view.picture.name, f"{lost.why}; not confirmed")
+        after = replace(after, finding=None, unconfirmed=lost)
+    yield after
 
 
 def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:

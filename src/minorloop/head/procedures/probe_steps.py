@@ -20,13 +20,23 @@ from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_depth
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.ultrasound.pits import ASTRAY, DISTURBED, SILENT, PitDepth, measure_pit
+from minorloop.head.ultrasound.pits import (
+    ASTRAY,
+    DEEPER,
+    DISTURBED,
+    MEASURED,
+    SILENT,
+    PitDepth,
+    measure_pit,
+)
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Hole
 from minorloop.head.vision.reflectance_map import ReflectanceMap
 
 REFUSED = "out of reach"
 """Verdict of a place that the probe does not reach in the water."""
+SEEN_BEFORE = 2
+"""Views on the way round that show a crack which counts without an echo of its depth."""
 AGAIN = (DISTURBED, SILENT, ASTRAY)
 """Verdicts after which a raster is scanned again, displaced by half a pitch: they depend on where
 the points are, and on how the flow turned the head at each of them."""
@@ -49,7 +59,7 @@ class Scanned:
     refused : str
         Why it was not scanned; empty if it was.
     steps : tuple of LogEntry
-        Of the visit until then, for who keeps the scan.
+        Of the visit until its end, or since the scan before it, for who keeps the scan.
     """
 
     reference: FloatArray
@@ -215,6 +225,14 @@ def scanned_crack(
     deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
     rig.say("measure", f"{found.verdict}{deep}")
     return found, scanned
+
+
+def counts_as_crack(views: int, found: CrackDepth) -> bool:
+    """Whether a line that was traced again is a crack.
+
+    It is one if two views on the way round showed it, or echoes give its depth.
+    """
+    return views >= SEEN_BEFORE or found.verdict in (MEASURED, DEEPER)
 
 
 def probe_of(rig: InspectionRig, scanned: Scanned) -> CalibratedProbe:

@@ -102,9 +102,8 @@ class Probing:
         InstrumentError
             If a device fails or a sensor is lost.
         """
-        (shown,), name, begun = view.seen, first_visit(view.picture.name), len(rig.log)
-        before = self._steps(name)
-        if isinstance(shown, Hole) and rig.has_tool and not before:
+        (shown,), name, visit = view.seen, first_visit(view.picture.name), _Visit(rig)
+        if isinstance(shown, Hole) and rig.has_tool and name not in self.scans:
             approach(rig, shown.place)
             touch(rig, shown)
         probed: PitDepth | CrackDepth
@@ -115,12 +114,12 @@ class Probing:
             if isinstance(shown, Hole):
                 probed = PitDepth(self.refused, *shown.place.tolist())
         elif isinstance(shown, Hole):
-            probed, _ = scanned_pit(rig, shown, self._kept(name, before, begun))
+            probed, _ = scanned_pit(rig, shown, self._kept(name, visit))
         else:
-            probed, _ = scanned_crack(rig, shown, self._kept(name, before, begun))
+            probed, _ = scanned_crack(rig, shown, self._kept(name, visit))
         drain(rig)
         rig.check_sensors()
-        steps = (*view.steps, *before, *rig.log[begun:])
+        steps = (*view.steps, *visit.steps())
         return with_finding(replace(view, steps=steps, probed=probed), rig.calibration.radius)
 
     def roll_round(self, rig: InspectionRig, z: float) -> None:
@@ -135,28 +134,40 @@ class Probing:
         drain(rig)
         self.told(RING, self.ring)
 
-    def _steps(self, name: str) -> tuple[LogEntry, ...]:
-        """Return the steps with a find that were taken before its last scan was kept."""
-        known = self.scans.get(f"{name}{AGAIN}", self.scans.get(name))
-        return () if known is None else known.steps
-
-    def _kept(self, name: str, before: tuple[LogEntry, ...], begun: int) -> Scan:
-        """Return what scans a find, or takes the scan that is kept.
-
-        ``before`` are the known steps of its visit, which goes on at entry ``begun`` of the log.
-        """
+    def _kept(self, name: str, visit: _Visit) -> Scan:
+        """Return what scans a find on a visit, and takes what is kept of the scan."""
 
         def scanned(rig: InspectionRig, place: tuple[float, float], shift: float) -> Scanned:
             called = f"{name}{AGAIN}" if shift else name
+            start = len(visit.steps()) if shift else 0
 
             def told(found: Scanned) -> None:
-                self.scans[called] = replace(found, steps=(*before, *rig.log[begun:]))
+                self.scans[called] = replace(found, steps=visit.steps()[start:])
                 if not found.refused:
                     self.told(called, self.scans[called])
 
             part = self.scans.get(called)
+            if part is not None:
+                visit.add(part.steps)
             if part is None or not part.done:
                 told(scan(rig, place, shift, before=part, told=told))
             return self.scans[called]
 
         return scanned
+
+
+class _Visit:
+    """Steps of a visit: those of the log from now on, and those that are kept of one before."""
+
+    def __init__(self, rig: InspectionRig) -> None:
+        self._rig, self._taken, self._mark = rig, list[LogEntry](), len(rig.log)
+
+    def steps(self) -> tuple[LogEntry, ...]:
+        """Return them in their order."""
+        self.add(())
+        return tuple(self._taken)
+
+    def add(self, kept: tuple[LogEntry, ...]) -> None:
+        """Add steps that are kept after those of the log until now."""
+        self._taken += [*self._rig.log[self._mark :], *kept]
+        self._mark = len(self._rig.log)

@@ -19,6 +19,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.probe_steps import (
     REFUSED,
+    SEEN_BEFORE,
     drain,
     fused_wall,
     probe_of,
@@ -329,10 +330,8 @@ def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
     """
     found: list[SeenCrack] = []
     tried: list[TracedCrack] = []
-    further = [
-        (place, mission_cracks.SEEN_BEFORE) for place in ADVANCES if place not in seen.places
-    ]
-    for advance, least in ((None, mission_cracks.SEEN_BEFORE), *further, (None, 1)):
+    further = [(place, SEEN_BEFORE) for place in ADVANCES if place not in seen.places]
+    for advance, least in ((None, SEEN_BEFORE), *further, (None, 1)):
         if advance is not None:
             _look_around(rig, advance, seen)
         for trace, views in likely(seen.traces, tried, RADIUS):

@@ -10,7 +10,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wall_lengths
-from minorloop.head.procedures.probe_steps import scanned_crack
+from minorloop.head.procedures.probe_steps import counts_as_crack, scanned_crack
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.steps import Photo, centre, focus, near_view, pick
 from minorloop.head.procedures.trace import (
@@ -27,13 +27,10 @@ from minorloop.head.studies.crack_scenes import fine_course
 from minorloop.head.studies.mission_scene import RADIUS
 from minorloop.head.twins.pipe import Crack
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding, crack_map
-from minorloop.head.ultrasound.pits import DEEPER, MEASURED
 from minorloop.head.vision.cracks import TracedCrack
 
 CLOSER = (6e-3, 10e-3)
 """Advances of the near views in metres, until the course is seen."""
-SEEN_BEFORE = 2
-"""Views on the way round that show a crack which counts without an echo of its depth."""
 MOST = 3
 """Most candidates for cracks that are visited."""
 
@@ -100,7 +97,7 @@ def examined(rig: InspectionRig, trace: TracedCrack, views: int) -> SeenCrack | 
     words = f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest"
     rig.say("trace", f"a crack, {words}")
     found, _ = scanned_crack(rig, best)
-    if views < SEEN_BEFORE and found.verdict not in (MEASURED, DEEPER):
+    if not counts_as_crack(views, found):
         words = f"a line in {many}, and no echo of its depth; not counted as a crack"
         rig.say("trace", words, succeeded=False)
         return None
