@@ -1103,7 +1103,7 @@ def probed(scripted, monkeypatch):
     made, trace = [], 0.01 * np.random.default_rng(1).standard_normal(2000)
 
     def scan(rig, place, shift, *, before, told):
-        found = before or probe_steps.Scanned(reference=np.array([place[1], 0.1]), done=False)
+        found = before or probe_steps.ScannedRaster(reference=np.array([place[1], 0.1]), done=False)
         for point in range(found.point, 2):
             made.append((round(place[1], 3), shift, point))
             burst = Burst(trace, 1e-8, np.array([shift, -0.27 - point]), 4, 4, 0.005)

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
     from minorloop.head.procedures.inspected_wall import SeenWall
-    from minorloop.head.procedures.probe_steps import Scanned
+    from minorloop.head.procedures.probe_steps import ScannedRaster
     from minorloop.head.procedures.probing import Probing
     from minorloop.head.procedures.rig import InspectionRig, LogEntry
     from minorloop.head.procedures.ring import Ring
@@ -204,11 +204,11 @@ class InspectionFolder:
         self._mark(view)
         self._write_findings()
 
-    def measured(self, name: str, new: Scanned | Ring) -> None:
+    def measured(self, name: str, new: ScannedRaster | Ring) -> None:
         """Keep a scan of the probe so far, or the sweep round the pipe."""
-        from minorloop.head.procedures.probe_steps import Scanned
+        from minorloop.head.procedures.probe_steps import ScannedRaster
 
-        if isinstance(new, Scanned):
+        if isinstance(new, ScannedRaster):
             self._journal.note("scan", **scan_line(name, new, self._bursts.get(name, 0)))
             self._bursts[name] = len(new.bursts)
         else:

@@ -13,18 +13,18 @@ from minorloop.errors import RecordError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from minorloop.head.procedures.probe_steps import Scanned
+    from minorloop.head.procedures.probe_steps import ScannedRaster
     from minorloop.head.procedures.probing import Probing
     from minorloop.head.procedures.ring import Ring
 
 
-def scan_line(name: str, scanned: Scanned, known: int) -> dict[str, Any]:
+def scan_line(name: str, scanned: ScannedRaster, known: int) -> dict[str, Any]:
     """Return the content of a line of a scan; the numbers of its bursts are exact.
 
     Parameters
     ----------
     name : str
-    scanned : Scanned
+    scanned : ScannedRaster
         So far.
     known : int
         Number of its bursts that are in lines before.
@@ -78,14 +78,14 @@ def kept_probing(folder: Path, lines: Sequence[dict[str, Any]], probing: Probing
             ) from None
 
 
-def _scan_of(where: str, line: dict[str, Any], before: Scanned | None) -> Scanned:
+def _scan_of(where: str, line: dict[str, Any], before: ScannedRaster | None) -> ScannedRaster:
     """Return a scan by its lines so far and the next one."""
     import numpy as np
 
-    from minorloop.head.procedures.probe_steps import Scanned
+    from minorloop.head.procedures.probe_steps import ScannedRaster
 
     bursts = tuple(burst_of_values(where, values) for values in line["bursts"])
-    return Scanned(
+    return ScannedRaster(
         reference=np.array(line["reference"]),
         bursts=bursts if before is None else (*before.bursts, *bursts),
         point=line["point"],

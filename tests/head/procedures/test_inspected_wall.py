@@ -16,7 +16,7 @@ from minorloop.head.procedures.inspected_wall import (
     wall_of,
 )
 from minorloop.head.procedures.pictures import InspectedPicture
-from minorloop.head.procedures.probe_steps import Scanned
+from minorloop.head.procedures.probe_steps import ScannedRaster
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.reconstruction.depth_map import BOTH, DepthMap, Patch, WaterLine
 from minorloop.head.ultrasound.crack_depth import CrackDepth
@@ -84,7 +84,7 @@ def test_the_map_has_numbers_crosses_and_the_level_of_the_water():
 
 def test_the_wall_about_a_crack_is_as_deep_as_its_echoes_say():
     view = replace(view_of(TRACED), probed=CrackDepth("measured", 4e-4, 1e-5))
-    scanned = Scanned(reference=np.zeros(2))
+    scanned = ScannedRaster(reference=np.zeros(2))
     assert np.nanmax(wall_of(view, scanned, CALIBRATION).depth) == 4e-4
     assert wall_of(view, None, CALIBRATION) is None
     shallow = replace(view, probed=CrackDepth("no floor echo"))
@@ -104,7 +104,7 @@ def test_a_scan_shows_amplitude_and_depth_of_its_echoes():
         first = round(far / 1e-8) - pulse.size // 2
         trace[first : first + pulse.size] += 0.5 * pulse
         bursts.append(Burst(trace, 1e-8, angles, 16, 16, 1e-3))
-    found = c_scan_of(Scanned(reference=reference, bursts=tuple(bursts)), CALIBRATION)
+    found = c_scan_of(ScannedRaster(reference=reference, bursts=tuple(bursts)), CALIBRATION)
     depth = found.wall.depth[np.isfinite(found.wall.depth)]
     assert np.ptp(depth) == pytest.approx(0.5e-3, abs=0.05e-3)
     assert np.nanmax(found.amplitude) == pytest.approx(1.0, abs=0.1)
@@ -112,5 +112,5 @@ def test_a_scan_shows_amplitude_and_depth_of_its_echoes():
     assert np.abs(off.mean(axis=(0, 1))).max() < 0.1e-3
     figure = draw_c_scan(found)
     assert "amplitude" in figure.axes[0].get_title()
-    silent = Scanned(reference=reference, bursts=(burst("no coupling"),))
+    silent = ScannedRaster(reference=reference, bursts=(burst("no coupling"),))
     assert c_scan_of(silent, CALIBRATION) is None

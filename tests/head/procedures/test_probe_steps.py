@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop.head.procedures import probe_steps
-from minorloop.head.procedures.probe_steps import Scanned, scanned_crack, scanned_pit
+from minorloop.head.procedures.probe_steps import ScannedRaster, scanned_crack, scanned_pit
 from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.ultrasound.crack_depth import CrackDepth
 from minorloop.head.ultrasound.echoes import Burst
@@ -52,7 +52,7 @@ class Scanner:
 
     def __call__(self, rig, place, shift):
         self.made.append((place, shift))
-        return Scanned(reference=np.zeros(2), bursts=self.bursts, refused=self.refused)
+        return ScannedRaster(reference=np.zeros(2), bursts=self.bursts, refused=self.refused)
 
 
 @pytest.mark.parametrize("first", ["disturbed", "no floor echo", "distances disagree"])

@@ -8,7 +8,7 @@ import pytest
 from minorloop.head.procedures import probing as module
 from minorloop.head.procedures.inspected_view import InspectedView, with_finding
 from minorloop.head.procedures.pictures import InspectedPicture
-from minorloop.head.procedures.probe_steps import Scanned
+from minorloop.head.procedures.probe_steps import ScannedRaster
 from minorloop.head.procedures.probing import Probing
 from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.procedures.ring import Ring
@@ -50,9 +50,9 @@ def made(monkeypatch):
         shifts.append(shift)
         begun = 0 if before is None else before.point
         for point in range(begun, 3):
-            told(Scanned(reference=np.zeros(2), point=point, done=False))
+            told(ScannedRaster(reference=np.zeros(2), point=point, done=False))
         rig.say("scan", "36 of 36 points")
-        return Scanned(reference=np.array([20e-3, shift]), point=3)
+        return ScannedRaster(reference=np.array([20e-3, shift]), point=3)
 
     def measured(rig, shown, scan):
         scan(rig, (0.3, 20e-3), 0.0)
@@ -98,7 +98,7 @@ def test_a_scan_that_is_kept_is_not_repeated_nor_is_the_touch_before_it(made, ke
 
 def test_a_scan_that_was_cut_off_goes_on_and_its_hole_is_not_touched_again(made):
     told, touched = [], (LogEntry(0.0, "touch", "touched"),)
-    part = Scanned(reference=np.zeros(2), point=2, done=False, steps=touched)
+    part = ScannedRaster(reference=np.zeros(2), point=2, done=False, steps=touched)
     probing = Probing(scans={"hole 1": part}, told=lambda name, new: told.append(new.point))
     found = probing.scanned(Head(), view_of(HOLE))
     assert told == [2, 3, 0, 1, 2, 3]

@@ -14,7 +14,7 @@ from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
 from minorloop.head.procedures.measure import PATCH, has_coupling
-from minorloop.head.procedures.probe_steps import Scanned, fused_wall, resampled
+from minorloop.head.procedures.probe_steps import ScannedRaster, fused_wall, resampled
 from minorloop.head.procedures.sweep_map import water_angles
 from minorloop.head.procedures.trace import patch_about, widest
 from minorloop.head.reconstruction.depth_map import (
@@ -158,7 +158,7 @@ def _flat(view: InspectedView, calibration: HeadCalibration) -> ReflectanceMap |
 
 
 def wall_of(
-    view: InspectedView, scanned: Scanned | None, calibration: HeadCalibration
+    view: InspectedView, scanned: ScannedRaster | None, calibration: HeadCalibration
 ) -> DepthMap | None:
     """Return the map of the wall about a finding; None if echoes gave no depth.
 
@@ -166,7 +166,7 @@ def wall_of(
     ----------
     view : InspectedView
         Of its visit.
-    scanned : Scanned, optional
+    scanned : ScannedRaster, optional
         The scan that gave the depth.
     calibration : HeadCalibration
     """
@@ -184,12 +184,12 @@ def wall_of(
     return None
 
 
-def c_scan_of(scanned: Scanned, calibration: HeadCalibration) -> CScan | None:
+def c_scan_of(scanned: ScannedRaster, calibration: HeadCalibration) -> CScan | None:
     """Return the map of amplitude and depth of a scan; None if no echo came back.
 
     Parameters
     ----------
-    scanned : Scanned
+    scanned : ScannedRaster
     calibration : HeadCalibration
     """
     if not has_coupling(scanned.bursts):

@@ -43,7 +43,7 @@ the points are, and on how the flow turned the head at each of them."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Scanned:
+class ScannedRaster:
     """A scan of a raster, or the part of it that was made until it was cut off.
 
     Parameters
@@ -71,7 +71,7 @@ class Scanned:
     steps: tuple[LogEntry, ...] = ()
 
 
-Scan: TypeAlias = Callable[[InspectionRig, tuple[float, float], float], Scanned]
+Scan: TypeAlias = Callable[[InspectionRig, tuple[float, float], float], ScannedRaster]
 """Scans a raster about phi and z, displaced by some pitches: `scan`, or one that keeps scans."""
 
 
@@ -87,9 +87,9 @@ def scan(
     place: tuple[float, float],
     shift: float = 0.0,
     *,
-    before: Scanned | None = None,
-    told: Callable[[Scanned], None] | None = None,
-) -> Scanned:
+    before: ScannedRaster | None = None,
+    told: Callable[[ScannedRaster], None] | None = None,
+) -> ScannedRaster:
     """Bring the probe over a place in the drained pipe, flood it, and scan a raster in the flow.
 
     Parameters
@@ -100,7 +100,7 @@ def scan(
         Phi and z in the middle of the raster.
     shift : float
         Displacement of the raster in pitches, in both directions.
-    before : Scanned, optional
+    before : ScannedRaster, optional
         The part of the same scan that was made before it was cut off; the rest is made.
     told : callable, optional
         Is given the scan so far when it begins and after each point.
@@ -111,7 +111,7 @@ def scan(
     begun = scanning.begin(place, shift=shift, control=rig.control, gain=rig.gain, before=made)
     if begun.refused:
         rig.say("reach", begun.refused, succeeded=False)
-        return Scanned(reference=rig.place, refused=begun.refused)
+        return ScannedRaster(reference=rig.place, refused=begun.refused)
     drain(rig)
     state, late = rig.run(scanning, begun, told and _each_point(told)), rig.trouble
     rig.gain = state.meter.gain
@@ -125,7 +125,7 @@ def scan(
     return _scanned(state)
 
 
-def _each_point(told: Callable[[Scanned], None]) -> Callable[[ScanState], None]:
+def _each_point(told: Callable[[ScannedRaster], None]) -> Callable[[ScanState], None]:
     """Return what tells of a scan so far, given its state after every tick."""
     last = -1
 
@@ -138,8 +138,8 @@ def _each_point(told: Callable[[Scanned], None]) -> Callable[[ScanState], None]:
     return each
 
 
-def _scanned(state: ScanState) -> Scanned:
-    return Scanned(
+def _scanned(state: ScanState) -> ScannedRaster:
+    return ScannedRaster(
         reference=state.reference,
         bursts=tuple(state.bursts),
         point=state.point,
@@ -148,7 +148,7 @@ def _scanned(state: ScanState) -> Scanned:
     )
 
 
-def _state_of(part: Scanned, place: tuple[float, float]) -> ScanState:
+def _state_of(part: ScannedRaster, place: tuple[float, float]) -> ScanState:
     """Return the state of a scan that was cut off."""
     return ScanState(
         centre=place,
@@ -164,7 +164,9 @@ def drain(rig: InspectionRig) -> None:
     rig.reading(Request(water=False))
 
 
-def scanned_pit(rig: InspectionRig, hole: Hole, scan: Scan = scan) -> tuple[PitDepth, Scanned]:
+def scanned_pit(
+    rig: InspectionRig, hole: Hole, scan: Scan = scan
+) -> tuple[PitDepth, ScannedRaster]:
     """Scan a hole or a pit, once more if the echoes depend on the points, and return its depth.
 
     Parameters
@@ -176,7 +178,7 @@ def scanned_pit(rig: InspectionRig, hole: Hole, scan: Scan = scan) -> tuple[PitD
 
     Returns
     -------
-    PitDepth, Scanned
+    PitDepth, ScannedRaster
         The scan is the one that gave the depth.
     """
     place = (float(hole.place[0]), float(hole.place[1]))
@@ -191,7 +193,7 @@ def scanned_pit(rig: InspectionRig, hole: Hole, scan: Scan = scan) -> tuple[PitD
     return (other, second) if other.measured else (pit, first)
 
 
-def _measured(rig: InspectionRig, scanned: Scanned, hole: Hole, step: str) -> PitDepth:
+def _measured(rig: InspectionRig, scanned: ScannedRaster, hole: Hole, step: str) -> PitDepth:
     """Measure the pit of a hole from a scan."""
     place = (float(hole.place[0]), float(hole.place[1]))
     probe = probe_of(rig, scanned)
@@ -202,7 +204,7 @@ def _measured(rig: InspectionRig, scanned: Scanned, hole: Hole, step: str) -> Pi
 
 def scanned_crack(
     rig: InspectionRig, traced: TracedCrack, scan: Scan = scan
-) -> tuple[CrackDepth, Scanned]:
+) -> tuple[CrackDepth, ScannedRaster]:
     """Scan across a crack where it is widest, and return its depth there.
 
     Parameters
@@ -235,13 +237,13 @@ def counts_as_crack(views: int, found: CrackDepth) -> bool:
     return views >= SEEN_BEFORE or found.verdict in (MEASURED, DEEPER)
 
 
-def probe_of(rig: InspectionRig, scanned: Scanned) -> CalibratedProbe:
+def probe_of(rig: InspectionRig, scanned: ScannedRaster) -> CalibratedProbe:
     """Return the probe at the place for which the angles of a scan hold."""
     return rig.calibration.probe_at(scanned.reference)
 
 
 def fused_wall(
-    scanned: Scanned,
+    scanned: ScannedRaster,
     probe: CalibratedProbe,
     pit: PitDepth,
     hole: Hole,

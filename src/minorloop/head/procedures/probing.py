@@ -19,7 +19,7 @@ from minorloop.head.procedures.inspected_view import (
 from minorloop.head.procedures.probe_steps import (
     REFUSED,
     Scan,
-    Scanned,
+    ScannedRaster,
     drain,
     reach_words,
     scan,
@@ -41,7 +41,7 @@ RING = "ring"
 """Name of the sweep round the pipe."""
 
 
-def _nobody(name: str, new: Scanned | Ring) -> None:
+def _nobody(name: str, new: ScannedRaster | Ring) -> None:
     pass
 
 
@@ -51,7 +51,7 @@ class Probing:
 
     Parameters
     ----------
-    scans : dict of str to Scanned
+    scans : dict of str to ScannedRaster
         By the name of the find; with ``again`` after it, the second one. Of an inspection that was
         cut off: what was scanned is not repeated.
     ring : Ring, optional
@@ -64,9 +64,9 @@ class Probing:
         probe does not reach the wall in the water.
     """
 
-    scans: dict[str, Scanned] = field(default_factory=dict)
+    scans: dict[str, ScannedRaster] = field(default_factory=dict)
     ring: Ring | None = None
-    told: Callable[[str, Scanned | Ring], None] = _nobody
+    told: Callable[[str, ScannedRaster | Ring], None] = _nobody
     refused: str = ""
 
     def begin(self, rig: InspectionRig) -> None:
@@ -77,7 +77,7 @@ class Probing:
             self.refused = "" if within else said
             rig.say("reach", said, succeeded=within)
 
-    def scan_of(self, view: InspectedView) -> Scanned | None:
+    def scan_of(self, view: InspectedView) -> ScannedRaster | None:
         """Return the scan that gave what the echoes say of the finding of a view, if there is one.
 
         A second scan counts if it gave a depth.
@@ -137,11 +137,11 @@ class Probing:
     def _kept(self, name: str, visit: _Visit) -> Scan:
         """Return what scans a find on a visit, and takes what is kept of the scan."""
 
-        def scanned(rig: InspectionRig, place: tuple[float, float], shift: float) -> Scanned:
+        def scanned(rig: InspectionRig, place: tuple[float, float], shift: float) -> ScannedRaster:
             called = f"{name}{AGAIN}" if shift else name
             start = len(visit.steps()) if shift else 0
 
-            def told(found: Scanned) -> None:
+            def told(found: ScannedRaster) -> None:
                 self.scans[called] = replace(found, steps=visit.steps()[start:])
                 if not found.refused:
                     self.told(called, self.scans[called])
