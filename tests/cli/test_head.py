@@ -1145,7 +1145,9 @@ def probed(scripted, monkeypatch):
     return made
 
 
-def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(run, scripted, probed):
+def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(
+    run, scripted, probed, monkeypatch
+):
     def content():
         found = json.loads(Path("found/findings.json").read_text())
         return {name: value for name, value in found.items() if name != "seconds"}
@@ -1164,6 +1166,8 @@ def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(run, scripted
     assert "2 of 2 depths known" in out
     steps = [step["step"] for step in whole["findings"][0]["steps"]]
     assert steps == ["touch", "scan", "measure", "scan", "measure again"]
+    assert "C-scan" in Path("found/report.html").read_text()
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
     lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
     marks = [n for n, line in enumerate(lines) if '"what": "scan"' in line or '"ring"' in line]
     assert len(marks) == 10
@@ -1183,6 +1187,7 @@ def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monke
     from minorloop.head.ultrasound.crack_depth import CrackDepth
 
     silent = CrackDepth("no floor echo")
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
     monkeypatch.setattr(probe_steps, "crack_depth", lambda *given: silent)
     command = f"{INSPECT} --advances 0,5"
     assert run(command)[0] == 0
@@ -1198,7 +1203,8 @@ def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monke
     assert (probed, again["unconfirmed"]) == ([], content["unconfirmed"])
 
 
-def test_a_journal_with_an_impossible_scan_is_refused(run, probed):
+def test_a_journal_with_an_impossible_scan_is_refused(run, probed, monkeypatch):
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
     command = f"{INSPECT} --advances 0,5"
     assert run(command)[0] == 0
     lines = journal()[:-1]

@@ -223,7 +223,9 @@ class InspectionFolder:
             self._write_picture(f"{view.picture.name} marked.jpg", marked)
 
     def end(self, why: str, safe: bool) -> dict[str, Any]:
-        """Note the end, write the report, and return the content of ``findings.json``.
+        """Write the report, note the end, and return the content of ``findings.json``.
+
+        An inspection that is cut off while its report is written has not ended yet.
 
         Parameters
         ----------
@@ -232,11 +234,9 @@ class InspectionFolder:
         safe : bool
             Whether the head has confirmed that it is safe.
         """
-        self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
-        self._journal.note("end", why=why, safe=safe)
-        self._journal.close()
         from minorloop.head.procedures.inspected_wall import seen_wall
 
+        self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
         walls = self._walls()
         seen = seen_wall(self._views.values(), self._view, list(walls.values()))
         self._content |= {"wall": None if seen is None else wall_row(seen), **self._water_row()}
@@ -244,6 +244,8 @@ class InspectionFolder:
         self._write_models(walls)
         report = partial(self._report, seen, walls)
         _common.write_report(report, self._folder / "report.html", force=True)
+        self._journal.note("end", why=why, safe=safe)
+        self._journal.close()
         return self._all()
 
     def _walls(self) -> dict[str, DepthMap]:
