@@ -40,7 +40,7 @@ __all__ = ["SeenWall", "c_scan_of", "draw_wall", "seen_wall", "wall_of"]
 
 _CONTRAST = 0.6
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
-_SIDES = {-180: "left", -90: "top", 0: "right", 90: "bottom"}
+_SIDES = {180: "left", -90: "top", 0: "right", 90: "bottom"}
 _MOST = 0.5
 """Least share of a column that is seen, for it to be in the range of what was seen; and of a row,
 over that of the row of which most is seen."""
@@ -259,5 +259,5 @@ def draw_wall(
 
 def _angle_words(phi: float) -> str:
     """Return an angle from -180 to 180 degrees, and where it is."""
-    angle = round((phi + 180.0) % 360.0 - 180.0)
+    angle = round(180.0 - (180.0 - phi) % 360.0)
     return f"{angle}\n{_SIDES.get(angle, '')}"
