@@ -542,10 +542,12 @@ def inspected(monkeypatch):
     save_head(HeadFile(serial="H-07"), "head.json")
     state = SimpleNamespace(
         safe=False, travels=False, then=lambda: None, first=[], nothing=False,
-        calibration=SimpleNamespace(radius=10e-3, length=None),
+        calibration=HeadCalibration(
+            lens=Pinhole(320, 240, 200.0, (159.5, 119.5)), leds=np.zeros((3, 3))
+        ),
     )  # fmt: skip
 
-    def views(rig, advances, done):
+    def views(rig, advances, done, probing):
         yield from state.first
         if state.nothing:
             return
@@ -688,7 +690,8 @@ def scripted(monkeypatch):
         log = []
         yield SimpleNamespace(
             calibration=view, travels=True, place=(0.0, 0.0), say=say, log=log,
-            compute=lambda work: work(), check_sensors=lambda: None,
+            compute=lambda work: work(), check_sensors=lambda: None, has_tool=True,
+            reading=lambda request: None,
         )  # fmt: skip
 
     rig_module = rig
@@ -889,11 +892,11 @@ def test_a_finding_says_that_its_centring_failed_also_after_a_resume(run, script
     assert again["findings"] == content["findings"]
 
 
-def looked_round(verdict="good", **more):
+def looked_round(verdict="good", name="view 1", **more):
     from minorloop.head.procedures.inspected_view import InspectedView
     from minorloop.head.procedures.pictures import InspectedPicture
 
-    picture = InspectedPicture(name="view 1", t=0.0, verdict=verdict)
+    picture = InspectedPicture(name=name, t=0.0, verdict=verdict)
     image = np.zeros((240, 320), np.uint8)
     return InspectedView(
         picture=picture, image=image, angles=(0.1, 0.2), joints=(0.6, 0.7), place=(0.0, 0.0), **more
@@ -938,7 +941,10 @@ def test_what_was_not_confirmed_is_in_the_summary_the_files_and_the_report(run, 
 
 
 def test_an_inspection_without_a_picture_that_can_be_searched_has_status_1(run, inspected):
-    inspected.first, inspected.nothing = [looked_round("black"), looked_round("torn")], True
+    inspected.first, inspected.nothing = (
+        [looked_round("black"), looked_round("torn", "view 2")],
+        True,
+    )
     status, out, error = run(INSPECT)
     assert status == 1
     assert "0 findings in 2 views; 2 of 2 views not usable: black (1), torn (1); not" in out
@@ -972,7 +978,10 @@ def test_an_inspection_with_some_pictures_says_how_many_could_not_be_searched(ru
         ("--actuator twin:pipe --camera camera:0", "twin:pipe has a camera of its own; leave"),
         ("--actuator twin:pipe --advances 0,103", "--advances has 103, and the pipe ends at 102.4"),
         ("--actuator bench:head.toml", "--actuator bench:head.toml needs --camera, and --head"),
-        ("--actuator bench:head.toml --camera camera:0 --seed 3", "--seed are of twin:pipe"),
+        (
+            "--actuator bench:head.toml --camera camera:0 --seed 3",
+            "are of twin:pipe, and --actuator is bench:head.toml",
+        ),
         ("--actuator bench:head.toml --camera twin:pipe", "give it as --actuator, without"),
         ("--actuator bench:head.toml --camera camera:0 --resume", "there is no folder s1; give"),
     ],
@@ -1056,20 +1065,164 @@ def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch,
 
 def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, monkeypatch):
     pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
-    from minorloop.head.procedures import inspection
+    from minorloop.head.procedures import inspection, probing
 
     monkeypatch.setattr(inspection, "views_of", lambda lens: np.radians([[25.0, 0.0]]))
-    command = "head inspect --actuator twin:pipe --out found --json"
+    monkeypatch.setattr(probing, "touch", lambda rig, hole: rig.say("touch", "touched"))
+    command = "head inspect --actuator twin:pipe --water dry --out found --json"
     status, out, error = run(command)
     assert (status, json.loads(out)["safe"]) == (0, True), error
     (row,) = json.loads(out)["findings"]
     assert row["phi [deg]"] == pytest.approx(math.degrees(0.45), abs=1.0)
     assert row["z [mm]"] == pytest.approx(20.0, abs=0.3)
     assert row["width [mm]"] == pytest.approx(1.0, abs=0.1)
+    assert (row["verdict"], row["depth [mm]"]) == ("no water", None)
+    steps = ("found", "centred", "reached", "touched", "scanned")
+    assert [row[name] for name in steps] == [True, True, False, True, False]
+    wall = json.loads(out)["wall"]
+    assert 12.0 < wall["z [mm]"][0] < 20.0 < wall["z [mm]"][1] < 30.0
+    assert wall["angles [deg]"][0] < math.degrees(0.45) < wall["angles [deg]"][1]
+    assert wall["seen"] > wall["probed"] == 0.0
+    report = Path("found/report.html").read_text()
+    assert "the pipe was dry, and the probe needs water" in report
+    assert "90 at the bottom" in report
     Path("found/journal.jsonl").write_text(
         "".join(f"{json.dumps(one)}\n" for one in journal()[:-1])
     )
     assert "seed was 0 and is 1 now" in run(f"{command} --resume --seed 1")[2]
+    wet = command.replace("dry", "3.5")
+    assert "was 'dry' and is '3.5' now" in run(f"{wet} --resume")[2]
+
+
+@pytest.fixture
+def probed(scripted, monkeypatch):
+    """An inspection as scripted by a head with a probe, and the scans that it makes."""
+    from minorloop.cli import _inspected_head
+    from minorloop.head.procedures import probe_steps, probing, ring
+    from minorloop.head.reconstruction.depth_map import WaterLine
+    from minorloop.head.ultrasound.crack_depth import CrackDepth
+    from minorloop.head.ultrasound.pits import PitDepth
+    from minorloop.head.ultrasound.profile import Profile
+
+    made, trace = [], 0.01 * np.random.default_rng(1).standard_normal(2000)
+
+    def scan(rig, place, shift, *, before, told):
+        found = before or probe_steps.ScannedRaster(reference=np.array([place[1], 0.1]), done=False)
+        for point in range(found.point, 2):
+            made.append((round(place[1], 3), shift, point))
+            burst = Burst(trace, 1e-8, np.array([shift, -0.27 - point]), 4, 4, 0.005)
+            found = replace(found, bursts=(*found.bursts, burst), point=point + 1)
+            told(found)
+        rig.say("scan", "36 of 36 points")
+        return replace(found, done=True)
+
+    def pit(bursts, probe, place, diameter):
+        """One that needs a second scan."""
+        assert [burst.angles[1] for burst in bursts] == [-0.27, -1.27]
+        verdict = "measured" if bursts[0].angles[0] else "disturbed"
+        sizes = {"diameter": diameter, "place_sd": 1e-5, "diameter_sd": 2e-5}
+        return PitDepth(verdict, *place, depth=5e-4, depth_sd=1e-5, **sizes)
+
+    def ringed(rig):
+        made.append("ring")
+        spots = np.array([[0.1, 20e-3], [0.2, 20e-3]])
+        detected = np.array([True, False])
+        profile = Profile(spots, np.array([1e-5, np.nan]), np.ones(2), detected, np.zeros(2))
+        return ring.Ring(profile, WaterLine(-4e-3, 2e-4, 0.0))
+
+    def head(*given):
+        plain = real(*given)
+        return replace(plain, probing=probing.Probing())
+
+    real = _inspected_head.inspected_head
+    monkeypatch.setattr(_inspected_head, "inspected_head", head)
+    monkeypatch.setattr(probing, "scan", scan)
+    monkeypatch.setattr(probing, "reach_words", lambda rig: ("within reach", True))
+    monkeypatch.setattr(probing, "ring_sweep", ringed)
+    for name in ("go", "meter", "approach"):
+        monkeypatch.setattr(probing, name, lambda *given, **more: None)
+    monkeypatch.setattr(probing, "touch", lambda rig, hole: rig.say("touch", "touched"))
+    monkeypatch.setattr(probe_steps, "measure_pit", pit)
+    monkeypatch.setattr(
+        probe_steps, "crack_depth", lambda *given: CrackDepth("measured", 7e-4, 2e-5)
+    )
+    return made
+
+
+def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(
+    run, scripted, probed, monkeypatch
+):
+    def content():
+        found = json.loads(Path("found/findings.json").read_text())
+        return {name: value for name, value in found.items() if name != "seconds"}
+
+    command = f"{INSPECT} --advances 0,5"
+    status, out, error = run(command)
+    assert status == 0, error
+    whole, every = content(), list(probed)
+    points = [
+        (z, shift, n) for z, shift in ((0.02, 0.0), (0.02, 0.5), (0.022, 0.0)) for n in (0, 1)
+    ]
+    assert every == [*points, "ring"]
+    assert [row["depth [mm]"] for row in whole["findings"]] == [0.5, 0.7]
+    assert [row["touched"] for row in whole["findings"]] == [True, None]
+    assert whole["water above the axis [mm]"] == [4.0, 0.2]
+    assert "2 of 2 depths known" in out
+    steps = [step["step"] for step in whole["findings"][0]["steps"]]
+    assert steps == ["touch", "scan", "measure", "scan", "measure again"]
+    assert "C-scan" in Path("found/report.html").read_text()
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
+    marks = [n for n, line in enumerate(lines) if '"what": "scan"' in line or '"ring"' in line]
+    assert len(marks) == 10
+    for cut, left in ((1, 1), (4, 3), (9, 6)):
+        mark = marks[cut]
+        # It is cut in the line of a point, which is then fired again, and none before it.
+        Path("found/journal.jsonl").write_text("".join(lines[:mark]) + lines[mark][:90])
+        scripted.clear()
+        probed[:] = every[:left]
+        status, _, error = run(f"{command} --resume")
+        assert (status, probed) == (0, every), error
+        assert content() == whole
+
+
+def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monkeypatch):
+    from minorloop.head.procedures import probe_steps
+    from minorloop.head.ultrasound.crack_depth import CrackDepth
+
+    silent = CrackDepth("no floor echo")
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+    monkeypatch.setattr(probe_steps, "crack_depth", lambda *given: silent)
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    content = json.loads(Path("found/findings.json").read_text())
+    assert [row["kind"] for row in content["findings"]] == ["pit"]
+    whys = {row["kind"]: row["why"] for row in content["unconfirmed"]}
+    assert whys["crack"].endswith("and no echo of its depth: no floor echo")
+    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
+    Path("found/journal.jsonl").write_text("".join(lines[:-1]))
+    probed.clear()
+    assert run(f"{command} --resume")[0] == 0
+    again = json.loads(Path("found/findings.json").read_text())
+    assert (probed, again["unconfirmed"]) == ([], content["unconfirmed"])
+
+
+def test_a_journal_with_an_impossible_scan_is_refused(run, probed, monkeypatch):
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    lines = journal()[:-1]
+    number = next(n for n, line in enumerate(lines) if line["what"] == "scan")
+    burst = lines[number]["bursts"][0]
+    for change, words in (
+        ({"noise": -1.0}, "has -1.0 as 'noise', which must be 0 to 1"),
+        ({"trace": "AAA"}, "is not the whole line of a scan"),
+    ):
+        lines[number]["bursts"][0] = burst | change
+        Path("found/journal.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+        status, _, error = run(f"{command} --resume")
+        assert status == 2
+        assert f"line {number + 1} of found/journal.jsonl {words}" in " ".join(error.split())
 
 
 def test_an_inspection_refuses_advances_without_a_catheter(run, inspected):
@@ -1143,6 +1296,9 @@ def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, t
         ("--along 101,103", "up to the end of the pipe at 102.4 mm"),
         ("--around 10,5", "which are -5 degrees; give at least 2.8, two"),
         ("--around 10,11", "from 10 to 11 degrees"),
+        ("--water dry", "a dry pipe cannot be swept"),
+        ("--water 12", "--water is 12; give full, dry, or its height above the axis of the pipe"),
+        ("--temperature 4", "--temperature is 4; give 5 to 60 degrees Celsius"),
     ):
         status, _, error = run(f"{SWEEP} {options}")
         assert (status, words in error) == (2, True), error
@@ -1230,6 +1386,8 @@ def made_up_journal(bursts=3, **changes):
         "seed": 1000,
         "around [deg]": [0.0, 180.0],
         "along [mm]": [19.0, 19.5],
+        "water [mm above the axis]": "full",
+        "water [C]": 20.0,
     }
     trace = 0.01 * np.random.default_rng(1000).standard_normal(2000)
     burst = Burst(trace, 1e-8, np.array([-0.35, -0.27]), 4, 4, 0.005)

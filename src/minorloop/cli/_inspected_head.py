@@ -9,11 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from minorloop.cli._water import FULL, ROOM, noted, water_of
 from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.head_file import HeadFile
+    from minorloop.head.procedures.probing import Probing
     from minorloop.head.procedures.rig import InspectionRig, LogEntry
 
 Told: TypeAlias = "Callable[[LogEntry], None]"
@@ -31,15 +33,23 @@ class InspectedHead:
         Of its camera; opening refuses a head without one.
     opened : callable
         Opens it, given what is told of each step. The head is safe at the end of its context.
+    probing : Probing, optional
+        Its probe; None on a head without one.
     """
 
     begun: dict[str, Any]
     view: HeadCalibration | None
     opened: Callable[[Told], AbstractContextManager[InspectionRig]]
+    probing: Probing | None = None
 
 
 def inspected_head(
-    actuator: str, camera: str | None, head: Path | None, specimen: int | None, seed: int
+    actuator: str,
+    camera: str | None,
+    head: Path | None,
+    specimen: int | None,
+    seed: int,
+    water: tuple[str, float] = (FULL, ROOM),
 ) -> InspectedHead:
     """Return the head at an address.
 
@@ -51,11 +61,14 @@ def inspected_head(
         File of the head. The simulated one is identified without it.
     specimen, seed : int
         Of the simulated head, and of its noise and its pipe.
+    water : (str, float)
+        Level and temperature in the simulated pipe, as given to `water_of`.
 
     Raises
     ------
     ParameterError
-        If a device lacks its camera or file, or the simulated pipe is given a camera.
+        If a device lacks its camera or file, or the simulated pipe is given a camera, or water that
+        cannot be.
     """
     from minorloop.head.console.settings import PIPE, is_pipe
     from minorloop.head.procedures.head_file import read_head
@@ -64,7 +77,7 @@ def inspected_head(
     if is_pipe(actuator):
         if camera is not None:
             raise ParameterError(f"{PIPE} has a camera of its own; leave --camera out")
-        return _simulated(actuator, head, specimen, seed)
+        return _simulated(actuator, head, specimen, seed, water)
     if camera is None or head is None:
         raise ParameterError(
             f"--actuator {actuator} needs --camera, and --head with a file that minorloop head "
@@ -72,9 +85,10 @@ def inspected_head(
         )
     if is_pipe(camera):
         raise ParameterError(f"--camera is {PIPE}; give it as --actuator, without --camera")
-    if specimen is not None or seed:
+    if specimen is not None or seed or water != (FULL, ROOM):
         raise ParameterError(
-            f"--specimen and --seed are of {PIPE}, and --actuator is {actuator}; leave them out"
+            f"--specimen, --seed, --water and --temperature are of {PIPE}, and --actuator is "
+            f"{actuator}; leave them out"
         )
     known = read_head(head)
     begun = {**_about(known), "actuator": actuator, "camera": camera}
@@ -89,31 +103,37 @@ def _about(known: HeadFile) -> dict[str, Any]:
     }
 
 
-def _simulated(address: str, file: Path | None, specimen: int | None, seed: int) -> InspectedHead:
+def _simulated(
+    address: str, file: Path | None, specimen: int | None, seed: int, water: tuple[str, float]
+) -> InspectedHead:
     """Return the simulated head in its pipe, as the console has it."""
     from minorloop.head.console.identified_head import head_of
     from minorloop.head.console.plant import head_at, open_plant, open_tip
+    from minorloop.head.procedures.probing import Probing
     from minorloop.head.procedures.rig import InspectionRig
+    from minorloop.head.procedures.seen_base import SeenBase
     from minorloop.head.twins.head import Head
     from minorloop.lab.signals import ended_by_signals
 
+    filling = water_of(*water)
     known = None if file is None else head_at(address, specimen, file)[0]
-    tip, own = open_tip(address, specimen=specimen, seed=seed)
+    plant = open_plant(address, specimen=specimen, seed=seed, water=filling)
+    flow = getattr(plant, "flood", None)
+    tip, own = open_tip(address, specimen=specimen, seed=seed, flow=flow, water=filling)
     view = own if known is None or known.calibration is None else known.calibration
     about = {"head": Head(specimen).serial} if known is None else _about(known)
 
     @contextmanager
     def opened(told: Told) -> Iterator[InspectionRig]:
         with ended_by_signals(exiting=True):
-            plant = open_plant(address, specimen=specimen, seed=seed)
             control = (
                 head_of(address, specimen) if known is None else known.control(interval=plant.tick)
             )
             try:
-                yield InspectionRig(plant, tip, control, view, told=told)
+                yield InspectionRig(plant, tip, control, view, base=SeenBase(view), told=told)
             finally:
                 plant.safe()
 
-    return InspectedHead(
-        {**about, "actuator": address, "specimen": specimen, "seed": seed}, view, opened
-    )
+    options = {"specimen": specimen, "seed": seed, **noted(*water)}
+    probing = Probing(refused="no water" if filling.level is None else "")
+    return InspectedHead({**about, "actuator": address, **options}, view, opened, probing)

@@ -3,53 +3,60 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._inspection_report import (
+    ANGLES,
+    COLUMNS,
+    LOST_COLUMNS,
+    THROUGH,
+    finding_cells,
+    inspection_report,
+    not_found,
+    table,
+    wall_words,
+)
 from minorloop.cli._journal import (
     FINISHED,
     Journal,
     kept_views,
     lost_row,
     missed_row,
+    outcomes,
     resumed_lines,
     row,
     step_rows,
     view_line,
 )
-from minorloop.errors import OutputError, ParameterError, SafetyError, counted
+from minorloop.cli._probe_journal import kept_probing, ring_line, scan_line
+from minorloop.errors import MissingExtraError, OutputError, ParameterError, SafetyError, counted
 from minorloop.files import new_folder, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.cli._inspected_head import InspectedHead
     from minorloop.head.procedures.calibration import HeadCalibration
-    from minorloop.head.procedures.inspected_view import InspectedView
+    from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
+    from minorloop.head.procedures.inspected_wall import SeenWall
+    from minorloop.head.procedures.probe_steps import ScannedRaster
+    from minorloop.head.procedures.probing import Probing
     from minorloop.head.procedures.rig import InspectionRig, LogEntry
+    from minorloop.head.procedures.ring import Ring
+    from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
+    from minorloop.head.ultrasound.c_scan import CScan
     from minorloop.report import Report
 
-_VISITS = ("hole", "crack", "device", "camera")
-"""Steps whose outcome stays on the terminal: visits of candidates, failures of a device, and what
-the camera cannot do."""
-_LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
-"""Of candidates that were not confirmed."""
-_MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
-"""Of directions that were not searched, as lines of sight, with the place of the catheter."""
-_COLUMNS = (
-    "kind",
-    "verdict",
-    "phi [deg]",
-    "z [mm]",
-    "width [mm]",
-    "length [mm]",
-    "evidence",
-    "picture",
-)
+_VISITS = ("hole", "crack", "device", "camera", "reach", "touch", "measure", "water line")
+"""Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
+of a device, and what the camera cannot do."""
 
 
 def carried_out(
@@ -73,6 +80,9 @@ def carried_out(
 
     begun = {**head.begun, "advances [mm]": [round(1e3 * advance, 4) for advance in advances]}
     before = _Before.of(out, begun, head.view) if resume else _Before()
+    probing = head.probing
+    if probing is not None:
+        kept_probing(out, before.lines, probing)
     kept: InspectionFolder | None = None
     opening = _common.working("opening the head", logged=True)
     with nullcontext(out) if resume else new_folder(out) as folder, opening as now:
@@ -85,8 +95,8 @@ def carried_out(
         try:
             with head.opened(told) as rig:
                 _check_advances(rig, begun["actuator"], advances)
-                kept = InspectionFolder(folder, begun, before, rig.calibration.radius)
-                for view in inspect_wall(rig, advances, before.views):
+                kept = InspectionFolder(folder, begun, before, rig.calibration, probing)
+                for view in inspect_wall(rig, advances, before.views, probing):
                     kept.add(view)
         except BaseException as error:
             if kept is not None:
@@ -150,33 +160,59 @@ class InspectionFolder:
         What is inspected, and by what.
     before : _Before
         What is known of an inspection that was cut off.
-    radius : float
-        Of the pipe, in metres.
+    view : HeadCalibration
+        Of the head.
+    probing : Probing, optional
+        Its probe; the folder keeps what it measures.
     """
 
-    def __init__(self, folder: Path, begun: dict[str, Any], before: _Before, radius: float) -> None:
-        self._folder, self._views, self._radius = folder, list(before.views), radius
-        self._marked: list[tuple[str, Any]] = []
+    def __init__(
+        self,
+        folder: Path,
+        begun: dict[str, Any],
+        before: _Before,
+        view: HeadCalibration,
+        probing: Probing | None = None,
+    ) -> None:
+        self._folder, self._view, self._probing = folder, view, probing
+        self._views = {each.picture.name: each for each in before.views}
+        self._log = [line for line in before.lines if line["what"] == "step"]
         (folder / "pictures").mkdir(exist_ok=bool(before.lines))
         self._journal = Journal(folder, begun, before.lines, views=len(self._views))
-        self._content = {**begun, "began": self._journal.began}
-        for view in self._views:
-            self._mark(view)
+        self._content = {**begun, "began": self._journal.began, "probe": probing is not None}
+        self._bursts: dict[str, int] = {}
+        if probing is not None:
+            probing.told = self.measured
+            self._bursts = {name: len(scanned.bursts) for name, scanned in probing.scans.items()}
+        for each in before.views:
+            self._mark(each)
         self._write_findings()
 
     def log(self, entry: LogEntry) -> None:
         """Note a step."""
-        self._journal.note(
-            "step", step=entry.what, outcome=entry.outcome, succeeded=entry.succeeded
-        )
+        step = {"step": entry.what, "outcome": entry.outcome, "succeeded": entry.succeeded}
+        self._journal.note("step", **step)
+        self._log.append({"t": self._journal.seconds(), **step})
 
     def add(self, view: InspectedView) -> None:
-        """Keep a view: its picture, and the finding if it has one."""
-        self._views.append(view)
-        self._write_picture(f"{view.picture.name}.png", view.image)
+        """Keep a view, its picture, and the finding if it has one; the newest of a name counts."""
+        name = view.picture.name
+        if name not in self._views:
+            self._write_picture(f"{name}.png", view.image)
+        self._views[name] = view
         self._journal.note("view", **view_line(view))
         self._mark(view)
         self._write_findings()
+
+    def measured(self, name: str, new: ScannedRaster | Ring) -> None:
+        """Keep a scan of the probe so far, or the sweep round the pipe."""
+        from minorloop.head.procedures.probe_steps import ScannedRaster
+
+        if isinstance(new, ScannedRaster):
+            self._journal.note("scan", **scan_line(name, new, self._bursts.get(name, 0)))
+            self._bursts[name] = len(new.bursts)
+        else:
+            self._journal.note(name, **ring_line(new))
 
     def _mark(self, view: InspectedView) -> None:
         """Write the picture of a view with its finding marked, if it has one."""
@@ -185,10 +221,11 @@ class InspectionFolder:
         if view.finding is not None:
             marked = annotated(view.image, view.picture.findings)
             self._write_picture(f"{view.picture.name} marked.jpg", marked)
-            self._marked.append((view.picture.name, marked))
 
     def end(self, why: str, safe: bool) -> dict[str, Any]:
-        """Note the end, write the report, and return the content of ``findings.json``.
+        """Write the report, note the end, and return the content of ``findings.json``.
+
+        An inspection that is cut off while its report is written has not ended yet.
 
         Parameters
         ----------
@@ -197,21 +234,78 @@ class InspectionFolder:
         safe : bool
             Whether the head has confirmed that it is safe.
         """
+        from minorloop.head.procedures.inspected_wall import seen_wall
+
         self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
-        self._journal.note("end", why=why, safe=safe)
+        walls = self._walls()
+        seen = seen_wall(self._views.values(), self._view, list(walls.values()))
+        self._content |= {"wall": None if seen is None else wall_row(seen), **self._water_row()}
         self._write_findings()
+        self._write_models(walls)
+        report = partial(self._report, seen, walls)
+        _common.write_report(report, self._folder / "report.html", force=True)
+        self._journal.note("end", why=why, safe=safe)
         self._journal.close()
-        _common.write_report(self._report, self._folder / "report.html", force=True)
         return self._all()
+
+    def _walls(self) -> dict[str, DepthMap]:
+        """Return the wall about each finding that was scanned, by the name of its view."""
+        from minorloop.head.procedures.inspected_wall import wall_of
+
+        if self._probing is None:
+            return {}
+        each = {
+            name: wall_of(view, self._probing.scan_of(view), self._view)
+            for name, view in self._views.items()
+            if view.finding is not None
+        }
+        return {name: wall for name, wall in each.items() if wall is not None}
+
+    def _scans(self) -> dict[str, CScan]:
+        """Return the map of the echoes about each finding that was scanned."""
+        from minorloop.head.procedures.inspected_wall import c_scan_of
+
+        found = {}
+        for name, view in self._views.items():
+            scanned = None if self._probing is None else self._probing.scan_of(view)
+            scan = None if scanned is None else c_scan_of(scanned, self._view)
+            if scan is not None:
+                found[name] = scan
+        return found
+
+    def _water_row(self) -> dict[str, Any]:
+        """Return the level of the water with its standard deviation, if a sweep showed it."""
+        water = self._water
+        if water is None or not water.seen:
+            return {}
+        return {
+            "water above the axis [mm]": [round(-1e3 * water.height, 2), round(1e3 * water.sd, 2)]
+        }
+
+    @property
+    def _water(self) -> WaterLine | None:
+        ring = None if self._probing is None else self._probing.ring
+        return None if ring is None else ring.water
+
+    def _write_models(self, walls: dict[str, DepthMap]) -> None:
+        """Write the wall about each finding for viewers of PLY and glTF, if they can be written."""
+        from minorloop.head.reconstruction.mesh import save_mesh
+
+        with suppress(MissingExtraError):
+            for name, wall in walls.items():
+                (self._folder / "models").mkdir(exist_ok=True)
+                for suffix in ("ply", "glb"):
+                    save_mesh(wall, self._folder / "models" / f"{name}.{suffix}")
 
     def _all(self) -> dict[str, Any]:
         from minorloop.head.vision.frame_checks import GOOD
 
-        verdicts = [view.picture.verdict for view in self._views]
+        views = self._views.values()
+        verdicts = [view.picture.verdict for view in views]
         bad = {each: verdicts.count(each) for each in sorted(set(verdicts)) if each != GOOD}
         found = [
-            {**row(view), "steps": step_rows(view)}
-            for view in self._views
+            {**row(view), **outcomes(view), "steps": step_rows(view.steps)}
+            for view in views
             if view.finding is not None
         ]
         return {
@@ -220,7 +314,7 @@ class InspectionFolder:
             "unusable": bad,
             "not searched": [
                 missed_row(view)
-                for view in self._views
+                for view in views
                 if view.looks_round and view.picture.verdict != GOOD
             ],
             "findings": found,
@@ -228,19 +322,24 @@ class InspectionFolder:
         }
 
     def _lost(self) -> list[dict[str, Any]]:
-        """Return what was not confirmed, or not visited yet, as rows."""
+        """Return `_unconfirmed` as rows."""
+        return [lost_row(each) for each in self._unconfirmed()]
+
+    def _unconfirmed(self) -> list[Unconfirmed]:
+        """Return what was not confirmed, or not visited yet."""
         from minorloop.head.procedures.inspection import unvisited
 
-        lost = [view.unconfirmed for view in self._views if view.unconfirmed is not None]
-        return [lost_row(each) for each in (*lost, *unvisited(self._views, self._radius))]
+        views = list(self._views.values())
+        lost = [view.unconfirmed for view in views if view.unconfirmed is not None]
+        return [*lost, *unvisited(views, self._view.radius)]
 
     def _write_findings(self) -> None:
         from minorloop.files import table_text
         from minorloop.head.reconstruction.findings import finding_table
 
-        found = [view.finding for view in self._views if view.finding is not None]
+        found = [view.finding for view in self._views.values() if view.finding is not None]
         write_atomically(self._folder / "findings.csv", finding_table(found))
-        lost = table_text(_LOST_COLUMNS, table(self._lost(), _LOST_COLUMNS))
+        lost = table_text(LOST_COLUMNS, table(self._lost(), LOST_COLUMNS))
         write_atomically(self._folder / "unconfirmed.csv", lost)
         text = json.dumps(self._all(), indent=1)
         write_atomically(self._folder / "findings.json", f"{text}\n")
@@ -254,51 +353,35 @@ class InspectionFolder:
             raise OutputError(f"{path} cannot be written; check the disk")
         write_atomically(path, data.tobytes())  # it is on the disk before the journal names it
 
-    def _report(self) -> Report:
-        from minorloop.report import Picture, Report, Table
-
+    def _report(self, seen: SeenWall | None, walls: dict[str, DepthMap]) -> Report:
         content = self._all()
-        report = Report(f"Inspection by head {content['head']}", summary(content))
-        rows = table(content["findings"], _COLUMNS)
-        report.add("Findings", table=Table(_COLUMNS, rows))
-        if content["unconfirmed"]:
-            lost = table(content["unconfirmed"], _LOST_COLUMNS)
-            report.add("Not confirmed", table=Table(_LOST_COLUMNS, lost))
-        if content["not searched"]:
-            missed = table(content["not searched"], _MISSED_COLUMNS)
-            report.add("Not searched", table=Table(_MISSED_COLUMNS, missed))
-        pictures = [Picture(figure_of(marked), name) for name, marked in self._marked]
-        report.add("Pictures of the findings", pictures=pictures)
-        return report
+        return inspection_report(
+            content,
+            summary(content),
+            found=[view for view in self._views.values() if view.finding is not None],
+            lost=self._unconfirmed(),
+            seen=seen,
+            water=self._water,
+            walls=walls,
+            scans=self._scans(),
+            log=self._log,
+        )
 
 
-def figure_of(marked: Any) -> Any:
-    """Return a colour picture of OpenCV as a figure."""
-    from matplotlib.figure import Figure
-
-    height, width = marked.shape[:2]
-    figure = Figure(figsize=(5.0, 5.0 * height / width))
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(marked[..., ::-1])
-    axes.set_axis_off()
-    return figure
+def wall_row(seen: SeenWall) -> dict[str, Any]:
+    """Return which wall was seen, and the shares of it that camera and echoes covered."""
+    return {
+        "z [mm]": [round(1e3 * z, 2) for z in seen.along],
+        "angles [deg]": [round(math.degrees(phi), 1) for phi in seen.around],
+        "seen": round(seen.seen_share, 4),
+        "probed": round(seen.probed_share, 6),
+    }
 
 
 def _reason(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
     return " ".join(str(error).split()) or type(error).__name__
-
-
-def table(rows: Sequence[dict[str, Any]], columns: Sequence[str]) -> list[list[str]]:
-    """Return findings, or candidates that were not confirmed, as rows of text."""
-    return [[_cell(row[name]) for name in columns] for row in rows]
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, list):
-        return ", ".join(value)
-    return "" if value is None else str(value)
 
 
 def summary(content: dict[str, Any]) -> str:
@@ -311,30 +394,31 @@ def summary(content: dict[str, Any]) -> str:
         f"{row['advance [mm]']:.1f} mm"
         for row in content["not searched"]
     )
-    less = f"{_not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
+    less = f"{not_found(content['unconfirmed'])}{f'; {share}' if bad else ''}{missed}"
     said = f"{found} in {views}{less}; {content['ended']}"
     safe = "is safe, as confirmed" if content["safe"] else "did NOT confirm that it is safe"
-    return f"{said}; no depth without a probe; the head {safe}"
+    return f"{said}; {_depths(content)}; the head {safe}"
 
 
-def _not_found(unconfirmed: Sequence[dict[str, Any]]) -> str:
-    """Return how many candidates were not confirmed, and how many not visited."""
-    from minorloop.head.procedures.inspection import NOT_VISITED
-
-    lost = [
-        counted(len(row["seen in"]), "view") for row in unconfirmed if row["why"] != NOT_VISITED
-    ]
-    words = [f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))]
-    left = len(unconfirmed) - len(lost)
-    return "".join([*words, f"; {left} {NOT_VISITED}" if left else ""])
+def _depths(content: dict[str, Any]) -> str:
+    """Return how many depths were measured, or why none can be."""
+    if not content["probe"]:
+        return "no depth without a probe"
+    known = [row["depth [mm]"] is not None or row["kind"] == THROUGH for row in content["findings"]]
+    return f"{sum(known)} of {len(known)} depths known"
 
 
 def show(content: dict[str, Any], out: Path) -> None:
     """Print the findings."""
     if content["findings"]:
-        _common.print_table(_COLUMNS, table(content["findings"], _COLUMNS))
+        rows = [
+            [*finding_cells(n, row), str(row["verdict"])]
+            for n, row in enumerate(content["findings"], 1)
+        ]
+        _common.print_table((*COLUMNS, "verdict"), rows, ANGLES)
     if content["unconfirmed"]:
-        lost = table(content["unconfirmed"], _LOST_COLUMNS)
-        _common.print_table(_LOST_COLUMNS, lost, "not confirmed")
+        lost = table(content["unconfirmed"], LOST_COLUMNS)
+        _common.print_table(LOST_COLUMNS, lost, "not confirmed")
+    typer.echo(" ".join(wall_words(content)))
     typer.echo(summary(content))
     typer.echo(f"kept in {out}")

@@ -22,11 +22,16 @@ from minorloop.files import first_difference, write_atomically
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
+    from minorloop.head.procedures.rig import LogEntry
+    from minorloop.head.ultrasound.crack_depth import CrackDepth
+    from minorloop.head.ultrasound.pits import PitDepth
     from minorloop.head.vision.cracks import TracedCrack
     from minorloop.head.vision.defects import Hole
 
 FINISHED = "finished"
 NAME = "journal.jsonl"
+_EXACT = 9
+"""Digits of a pose, so that an inspection that goes on has the same map as one that was not cut."""
 
 
 class Journal:
@@ -182,16 +187,17 @@ def view_line(view: InspectedView) -> dict[str, Any]:
         "taken": picture.t,
         "verdict": picture.verdict,
         "pose": {
-            **_degrees(view.joints),
-            "advance [mm]": round(1e3 * advance, 4),
-            "roll [deg]": round(math.degrees(roll), 4),
+            **_degrees(view.joints, _EXACT),
+            "advance [mm]": round(1e3 * advance, _EXACT),
+            "roll [deg]": round(math.degrees(roll), _EXACT),
         },
-        "sight": _degrees(view.angles),
+        "sight": _degrees(view.angles, _EXACT),
         "shown": picture.rows(),
         "seen": [_noted(shown) for shown in view.seen],
         "finding": None if view.finding is None else row(view),
         "unconfirmed": None if view.unconfirmed is None else lost_row(view.unconfirmed),
-        "steps": step_rows(view),
+        "steps": step_rows(view.steps),
+        "probed": None if view.probed is None else asdict(view.probed),
     }
 
 
@@ -207,12 +213,30 @@ def missed_row(view: InspectedView) -> dict[str, Any]:
     }
 
 
-def step_rows(view: InspectedView) -> list[dict[str, Any]]:
-    """Return the steps of a visit."""
+def step_rows(steps: Sequence[LogEntry]) -> list[dict[str, Any]]:
+    """Return the steps of a visit as rows."""
     return [
-        {"step": each.what, "outcome": each.outcome, "succeeded": each.succeeded}
-        for each in view.steps
+        {"step": each.what, "outcome": each.outcome, "succeeded": each.succeeded} for each in steps
     ]
+
+
+def steps_of(rows: Sequence[dict[str, Any]], t: float) -> tuple[LogEntry, ...]:
+    """Return the steps of rows, all at a time in seconds."""
+    from minorloop.head.procedures.rig import LogEntry
+
+    return tuple(LogEntry(t, each["step"], each["outcome"], each["succeeded"]) for each in rows)
+
+
+def outcomes(view: InspectedView) -> dict[str, bool | None]:
+    """Return how far the visit of a finding came: None for what was not tried."""
+    last = {each.what: each.succeeded for each in view.steps}
+    return {
+        "found": view.finding is not None,
+        "centred": last.get("centre"),
+        "reached": last.get("reach", last.get("scan")),
+        "touched": last.get("touch"),
+        "scanned": last.get("scan"),
+    }
 
 
 def kept_views(
@@ -280,7 +304,6 @@ def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> Inspect
     """Return the view of a line."""
     from minorloop.head.procedures.inspected_view import InspectedView, view_with, with_finding
     from minorloop.head.procedures.pictures import InspectedPicture
-    from minorloop.head.procedures.rig import LogEntry
 
     pose, sight, lost = line["pose"], line["sight"], line["unconfirmed"]
     place = 1e-3 * pose["advance [mm]"], math.radians(pose["roll [deg]"])
@@ -293,13 +316,21 @@ def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> Inspect
         joints=_radians(pose),
         place=place,
         unconfirmed=None if lost is None else _lost(lost),
-        steps=tuple(
-            LogEntry(line["taken"], each["step"], each["outcome"], each["succeeded"])
-            for each in line.get("steps", ())  # journals of earlier versions have none
-        ),
+        steps=steps_of(line.get("steps", ()), line["taken"]),  # earlier versions wrote none
+        probed=_probed_of(line.get("probed")),
     )
     found = view_with(found, [_restored(one) for one in line["seen"]], view.camera_at(place))
     return found if line["finding"] is None else with_finding(found, view.radius)
+
+
+def _probed_of(noted: dict[str, Any] | None) -> PitDepth | CrackDepth | None:
+    """Return what the echoes say of a finding."""
+    from minorloop.head.ultrasound.crack_depth import CrackDepth
+    from minorloop.head.ultrasound.pits import PitDepth
+
+    if noted is None:
+        return None
+    return PitDepth(**noted) if "phi" in noted else CrackDepth(**noted)
 
 
 def _noted(shown: Hole | TracedCrack) -> dict[str, Any]:
@@ -323,10 +354,10 @@ def _restored(noted: dict[str, Any]) -> Hole | TracedCrack:
     return Hole(**values) if "rim" in values else TracedCrack(**values)
 
 
-def _degrees(pair: tuple[float, float]) -> dict[str, float]:
+def _degrees(pair: tuple[float, float], digits: int = 4) -> dict[str, float]:
     """Return pan and tilt in degrees."""
     return {
-        f"{name} [deg]": round(math.degrees(angle), 4)
+        f"{name} [deg]": round(math.degrees(angle), digits)
         for name, angle in zip(("pan", "tilt"), pair, strict=True)
     }
 

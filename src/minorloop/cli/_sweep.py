@@ -13,6 +13,7 @@ import typer
 from minorloop.cli import _common
 from minorloop.cli._journal import FINISHED, Journal
 from minorloop.cli._sweep_journal import SweptBefore, burst_line
+from minorloop.cli._water import FULL, ROOM, noted, water_of
 from minorloop.errors import ParameterError, counted
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def carried_out(
     out: Path,
     specimen: int | None,
     seed: int,
+    water: tuple[str, float] = (FULL, ROOM),
     *,
     resume: bool = False,
 ) -> dict[str, Any]:
@@ -45,6 +47,8 @@ def carried_out(
         New or empty folder.
     specimen, seed : int
         Of the simulated head, and of its noise and its pipe.
+    water : (str, float)
+        Level and temperature in the pipe, as given to `water_of`.
     resume : bool
         Whether to go on with the sweep in the folder, which was cut off.
     """
@@ -74,14 +78,18 @@ def carried_out(
         "seed": seed,
         "around [deg]": list(around),
         "along [mm]": list(along),
+        **noted(*water),
     }
+    filling = water_of(*water)
+    if filling.level is None:
+        raise ParameterError("a dry pipe cannot be swept; give --water a height, or leave it out")
     before = SweptBefore.of(out, begun, z) if resume else SweptBefore()
     opened = nullcontext(out) if resume else new_folder(out)
     working = _common.working("identifying the head", logged=True)
     with ended_by_signals(exiting=True), opened as folder, working as now:
-        plant = open_plant(actuator, specimen=specimen, seed=seed)
+        plant = open_plant(actuator, specimen=specimen, seed=seed, water=filling)
         flow = getattr(plant, "flood", None)
-        tip, view = open_tip(actuator, specimen=specimen, seed=seed, flow=flow)
+        tip, view = open_tip(actuator, specimen=specimen, seed=seed, flow=flow, water=filling)
         control = head_of(actuator, specimen)
         rig, sweep = InspectionRig(plant, tip, control, view), ProbeSweep(calibration=view)
         state = sweep.begin(phi, z, control=control, bursts=before.bursts)

@@ -16,10 +16,11 @@ from minorloop.files import write_atomically
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.head.ultrasound.echoes import Burst
     from minorloop.head.ultrasound.wall_echoes import SweptBurst
 
 _AGAIN = (
-    "delete this line and all lines after it, so that they are fired again, or sweep into a new "
+    "delete this line and all lines after it, so that they are fired again, or begin in a new "
     "folder"
 )
 _LATEST = 1e9
@@ -34,6 +35,13 @@ _FULL_SCALE = 1.0 + 1e-9
 _MOST_SHOTS = 1000
 
 Limits = tuple[tuple[float, float], ...]
+_BURST: dict[str, Limits] = {
+    "angles": ((-math.pi, math.pi), (-math.pi, math.pi)),
+    "shots": ((0, _MOST_SHOTS), (1, _MOST_SHOTS)),
+    "noise": ((0.0, 1.0),),
+    "interval": ((1e-9, 50e-9),),
+}
+"""Least and largest of each number of the mean of a burst."""
 
 
 @dataclass(frozen=True)
@@ -99,13 +107,15 @@ class SweptBefore:
 
 def burst_line(swept: SweptBurst) -> dict[str, Any]:
     """Return the content of the line of a burst; its numbers are exact."""
+    place, spot = swept.place.tolist(), swept.spot.tolist()
+    return {"fired": swept.t, "place": place, "spot": spot, **burst_values(swept.burst)}
+
+
+def burst_values(burst: Burst) -> dict[str, Any]:
+    """Return the values of the mean of a burst; its numbers are exact."""
     import numpy as np
 
-    burst = swept.burst
     return {
-        "fired": swept.t,
-        "place": swept.place.tolist(),
-        "spot": swept.spot.tolist(),
         "angles": burst.angles.tolist(),
         "shots": [burst.used, burst.fired],
         "noise": burst.noise,
@@ -158,10 +168,6 @@ def _limits(along: Sequence[float]) -> dict[str, Limits]:
         "fired": ((0.0, _LATEST),),
         "place": (z, (-2.0 * turn, 2.0 * turn)),
         "spot": ((-turn, turn), z, (1e-3, 1.0)),
-        "angles": ((-math.pi, math.pi), (-math.pi, math.pi)),
-        "shots": ((0, _MOST_SHOTS), (1, _MOST_SHOTS)),
-        "noise": ((0.0, 1.0),),
-        "interval": ((1e-9, 50e-9),),
     }
 
 
@@ -169,22 +175,46 @@ def _burst(where: str, line: dict[str, Any], limits: dict[str, Limits]) -> Swept
     """Return the burst of a line."""
     import numpy as np
 
-    from minorloop.head.ultrasound.echoes import Burst
     from minorloop.head.ultrasound.wall_echoes import SweptBurst
 
-    verdict = line["verdict"]
+    burst = burst_of_values(where, line)
+    for name, allowed in limits.items():
+        _check(where, name, line[name], allowed, unknown=bool(burst.verdict))
+    return SweptBurst(line["fired"], np.array(line["place"]), np.array(line["spot"]), burst)
+
+
+def burst_of_values(where: str, values: dict[str, Any]) -> Burst:
+    """Return the burst whose values `burst_values` gave.
+
+    Parameters
+    ----------
+    where : str
+        Line and file, for messages.
+    values : dict
+
+    Raises
+    ------
+    RecordError
+        If a value is impossible.
+    KeyError, TypeError, ValueError
+        If a value is missing, or of another kind.
+    """
+    import numpy as np
+
+    from minorloop.head.ultrasound.echoes import Burst
+
+    verdict = values["verdict"]
     if not isinstance(verdict, str):
         raise RecordError(f"{where} has the verdict {reprlib.repr(verdict)}, no text; {_AGAIN}")
-    for name, allowed in limits.items():
-        _check(where, name, line[name], allowed, unknown=bool(verdict))
-    trace = np.frombuffer(base64.b64decode(line["trace"], validate=True), "<f8").astype(np.float64)
+    for name, allowed in _BURST.items():
+        _check(where, name, values[name], allowed, unknown=bool(verdict))
+    data = base64.b64decode(values["trace"], validate=True)
+    trace = np.frombuffer(data, "<f8").astype(np.float64)
     if not verdict:
-        _check_trace(where, trace, line["interval"])
-    used, fired = line["shots"]
-    burst = Burst(
-        trace, line["interval"], np.array(line["angles"]), used, fired, line["noise"], verdict
-    )
-    return SweptBurst(line["fired"], np.array(line["place"]), np.array(line["spot"]), burst)
+        _check_trace(where, trace, values["interval"])
+    used, fired = values["shots"]
+    angles, interval, noise = np.array(values["angles"]), values["interval"], values["noise"]
+    return Burst(trace, interval, angles, used, fired, noise, verdict)
 
 
 def _check(where: str, name: str, value: Any, limits: Limits, *, unknown: bool = False) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from minorloop.cli import _common
+from minorloop.cli import _common, _water
 from minorloop.cli._completion import addresses, one_of
 from minorloop.cli._head_calibration import calibrate, photograph
 from minorloop.cli.run import carry_out_levels
@@ -35,6 +35,9 @@ _Seeing = Annotated[
         "camera:0, camera:http://... or module:PACKAGE.FUNCTION; its calibration is that in the "
         "file of the head. The simulated pipe, twin:pipe, has its own.",
     ),
+]
+_PipeSeed = Annotated[
+    int, _common.whole_option("With twin:pipe: seed that draws its pipe and the noise.")
 ]
 _File = Annotated[
     Path, typer.Option(show_default=False, help="File of the head, as head identify writes it.")
@@ -230,7 +233,7 @@ def inspect(
         typer.Option(
             show_default=False,
             help="New or empty folder for journal.jsonl, findings.csv, unconfirmed.csv, "
-            "findings.json, report.html and pictures.",
+            "findings.json, report.html, pictures, and 3-D models of what was scanned.",
         ),
     ],
     advances: Annotated[
@@ -251,7 +254,9 @@ def inspect(
         ),
     ] = None,
     specimen: _common.Specimen = None,
-    seed: _common.Seed = 0,
+    seed: _PipeSeed = 0,
+    water: _water.Level = _water.FULL,
+    temperature: _water.Temperature = _water.ROOM,
     resume: Annotated[
         bool,
         typer.Option(
@@ -262,11 +267,12 @@ def inspect(
     ] = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Search the wall within reach for holes, pits and cracks, centre and measure each, alone.
+    """Search the wall within reach for holes, pits and cracks, and measure each, without operator.
 
-    The head is made safe at the end, and after an error or Ctrl-C. What was found until then is
-    kept, and --resume goes on from there, also after a power cut. Only the camera is used, so that
-    no depth is measured. The exit status is 1 if no view could be searched.
+    The camera finds them. A head with a probe, that of twin:pipe, also touches each, scans it in
+    the flooded pipe and measures its depth. The head is made safe at the end, and after an error
+    or Ctrl-C. What was found until then is kept, and --resume goes on from there, also after a
+    power cut. The exit status is 1 if no view could be searched.
     """
     from minorloop.cli import _inspection
     from minorloop.cli._inspected_head import inspected_head
@@ -276,7 +282,7 @@ def inspect(
     for place in places:
         if not 0.0 <= place <= _FARTHEST:
             raise ParameterError(f"--advances has {place:g}; give 0 to {_FARTHEST:g} mm")
-    inspected = inspected_head(actuator, camera, head, specimen, seed)
+    inspected = inspected_head(actuator, camera, head, specimen, seed, (water, temperature))
     content = _inspection.carried_out(
         inspected, out, [_MM * each for each in places], resume=resume
     )
@@ -319,7 +325,9 @@ def sweep(
         str, typer.Option(metavar="MM,MM", help="First and last place along the pipe.")
     ] = "19,21",
     specimen: _common.Specimen = None,
-    seed: _common.Seed = 0,
+    seed: _PipeSeed = 0,
+    water: _water.Level = _water.FULL,
+    temperature: _water.Temperature = _water.ROOM,
     resume: Annotated[
         bool,
         typer.Option(
@@ -342,7 +350,9 @@ def sweep(
         _common.numbers(name, text, (2,), f"two numbers in {unit}")
         for name, text, unit in (("around", around, "degrees"), ("along", along, "mm"))
     ]
-    content = _sweep.carried_out(actuator, ends[0], ends[1], out, specimen, seed, resume=resume)
+    content = _sweep.carried_out(
+        actuator, ends[0], ends[1], out, specimen, seed, (water, temperature), resume=resume
+    )
     if as_json:
         _common.print_json(content)
     else:

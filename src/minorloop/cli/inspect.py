@@ -403,7 +403,7 @@ def _write(
 def _report(
     columns: Sequence[str], content: dict[str, Any], best: list[Any], source: str
 ) -> Report:
-    from minorloop.cli._inspection import figure_of
+    from minorloop.cli._inspection_report import figure_of
     from minorloop.report import Picture, Report, Table
 
     said = "; ".join([_summary(content), *content["advice"]])

@@ -8,6 +8,7 @@ from minorloop.head.control.head import head_control
 from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.go import GO
 from minorloop.head.procedures.scan import MOST_AGAIN, RasterScan
+from minorloop.head.procedures.values import Request
 from minorloop.head.twins.catheter import Catheter
 from minorloop.lab.actuator import Shot
 from wires import identified
@@ -181,6 +182,24 @@ def test_a_burst_whose_pose_is_not_seen_is_fired_again_and_left_out_if_it_stays_
     state = loop.run(SCAN, SCAN.begin(CENTRE))
     assert 0 < len(state.bursts) < SCAN.points**2
     assert state.point == SCAN.points**2
+
+
+@pytest.mark.parametrize("points", [1, 6, 20])
+def test_a_scan_that_was_cut_off_goes_on_with_its_next_point(points):
+    loop = Loop()
+    cut, request = SCAN.begin(CENTRE), Request()
+    while cut.point < points:
+        cut, request = SCAN.step(cut, loop.reading(request))
+        loop.tick(request)
+    after = Loop(place=(0.0, 0.4))
+    state = after.run(SCAN, SCAN.begin(CENTRE, before=cut))
+    assert len(shot_at(after)) == SCAN.points**2 - points
+    assert len(state.bursts) == state.point == SCAN.points**2
+    assert state.bursts[:points] == cut.bursts
+    assert (state.onward, *state.reference) == (cut.onward, *cut.reference)
+    assert [request.water for request in after.asked if request.water is not None] == [True]
+    last = SCAN.rolled(SCAN._phi(state, SCAN.points - 1), after.place)
+    assert after.place[1] == pytest.approx(last[1], abs=0.01)
 
 
 def test_the_head_bends_by_little_across_the_pipe(scanned):

@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,6 +41,13 @@ def test_findings_are_numbers_and_null_where_they_are_not_known():
     assert json.loads(json.dumps(crack))["depth, mm"] is None
     assert table.rows[0][1:3] == ("-5.7", "21.04")
     assert table.rows[1][5:] == ("-", "-")
+
+
+def test_a_crack_that_the_edge_cuts_is_said_to_be_longer():
+    cut = swept(-0.3, 0.3)
+    cut = replace(cut, finds=(replace(CRACK, at_least=True),))
+    assert find_rows(cut)[0]["find"] == finds_table(cut).rows[0][0]
+    assert finds_table(cut).rows[0][0] == "crack of at least this length"
 
 
 def test_the_share_that_is_mapped_is_of_the_area_also_across_the_seam():

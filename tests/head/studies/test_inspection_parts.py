@@ -13,6 +13,7 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.mark import Marking
 from minorloop.head.procedures.rig import LogEntry
+from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.trace import likely
 from minorloop.head.reconstruction.depth_map import (
     BOTH,
@@ -68,7 +69,7 @@ from minorloop.studies.claims import claim_table, figure
 @pytest.fixture(scope="module")
 def mission():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("minorloop.head.studies.ultrasonic_scan.TURNS", 16)
+        patch.setattr("minorloop.head.procedures.ring.TURNS", 16)
         patch.setattr("minorloop.head.studies.mission.ADVANCES", (4e-3,))
         patch.setattr("minorloop.head.studies.mission.VIEWS", 4)
         return run_mission(1)
@@ -200,13 +201,11 @@ def test_a_line_of_one_view_is_a_crack_only_if_echoes_give_its_depth(
 ):
     places = np.stack([np.linspace(0.0, 0.2, 20), np.full(20, 20e-3)], axis=1)
     trace = TracedCrack(places, np.full(20, 1e-4), 2e-3, 0.5)
-    for name in ("pick", "centre", "focus", "drain"):
+    for name in ("pick", "centre", "focus"):
         monkeypatch.setattr(mission_cracks, name, lambda *given: None)
     monkeypatch.setattr(mission_cracks, "_again", lambda *given: ((trace,), "photo"))
-    monkeypatch.setattr(mission_cracks, "scan", lambda *given: (None, []))
-    monkeypatch.setattr(mission_cracks, "refused", lambda rig: False)
     found = CrackDepth("measured" if np.isfinite(depth) else "no floor echo", depth)
-    monkeypatch.setattr(mission_cracks, "crack_depth", lambda *given: found)
+    monkeypatch.setattr(mission_cracks, "scanned_crack", lambda *given: (found, None))
     monkeypatch.setattr(mission_cracks, "crack_map", lambda *given: None)
     rig = SimpleNamespace(
         say=lambda *given, **more: None, calibration=SimpleNamespace(radius=10e-3)
@@ -230,13 +229,10 @@ def test_missions_alone_have_the_figures_of_the_whole_study(mission):
     assert gather([figures]) == {"mission": mission_figures([figures])}
 
 
-def test_a_pit_out_of_reach_is_reported_as_such_and_not_scanned(scene, monkeypatch):
-    def scan(rig, place, *, shift=0.0):
-        rig.say("reach", "out of reach: pan needs 15 degrees", succeeded=False)
-        return None, []
-
+def test_a_pit_out_of_reach_is_reported_as_such_and_not_scanned(monkeypatch):
+    said = "out of reach: pan needs 15 degrees"
     monkeypatch.setattr(missions, "touch", lambda rig, hole: None)
-    monkeypatch.setattr(missions, "scan", scan)
+    monkeypatch.setattr(RasterScan, "out_of_reach", lambda self, control: said)
     rig, truth = draw_mission(1)
     mission = missions.Mission(1, truth.bore, truth.crack, 0.0, found=thing(0.02))
     after = missions._measured(rig, truth, mission, None)
@@ -391,30 +387,6 @@ def test_a_mission_that_finds_nothing_reports_it(monkeypatch):
 def test_a_mission_refuses_the_file_of_another_head():
     with pytest.raises(ModelFileError, match=r"'twin-head-2', and the head here is 'twin-head-1'"):
         run_mission(1, HeadFile(serial="twin-head-2"))
-
-
-@pytest.mark.parametrize("first", ["disturbed", "no floor echo", "distances disagree"])
-def test_a_scan_that_gives_no_depth_is_repeated_beside_the_first(scene, monkeypatch, first):
-    verdicts, shifts = [first, "measured"], []
-
-    def scan(rig, place, *, shift=0.0):
-        shifts.append(shift)
-        rig.say("modality", "the wall answers")
-        return None, []
-
-    def measure(bursts, probe, place, diameter):
-        return PitDepth(verdicts.pop(0), *place)
-
-    monkeypatch.setattr(missions, "touch", lambda rig, hole: None)
-    monkeypatch.setattr(missions, "scan", scan)
-    monkeypatch.setattr(missions, "measure_pit", measure)
-    rig, truth = draw_mission(1)
-    mission = missions.Mission(1, truth.bore, truth.crack, 0.0, found=thing(0.02))
-    after = missions._measured(rig, truth, mission, None)
-    assert shifts == [0.0, 0.5]
-    assert after.pit.measured
-    said = [step.what for step in rig.log]
-    assert said == ["modality", "measure", "modality", "measure again"]
 
 
 def test_the_catheter_rolls_to_where_weak_wires_reach_a_place_that_they_would_not_else():

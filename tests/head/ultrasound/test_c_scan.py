@@ -11,6 +11,7 @@ from minorloop.head.reconstruction.depth_map import Patch
 from minorloop.head.ultrasound.c_scan import CRACK, CUT, PIT, c_scan
 from minorloop.head.ultrasound.echoes import Burst, Pulse
 from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.wall_distance import speed_error
 from minorloop.head.ultrasound.wall_echoes import SweptBurst, beam_width
 
 PROBE = CalibratedProbe(Probe(), Mount())
@@ -158,6 +159,25 @@ def test_a_slender_loss_along_the_edge_is_no_claim():
     (find,) = c_scan(lossy(0.6, at=-1.76e-3), PROBE, PATCH).finds
     assert find.kind == CUT
     assert find.length > 2e-3
+
+
+def test_a_crack_that_runs_to_the_edge_is_at_least_as_long():
+    (inside,) = c_scan(lossy(0.6), PROBE, PATCH).finds
+    (beyond,) = c_scan(lossy(0.6, half=9e-3), PROBE, PATCH).finds
+    assert (inside.kind, inside.at_least) == (beyond.kind, not beyond.at_least) == (CRACK, False)
+    assert inside.finding(10e-3).verdict == "swept"
+    assert beyond.finding(10e-3).verdict == "swept, at least as long"
+
+
+def test_the_band_of_a_depth_has_that_of_the_speed_of_sound():
+    (shallow,), (deep,) = (
+        c_scan(swept(round_pit(depth)), PROBE, PATCH).finds for depth in (0.2e-3, 1e-3)
+    )
+    _, share = speed_error(0.0, 10e-3 - PROBE.transducer.face)
+    assert share > 1e-3
+    for find in (shallow, deep):
+        assert find.depth_sd >= np.hypot(4e-6, share * find.depth)
+    assert deep.depth_sd > 1.1 * shallow.depth_sd
 
 
 def test_a_slender_loss_between_walls_of_different_depth_is_the_flank_of_a_dent():

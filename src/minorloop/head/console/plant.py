@@ -11,6 +11,7 @@ import contextlib
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,14 +26,19 @@ from minorloop.head.procedures.values import ALL_LIGHTS, Plant, Reading, Tip
 from minorloop.lab.drivers.parts import WallClock
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.head_file import HeadFile
+    from minorloop.head.twins.pipe import Crack
     from minorloop.head.twins.surroundings import Filling
 
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""
+_CLEAR = 2.5e-3
+"""Least distance along the pipe of a crack from a pit or a hole, in metres."""
+FULL_PIPE = -9.999e-3
+"""Height of the water in the full pipe, in metres; y points down from the axis."""
 # Uncertainties of the calibration: of the mount in m, of a gauge in m, of a caliper as a share of
 # the thickness, of a thermometer in K.
 _MOUNT, _RADIUS, _THICKNESS, _TEMPERATURE = 0.05e-3, 20e-6, 0.03, 0.3
@@ -108,8 +114,18 @@ def probed(address: str, specimen: int | None = None) -> ProbedPlant:
         return ProbedPlant(plant.serial, plant.tick, plant.leds, plant.sensors)
 
 
-def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:
+def open_plant(
+    address: str, *, specimen: int | None = None, seed: int = 0, water: Filling | None = None
+) -> Plant:
     """Return the plant at an address.
+
+    Parameters
+    ----------
+    address : str
+    specimen, seed : int
+        Of the simulated specimen, and of its noise.
+    water : Filling, optional
+        Of the simulated pipe when it is flooded; flowing water to the top without it.
 
     Raises
     ------
@@ -123,7 +139,7 @@ def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> P
     from minorloop.head.twins.rig import Rig
 
     head = Head(specimen, 0.05, seed, delay=0.04)
-    return Rig(head, Catheter(specimen, 0.02, seed), flooded=_water())
+    return Rig(head, Catheter(specimen, 0.02, seed), flooded=water or flowing_water())
 
 
 def open_tip(
@@ -133,6 +149,7 @@ def open_tip(
     seed: int = 0,
     scale: float = 1.0,
     flow: Callable[[bool], None] | None = None,
+    water: Filling | None = None,
 ) -> tuple[Tip, HeadCalibration]:
     """Return camera and probe of the plant at an address, and their calibration.
 
@@ -145,6 +162,8 @@ def open_tip(
         Of the image; small images are drawn faster.
     flow : callable, optional
         Called when the pipe is flooded or drained, with a flag: ``flood`` of the plant.
+    water : Filling, optional
+        As in `open_plant`.
 
     Raises
     ------
@@ -163,7 +182,7 @@ def open_tip(
     rng = np.random.default_rng([seed, 41])
     offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
     known = np.array(offset) + rng.normal(0.0, _MOUNT, 2)
-    pipe, water = _pipe(seed), _water()
+    pipe, water = _pipe(seed), water or flowing_water()
     tip = SimulatedTip(
         pipe,
         mount=Mount(offset=offset),
@@ -205,17 +224,25 @@ def _actuator_plant(address: str, specimen: int | None = None, seed: int = 0) ->
         ) from None
 
 
-def _water() -> Filling:
-    """Return what fills the simulated pipe when it is flooded: water that flows."""
-    from minorloop.head.procedures.calibration import ROOM_TEMPERATURE
-    from minorloop.head.twins.pipe import Pipe
-    from minorloop.head.twins.surroundings import FULL, Filling, Sway
+def flowing_water(level: float | None = FULL_PIPE, temperature: float | None = None) -> Filling:
+    """Return what fills the simulated pipe when it is flooded: water that flows.
 
-    return Filling(level=FULL * Pipe.radius, temperature=ROOM_TEMPERATURE, sway=Sway())
+    Parameters
+    ----------
+    level : float, optional
+        Height of its surface in metres, y pointing down from the axis; None for a dry pipe.
+    temperature : float, optional
+        In degrees Celsius; that of a room without it.
+    """
+    from minorloop.head.procedures.calibration import ROOM_TEMPERATURE
+    from minorloop.head.twins.surroundings import Filling, Sway
+
+    warm = ROOM_TEMPERATURE if temperature is None else temperature
+    return Filling(level=level, temperature=warm, sway=None if level is None else Sway())
 
 
 def _pipe(seed: int) -> Any:
-    """Return a pipe with dents, dirt and scratches, and with pits and holes along it."""
+    """Return a pipe with dents, dirt and scratches, and with pits, holes and cracks along it."""
     from minorloop.head.twins.pipe import Bore, Pipe
 
     rng = np.random.default_rng([seed, 43])
@@ -224,4 +251,20 @@ def _pipe(seed: int) -> Any:
         pit = rng.uniform(0.3e-3, 0.8e-3) if n % 2 else math.inf
         phi, size = float(rng.uniform(-math.pi, math.pi)), float(rng.uniform(0.9e-3, 1.1e-3))
         bores.append(Bore(phi, z, size, depth=float(pit), brightness=0.0, lining=0.08))
-    return replace(Pipe.draw(seed, length=_LENGTH), bores=tuple(bores))
+    drawn = Pipe.draw(seed, length=_LENGTH)
+    return replace(drawn, bores=tuple(bores), cracks=_cracks(seed, [bore.z for bore in bores]))
+
+
+def _cracks(seed: int, bores: Sequence[float]) -> tuple[Crack, ...]:
+    """Return a crack between each two bores, at these places along the pipe, and beside none."""
+    from minorloop.head.twins.pipe import draw_crack
+
+    rng, found = np.random.default_rng([seed, 44]), []
+    for low, high in pairwise(bores):
+        ends = [-math.inf]
+        while not low + _CLEAR < min(ends) <= max(ends) < high - _CLEAR:
+            middle = 0.5 * (low + high)
+            crack = draw_crack(rng, float(rng.uniform(-math.pi, math.pi)), middle)
+            ends = [z for _, z in crack.points]
+        found.append(crack)
+    return tuple(found)

@@ -14,8 +14,10 @@ from minorloop.head.procedures.pictures import (
     hole_in,
 )
 from minorloop.head.procedures.rig import LogEntry
-from minorloop.head.reconstruction.findings import Finding, outlined
+from minorloop.head.procedures.steps import CLAIMED
+from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of, outlined
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
+from minorloop.head.ultrasound.pits import HOLE, PitDepth
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Hole
@@ -23,7 +25,7 @@ from minorloop.head.vision.defects import Hole
 __all__ = ["InspectedView", "Unconfirmed", "first_visit", "view_with", "with_finding"]
 
 NO_PROBE = "no probe"
-"""Verdict of the echoes of each finding."""
+"""Verdict of the echoes of a finding that was not scanned."""
 AROUND = "view"
 """First word of the names of views that look round; the others visit a candidate."""
 AGAIN = " again"
@@ -83,7 +85,9 @@ class InspectedView:
     unconfirmed : Unconfirmed, optional
         The candidate that was visited, if it was not seen again.
     steps : tuple of LogEntry
-        Of the visit, before it was searched; the verdict of the finding names those that failed.
+        Of the visit, but for the search; the verdict of the finding names those that failed.
+    probed : PitDepth or CrackDepth, optional
+        What the echoes say of the finding; None before it was scanned, and without a probe.
     """
 
     picture: InspectedPicture
@@ -97,11 +101,19 @@ class InspectedView:
     course: FloatArray | None = None
     unconfirmed: Unconfirmed | None = None
     steps: tuple[LogEntry, ...] = ()
+    probed: PitDepth | CrackDepth | None = None
 
     @property
     def failed(self) -> str:
-        """The word failed and the names of the steps that failed; empty without any."""
-        names = [each.what for each in self.steps if not each.succeeded]
+        """The word failed and the names of the steps that failed; empty without any.
+
+        A step whose outcome is the verdict of the echoes is not named again, and the tool meets no
+        wall in a through-hole.
+        """
+        said = None if self.probed is None else self.probed.verdict
+        bad = [each for each in self.steps if not each.succeeded and each.outcome != said]
+        counts = [name for name in CLAIMED if said != HOLE or name != "touch"]
+        names = [each.what for each in bad if each.what in counts]
         return f"failed: {', '.join(names)}" if names else ""
 
     @property
@@ -126,15 +138,26 @@ def view_with(
 def with_finding(view: InspectedView, radius: float) -> InspectedView:
     """Return the view of a visit with the one that it shows as its finding."""
     (shown,) = view.seen
-    verdict = f"{NO_PROBE}, but {view.failed}" if view.failed else NO_PROBE
+    probed = view.probed
     if isinstance(shown, Hole):
         phi, z = shown.place.tolist()
-        found = outlined(phi, z, shown.diameter, verdict, radius=radius)
-        return replace(view, finding=found, evidence=shown.evidence, course=shown.rim)
-    found = crack_finding(
-        shown.places, shown.width, CrackDepth(verdict), radius, width_sd=shown.width_sd
-    )
-    return replace(view, finding=found, course=shown.places)
+        found = outlined(phi, z, shown.diameter, NO_PROBE, radius=radius)
+        if isinstance(probed, PitDepth):
+            measured = math.isfinite(probed.diameter_sd)
+            kind = kind_of(probed.verdict)
+            found = (
+                finding_of(probed, radius=radius)
+                if measured
+                else replace(found, kind=kind, verdict=probed.verdict)
+            )
+        course, evidence = shown.rim, shown.evidence
+    else:
+        depth = probed if isinstance(probed, CrackDepth) else CrackDepth(NO_PROBE)
+        found = crack_finding(shown.places, shown.width, depth, radius, width_sd=shown.width_sd)
+        course, evidence = shown.places, math.nan
+    if view.failed:
+        found = replace(found, verdict=f"{found.verdict}, but {view.failed}")
+    return replace(view, finding=found, evidence=evidence, course=course)
 
 
 def _in_picture(

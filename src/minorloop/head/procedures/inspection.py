@@ -1,9 +1,10 @@
-"""Inspection of the reachable wall by the camera alone, without an operator.
+"""Inspection of the reachable wall by camera and probe, without an operator.
 
 The head looks round, then visits each candidate: it is centred, and measured where it is seen
 again. A hole that the centred view does not show is looked at once more from another side, because
-a far one is narrow there. What no other view shows is not confirmed, and told apart. There is no
-probe, so that depths stay unknown.
+a far one is narrow there. What no other view shows is not confirmed, and told apart. With a probe,
+what is confirmed is touched, scanned in the flooded pipe, and its depth is measured. At the end the
+probe is rolled once round the pipe, which shows the level of the water.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from minorloop.head.procedures.inspected_view import (
 )
 from minorloop.head.procedures.mark import aim_at
 from minorloop.head.procedures.pictures import CRACK, InspectedPicture
+from minorloop.head.procedures.probe_steps import counts_as_crack
+from minorloop.head.procedures.probing import Probing
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.steps import NEAR, acquire, centre, go, meter, pick, search
 from minorloop.head.procedures.trace import (
@@ -41,6 +44,7 @@ from minorloop.head.procedures.trace import (
     widest,
 )
 from minorloop.head.reconstruction.findings import UNDECIDED
+from minorloop.head.ultrasound.crack_depth import CrackDepth
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
@@ -48,6 +52,8 @@ from minorloop.head.vision.frame_checks import GOOD
 
 __all__ = ["inspect_wall", "unvisited", "views_of"]
 
+NO_ECHO = "a line that one view on the way round showed, and no echo of its depth"
+"""Why a line that was traced again is no finding."""
 NOT_VISITED, FROM_ONE_SIDE = "seen, not visited", "not seen again, not looked at from another side"
 """Why candidates of an inspection that ended early, or has too many of them, are no findings."""
 _DEFLECTION = math.radians(25.0)
@@ -118,9 +124,14 @@ def views_of(lens: Pinhole) -> FloatArray:
 
 
 def inspect_wall(
-    rig: InspectionRig, advances: Sequence[float] = (0.0,), done: Sequence[InspectedView] = ()
+    rig: InspectionRig,
+    advances: Sequence[float] = (0.0,),
+    done: Sequence[InspectedView] = (),
+    probing: Probing | None = None,
 ) -> Iterator[InspectedView]:
     """Look round from each place, visit what was seen, and yield each view as it is searched.
+
+    With a probe, the view of a finding is yielded again once it was scanned.
 
     Parameters
     ----------
@@ -129,6 +140,8 @@ def inspect_wall(
         Places of the catheter in metres. A head without one stays where it is.
     done : sequence of InspectedView
         Of an inspection of the same wall that was cut off: they are not taken again, nor yielded.
+    probing : Probing, optional
+        The probe of the head; without it only the camera is used.
 
     Raises
     ------
@@ -138,6 +151,8 @@ def inspect_wall(
     """
     radius = rig.calibration.radius
     known = {view.picture.name: view for view in done}
+    if probing is not None:
+        probing.begin(rig)
     views = yield from _looked_round(rig, advances, known)
     early = _early([*done, *views])
     holes = _sightings(views, Hole)
@@ -147,7 +162,7 @@ def inspect_wall(
     for k, hole in enumerate(best[:_MOST_HOLES], 1):
         if not _known(hole, found, radius):
             same = _same(hole, holes, radius)
-            again = yield from _visited(rig, hole, same, f"hole {k}", known)
+            again = yield from _visited(rig, hole, same, f"hole {k}", known, probing)
             found += [] if again is None or _known(again, found, radius) else [again]
     traces = _sightings(views, TracedCrack)
     cracks: list[TracedCrack] = []
@@ -155,12 +170,16 @@ def inspect_wall(
     _say_limit(rig, "cracks", len(courses), _MOST_CRACKS)
     for k, trace in enumerate(courses[:_MOST_CRACKS], 1):
         if not any(one_course(trace.places, each.places, radius) for each in cracks):
-            name = f"crack {k}"
+            name, seen_in = f"crack {k}", _names(_alike(trace, traces, radius))
             if name not in known:
-                alike = _alike(trace, traces, radius)
-                known[name] = _followed(rig, trace, _names(alike), name)
+                known[name] = _followed(rig, trace, seen_in, name)
                 yield known[name]
+            yield from _probed(rig, known[name], probing, seen_in)
             cracks += [one for one in known[name].seen if isinstance(one, TracedCrack)]
+    if probing is not None:
+        places = [hole.place for hole in found] + [crack.places[0] for crack in cracks]
+        ahead = advances[0] + radius / math.tan(_DEFLECTION)
+        probing.roll_round(rig, float(places[0][1]) if places else ahead)
 
 
 def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed]:
@@ -327,6 +346,7 @@ def _visited(
     same: Sequence[_Sighting[Hole]],
     name: str,
     known: Mapping[str, InspectedView],
+    probing: Probing | None,
 ) -> Generator[InspectedView, None, Hole | None]:
     """Visit a candidate for a hole, from two sides if need be; return it if it is seen again."""
     view = known.get(name)
@@ -348,7 +368,35 @@ def _visited(
                 phi, z = hole.place.tolist()
                 view = _not_confirmed(rig, seen, UNDECIDED, (phi, z), hole.evidence, _names(same))
             yield view
+    yield from _probed(rig, view, probing)
     return next((one for one in view.seen if isinstance(one, Hole)), None)
+
+
+def _probed(
+    rig: InspectionRig,
+    view: InspectedView,
+    probing: Probing | None,
+    seen_in: tuple[str, ...] = (),
+) -> Iterator[InspectedView]:
+    """Yield the view of a finding once more, with its depth, if there is a probe.
+
+    A crack that only one of the views ``seen_in`` showed is not confirmed if no echo gives a depth.
+    """
+    if probing is None or view.finding is None or view.probed is not None:
+        return
+    after = probing.scanned(rig, view)
+    if isinstance(after.probed, CrackDepth) and not counts_as_crack(len(seen_in), after.probed):
+        lost = Unconfirmed(
+            kind=CRACK,
+            phi=view.finding.phi,
+            z=view.finding.z,
+            evidence=math.nan,
+            seen_in=seen_in,
+            why=f"{NO_ECHO}: {after.probed.verdict}",
+        )
+        rig.say(view.picture.name, f"{lost.why}; not confirmed")
+        after = replace(after, finding=None, unconfirmed=lost)
+    yield after
 
 
 def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:

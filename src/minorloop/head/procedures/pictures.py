@@ -180,11 +180,11 @@ def unusable(pictures: Iterable[InspectedPicture]) -> dict[str, int]:
     return dict(Counter(each.verdict for each in pictures if each.verdict != GOOD))
 
 
-def annotated(image: Image, findings: Sequence[PictureFinding]) -> Any:
-    """Return a colour picture (height, width, 3) with the findings outlined and numbered from 1."""
+def annotated(image: Image, findings: Sequence[PictureFinding], first: int = 1) -> Any:
+    """Return a colour picture (height, width, 3) with the findings outlined and numbered."""
     cv2 = opencv()
     drawn = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    for number, found in enumerate(findings, start=1):
+    for number, found in enumerate(findings, start=first):
         colour, closed = _COLOURS[found.kind], found.kind != CRACK
         seen = found.outline[np.isfinite(found.outline).all(axis=1)]
         points = np.round(seen).astype(np.int32)

@@ -149,6 +149,11 @@ class InspectionRig:
         return bool(getattr(self.plant, "travels", True))
 
     @property
+    def has_tool(self) -> bool:
+        """Whether there is a micro-tool, and it is calibrated."""
+        return self._tool is not None
+
+    @property
     def place(self) -> FloatArray:
         """(2,) advance in metres and roll in radians as measured."""
         return self._known[2:].copy()

@@ -141,10 +141,12 @@ class RasterScan(Procedure[ScanState]):
         home: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
         control: HeadControl | None = None,
         gain: float = 1.0,
+        before: ScanState | None = None,
     ) -> ScanState:
         """Return the state before a scan about a phi and a z, after which the head returns home.
 
-        ``gain`` is that of the camera.
+        ``gain`` is that of the camera. ``before`` is a state of the same scan, which was cut off:
+        it goes on with its next point; point, bursts, direction and reference count.
 
         With the control of the head, a scan that it cannot reach in the water is refused: it is
         done, and its state says why.
@@ -153,7 +155,12 @@ class RasterScan(Procedure[ScanState]):
         back = None
         if home is not None:
             back = np.asarray(home[0], dtype=np.float64), np.asarray(home[1], dtype=np.float64)
+        known = before or ScanState(centre=centre)
         return ScanState(
+            onward=known.onward,
+            point=known.point,
+            bursts=known.bursts,
+            reference=known.reference,
             centre=centre,
             shift=shift,
             home=back,
@@ -256,7 +263,7 @@ class RasterScan(Procedure[ScanState]):
             return self._points(state, reading)
         if state.stage == "light":
             return self._lit(state, reading)
-        if state.stage == "travel" and state.go is None:
+        if state.stage == "travel" and state.go is None and not state.point:
             roll = self.rolled(state.centre[0], reading.place)[1] - reading.place[1]
             state = replace(state, onward=1 if roll >= 0 else -1)
         go = self._way(state, reading) if state.go is None else state.go
@@ -267,10 +274,14 @@ class RasterScan(Procedure[ScanState]):
         if not go.done:
             return state, request
         if state.stage == "travel":
-            targets = self.targets(state.centre, reading.place, state.shift, state.onward)
+            rows = state.point // self.points * state.onward
+            first = reading.place - (0.0, rows * self.pitch / self.calibration.radius)
+            targets = self.targets(state.centre, first, state.shift, state.onward)
             if not len(targets):
                 return self._passed(state, reading), request
-            reference = self.rolled(state.centre[0], reading.place)
+            reference = state.reference
+            if not state.point:
+                reference = self.rolled(state.centre[0], reading.place)
             state = replace(state, targets=targets, reference=reference, stage="light", go=None)
             return self._lit(state, reading)
         if state.stage == "retreat":
@@ -311,7 +322,7 @@ class RasterScan(Procedure[ScanState]):
     def _way(self, state: ScanState, reading: Reading) -> GoState:
         """Return the move with which a stage begins."""
         if state.stage == "turn":
-            return self.go.begin(angles=state.targets[0])
+            return self.go.begin(angles=state.targets[state.point])
         if state.stage in ("retreat", "roll"):
             row = self.rolled(self._phi(state, state.point // self.points), reading.place)
             row[1] -= state.onward * RETREAT * (state.stage == "retreat")
@@ -319,7 +330,7 @@ class RasterScan(Procedure[ScanState]):
         if state.stage == "back" and state.home is not None:
             place, angles = state.home
             return self.go.begin(place=place, angles=angles)
-        place = self.rolled(self._phi(state, 0), reading.place)
+        place = self.rolled(self._phi(state, state.point // self.points), reading.place)
         place[0] = state.centre[1] + state.shift * self.pitch
         return self.go.begin(place=place, angles=self.perpendicular)
 

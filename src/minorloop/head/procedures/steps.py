@@ -44,6 +44,8 @@ STEPS = (0.0, -3e-3, 3e-3, -6e-3, 6e-3)
 beside the lens, which is 8 mm along a wall that it meets at 25 degrees."""
 TURNS = np.radians((0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0))
 """Rolls of the catheter that bring the tool to the side of its wires where they reach a place."""
+CLAIMED = ("centre", "touch", "reach", "scan")
+"""Steps without which a defect does not count as measured."""
 TESTED, TEST_MARK = "test mark", (1.5e-3, 0.0)
 """Step of the log, and place of a mark from that of the pit, around and along the pipe in metres:
 beside the largest pit, and near enough for its error to be that of the touch."""
@@ -98,10 +100,15 @@ def photo(rig: InspectionRig) -> Photo:
     return Photo(image, rig.calibration.camera_at(now.place), (pan, tilt))
 
 
-def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:
-    """Go to where a place is within the cone, turn towards it, and return image and pixel."""
+def approach(rig: InspectionRig, place: FloatArray) -> None:
+    """Go to where a place (2,) is within the cone, and turn towards it."""
     go(rig, place=_near(rig, place))
     go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
+
+
+def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:
+    """Go to where a place is within the cone, turn towards it, and return image and pixel."""
+    approach(rig, place)
     meter(rig, place)
     where = f"phi {np.degrees(wrapped(place[0])):.1f} deg, z {1e3 * place[1]:.2f} mm"
     rig.say("pick", f"{where}, {words}")

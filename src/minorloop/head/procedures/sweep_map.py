@@ -166,7 +166,8 @@ def find_rows(fused: PipeMap) -> list[dict[str, str | float | None]]:
             name: round(each, digits) if math.isfinite(each) else None
             for (name, digits), each in named
         }
-        rows.append({"find": find.kind, **known})
+        kind = f"{find.kind} of at least this length" if find.at_least else find.kind
+        rows.append({"find": kind, **known})
     return rows
 
 

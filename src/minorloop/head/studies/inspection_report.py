@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.head.procedures.finding_map import draw_finding
 from minorloop.head.procedures.sweep_map import draw_pipe_map, finds_table
 from minorloop.head.reconstruction.findings import finding_of
 from minorloop.head.studies.crack_report import crack_pictures, crack_table, crack_words
@@ -19,7 +20,6 @@ from minorloop.head.studies.mission import Mission
 from minorloop.head.studies.mission_report import (
     draw_crack,
     draw_depths,
-    draw_finding,
     draw_images,
     draw_ring,
     finding_rows,

@@ -17,10 +17,20 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.head.procedures.head_file import HeadFile
+from minorloop.head.procedures.probe_steps import (
+    REFUSED,
+    SEEN_BEFORE,
+    drain,
+    fused_wall,
+    probe_of,
+    reach_words,
+    scanned_pit,
+)
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
-from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.ring import ring_of, ring_sweep
 from minorloop.head.procedures.steps import (
     CENTRED_PX,
+    CLAIMED,
     WITHIN,
     centre,
     extract,
@@ -44,17 +54,8 @@ from minorloop.head.studies.mission_scene import (
     draw_mission,
     reachable,
 )
-from minorloop.head.studies.ultrasonic_scan import (
-    REFUSED,
-    drain,
-    fused_wall,
-    refused,
-    ring_of,
-    scan,
-    sweep,
-)
 from minorloop.head.twins.pipe import Bore, Crack
-from minorloop.head.ultrasound.pits import ASTRAY, DISTURBED, SILENT, PitDepth, measure_pit
+from minorloop.head.ultrasound.pits import PitDepth
 from minorloop.head.ultrasound.profile import Profile
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
@@ -70,11 +71,6 @@ MOST_PICKS = 8
 """Most candidates for a pit that are visited."""
 SAME = 1.0e-3
 """Candidates within this distance in metres are one."""
-AGAIN = (DISTURBED, SILENT, ASTRAY)
-"""Verdicts after which a raster is scanned again, displaced by half a pitch: they depend on where
-the points are, and on how the flow turned the head at each of them."""
-CLAIMED = ("centre", "touch", "reach", "scan")
-"""Steps without which a pit does not count as measured."""
 PROMISED = 3.0
 """Most standard deviations by which the depth of a pit may be wrong, and count as measured: the
 90 % band is scored by its coverage, and excludes one in ten."""
@@ -236,9 +232,8 @@ def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
     (rig, truth), seen = draw_mission(seed, head), Overview()
     mission = Mission(seed, truth.bore, truth.crack, float(truth.water.level or 0.0))
     mission = replace(mission, reachable=reachable(rig, truth))
-    said = RasterScan(calibration=rig.calibration).out_of_reach(rig.control)
-    water = f"the probe is within reach in water of {rig.calibration.temperature:.0f} C"
-    rig.say("reach", said or water, succeeded=not said)
+    said, within = reach_words(rig)
+    rig.say("reach", said, succeeded=within)
     best = _examined(rig, truth, mission, seen)
     if best.pit is None:
         rig.say("end of pits", "no pit that echoes confirm was found; no depth is given")
@@ -313,26 +308,16 @@ def _measured(
     began = len(rig.log)
     touch(rig, hole)
     off = scoring.touch_off(rig.tip, truth.bore, RADIUS)
-    place = (float(hole.place[0]), float(hole.place[1]))
-    one = replace(one, touch=off)
-    probe, bursts = scan(rig, place)
-    if refused(rig):
-        steps = (*one.steps, *rig.log[began:])
-        return replace(one, pit=PitDepth(REFUSED, *place, hole.diameter), steps=steps)
-    pit = measure_pit(bursts, probe, place, hole.diameter)
-    rig.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
-    if pit.verdict in AGAIN:
-        probe, others = scan(rig, place, shift=0.5)
-        other = measure_pit(others, probe, place, hole.diameter)
-        rig.say("measure again", f"{other.bursts} of {len(others)} places; {other.verdict}")
-        pit, bursts = (other, others) if other.measured else (pit, bursts)
-    one = replace(one, pit=pit, steps=(*one.steps, *rig.log[began:]))
+    pit, scanned = scanned_pit(rig, hole)
+    one = replace(one, touch=off, pit=pit, steps=(*one.steps, *rig.log[began:]))
+    if scanned.refused:
+        return one
     if np.isfinite(pit.depth):
-        wall = fused_wall(bursts, probe, pit, hole, view)
-        profile, water = sweep(rig, place)
+        wall = fused_wall(scanned, probe_of(rig, scanned), pit, hole, view)
+        ring = ring_sweep(rig)
         size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
         rig.say("reconstruct", f"{kind_of(pit.verdict)} of {size}")
-        one = replace(one, wall=wall, profile=profile, water=water)
+        one = replace(one, wall=wall, profile=ring.profile, water=ring.water)
     drain(rig)
     return one
 
@@ -345,10 +330,8 @@ def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
     """
     found: list[SeenCrack] = []
     tried: list[TracedCrack] = []
-    further = [
-        (place, mission_cracks.SEEN_BEFORE) for place in ADVANCES if place not in seen.places
-    ]
-    for advance, least in ((None, mission_cracks.SEEN_BEFORE), *further, (None, 1)):
+    further = [(place, SEEN_BEFORE) for place in ADVANCES if place not in seen.places]
+    for advance, least in ((None, SEEN_BEFORE), *further, (None, 1)):
         if advance is not None:
             _look_around(rig, advance, seen)
         for trace, views in likely(seen.traces, tried, RADIUS):

@@ -10,6 +10,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wall_lengths
+from minorloop.head.procedures.probe_steps import counts_as_crack, scanned_crack
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.steps import Photo, centre, focus, near_view, pick
 from minorloop.head.procedures.trace import (
@@ -24,16 +25,12 @@ from minorloop.head.reconstruction.depth_map import DepthMap
 from minorloop.head.reconstruction.findings import Finding
 from minorloop.head.studies.crack_scenes import fine_course
 from minorloop.head.studies.mission_scene import RADIUS
-from minorloop.head.studies.ultrasonic_scan import REFUSED, drain, refused, scan
 from minorloop.head.twins.pipe import Crack
-from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_depth, crack_finding, crack_map
-from minorloop.head.ultrasound.pits import DEEPER, MEASURED
+from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding, crack_map
 from minorloop.head.vision.cracks import TracedCrack
 
 CLOSER = (6e-3, 10e-3)
 """Advances of the near views in metres, until the course is seen."""
-SEEN_BEFORE = 2
-"""Views on the way round that show a crack which counts without an echo of its depth."""
 MOST = 3
 """Most candidates for cracks that are visited."""
 
@@ -99,15 +96,8 @@ def examined(rig: InspectionRig, trace: TracedCrack, views: int) -> SeenCrack | 
     where, width = widest(best)
     words = f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest"
     rig.say("trace", f"a crack, {words}")
-    probe, bursts = scan(rig, (float(where[0]), float(where[1])))
-    if refused(rig):
-        found = CrackDepth(REFUSED)
-    else:
-        drain(rig)
-        found = crack_depth(bursts, probe, best.places, width)
-        deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
-        rig.say("measure", f"{found.verdict}{deep}")
-    if views < SEEN_BEFORE and found.verdict not in (MEASURED, DEEPER):
+    found, _ = scanned_crack(rig, best)
+    if not counts_as_crack(views, found):
         words = f"a line in {many}, and no echo of its depth; not counted as a crack"
         rig.say("trace", words, succeeded=False)
         return None

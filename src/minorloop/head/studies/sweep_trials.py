@@ -16,13 +16,13 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import Metering
+from minorloop.head.procedures.probe_steps import resampled
 from minorloop.head.procedures.sweep import ProbeSweep, SweepState
 from minorloop.head.procedures.values import NOTHING, Reading, apply_to_tip
 from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, coupled_at
 from minorloop.head.reconstruction.pipe_map import PipeMap, pipe_map
 from minorloop.head.studies import scoring
 from minorloop.head.studies.crack_scenes import FINE, fine_course
-from minorloop.head.studies.ultrasonic_scan import resampled
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.pipe import Bore, Crack, Dent, Pipe, draw_crack, draw_pit
 from minorloop.head.twins.rig import GYROSCOPE_NOISE, SimulatedTip

@@ -24,6 +24,7 @@ from minorloop.head.reconstruction.depth_map import (
 )
 from minorloop.head.reconstruction.findings import Finding
 from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.wall_distance import speed_error
 from minorloop.head.ultrasound.wall_echoes import (
     BESIDE,
     PULSE,
@@ -84,6 +85,8 @@ class EchoFind:
         sends no echo back.
     bursts : int
         Number of bursts on it.
+    at_least : bool
+        Whether it reaches the edge of what was swept, so that it may be longer.
     """
 
     kind: str
@@ -94,6 +97,7 @@ class EchoFind:
     depth: float = np.nan
     depth_sd: float = np.nan
     bursts: int = 0
+    at_least: bool = False
 
     @property
     def place(self) -> tuple[float, float]:
@@ -102,8 +106,9 @@ class EchoFind:
 
     def finding(self, radius: float) -> Finding:
         """Return it as a finding, in a pipe of a radius."""
+        verdict = "swept, at least as long" if self.at_least else "swept"
         return Finding(
-            self.kind, "swept", self.phi, _PLACE_SD / radius, self.z, _PLACE_SD, self.diameter,
+            self.kind, verdict, self.phi, _PLACE_SD / radius, self.z, _PLACE_SD, self.diameter,
             _SIZE_SD, self.length, _SIZE_SD, self.depth, self.depth_sd,
         )  # fmt: skip
 
@@ -157,7 +162,8 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     A texel has the echo of the nearest burst. A smooth surface that is steeper than half the
     opening angle of the lens sends no echo back, so that a steeper step between neighbouring bursts
     is an edge. Edges divide the bursts into surfaces; a surface that lies deeper than those around
-    it is the floor of a pit. A crack takes from the echo of a wall that is flat beside it.
+    it is the floor of a pit. A crack takes from the echo of a wall that is flat beside it. Bands of
+    depths include that of the speed of sound, which is not corrected by the distance of the wall.
     """
     heard = [one for one in swept if not one.burst.verdict and np.isfinite(one.spot).all()]
     echoes, width = wall_echoes(heard, probe), beam_width(probe)
@@ -167,6 +173,7 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     coupled = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
     used = np.flatnonzero(coupled & np.isfinite(echoes.amplitude))
     noise = _spread(echoes.texture[used]), _spread(echoes.lost[used])
+    _, speed_sd = speed_error(0.0, probe.radius - face)
     around = patch.places[..., 0]
     flooded = water.wet(around, probe.radius) | np.isnan(water.height)
     points = _flat(echoes.spots, patch)
@@ -182,10 +189,14 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     if np.isfinite(probe.transducer.focus):
         on = _Bursts(points, np.where(near, nearest, -1), patch, width)
         steepest = 0.5 * probe.transducer.aperture / probe.transducer.focus
-        floors = _floors(echoes.depth, used, on, (steepest, noise[0]))
+        floors = [
+            replace(one, sd=float(np.hypot(one.sd, speed_sd * one.depth)))
+            for one in _floors(echoes.depth, used, on, (steepest, noise[0]))
+        ]
         clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
         finds = _finds(_slender(echoes, clear, on, noise[1]), floors, on)
-    floor = np.where(np.abs(echoes.depth) > PULSE, _FLOOR_SD, 0.0)
+    deep = np.abs(echoes.depth)
+    floor = np.hypot(np.where(deep > PULSE, _FLOOR_SD, 0.0), speed_sd * deep)
     depth, amplitude = echoes.depth, echoes.amplitude
     sd = np.hypot(_astray(depth, echoes, noise[0]), floor)
     seen = mapped & np.isfinite(depth[nearest])
@@ -257,9 +268,12 @@ class _Bursts:
 
     def cut(self, members: Indices) -> bool:
         """Return whether most of some bursts are at the edge of what was swept."""
+        return bool(np.mean(self.from_edge(members) < _NEAR * self.width) > 0.5)
+
+    def from_edge(self, members: Indices) -> FloatArray:
+        """Return the distances (N,) of some bursts from the edge of what was swept, in metres."""
         points, low, high = self.points[members], self.points.min(axis=0), self.points.max(axis=0)
-        off = np.minimum(points - low, high - points).min(axis=1)
-        return bool(np.mean(off < _NEAR * self.width) > 0.5)
+        return np.asarray(np.minimum(points - low, high - points).min(axis=1))
 
     def within(self, others: Indices, reach: float) -> BoolArray:
         """Return which bursts (N,) are within a distance of others."""
@@ -310,6 +324,7 @@ class _Bursts:
             float(diameter if kind == PIT else area / length),
             float(diameter if kind == PIT else length),
             bursts=len(members),
+            at_least=kind == CRACK and bool((self.from_edge(members) < self.width).any()),
             **more,
         )
 

@@ -5,8 +5,8 @@ from io import BytesIO
 import numpy as np
 import pytest
 
+from minorloop.head.procedures.finding_map import draw_finding
 from minorloop.head.reconstruction.depth_map import CAMERA, DepthMap, Patch, camera_map, unseen_map
-from minorloop.head.studies.mission_report import draw_finding
 
 LONG = Patch(0.3, 20e-3, 60, 24, step=0.1e-3)
 SQUARE = Patch.around(0.3, 20e-3, size=1.6e-3)

@@ -1,0 +1,255 @@
+"""The report of ``minorloop head inspect``, for who answers for the pipe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from minorloop.errors import counted
+
+if TYPE_CHECKING:
+    from minorloop.head.procedures.inspected_view import InspectedView, Unconfirmed
+    from minorloop.head.procedures.inspected_wall import SeenWall
+    from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
+    from minorloop.head.ultrasound.c_scan import CScan
+    from minorloop.report import Report
+
+ANGLES = (
+    "Angles are counted around the pipe as the camera looks into it: 0 degrees at the right, 90 at "
+    "the bottom, 180 at the left, -90 at the top. z is counted along the pipe from where the "
+    "advance of the catheter reads 0. All findings are on the inner wall. The number after ± is "
+    "one standard deviation."
+)
+_VERDICT = (
+    "The verdict is that of the echoes, and names what failed on the way. A depth counts if it is "
+    "measured, and no step failed."
+)
+COLUMNS = ("no.", "kind", "angle [deg]", "z [mm]", "width [mm]", "length [mm]", "depth [mm]")
+LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
+"""Of candidates that were not confirmed."""
+MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
+"""Of directions that were not searched, as lines of sight, with the place of the catheter."""
+THROUGH = "hole"
+"""Kind of a through-hole."""
+_DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
+_MEANING = {
+    "no probe": "the head has no ultrasonic probe",
+    "no water": "the pipe was dry, and the probe needs water",
+    "no coupling": "no echo of the wall: the place or the probe is above the water",
+    "no floor echo": "the wall answers, but no floor of the defect does",
+    "too few echoes": "too few bursts could be used",
+}
+"""What a verdict means for who does not know the probe."""
+
+
+def finding_cells(number: int, row: Mapping[str, Any]) -> list[str]:
+    """Return a finding as cells of `COLUMNS`."""
+    values = [with_sd(row, name, digits) for name, digits in _DIGITS.items()]
+    if row["kind"] == THROUGH:
+        values[-1] = "through"
+    return [str(number), str(row["kind"]), *values]
+
+
+def with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
+    """Return a value of a finding with its standard deviation, ``-`` if it is not known."""
+    what, unit = name.split(" ", 1)
+    value, sd = row[name], row[f"{what}_sd {unit}"]
+    if value is None:
+        return "-"
+    return (
+        f"{value:.{digits}f}" if sd is None else f"{value:.{digits}f}\u00a0±\u00a0{sd:.{digits}f}"
+    )
+
+
+def inspection_report(
+    content: Mapping[str, Any],
+    summary: str,
+    *,
+    found: Sequence[InspectedView],
+    lost: Sequence[Unconfirmed],
+    seen: SeenWall | None,
+    water: WaterLine | None,
+    walls: Mapping[str, DepthMap],
+    scans: Mapping[str, CScan],
+    log: Sequence[Mapping[str, Any]],
+) -> Report:
+    """Return the report of an inspection.
+
+    Parameters
+    ----------
+    content : dict
+        Of ``findings.json``.
+    summary : str
+    found : sequence of InspectedView
+        Views with a finding, in the order of ``content["findings"]``.
+    lost : sequence of Unconfirmed
+    seen : SeenWall, optional
+        What the camera saw.
+    water : WaterLine, optional
+    walls : mapping of str to DepthMap
+        The wall about findings that were scanned, by the name of the view.
+    scans : mapping of str to CScan
+        Amplitude and depth of their echoes.
+    log : sequence of dict
+        Lines of the journal with steps.
+    """
+    from minorloop.head.procedures.finding_map import draw_c_scan, draw_finding
+    from minorloop.head.procedures.inspected_wall import draw_wall
+    from minorloop.head.procedures.pictures import annotated
+    from minorloop.report import Picture, Report, Table
+
+    rows = content["findings"]
+    report = Report(f"Inspection by head {content['head']}", summary)
+    cells = [
+        [*finding_cells(number, row), str(row["verdict"])] for number, row in enumerate(rows, 1)
+    ]
+    report.add(
+        "Findings",
+        text=(ANGLES, _VERDICT) if cells else ANGLES,
+        table=Table((*COLUMNS, "verdict"), cells) if cells else None,
+        notes=() if cells else ("Nothing was found.",),
+    )
+    if reasons := _without_depth(rows):
+        report.add("Depths that are not known, and why", table=Table(("no.", "why"), reasons))
+    if content["unconfirmed"]:
+        report.add(
+            "Not confirmed",
+            text="Candidates that another view did not show, or that were not visited. They may "
+            "be reflections, dirt, or defects.",
+            table=Table(LOST_COLUMNS, table(content["unconfirmed"], LOST_COLUMNS)),
+        )
+    report.add(
+        "What was inspected", text=wall_words(content), table=Table(("", ""), _facts(content))
+    )
+    if content["not searched"]:
+        missed = table(content["not searched"], MISSED_COLUMNS)
+        report.add("Not searched", table=Table(MISSED_COLUMNS, missed))
+    if seen is not None:
+        caption = (
+            "The inner wall, unrolled, as the camera saw it; light blue was not seen. Findings are "
+            "numbered, crosses are candidates that were not confirmed, blue patches were measured "
+            "by echoes, and dashed lines are the level of the water."
+        )
+        drawn = draw_wall(seen, found, lost, water)
+        report.add("Map of the pipe", pictures=[Picture(drawn, caption)])
+    for number, (row, view) in enumerate(zip(rows, found, strict=True), 1):
+        name = view.picture.name
+        marked = annotated(view.image, view.picture.findings, number)
+        pictures = [Picture(figure_of(marked), f"As the camera saw it: {name}.")]
+        if name in scans:
+            caption = "C-scan: the echoes about it, seen from the axis; blank without an echo."
+            pictures.append(Picture(draw_c_scan(scans[name]), caption))
+        if name in walls:
+            caption = "The wall about it by camera and echoes; the 3-D models are in models."
+            pictures.append(Picture(draw_finding(walls[name]), caption))
+        report.add(f"Finding {number}: {row['kind']}", text=_sentence(row), pictures=pictures)
+    steps = [[f"{each['t']:.0f}", each["step"], _outcome(each)] for each in log]
+    if steps:
+        report.add("Log", table=Table(("t [s]", "step", "outcome"), steps))
+    return report
+
+
+def _facts(content: Mapping[str, Any]) -> list[list[str]]:
+    """Return what was inspected, by what, and when, as rows of a table."""
+    known = {
+        "began": content["began"],
+        "duration": f"{content['seconds']:.0f} s",
+        "ended": content["ended"],
+        "head": content["head"],
+        "at": content["actuator"],
+        "looked round from": f"{', '.join(f'{z:g}' for z in content['advances [mm]'])} mm",
+        "temperature of the water": f"{content['water [C]']:g} C" if "water [C]" in content else "",
+    }
+    return [[name, str(value)] for name, value in known.items() if value]
+
+
+def wall_words(content: Mapping[str, Any]) -> list[str]:
+    """Return sentences on the wall that was seen by the camera, and measured by echoes."""
+    wall = content.get("wall")
+    if wall is None:
+        return ["No view could be used, so that no wall was inspected."]
+    low, high = wall["z [mm]"]
+    first, last = wall["angles [deg]"]
+    around = "all round" if last - first >= 360.0 else f"from {first:.0f} to {last:.0f} degrees"
+    said = [
+        f"The camera saw the inner wall from z {low:.1f} to {high:.1f} mm, {around}: "
+        f"{wall['seen']:.0%} of this part of the pipe."
+    ]
+    if wall["probed"]:
+        said.append(
+            f"Echoes gave the depth of {wall['probed']:.2%} of it: the places of findings only."
+        )
+    else:
+        said.append("Echoes gave no depth of any part of it.")
+    height = content.get("water above the axis [mm]")
+    if height is not None:
+        side = "above" if height[0] >= 0 else "below"
+        said.append(f"The water stood {abs(height[0]):.1f} ± {height[1]:.1f} mm {side} the axis.")
+    return said
+
+
+def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[list[str]]:
+    """Return rows as text."""
+    return [[_cell(row[name]) for name in columns] for row in rows]
+
+
+def figure_of(marked: Any) -> Any:
+    """Return a colour picture of OpenCV as a figure."""
+    from matplotlib.figure import Figure
+
+    height, width = marked.shape[:2]
+    figure = Figure(figsize=(5.0, 5.0 * height / width))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(marked[..., ::-1])
+    axes.set_axis_off()
+    return figure
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(value)
+    return "" if value is None else str(value)
+
+
+def _without_depth(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Return number and reason of findings without a depth, and of steps that failed."""
+    found = []
+    for number, row in enumerate(rows, 1):
+        if row["depth [mm]"] is None and row["kind"] != THROUGH:
+            verdict = str(row["verdict"])
+            base = verdict.split(", but failed")[0]
+            found.append([str(number), _MEANING.get(base, verdict)])
+    return found
+
+
+def _sentence(row: Mapping[str, Any]) -> str:
+    """Return how far the visit of a finding came."""
+    known = {
+        "centred": "centred in the picture",
+        "reached": "within reach of the probe",
+        "touched": "touched by the tool",
+        "scanned": "scanned",
+    }
+    yes = [words for name, words in known.items() if row.get(name)]
+    no = [words for name, words in known.items() if row.get(name) is False]
+    said = f"It was found{''.join(f', {each}' for each in yes)}."
+    said += f" It was not {', not '.join(no)}." if no else ""
+    if row["evidence"] is None:
+        return f"{said} Its line was traced again from another place."
+    return f"{said} The logarithm of the odds that it is a hole or a pit is {row['evidence']:+.1f}."
+
+
+def _outcome(step: Mapping[str, Any]) -> str:
+    return str(step["outcome"]) if step["succeeded"] else f"failed: {step['outcome']}"
+
+
+def not_found(unconfirmed: Sequence[Mapping[str, Any]]) -> str:
+    """Return how many candidates were not confirmed, and how many not visited."""
+    from minorloop.head.procedures.inspection import NOT_VISITED
+
+    lost = [
+        counted(len(row["seen in"]), "view") for row in unconfirmed if row["why"] != NOT_VISITED
+    ]
+    words = [f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))]
+    left = len(unconfirmed) - len(lost)
+    return "".join([*words, f"; {left} {NOT_VISITED}" if left else ""])
