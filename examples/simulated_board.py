@@ -6,7 +6,7 @@ nothing else. It prints the name of its terminal and runs until it is ended::
     python examples/simulated_board.py --port /tmp/board --log /tmp/board.log
 
 A wire is heated by the square of its current and cools again within some seconds. Its angle follows
-the temperature along an S, with hysteresis: 0 degrees cold, some 60 degrees at 0.4 A.
+the temperature along an S, with hysteresis: some 60 degrees at 0.4 A, 0.4 degrees when cold again.
 """
 
 import argparse
@@ -37,7 +37,7 @@ HALF_WIDTH = 6.0
 class Wire:
     def __init__(self):
         self.temperature = 20.0
-        self.memory = 20.0
+        self.memory = 20.0 + HALF_WIDTH  # it was heated before
 
     def advance(self, seconds, current):
         final = 20.0 + HEATING * current**2

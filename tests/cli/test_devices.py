@@ -44,7 +44,8 @@ def test_actuators_are_made_safe_and_read(run, tmp_path):
     assert ("input pan current [A], 0 to 0.4, 10 a second", "safe at 0") in rows
     assert ("line pump", "at rest") in rows
     assert rows[3][0] == "output pan [deg]"
-    assert abs(float(rows[3][1].removeprefix("reads "))) < 0.2
+    # A wire that was heated before does not come back all the way to 0.
+    assert float(rows[3][1].removeprefix("reads ")) == pytest.approx(0.4, abs=0.2)
     assert said.index(["SAFE"]) < said.index(["GET"])
     assert ["SAFE"] in said[-5:]
 

@@ -133,7 +133,10 @@ def _show(result: SteeredHead, title: str) -> None:
     ]
     columns = ("pan wanted", "tilt wanted", "pan", "tilt")
     _common.print_table(columns, rows, title)
-    typer.echo(f"error {_rms(result):.2f} deg rms")
+    if not known.any():
+        typer.echo("(model): by the model; no reading was used, so that no error is known")
+        return
+    typer.echo(f"error {_rms(result):.2f} deg rms, by the readings")
     if not known.all():
         typer.echo(
             "(model): by the model, because readings were missing or not used; the error is of the "

@@ -17,6 +17,8 @@ from minorloop.head.console.settings import is_pipe
 from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.seen_angles import SeenHead
     from minorloop.lab.actuator import Actuator
@@ -111,6 +113,7 @@ def seen_head(
     *,
     specimen: int | None,
     seed: int,
+    cold: npt.ArrayLike = (0.0, 0.0),
 ) -> Iterator[SeenHead]:
     """Yield the head at an address with the angles of its camera; close both at the end.
 
@@ -124,6 +127,8 @@ def seen_head(
         Of the camera; without it the simulated pipe knows its own.
     specimen, seed : int
         Of a simulated head.
+    cold : (2,) array_like
+        Pan and tilt of the cold head in degrees.
 
     Raises
     ------
@@ -143,7 +148,12 @@ def seen_head(
         wires = RigWires(rig, tip)
         _say_waiting()
         yield SeenHead(
-            cast("Actuator", wires), wires.frame, view or known, expose=tip.expose, every=_EVERY
+            cast("Actuator", wires),
+            wires.frame,
+            view or known,
+            expose=tip.expose,
+            every=_EVERY,
+            cold=cold,
         )
         return
     if camera is None:
@@ -161,7 +171,7 @@ def seen_head(
         with _common.connected(address) as plant:
             _say_unused(plant)
             _say_waiting()
-            yield SeenHead(plant, live.frame, view, clock=WallClock())
+            yield SeenHead(plant, live.frame, view, clock=WallClock(), cold=cold)
     finally:
         live.close()
 

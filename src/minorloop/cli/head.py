@@ -198,7 +198,8 @@ def drive(
     opened: Any = partial(_common.connected, actuator, noise=noise)
     seen = camera is not None or is_pipe(actuator)
     if seen:
-        opened = partial(seen_head, actuator, camera, known.calibration)
+        cold = known.control(by_camera=True).cold
+        opened = partial(seen_head, actuator, camera, known.calibration, cold=cold)
     targets, unfinished = np.column_stack(columns), UnfinishedDrive(save, force, as_json)
     check_targets(known.control(by_camera=seen), targets, hold)
     with unfinished.said(), opened(specimen=specimen, seed=seed) as plant:

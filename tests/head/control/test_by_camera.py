@@ -1,5 +1,7 @@
 """A head by its camera alone, whose pictures are few, late, and lost when it turns far unseen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,3 +60,13 @@ def test_a_head_that_is_seen_no_more_stops_within_the_lead():
 def test_a_lead_that_is_not_positive_is_refused(lead):
     with pytest.raises(ParameterError, match=r"lead is .*; give a number of degrees above 0"):
         camera_control("observer", (identified().model,), lead=lead)
+
+
+def test_readings_that_are_not_used_do_not_bound_a_target():
+    control = camera_control("observer", (identified().model,) * 2, lead=LEAD)
+    state = control.begin((40.0, 40.0), (0.3, 0.3))
+    late = [
+        replace(each, sensed=replace(each.sensed, fault="late", last=44.0)) for each in state.axes
+    ]
+    _, state = control.step(replace(state, axes=tuple(late)), (20.0, 15.0), (44.0, 44.0))
+    assert [axis.reference for axis in state.axes] == pytest.approx([20.0, 15.0])

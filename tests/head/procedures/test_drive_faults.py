@@ -138,7 +138,8 @@ def test_all_late_steps_are_one_warning_with_their_number_and_it_is_the_last():
 def test_an_axis_that_was_kept_names_the_fault_of_the_other():
     control = head_control("observer", (identified().model,) * 2, unread=UnreadWatch())
     result = steer(Spoilt(added(6.4, 99.0, -14.0)), control, TARGETS, 8.0)
-    (sentence,) = result.missed
+    pan, sentence = result.missed
+    assert pan.startswith("pan did not reach target 2, 40 degrees: its readings were not used")
     assert sentence.startswith("tilt did not reach target 2, 20 degrees: it was at 29.4 degrees")
     assert "; the head was kept where it was: pan, from 6.40 s to the end: " in sentence
     assert "readings jumped by -14.1 degrees" in sentence
@@ -178,3 +179,19 @@ def test_pictures_as_old_as_the_control_is_set_up_for_are_no_fault():
     head.age = 0.1
     result = steer(head, control, [[30.0, 30.0]], 8.0)
     assert (result.faults, result.missed) == ((), ())
+
+
+def test_many_gaps_that_are_alike_are_one_fault():
+    head = Spoilt(lambda t, seen: seen if round(t / 0.04) % 6 == 0 else np.full(2, np.nan))
+    control = camera_control("observer", (identified().model,) * 2)
+    (fault,) = steer(head, control, [[30.0, 30.0]], 8.0).faults
+    assert fault.axis == "pan and tilt"
+    assert fault.what.startswith("there was no reading")
+    assert fault.times > 20
+
+
+def test_a_target_that_the_model_misses_too_is_missed_though_readings_were_not_used():
+    result = driven(added(4.5, 9.0, 12.0), [[10.0, 10.0], [58.0, 10.0]], 4.0)
+    assert np.isnan(result.reached[1, 0])
+    assert "pan did not reach target 2, 58 degrees: its readings were not used" in result.missed[-1]
+    assert result.unconfirmed == ()

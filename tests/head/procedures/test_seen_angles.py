@@ -24,12 +24,14 @@ def soon_cold(monkeypatch):
     monkeypatch.setattr(seen_angles, "_STILL", 0.4)
 
 
-def head(spoil=lambda frame: frame):
+def head(spoil=lambda frame: frame, **options):
     """A cold head, and its rig for scoring."""
     rig = open_plant("twin:pipe", specimen=1002, seed=3)
     tip, view = open_tip("twin:pipe", specimen=1002, seed=3, scale=0.5)
     wires = RigWires(rig, tip)
-    seen = SeenHead(wires, lambda: spoil(wires.frame()), view, expose=tip.expose, every=4)
+    seen = SeenHead(
+        wires, lambda: spoil(wires.frame()), view, expose=tip.expose, every=4, **options
+    )
     return seen, rig
 
 
@@ -45,6 +47,11 @@ def test_it_is_a_head_with_angles_from_its_zero():
     assert record.y[0, -1] > 5.0
     assert seen.why == ""
     assert 0.0 <= seen.age <= 0.04
+
+
+def test_angles_are_counted_from_where_the_cold_wires_are():
+    seen, _ = head(cold=(0.4, 0.3))
+    assert seen.exchange(np.zeros(2)) == pytest.approx([0.4, 0.3], abs=0.05)
 
 
 def test_the_age_of_a_picture_is_that_of_its_time():
@@ -156,7 +163,7 @@ class Angles:
 
     known, why, searched = True, "", True
 
-    def __init__(self, view):
+    def __init__(self, view, cold):
         self.asked = []
 
     def read(self, frame, *, cold=False):

@@ -24,7 +24,7 @@ from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.model_reference import ModelReference
 from minorloop.head.control.observer import ObserverControl, PowerObserver
 from minorloop.head.control.pi import ProportionalIntegral
-from minorloop.head.control.sensing import SensorWatch, as_number
+from minorloop.head.control.sensing import Sensed, SensorWatch, as_number
 from minorloop.head.control.unread import Unread, UnreadWatch
 
 CONTROLLERS = (
@@ -68,7 +68,8 @@ class HeadControl:
         ``coupling[i, j]``: change of the sensor of axis i for a degree of axis j, 1 on the
         diagonal. Without it, the axes are independent.
     lead : float
-        Most degrees by which a wanted reading is ahead of the newest one. Infinite for no limit.
+        Most degrees by which a wanted reading is ahead of the newest one that may be used. Infinite
+        for no limit.
         Less once the view was lost, as in `minorloop.head.control.unread.Unread.slower`.
     unread : UnreadWatch, optional
         Keeps the head where it is while it is not read. Without it, it goes on by the models.
@@ -164,7 +165,7 @@ class HeadControl:
         estimated = np.array([axis.estimate.wire.angle for axis in state.axes])
         last = np.array([axis.reference for axis in state.axes])
         unread = state.unread
-        newest = np.array([axis.sensed.last for axis in state.axes])
+        newest = np.array([_bounding(axis.sensed) for axis in state.axes])
         wanted = self._near(wanted, newest, self.lead / unread.slower)
         if self.unread is not None:
             gap = max(max(axis.sensed.missing, axis.sensed.odd) for axis in state.axes)
@@ -182,6 +183,16 @@ class HeadControl:
             )
             states.append(after)
         return current, HeadState(tuple(states), unread)
+
+    @property
+    def cold(self) -> FloatArray:
+        """(axes,) readings in degrees of wires that were heated and are cold again, by the models.
+
+        A wire with hysteresis does not come back all the way to where it was when it was new.
+        """
+        return np.asarray(self.coupling) @ [
+            axis.observer.wire.operator.range[0] for axis in self.axes
+        ]
 
     def later(self, steps: int) -> HeadControl:
         """Return the control for steps that take so many intervals more, with readings as late.
@@ -320,6 +331,11 @@ def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:
     except TypeError as error:
         raise ParameterError(f"options of controller {name!r}: {error}") from None
     return law
+
+
+def _bounding(sensed: Sensed) -> float:
+    """Return the newest reading, which a wanted one stays near; NaN if it is not to be believed."""
+    return math.nan if sensed.fault in ("late", "unconfirmed", "reversed") else sensed.last
 
 
 def _clock(options: dict[str, Any]) -> dict[str, Any]:

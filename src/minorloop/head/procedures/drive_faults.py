@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,8 @@ from minorloop.head.vision.wall_patches import UNTURNED
 _SHORT = 5
 """Steps from which a fault is listed on its own; shorter ones that are alike are counted together:
 more than are lost by chance."""
+_MANY = 10
+"""Faults that are alike from which on they are counted together, however long they are."""
 _UNREAD, _DOUBTED = "there was no reading", "readings jumped as no wire can, and were not used"
 _UNUSED = _UNREAD, _DOUBTED, UNTURNED
 """Kinds of faults before the sensor counts as at fault."""
@@ -134,9 +137,11 @@ class FaultLog:
     def found(self, t: float) -> tuple[DriveFault, ...]:
         """Return all faults until a time in seconds, the first ones first, then late steps."""
         found: dict[tuple[object, ...], DriveFault] = {}
-        for fault, steps in sorted(self._each(t), key=lambda pair: pair[0].began):
-            alone = steps >= _SHORT or fault.cooled
-            key = fault.axis, _COUNTS.sub("", fault.what), fault.began if alone else None
+        every = sorted(self._each(t), key=lambda pair: pair[0].began)
+        count = Counter(_kind(fault) for fault, steps in every if steps >= _SHORT)
+        for fault, steps in every:
+            alone = fault.cooled or (steps >= _SHORT and count[_kind(fault)] < _MANY)
+            key = *_kind(fault), fault.began if alone else None
             if key in found:
                 before = found[key]
                 lasted = before.lasted + fault.lasted
@@ -210,6 +215,11 @@ class FaultLog:
             if kind != now.kind:
                 now.kind, now.what = kind, what
             now.steps, now.cooled = now.steps + 1, now.cooled or cooled
+
+
+def _kind(fault: DriveFault) -> tuple[str, str]:
+    """Return the axis and the fault, alike for all faults that differ in a count only."""
+    return fault.axis, _COUNTS.sub("", fault.what)
 
 
 def _reading(axis: GuardState, why: str) -> tuple[str, str]:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError, SignalError
@@ -112,6 +113,8 @@ class SeenAngles:
     ----------
     view : HeadCalibration
         Of the camera.
+    cold : (2,) array_like
+        Pan and tilt of the cold head in degrees, such as `HeadControl.cold`.
 
     Attributes
     ----------
@@ -123,9 +126,9 @@ class SeenAngles:
         Whether they were looked for in it: not in one that shows nothing.
     """
 
-    def __init__(self, view: HeadCalibration) -> None:
+    def __init__(self, view: HeadCalibration, cold: npt.ArrayLike = (0.0, 0.0)) -> None:
         self._view, self._eyes = view, seen_by(view)
-        self._rest = view.line_of_sight(np.zeros(2))
+        self._rest = view.line_of_sight(np.radians(cold))
         self._state: WallState | None = None
         self._since: float | None = None
         self.known, self.why, self.searched = False, _WAITED, False
@@ -150,7 +153,7 @@ class SeenAngles:
         return self._view.joints(sight.angles) if not sight.trial else np.full(2, np.nan)
 
     def _look_for_zero(self, frame: Frame, cold: bool) -> None:
-        """Take the picture of the cold head as that of the angles 0, once it stands still."""
+        """Take the picture of the cold head as that of its angles, once it stands still."""
         if not cold:
             self._state = self._since = None
             self.why = _WARM
@@ -213,6 +216,8 @@ class SeenHead(WrappedActuator):
     clock : Clock, optional
         Keeps the ticks, in which pictures are taken and searched; that of a simulated head, in
         which this takes no time, without it.
+    cold : (2,) array_like
+        As of `SeenAngles`.
 
     Attributes
     ----------
@@ -241,6 +246,7 @@ class SeenHead(WrappedActuator):
         expose: Callable[[float, float], None] | None = None,
         every: int = 1,
         clock: Clock | None = None,
+        cold: npt.ArrayLike = (0.0, 0.0),
     ) -> None:
         super().__init__(actuator)
         if [channel.unit for channel in actuator.inputs[:2]] != ["A", "A"]:
@@ -249,7 +255,7 @@ class SeenHead(WrappedActuator):
                 f"the actuator has the inputs {known}; a head has two currents in A first"
             )
         self.inputs, self.outputs = tuple(actuator.inputs[:2]), OUTPUTS
-        self._view, self._angles = view, SeenAngles(view)
+        self._view, self._angles = view, SeenAngles(view, cold)
         self._picture, self._expose, self._every = picture, expose, every
         self._exchange = getattr(actuator, "at_once", actuator.exchange)
         self._clock: Clock = _Ticks() if clock is None else clock

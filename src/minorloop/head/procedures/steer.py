@@ -353,7 +353,7 @@ def _missed(
         if (n, k) in given_up or (near and not swings) or _doubted(control, found, (n, k)):
             continue
         what = "was not still at" if swings else "did not reach"
-        where = "there was no reading" if np.isnan(at) else f"it was at {at:.1f} degrees"
+        where = _unread(found, (n, k)) if np.isnan(at) else f"it was at {at:.1f} degrees"
         where = f"it moved by {moved:.1f} degrees" if swings else where
         hold = found.t[found.row == n]
         why = faults.during(_AXES[k], float(hold[0]), float(hold[-1])) or otherwise
@@ -370,21 +370,20 @@ def _unconfirmed(
     for n, k in np.ndindex(found.targets.shape):
         if (n, k) in given_up or not _doubted(control, found, (n, k)):
             continue
-        what = "its readings were not used" if found.had_readings[n, k] else "there was no reading"
         yield (
             f"{_AXES[k]} is not confirmed at target {n + 1}, {found.targets[n, k]:g} degrees: "
-            f"{what} at the end of its hold; by its model it was at {found.expected[n, k]:.1f} "
-            "degrees"
+            f"{_unread(found, (n, k))} at the end of its hold; by its model it was at "
+            f"{found.expected[n, k]:.1f} degrees"
         )
 
 
-def _doubted(control: HeadControl, found: SteeredHead, at: tuple[int, int]) -> bool:
-    """Return whether it is unknown if an axis was at its target.
+def _unread(found: SteeredHead, at: tuple[int, int]) -> str:
+    return "its readings were not used" if found.had_readings[at] else "there was no reading"
 
-    Readings were not used, or there was none and the model says that it was there.
-    """
-    modelled = _near(control, found, found.expected, at)
-    return bool(np.isnan(found.reached[at]) and (found.had_readings[at] or modelled))
+
+def _doubted(control: HeadControl, found: SteeredHead, at: tuple[int, int]) -> bool:
+    """Return whether an axis was at its target by its model alone, without a used reading."""
+    return bool(np.isnan(found.reached[at]) and _near(control, found, found.expected, at))
 
 
 def _near(
