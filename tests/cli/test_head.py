@@ -15,10 +15,17 @@ import numpy as np
 import pytest
 
 from minorloop.cli import _calibration
+from minorloop.cli._journal import Journal
 from minorloop.cli._seen import seen_head, swept_view
 from minorloop.cli._sweep_journal import burst_line
 from minorloop.cli.run import carry_out_levels
-from minorloop.errors import InstrumentError, ParameterError, SafetyError, StoreError
+from minorloop.errors import (
+    InstrumentError,
+    OutputError,
+    ParameterError,
+    SafetyError,
+    StoreError,
+)
 from minorloop.head.control.head import head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
@@ -1079,7 +1086,7 @@ def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, mo
     assert row["width [mm]"] == pytest.approx(1.0, abs=0.1)
     assert (row["verdict"], row["depth [mm]"]) == ("no water", None)
     steps = ("found", "centred", "reached", "touched", "scanned")
-    assert [row[name] for name in steps] == [True, True, False, True, False]
+    assert [row[name] for name in steps] == [True, True, None, True, False]
     wall = json.loads(out)["wall"]
     assert 12.0 < wall["z [mm]"][0] < 20.0 < wall["z [mm]"][1] < 30.0
     assert wall["angles [deg]"][0] < math.degrees(0.45) < wall["angles [deg]"][1]
@@ -1224,6 +1231,24 @@ def test_a_journal_with_an_impossible_scan_is_refused(run, probed, monkeypatch):
         status, _, error = run(f"{command} --resume")
         assert status == 2
         assert f"line {number + 1} of found/journal.jsonl {words}" in " ".join(error.split())
+    lines[number]["bursts"][0] = burst
+    number = next(n for n, line in enumerate(lines) if line.get("probed"))
+    lines[number]["probed"]["depth"] = 9.5e-3
+    text = [json.dumps(one) for one in lines]
+    Path("found/journal.jsonl").write_text("\n".join([*text, ""]))
+    said = " ".join(run(f"{command} --resume")[2].split())
+    assert f"line {number + 1} of found/journal.jsonl is not the whole line of a view" in said
+    Path("found/journal.jsonl").write_text("\n".join([text[0], "{", *text[2:], ""]))
+    said = " ".join(run(f"{command} --resume")[2].split())
+    assert "line 2 of found/journal.jsonl is damaged; delete it and all lines after it" in said
+
+
+def test_a_second_program_does_not_write_into_the_folder_of_an_inspection(tmp_path):
+    first = Journal(tmp_path, {})
+    with pytest.raises(OutputError, match="another program writes to"):
+        Journal(tmp_path, {})
+    first.close()
+    Journal(tmp_path, {}).close()
 
 
 def test_an_inspection_refuses_advances_without_a_catheter(run, inspected):

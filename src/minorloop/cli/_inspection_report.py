@@ -33,7 +33,7 @@ THROUGH = "hole"
 """Kind of a through-hole."""
 _DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
 _MEANING = {
-    "no probe": "the head has no ultrasonic probe",
+    "no probe": "not scanned: the head has no probe, or the inspection ended before",
     "no water": "the pipe was dry, and the probe needs water",
     "no coupling": "no echo of the wall: the place or the probe is above the water",
     "no floor echo": "the wall answers, but no floor of the defect does",
@@ -172,7 +172,7 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
     first, last = wall["angles [deg]"]
     around = "all round" if last - first >= 360.0 else f"from {first:.0f} to {last:.0f} degrees"
     said = [
-        f"The camera saw the inner wall from z {low:.1f} to {high:.1f} mm, {around}: "
+        f"The camera searched the inner wall from z {low:.1f} to {high:.1f} mm, {around}: "
         f"{wall['seen']:.0%} of this part of the pipe."
     ]
     if wall["probed"]:

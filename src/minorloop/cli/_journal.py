@@ -5,10 +5,12 @@ It has a line for each view of an inspection, and for each burst of a sweep.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
 import os
 import time
+import weakref
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
@@ -16,7 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import OutputError, ParameterError, RecordError
 from minorloop.files import first_difference, write_atomically
 
 if TYPE_CHECKING:
@@ -55,6 +57,8 @@ class Journal:
     def __init__(
         self, folder: Path, begun: dict[str, Any], lines: Sequence[dict[str, Any]] = (), **kept: int
     ) -> None:
+        # Also one that is not closed, because of an error, is free again.
+        self._unlock = weakref.finalize(self, os.close, _locked(folder))
         now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
         passed = max((float(line["t"]) for line in lines), default=0.0)
         self._began = time.monotonic() - passed
@@ -81,6 +85,20 @@ class Journal:
     def close(self) -> None:
         """End it."""
         self._file.close()
+        self._unlock()
+
+
+def _locked(folder: Path) -> int:
+    """Return what keeps other programs from writing a journal in a folder until it is closed."""
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        raise OutputError(
+            f"another program writes to {folder}; wait until it has ended, or give another folder"
+        ) from None
+    return lock
 
 
 def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[str, Any]]:
@@ -146,8 +164,13 @@ def journal_of(file: Path) -> list[dict[str, Any]]:
     """
     every = parsed_lines(file)
     found = [line for line in every if line is not None]
-    if not found or len(found) < len(every):
+    if not found:
         raise unreadable(file)
+    if len(found) < len(every):
+        raise RecordError(
+            f"line {1 + every.index(None)} of {file} is damaged; delete it and all lines after it, "
+            "so that what they say is measured again"
+        )
     return found
 
 
@@ -233,7 +256,7 @@ def outcomes(view: InspectedView) -> dict[str, bool | None]:
     return {
         "found": view.finding is not None,
         "centred": last.get("centre"),
-        "reached": last.get("reach", last.get("scan")),
+        "reached": last.get("reach", last.get("scan") or None),
         "touched": last.get("touch"),
         "scanned": last.get("scan"),
     }
@@ -279,7 +302,7 @@ def kept_views(
             except (KeyError, TypeError, ValueError):
                 raise RecordError(
                     f"line {1 + lines.index(line)} of {folder / NAME} is not the whole line of a "
-                    "view; inspect into a new folder"
+                    "view, or has an impossible value; inspect into a new folder"
                 ) from None
     return _usable(list(found.values()))
 
@@ -317,19 +340,22 @@ def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> Inspect
         place=place,
         unconfirmed=None if lost is None else _lost(lost),
         steps=steps_of(line.get("steps", ()), line["taken"]),  # earlier versions wrote none
-        probed=_probed_of(line.get("probed")),
+        probed=_probed_of(line.get("probed"), view.thickness),
     )
     found = view_with(found, [_restored(one) for one in line["seen"]], view.camera_at(place))
     return found if line["finding"] is None else with_finding(found, view.radius)
 
 
-def _probed_of(noted: dict[str, Any] | None) -> PitDepth | CrackDepth | None:
-    """Return what the echoes say of a finding."""
+def _probed_of(noted: dict[str, Any] | None, thickness: float) -> PitDepth | CrackDepth | None:
+    """Return what the echoes say of a finding; a depth beyond the wall is refused."""
     from minorloop.head.ultrasound.crack_depth import CrackDepth
     from minorloop.head.ultrasound.pits import PitDepth
 
     if noted is None:
         return None
+    depth = noted["depth"]
+    if not (math.isnan(depth) or 0.0 <= depth <= thickness):
+        raise ValueError(f"a depth of {depth} m in a wall of {thickness} m")
     return PitDepth(**noted) if "phi" in noted else CrackDepth(**noted)
 
 

@@ -38,6 +38,8 @@ from minorloop.head.vision.reflectance_map import LitFrame, ReflectanceMap, lay_
 
 __all__ = ["SeenWall", "c_scan_of", "draw_wall", "seen_wall", "wall_of"]
 
+_EDGE = 1e-3
+"""Metres at each end of what was seen in which no hole is found."""
 _CONTRAST = 0.6
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
 _SIDES = {180: "left", -90: "top", 0: "right", 90: "bottom"}
@@ -66,12 +68,15 @@ class SeenWall:
 
     @property
     def along(self) -> tuple[float, float]:
-        """First and last place along the pipe that was seen, in metres.
+        """First and last place along the pipe that was searched, in metres.
 
-        Places of which less than half as much was seen as of any other do not count.
+        Places of which less than half as much was seen as of any other do not count, nor do those
+        near the ends of the others: what the edge of a picture cuts is not found.
         """
         shares = self._seen.mean(axis=1)
         rows = np.flatnonzero(shares >= _MOST * shares.max())
+        edge = round(_EDGE / self.patch.step)
+        rows = rows[edge:-edge] if rows.size > 2 * edge else rows
         return tuple((self.patch.z + self.patch.step * rows[[0, -1]]).tolist())
 
     @property

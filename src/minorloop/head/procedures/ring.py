@@ -33,9 +33,10 @@ TURNS, SHOTS = 48, 4
 """Places of the sweep round the pipe for water line and profile, and shots at each."""
 LENGTH, MARGIN = 9.6e-3, 1e-3
 """Least length of the map round the pipe, and margin about a finding, in metres."""
-_ASTRAY = 0.1e-3
+_ASTRAY = 0.4e-3
 """Distance from the wall in metres of an echo that does not count for the level of the water: of a
-beam that meets the wall above it, some sound comes back from the wall beside."""
+beam that meets the wall above it, some sound comes back from the wall beside. Dents and pits are
+nearer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +66,18 @@ def ring_sweep(rig: InspectionRig) -> Ring:
     profile = centred(joined(profiles))
     answers = profile.detected & (np.abs(profile.depths) < _ASTRAY)
     water = find_water(profile.spots[:, 0], answers, radius, face=Probe().face)
-    band = f"+- {1e3 * PER_DEVIATION * water.sd:.1f} mm (90 %)"
-    words = f"{1e3 * water.height:+.1f} {band} from the axis"
+    words = f"{profile.detected.sum()} of {len(profiles)} places answer"
     skipped = TURNS - len(profiles)
-    words += f"; {profile.detected.sum()} of {len(profiles)} places answer"
-    rig.say("water line", f"{words}; {skipped} skipped" if skipped else words)
+    words += f"; {skipped} skipped" if skipped else ""
+    rig.say("water line", f"{_level_words(water)}; {words}", succeeded=water.seen)
     return Ring(profile, water)
+
+
+def _level_words(water: WaterLine) -> str:
+    if not water.seen:
+        return "not seen"
+    side, band = "above" if water.height < 0 else "below", PER_DEVIATION * water.sd
+    return f"{1e3 * abs(water.height):.1f} +- {1e3 * band:.1f} mm (90 %) {side} the axis"
 
 
 def ring_of(
