@@ -1257,6 +1257,7 @@ def test_an_inspection_refuses_advances_without_a_catheter(run, inspected):
     assert "bench:head.toml has no catheter" in error
     assert not Path("found").exists()
     assert "--advances has -1; give 0 to" in run(f"{INSPECT} --advances -1")[2]
+    assert "--advances is 5,5; give each place once" in run(f"{INSPECT} --advances 5,5")[2]
 
 
 def test_a_camera_is_named_only_by_commands_that_read_angles_from_one(run, monkeypatch):

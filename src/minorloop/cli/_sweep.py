@@ -118,12 +118,13 @@ def carried_out(
             return content
 
         try:
-            told(rig.run(sweep, state, told))
+            try:
+                told(rig.run(sweep, state, told))
+            finally:
+                plant.safe()
         except KeyboardInterrupt:
             typer.echo(f"{summary(kept('interrupted'))}; kept in {out}", err=True)
             raise
-        finally:
-            plant.safe()
         return kept(state.trouble or FINISHED)
 
 

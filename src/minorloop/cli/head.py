@@ -278,11 +278,17 @@ def inspect(
     from minorloop.cli import _inspection
     from minorloop.cli._inspected_head import inspected_head
     from minorloop.cli.inspect import check_usable
+    from minorloop.head.vision.imaging import opencv
 
     places = _common.numbers("advances", advances, range(1, 1001), "advances in mm")
     for place in places:
         if not 0.0 <= place <= _FARTHEST:
             raise ParameterError(f"--advances has {place:g}; give 0 to {_FARTHEST:g} mm")
+    if len(set(places)) < len(places):
+        raise ParameterError(
+            f"--advances is {advances}; give each place once, since what two views show counts more"
+        )
+    opencv()  # before anything moves
     inspected = inspected_head(actuator, camera, head, specimen, seed, (water, temperature))
     content = _inspection.carried_out(
         inspected, out, [_MM * each for each in places], resume=resume
