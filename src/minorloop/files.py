@@ -234,6 +234,23 @@ def _refusal(path: Path, error: OSError) -> OutputError:
     return OutputError(f"{path} cannot be written: {error.strerror or error}")
 
 
+def lock_path(path: PathLike, flags: int = os.O_RDONLY) -> int | None:
+    """Open a file or a folder and lock it; return None if another process has the lock.
+
+    It is free when what is returned is closed, at the latest when the process ends. Windows has no
+    such locks.
+    """
+    import fcntl
+
+    descriptor = os.open(path, flags, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
 def first_difference(before: Mapping[str, Any], now: Mapping[str, Any], within: str = "") -> str:
     """Return the first difference of two descriptions in words; empty if they are equal.
 

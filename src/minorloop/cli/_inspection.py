@@ -411,11 +411,8 @@ def _depths(content: dict[str, Any]) -> str:
 def show(content: dict[str, Any], out: Path) -> None:
     """Print the findings."""
     if content["findings"]:
-        rows = [
-            [*finding_cells(n, row), str(row["verdict"])]
-            for n, row in enumerate(content["findings"], 1)
-        ]
-        _common.print_table((*COLUMNS, "verdict"), rows, ANGLES)
+        rows = [finding_cells(number, row) for number, row in enumerate(content["findings"], 1)]
+        _common.print_table(COLUMNS, rows, ANGLES)
     if content["unconfirmed"]:
         lost = table(content["unconfirmed"], LOST_COLUMNS)
         _common.print_table(LOST_COLUMNS, lost, "not confirmed")

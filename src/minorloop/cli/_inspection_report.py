@@ -24,7 +24,16 @@ _VERDICT = (
     "The verdict is that of the echoes, and names what failed on the way. A depth counts if it is "
     "measured, and no step failed."
 )
-COLUMNS = ("no.", "kind", "angle [deg]", "z [mm]", "width [mm]", "length [mm]", "depth [mm]")
+COLUMNS = (
+    "no.",
+    "kind",
+    "angle [deg]",
+    "z [mm]",
+    "width [mm]",
+    "length [mm]",
+    "depth [mm]",
+    "verdict",
+)
 LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
 """Of candidates that were not confirmed."""
 MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
@@ -47,7 +56,7 @@ def finding_cells(number: int, row: Mapping[str, Any]) -> list[str]:
     values = [with_sd(row, name, digits) for name, digits in _DIGITS.items()]
     if row["kind"] == THROUGH:
         values[-1] = "through"
-    return [str(number), str(row["kind"]), *values]
+    return [str(number), str(row["kind"]), *values, str(row["verdict"])]
 
 
 def with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
@@ -100,13 +109,11 @@ def inspection_report(
 
     rows = content["findings"]
     report = Report(f"Inspection by head {content['head']}", summary)
-    cells = [
-        [*finding_cells(number, row), str(row["verdict"])] for number, row in enumerate(rows, 1)
-    ]
+    cells = [finding_cells(number, row) for number, row in enumerate(rows, 1)]
     report.add(
         "Findings",
         text=(ANGLES, _VERDICT) if cells else ANGLES,
-        table=Table((*COLUMNS, "verdict"), cells) if cells else None,
+        table=Table(COLUMNS, cells) if cells else None,
         notes=() if cells else ("Nothing was found.",),
     )
     if reasons := _without_depth(rows):

@@ -5,7 +5,6 @@ It has a line for each view of an inspection, and for each burst of a sweep.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import math
 import os
@@ -19,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from minorloop.errors import OutputError, ParameterError, RecordError
-from minorloop.files import first_difference, write_atomically
+from minorloop.files import first_difference, lock_path, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
@@ -90,15 +89,12 @@ class Journal:
 
 def _locked(folder: Path) -> int:
     """Return what keeps other programs from writing a journal in a folder until it is closed."""
-    lock = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(lock)
+    found = lock_path(folder)
+    if found is None:
         raise OutputError(
             f"another program writes to {folder}; wait until it has ended, or give another folder"
-        ) from None
-    return lock
+        )
+    return found
 
 
 def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[str, Any]]:

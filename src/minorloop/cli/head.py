@@ -197,11 +197,11 @@ def drive(
     columns = [_common.read_column(file, name, "deg") for name in (pan, tilt)]
     opened: Any = partial(_common.connected, actuator, noise=noise)
     seen = camera is not None or is_pipe(actuator)
+    control = known.control(by_camera=seen)
     if seen:
-        cold = known.control(by_camera=True).cold
-        opened = partial(seen_head, actuator, camera, known.calibration, cold=cold)
+        opened = partial(seen_head, actuator, camera, known.calibration, cold=control.cold)
     targets, unfinished = np.column_stack(columns), UnfinishedDrive(save, force, as_json)
-    check_targets(known.control(by_camera=seen), targets, hold)
+    check_targets(control, targets, hold)
     with unfinished.said(), opened(specimen=specimen, seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
         known.check_fits(getattr(plant, "serial", None), head)

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from minorloop.errors import OutputError
+from minorloop.files import lock_path
 
 PREFIX = "minorloop-lab-"
 MODEL, REPORT, INPUTS = "model.json", "report.html", "inputs.csv"
@@ -251,15 +252,7 @@ def _is_ours(folder: Path) -> bool:
 
 def _lock(folder: Path) -> int | None:
     """Lock a folder; return None if another process has the lock."""
-    import fcntl
-
-    lock = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(lock)
-        return None
-    return lock
+    return lock_path(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW)
 
 
 def _unlock(lock: int | None) -> None:

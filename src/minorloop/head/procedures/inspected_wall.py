@@ -230,6 +230,10 @@ def draw_wall(
     patch = seen.patch
     figure, axes = new_figure(1, 1, 4.4, grid=False)
     start = float(np.degrees(patch.phi))
+
+    def drawn_at(phi: float) -> float:
+        return float((phi - start) % 360.0 + start)
+
     extent = (start, start + 360.0, 1e3 * patch.z, 1e3 * (patch.z + patch.rows * patch.step))
     grey = np.clip(0.5 + seen.picture / (2 * _CONTRAST), 0.0, 1.0)
     image = {"origin": "lower", "extent": extent, "aspect": "auto", "interpolation": "nearest"}
@@ -240,7 +244,7 @@ def draw_wall(
     axes.imshow(blue, **image)
     for number, view in enumerate(found, 1):
         assert view.finding is not None
-        phi = (np.degrees(view.finding.phi) - start) % 360.0 + start
+        phi = drawn_at(np.degrees(view.finding.phi))
         z = 1e3 * view.finding.z
         if view.course is not None:
             course = np.degrees(view.course[:, 0])
@@ -251,11 +255,10 @@ def draw_wall(
             bbox={"fc": "w", "ec": "C1", "boxstyle": "circle,pad=0.2"},
         )  # fmt: skip
     for one in lost:
-        phi = (np.degrees(one.phi) - start) % 360.0 + start
-        axes.plot(phi, 1e3 * one.z, "x", color="C3", ms=8, mew=1.6)
+        axes.plot(drawn_at(np.degrees(one.phi)), 1e3 * one.z, "x", color="C3", ms=8, mew=1.6)
     if water is not None and water.seen:
         for phi in water_angles(water.height, patch.radius):
-            axes.axvline((phi - start) % 360.0 + start, color="C0", lw=1.2, ls="--")
+            axes.axvline(drawn_at(phi), color="C0", lw=1.2, ls="--")
     axes.set(xlabel="around the pipe [degrees]", ylabel="along the pipe [mm]")
     ticks = np.arange(-90.0, 271.0, 45.0)
     axes.set_xticks(ticks, [_angle_words(phi) for phi in ticks], fontsize=9)
