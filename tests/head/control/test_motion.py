@@ -10,15 +10,27 @@ from minorloop.head.control.motion import Belief, MotionWatch, Sign, SignWatch, 
 from wires import TICK, identified, made_up
 
 
-def believed(watch, readings, models=None):
+def believed(watch, readings, models=None, heated=None):
     """Whether each reading is believed, of a wire that the model expects at 20 degrees."""
     belief, found = Belief(), []
     models = [20.0] * len(readings) if models is None else models
     for k, (reading, model) in enumerate(zip(readings, models, strict=True)):
         motion = model - models[k - 1] if k else 0.0
-        belief = watch.step(belief, reading, model, motion=motion, heating=motion * 0.1)
+        heating = motion * 0.1 if heated is None else heated[k]
+        belief = watch.step(belief, reading, model, motion=motion, heating=heating)
         found.append(belief.believed and not math.isnan(reading))
     return found
+
+
+def heated_and_cooled(wire, count):
+    """Angles and heating powers of a wire at full current for some steps, and then cooling."""
+    state, angles, heating = wire.begin(), [0.0], [0.0]
+    for k in range(1, 150):
+        power = 0.16 if k < count else 0.06
+        heating.append(power - state.power)
+        state = wire.step(state, power, TICK)
+        angles.append(state.angle)
+    return angles, heating
 
 
 def still(count, around=20.0):
@@ -46,6 +58,18 @@ def test_a_wire_is_believed_wherever_it_is_found_after_a_gap():
     readings = [*still(50), *[math.nan] * 100, *still(50, around=45.0)]
     found = believed(MotionWatch(wire=identified().model), readings)
     assert all(found[150:])
+
+
+@pytest.mark.parametrize("gap", [1, 5, 12])
+@pytest.mark.parametrize("off", [4.0, -4.0, 8.0, -8.0])
+def test_readings_of_a_turning_wire_that_are_shifted_after_a_gap_are_not_believed(gap, off):
+    wire, watch = identified().model, MotionWatch(wire=identified().model)
+    models, heated = heated_and_cooled(wire, 52 + gap)
+    readings = [angle + 0.01 * (-1) ** k for k, angle in enumerate(models)]
+    readings[50 : 50 + gap] = [math.nan] * gap
+    assert all(believed(watch, readings, models, heated)[50 + gap :])
+    readings[50 + gap :] = [each + off for each in readings[50 + gap :]]
+    assert not any(believed(watch, readings, models, heated)[50 + gap :])
 
 
 def test_readings_that_drift_back_to_the_model_are_believed_after_a_second():

@@ -166,10 +166,11 @@ class Guard:
         used = math.nan if sensed.fault or not belief.believed else angle
         lateness = self._lateness.step(state.lateness, used, driven.power, steps=steps)
         stop = self._stop.step(state.stop, used, state.applied**2, steps=steps)
-        if stop.late and not lateness.doubted:
+        if stop.late:
+            if not lateness.doubted:  # the readings have led the estimate astray
+                past = (driven.angle,) * len(estimate.past)
+                estimate = Estimate(driven, state.bias, 0.0, past)
             lateness = late_by(stop.late)
-            past = (driven.angle,) * len(estimate.past)  # the readings have led it astray
-            estimate = Estimate(driven, state.bias, 0.0, past)
         if lateness.doubted > 0.0 and sensed.fault not in COOLED:
             sensed = replace(sensed, value=math.nan, fault="late")
         estimate = self.observer.corrected(estimate, sensed.value)

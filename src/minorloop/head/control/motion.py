@@ -146,9 +146,13 @@ class MotionWatch(WireWatch):
         error = reading - model
         away = min(abs(error - before.error), abs(error))
         heated = self._turn(abs(heating))
-        once = heated + self._turn(_CHANGED * self._width)
+        change = self._turn(_CHANGED * self._width)
+        once = heated + change
         most = self.jump + gap * once
-        if abs(reading - before.seen) <= most and gap * self.interval <= _AGREED:
+        follows = abs(reading - before.seen) <= most and gap * self.interval <= _AGREED
+        if gap > steps:  # Nothing has shown on which way it went: it was about that of the model.
+            follows = follows and away <= before.slack + self.jump + gap * change
+        if follows:
             jumped, row = before.jumped, before.row + 1
             if not before.believed and away > _CLOSE * self.jump:
                 row = 0
