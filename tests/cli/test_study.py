@@ -88,7 +88,7 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
         ("study fibre --seed -1", "--seed is -1; give 0 or more"),
         ("study fibre --out good.csv", "good.csv is a file"),
         ("study fibre --only unreachable", "--only is 'unreachable'; fibre has no parts"),
-        ("study head --only all", "--only is 'all'; give integral, unreachable"),
+        ("study head --only all", "--only is 'all'; give integral, rivals, unreachable"),
         ("study inspection --only all", "--only is 'all'; give missions, sweeps"),
     ],
 )

@@ -85,7 +85,8 @@ def run(
     only: Annotated[
         str | None,
         typer.Option(
-            help="Only this part: integral or unreachable (with more cases) of head, missions or "
+            help="Only this part: integral, rivals (by the camera alone) or unreachable (with "
+            "more cases) of head, missions or "
             "sweeps of inspection."
         ),
     ] = None,

@@ -58,6 +58,7 @@ from minorloop.studies.claims import Claim, medians
 TITLE = "A catheter head on shape-memory wires"
 PARTS = {
     "integral": "minorloop.head.studies.servo_integral",
+    "rivals": "minorloop.head.studies.camera_rivals",
     "unreachable": "minorloop.head.studies.unreachable",
 }
 """Studies of a part alone; unreachable has more cases."""

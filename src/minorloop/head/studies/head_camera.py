@@ -40,6 +40,7 @@ from minorloop.head.studies.picture_sensor import PictureSensor
 from minorloop.head.studies.scoring import places_seen, true_pixel
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore
+from minorloop.head.twins.surroundings import Surroundings
 from minorloop.identification import excitation
 
 EVERY = 2
@@ -217,21 +218,18 @@ def run_camera(
     controls = {name: seen_control(name, seen) for name in LAWS}
     used: list[PictureSensor] = []
     steps = {
-        (name, target): run_loop(
-            name,
-            control,
-            constant(target),
-            STEP_SECONDS,
-            specimen=seed,
-            seed=seed,
-            camera=_camera(seed, seen.view, used),
+        (name, target): run_step(
+            seed, name, control, target, given_camera(seed, seen.view, used=used)
         )
         for name, control in controls.items()
         for target in (STEPS if name in LAWS[:2] else STEPS[-1:])
     }
     circles = {
         name: run_circle(
-            seed, controls[LAWS[0]], circle, _camera(seed, seen.view, used, (circle.hole,))
+            seed,
+            controls[LAWS[0]],
+            circle,
+            given_camera(seed, seen.view, used=used, bores=(circle.hole,)),
         )
         for name, circle in CIRCLES.items()
     }
@@ -255,16 +253,43 @@ def seen_control(name: str, seen: SeenWires) -> HeadControl:
     return camera_control(name, seen.wires, coupling=seen.coupling, **options)
 
 
-def _camera(
-    seed: int, view: HeadCalibration, used: list[PictureSensor], bores: tuple[Bore, ...] = ()
+def given_camera(
+    seed: int,
+    view: HeadCalibration,
+    *,
+    used: list[PictureSensor] | None = None,
+    bores: tuple[Bore, ...] = (),
 ) -> Callable[[Head], PictureSensor]:
     """Return what gives a head its camera, which is kept in a list."""
 
     def give(head: Head) -> PictureSensor:
-        used.append(PictureSensor(head, seed, view=view, bores=bores))
-        return used[-1]
+        sensor = PictureSensor(head, seed, view=view, bores=bores)
+        if used is not None:
+            used.append(sensor)
+        return sensor
 
     return give
+
+
+def run_step(
+    seed: int,
+    law: str,
+    control: HeadControl,
+    target: float,
+    camera: Callable[[Head], PictureSensor],
+    surroundings: Surroundings | None = None,
+) -> HeadRun:
+    """Step pan of a cold head to a target in degrees, by the camera alone."""
+    return run_loop(
+        law,
+        control,
+        constant(target),
+        STEP_SECONDS,
+        specimen=seed,
+        seed=seed,
+        surroundings=surroundings,
+        camera=camera,
+    )
 
 
 def run_circle(
