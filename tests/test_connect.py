@@ -193,6 +193,15 @@ def test_an_answer_that_a_home_made_driver_cannot_read_is_one_sentence(monkeypat
                 connect(address)
 
 
+def test_the_simulated_pipe_is_named_with_what_opens_it():
+    with pytest.raises(
+        ParameterError, match=r"'visa:NAME', or 'twin:pipe' with minorloop head ide"
+    ):
+        connect("twin:pip")
+    with pytest.raises(ParameterError, match=r"^twin:pipe is opened only by minorloop head ident"):
+        connect("twin:pipe")
+
+
 @pytest.mark.parametrize("address", [None, 3, ["twin:wire"]])
 def test_refuses_addresses_that_are_not_text(address):
     with pytest.raises(ParameterError, match="there is nothing at address"):

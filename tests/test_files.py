@@ -12,6 +12,7 @@ from minorloop.files import (
     check_name,
     check_writable,
     first_difference,
+    kind_of_file,
     make_folder,
     printable,
     table_text,
@@ -69,6 +70,21 @@ def test_writes_exactly_the_content_and_no_other_file(tmp_path, content):
     expected = content if isinstance(content, bytes) else content.encode()
     assert (tmp_path / "file").read_bytes() == expected
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "kind"),
+    [
+        ("a.json", b'{"format": "minorloop head", "version": 1', "the file of a head"),
+        ("a.json", b'{\n  "version": 1, "format": "minorloop model"', "a model file"),
+        ("a.csv", b'{"devices": {', "a JSON file"),
+        ("a.csv", b"pan [deg],tilt [deg]", "a table"),
+        ("a.toml", b"tick = 0.04", "a TOML file"),
+        ("a.txt", b"{u},{y}", ""),
+    ],
+)
+def test_what_a_file_is_is_known_by_its_begin_or_its_ending(name, begin, kind):
+    assert kind_of_file(name, begin) == kind
 
 
 def test_a_failure_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):

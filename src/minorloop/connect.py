@@ -21,6 +21,9 @@ from minorloop.lab.limited_actuator import with_limits
 from minorloop.lab.registry import loaded, registered
 
 SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
+_PIPE = "twin:pipe"
+"""The simulated head in a pipe: with camera and probe, it is more than an actuator."""
+_PIPE_VERBS = "minorloop head identify, drive, inspect and sweep, and minorloop console"
 
 
 def connect(
@@ -37,9 +40,10 @@ def connect(
     ----------
     address : str
         A simulated actuator: ``twin:ipmc``, ``twin:fibre``, ``twin:wire``, ``twin:head`` or
-        ``twin:catheter``. Or real instruments: ``bench:FILE``, a file that describes them as
-        `minorloop.lab.drivers.bench_file` says (``visa:FILE`` for one channel), or
-        ``module:package.factory``, see `open_module`. Installed packages can add schemes and
+        ``twin:catheter``; ``twin:pipe``, a head with camera and probe, is only for ``minorloop
+        head`` and ``minorloop console``. Or real instruments: ``bench:FILE``, a file that
+        describes them as `minorloop.lab.drivers.bench_file` says (``visa:FILE`` for one channel),
+        or ``module:package.factory``, see `open_module`. Installed packages can add schemes and
         simulated actuators; the entry point of a scheme is called with ``NAME`` and the options.
         If it has an option ``specimen``, it is a simulation and gets specimen, noise and seed too.
     specimen : int, optional
@@ -212,8 +216,13 @@ def addresses() -> list[str]:
 
 
 def _nothing_at(address: object) -> str:
+    if address == _PIPE:
+        return f"{_PIPE} is opened only by {_PIPE_VERBS}; give twin:head for a head without camera"
     known = ", ".join(f"'{each}'" for each in addresses())
-    return f"there is nothing at address {address!r}; give one of {known}"
+    return (
+        f"there is nothing at address {address!r}; give one of {known}, or '{_PIPE}' with "
+        f"{_PIPE_VERBS}"
+    )
 
 
 def _check_options(

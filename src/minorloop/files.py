@@ -25,6 +25,17 @@ _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-
 _FORMULA = re.compile(r"'*\s*[\t\r=+\-@\uff1d\uff0b\uff0d\uff20]")
 """Beginnings that a spreadsheet may take for those of a formula, also after apostrophes."""
 _DECIMAL = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_BEGIN = 4096
+"""Bytes at the begin of a file that tell what it is."""
+_OBJECT = re.compile(rb'\s*\{\s*["}]')
+_FORMAT = re.compile(rb'"format"\s*:\s*"minorloop (model|head)"')
+_FORMATS = {b"model": "a model file", b"head": "the file of a head"}
+_ENDINGS = {
+    ".csv": "a table",
+    ".mat": "a table",
+    ".xlsx": "a table",
+    ".toml": "a TOML file",
+}
 
 
 def check_name(what: str, name: str, error: type[MinorloopError] = ParameterError) -> str:
@@ -59,6 +70,22 @@ def check_name(what: str, name: str, error: type[MinorloopError] = ParameterErro
 def printable(name: str) -> str:
     """Return a name in which each character that `check_name` refuses is replaced."""
     return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", name)
+
+
+def kind_of_file(path: PathLike, begin: bytes) -> str:
+    """Return what a file is, such as ``a model file``; empty if that is not known.
+
+    Parameters
+    ----------
+    path : str or path
+        Its ending tells, unless it begins as JSON.
+    begin : bytes
+        Its content, or the begin of it.
+    """
+    if _OBJECT.match(begin):
+        found = _FORMAT.search(begin, 0, _BEGIN)
+        return _FORMATS[found[1]] if found else "a JSON file"
+    return _ENDINGS.get(Path(path).suffix.lower(), "")
 
 
 def table_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:

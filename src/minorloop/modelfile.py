@@ -86,7 +86,7 @@ from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.errors import ModelFileError, ParameterError
-from minorloop.files import PathLike, check_name, check_writable, write_atomically
+from minorloop.files import PathLike, check_name, check_writable, kind_of_file, write_atomically
 from minorloop.lab.records import Quantity
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.version import __version__
@@ -103,6 +103,7 @@ VERSION = 2
 """Newest version that this package writes and reads."""
 LARGEST = 64 * 2**20
 """Bytes of the largest model file: a plane of some 2,000 bands."""
+_GIVE = "give one that identify --save has written"
 _MOST = {b",": 2_200_000, b"[": 5_000, b"{": 1_000, b":": 100_000}
 """Largest number of each mark: more than such a plane needs. Without these bounds, refusing a file
 full of marks takes minutes."""
@@ -424,10 +425,10 @@ def _flood(data: bytes) -> str:
 
 def _check_header(path: PathLike, data: bytes) -> None:
     """Refuse files that are not model files, or that a newer version wrote."""
-    if data.strip() and not data.lstrip().startswith(b"{"):
-        raise ModelFileError(
-            f"{path} is not a model file; give one that identify --save has written"
-        )
+    kind = kind_of_file(path, data)
+    what = f"{kind}, " if kind in ("a table", "a TOML file", "the file of a head") else ""
+    if what or (data.strip() and not data.lstrip().startswith(b"{")):
+        raise ModelFileError(f"{path} is {what}not a model file; {_GIVE}")
     if flood := _flood(data):
         raise ModelFileError(f"{path} is not a model file, is damaged, or is not JSON: {flood}")
     try:
@@ -438,7 +439,7 @@ def _check_header(path: PathLike, data: bytes) -> None:
         raise ModelFileError(f"{path} is damaged, or is not JSON: {reason(error)}") from None
     if header.format != FORMAT or header.version < 1:
         raise ModelFileError(
-            f"{path} is not a model file: it has no format {FORMAT!r} with a version"
+            f"{path} is not a model file: it has no format {FORMAT!r} with a version; {_GIVE}"
         )
     if header.version > VERSION:
         raise ModelFileError(

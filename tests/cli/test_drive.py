@@ -58,7 +58,7 @@ def test_targets_that_cannot_be_are_refused_before_anything_is_applied(change, s
 
 def test_a_record_in_place_of_the_model_is_refused(refused):
     said = refused(DRIVE.replace("strip.json", "wanted.csv"))
-    assert "wanted.csv is not a model file; give one that identify --save has written" in said
+    assert "wanted.csv is a table, not a model file; give one that identify --save has" in said
 
 
 def test_a_laser_is_converted_and_a_stopped_drive_continues(run, answer):

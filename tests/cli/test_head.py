@@ -16,7 +16,7 @@ import pytest
 
 from minorloop.cli import _calibration
 from minorloop.cli._journal import Journal
-from minorloop.cli._seen import seen_head, swept_view
+from minorloop.cli._seen import kept_view, seen_head, swept_view
 from minorloop.cli._sweep_journal import burst_line
 from minorloop.cli.run import carry_out_levels
 from minorloop.errors import (
@@ -31,6 +31,7 @@ from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
+from minorloop.head.procedures.identify import HeadMeasurement
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.twins.head import Head
 from minorloop.head.ultrasound.echoes import Burst
@@ -59,15 +60,17 @@ class Swept:
 
 def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_path, capsys):
     head = Swept()
-    assert swept_view(tmp_path, head, 0.3).lever == pytest.approx(0.006)
+    assert swept_view(tmp_path, head, 0.3, "H-07").lever == pytest.approx(0.006)
     assert "turning both axes slowly up and down for 2.4 min" in capsys.readouterr().err
-    assert swept_view(tmp_path, head, 0.4).lever == pytest.approx(0.006)
+    assert swept_view(tmp_path, head, 0.4, "H-07").lever == pytest.approx(0.006)
     assert head.count == 1
+    with pytest.raises(StoreError, match=r"is of head 'H-07', and the head here is 'H-08'; give"):
+        kept_view(tmp_path, "H-08")
     (tmp_path / "camera.json").write_text('{"lever": 1}')
     with pytest.raises(StoreError, match=r"is no calibration of a camera .* begin anew"):
-        swept_view(tmp_path, head, 0.4)
+        swept_view(tmp_path, head, 0.4, "H-07")
     (tmp_path / "camera.json").rename(tmp_path / "pan-loop.sqlite")
-    assert swept_view(tmp_path, head, 0.4) is None
+    assert swept_view(tmp_path, head, 0.4, "H-07") is None
     assert "the calibration of the camera is not corrected: the runs" in capsys.readouterr().err
 
 
@@ -188,6 +191,61 @@ def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypa
     assert "no reading was used, so that no error is known" in out
     assert "nan" not in out
     assert "tilt did not reach target 1, 25 degrees: there was no reading" in error
+
+
+@pytest.mark.parametrize(
+    ("table", "head", "sentence"),
+    [
+        (
+            "empty.csv",
+            "head.json",
+            "column 'pan [deg]' of empty.csv is empty in row 3; give a number",
+        ),
+        ("rad.csv", "head.json", "is in rad and a head is driven in deg; give the column in deg"),
+        ("head.json", "head.json", "head.json is the file of a head, not a table; give a CSV"),
+        ("head.toml", "head.json", "head.toml is a TOML file, not a table; give a CSV"),
+        ("good.csv", "good.csv", "good.csv is not a valid file of a head: it is a table"),
+        (
+            "good.csv",
+            "model.json",
+            "it is a model file, which has no format 'minorloop head'; give",
+        ),
+        ("good.csv", "none.json", "no file none.json; give one that head identify or head cal"),
+    ],
+)
+def test_head_drive_says_what_a_file_is_and_what_is_needed(run, table, head, sentence):
+    save_head(HeadFile(serial="H-07"), "head.json")
+    Path("model.json").write_text('{"format": "minorloop model", "version": 1}')
+    Path("head.toml").write_text("tick = 0.04\n")
+    Path("good.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+    Path("empty.csv").write_text("pan [deg],tilt [deg]\n30,25\n,25\n")
+    Path("rad.csv").write_text("pan [rad],tilt [deg]\n0.3,25\n")
+    status, out, error = run(f"head drive {table} --head {head} --actuator twin:head")
+    assert (status, out) == (2, "")
+    assert sentence in error
+    assert "--time" not in error
+    assert "model" not in error or head == "model.json"
+    assert error.count("\n") == 1
+
+
+def test_a_head_of_another_file_or_folder_is_refused_before_it_waits(run, monkeypatch):
+    pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    control = head_control("observer", (identified().model,) * 2)
+    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
+    waited = "minorloop.head.procedures.seen_angles.SeenHead"
+    monkeypatch.setattr(waited, lambda *_, **__: pytest.fail("it waited"))
+    save_head(HeadFile(serial="H-07"), "head.json")
+    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+    said = "head.json is of head 'H-07', and the head here is 'twin-head-nominal'"
+    status, _, error = run("head drive angles.csv --head head.json --actuator twin:pipe")
+    assert (status, said in error) == (2, True)
+    identify = "head identify --actuator twin:pipe --specimen 3 --store runs --head new.json"
+    status, _, error = run(identify.replace("new", "head"))
+    assert (status, "and the head here is 'twin-head-3'" in error) == (2, True)
+    Path("runs").mkdir()
+    Path("runs/camera.json").write_text(json.dumps({"serial": "twin-head-4", **VIEW.to_dict()}))
+    status, _, error = run(identify)
+    assert (status, "runs/camera.json is of head 'twin-head-4'" in error) == (2, True)
 
 
 def test_head_drive_checks_its_arguments_before_it_opens_a_device(run, monkeypatch):
@@ -1056,6 +1114,7 @@ def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch,
         raise KeyboardInterrupt
 
     monkeypatch.setattr("minorloop.cli._seen.seen_head", wait_for_the_cold_head)
+    monkeypatch.setattr(HeadMeasurement, "left", lambda self: {})
     Path("runs").mkdir()
     if kept is not None:
         (Path("runs") / kept).touch()
@@ -1541,8 +1600,9 @@ def test_a_sweep_says_its_stage_and_share_once_it_fires(run, monkeypatch):
     ]
 
 
-@pytest.mark.parametrize("verb", ["sweep", "inspect"])
+@pytest.mark.parametrize("verb", ["sweep", "inspect", "identify", "drive"])
 def test_the_help_of_a_verb_for_a_head_names_the_address_of_one(run, verb):
     shown = run(f"head {verb} --help")[1]
     assert "twin:ipmc" not in shown
-    assert {"sweep": "twin:pipe", "inspect": "bench:head.toml"}[verb] in shown
+    assert "twin:pipe" in shown
+    assert verb == "sweep" or "bench:head.toml" in shown

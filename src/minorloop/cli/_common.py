@@ -379,15 +379,27 @@ def _is_clock(file: Path, header: str) -> bool:
     return bool(values.size > 1 and values[0] < values[-1] and (values[1:] >= values[:-1]).all())
 
 
-def read_column(file: Path, column: str, unit: str = "") -> FloatArray:
-    """Return one column of a CSV file, without gaps; refuse it if its header has another unit."""
+def read_column(file: Path, column: str, unit: str = "", of: str = "the model") -> FloatArray:
+    """Return one column of a CSV file, without gaps; refuse it if its header has another unit.
+
+    Parameters
+    ----------
+    file : path
+        The file.
+    column : str
+        The column.
+    unit : str
+        In which it is needed; not compared if empty.
+    of : str
+        What has this unit, for the message.
+    """
     from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
 
     header = find_column(column, read_headers(file), source=file)
     found = split_header(header)[1]
     if found and unit and found != unit:
         raise RecordError(
-            f"column '{header}' of {file} is in {found} and the model in {unit}; "
+            f"column '{header}' of {file} is in {found} and {of} in {unit}; "
             f"give the column in {unit}"
         )
     return read_columns(file, [column])[column]

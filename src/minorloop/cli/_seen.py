@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -56,7 +56,43 @@ def _whole_sweep() -> str:
     return f" with the whole sweep of the camera, which takes {as_duration(SWEEP_SECONDS)}"
 
 
-def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration | None:
+def kept_view(store: Path, serial: str) -> HeadCalibration | None:
+    """Return the calibration of a head after its sweep, as it is kept; None if there is none.
+
+    Parameters
+    ----------
+    store : Path
+        Folder of the runs.
+    serial : str
+        Serial number of the head.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be read, or is that of another head.
+    """
+    from minorloop.head.procedures.calibration import HeadCalibration
+
+    path = store / SWEPT
+    if not path.exists():
+        return None
+    try:
+        content = msgspec.json.decode(path.read_bytes())
+        of = content.pop("serial", serial)  # earlier versions wrote none
+        view = HeadCalibration.from_dict(content)
+    except (ValueError, AttributeError) as error:
+        raise StoreError(
+            f"{path} is no calibration of a camera ({error}); remove the folder to begin anew"
+        ) from error
+    if of != serial:
+        raise StoreError(
+            f"{path} is of head {of!r}, and the head here is {serial!r}; give --store the folder "
+            "of this head, or a new one"
+        )
+    return view
+
+
+def swept_view(store: Path, head: SeenHead, highest: float, serial: str) -> HeadCalibration | None:
     """Return the calibration of a head corrected by a sweep, which is kept beside its runs.
 
     The sweep is carried out once: runs of one folder have the same calibration. Returns None for
@@ -70,25 +106,21 @@ def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration |
         Cold.
     highest : float
         Largest current, in A.
+    serial : str
+        Serial number of the head.
 
     Raises
     ------
     StoreError
-        If the kept calibration cannot be read.
+        As `kept_view`.
     SignalError
         As `SeenHead.survey`.
     """
-    from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.seen_angles import SWEEP_SECONDS
 
-    path = store / SWEPT
-    if path.exists():
-        try:
-            return HeadCalibration.from_dict(msgspec.json.decode(path.read_bytes()))
-        except ValueError as error:
-            raise StoreError(
-                f"{path} is no calibration of a camera ({error}); remove the folder to begin anew"
-            ) from error
+    kept = kept_view(store, serial)
+    if kept is not None:
+        return kept
     if any(store.glob("*.sqlite")):
         typer.echo(
             f"the calibration of the camera is not corrected: the runs in {store} began without",
@@ -101,7 +133,7 @@ def swept_view(store: Path, head: SeenHead, highest: float) -> HeadCalibration |
         err=True,
     )
     view = head.survey(highest)
-    write_atomically(path, msgspec.json.encode(view.to_dict()))
+    write_atomically(store / SWEPT, msgspec.json.encode({"serial": serial, **view.to_dict()}))
     return view
 
 
@@ -114,6 +146,7 @@ def seen_head(
     specimen: int | None,
     seed: int,
     cold: npt.ArrayLike = (0.0, 0.0),
+    check: Callable[[Actuator], object] = lambda plant: None,
 ) -> Iterator[SeenHead]:
     """Yield the head at an address with the angles of its camera; close both at the end.
 
@@ -129,6 +162,8 @@ def seen_head(
         Of a simulated head.
     cold : (2,) array_like
         Pan and tilt of the cold head in degrees.
+    check : callable
+        Refuses an actuator before its head waits.
 
     Raises
     ------
@@ -146,14 +181,16 @@ def seen_head(
         tip, known = open_tip(address, specimen=specimen, seed=seed, scale=_TIP_SCALE)
         assert isinstance(tip, SimulatedTip)
         wires = RigWires(rig, tip)
-        _say_waiting()
+        plant = cast("Actuator", wires)
+        check(plant)
         yield SeenHead(
-            cast("Actuator", wires),
+            plant,
             wires.frame,
             view or known,
             expose=tip.expose,
             every=_EVERY,
             cold=cold,
+            waits=_say_waiting,
         )
         return
     if camera is None:
@@ -169,9 +206,11 @@ def seen_head(
     live = LiveCamera(camera, _PATIENCE)
     try:
         with _common.connected(address) as plant:
+            check(plant)
             _say_unused(plant)
-            _say_waiting()
-            yield SeenHead(plant, live.frame, view, clock=WallClock(), cold=cold)
+            yield SeenHead(
+                plant, live.frame, view, clock=WallClock(), cold=cold, waits=_say_waiting
+            )
     finally:
         live.close()
 

@@ -70,7 +70,9 @@ def _present() -> Iterator[_Row]:
     for each in addresses():
         named = each.startswith("twin:")
         yield _Row(each, "actuator", "simulated" if named else "give it with a name to probe it")
-    yield _Row("twin:pipe", "plant of the console, with camera and probe", "simulated")
+    yield _Row(
+        "twin:pipe", "head with camera and probe, for minorloop head and console", "simulated"
+    )
     for name, point in sorted(registered(DRIVERS).items()):
         driver = loaded(point, name)
         library, extra = getattr(driver, "NEEDS", (None, None))

@@ -143,7 +143,7 @@ def _of_csv(
         raise ParameterError(f"{missing} is missing; name a column of {file}")
     with _common.working(f"reading {file.name}") as now:
         record = _common.read_log(file, input, output, time, now, needed=True).record
-        hertz = _common.read_column(file, frequency, "Hz")
+        hertz = _common.read_column(file, frequency, "Hz", "frequencies are")
         held = _common.read_column(file, _HELD) if _HELD in read_headers(file) else None
     if not record.timed:
         raise ParameterError(f"{file} has no column of time; name it with --time")

@@ -28,6 +28,15 @@ _MM = 1e-3
 _CAMERA_HELPS = "; for a head whose angles a camera gives, name it with --camera"
 _FARTHEST = 10_000.0
 """Longest advance in mm: a catheter is some metres long."""
+_Address = Annotated[
+    str,
+    typer.Option(
+        show_default=False,
+        help="Address of the head, such as bench:head.toml, see minorloop devices; or a simulated "
+        "one: twin:head, or twin:pipe, which has a camera.",
+        autocompletion=one_of(lambda: ["twin:pipe", *addresses()]),
+    ),
+]
 _Seeing = Annotated[
     str | None,
     typer.Option(
@@ -48,7 +57,7 @@ _File = Annotated[
     epilog="Example: minorloop head identify --actuator twin:head --store runs --head head.json"
 )
 def identify(
-    actuator: _common.Address,
+    actuator: _Address,
     store: Annotated[
         Path, typer.Option(show_default=False, help="Folder of the runs; they are continued.")
     ],
@@ -76,7 +85,7 @@ def identify(
 ) -> None:
     """Measure both wires of a head, identify and check them; the same command continues it."""
     from minorloop.cli._head_runs import RunsLeft
-    from minorloop.cli._seen import kept_in, seen_head, swept_view
+    from minorloop.cli._seen import kept_in, kept_view, seen_head, swept_view
     from minorloop.connect import is_simulated
     from minorloop.head.console.settings import is_pipe
     from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
@@ -96,8 +105,17 @@ def identify(
     pipe = is_pipe(actuator)
     seen = camera is not None or pipe
     view = None if before is None or pipe else before.calibration
+
+    def checked(plant: Actuator) -> str:
+        number = _serial(plant, serial)
+        if before is not None:
+            replace(before, identified=None).check_fits(number, head)
+        if seen:
+            kept_view(store, number)
+        return number
+
     if seen:
-        opened = partial(seen_head, actuator, camera, view, specimen=specimen)
+        opened = partial(seen_head, actuator, camera, view, specimen=specimen, check=checked)
     measurement = HeadMeasurement(
         store,
         {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}},
@@ -106,20 +124,19 @@ def identify(
         lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
         pipe or is_simulated(actuator),
     )
+    left = measurement.left()
     with _common.interruptible(lambda: kept_in(store, seen=seen)), opened(seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
-        serial = _serial(plant, serial)
-        if before is not None:
-            replace(before, identified=None).check_fits(serial, head)
-        measurement = replace(measurement, told=RunsLeft(measurement.left(), hold).told)
+        number = checked(plant)
+        measurement = replace(measurement, told=RunsLeft(left, hold).told)
         store.mkdir(parents=True, exist_ok=True)
         if seen:
-            view = swept_view(store, plant, highest) or view
+            view = swept_view(store, plant, highest, number) or view
             opened = partial(seen_head, actuator, camera, view, specimen=specimen)
-    found = replace(before or HeadFile(serial=serial), identified=measurement.identified())
+    found = replace(before or HeadFile(serial=number), identified=measurement.identified())
     if found.calibration is not None and not pipe:
         found = replace(found, calibration=view)
-    found.check_fits(serial, head)  # old runs may be older than the calibration
+    found.check_fits(number, head)  # old runs may be older than the calibration
     save_head(found, head, force=True)
     _show(found, head, as_json)
 
@@ -164,7 +181,7 @@ def _show(found: HeadFile, path: Path, as_json: bool) -> None:
 def drive(
     file: _common.DataFile,
     head: _File,
-    actuator: _common.Address,
+    actuator: _Address,
     pan: Annotated[str, typer.Option(help="Column of the wanted pan, in deg.")] = "pan",
     tilt: Annotated[str, typer.Option(help="Column of the wanted tilt, in deg.")] = "tilt",
     hold: Annotated[float, _common.number_option("Seconds for each target.")] = 8.0,
@@ -194,17 +211,23 @@ def drive(
 
     _common.check_outputs([save], inputs=[file, head], force=force)
     known = read_head(head)
-    columns = [_common.read_column(file, name, "deg") for name in (pan, tilt)]
+    columns = [_common.read_column(file, name, "deg", "a head is driven") for name in (pan, tilt)]
     opened: Any = partial(_common.connected, actuator, noise=noise)
     seen = camera is not None or is_pipe(actuator)
     control = known.control(by_camera=seen)
+
+    def fits(plant: Actuator) -> None:
+        known.check_fits(getattr(plant, "serial", None), head)
+
     if seen:
-        opened = partial(seen_head, actuator, camera, known.calibration, cold=control.cold)
+        opened = partial(
+            seen_head, actuator, camera, known.calibration, cold=control.cold, check=fits
+        )
     targets, unfinished = np.column_stack(columns), UnfinishedDrive(save, force, as_json)
     check_targets(control, targets, hold)
     with unfinished.said(), opened(specimen=specimen, seed=seed) as plant:
         check_head(plant, seen=_CAMERA_HELPS)
-        known.check_fits(getattr(plant, "serial", None), head)
+        fits(plant)
         control = known.control(interval=plant.tick, by_camera=seen)
         result = steer(plant, control, targets, hold, unfinished=unfinished)
     if save is not None:

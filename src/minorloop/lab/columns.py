@@ -33,6 +33,7 @@ _DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]*(.*)")
 """Time of day, and a date as it is written in most of Europe, with or without one."""
 _MERGED = 0.1
 """Share of empty cells from which a column is one of several loggers in one table."""
+_FILL = "give a number in every row"
 _THOUSANDS = re.compile(
     r"[-+]?\d{1,3}((,\d{3})+\.\d*|(\.\d{3})+,\d*|([,.]\d{3}){2,}"
     r"|(['\u2019 \xa0\u202f]\d{3})+([.,]\d*)?)"
@@ -449,20 +450,15 @@ class _Cells:
         return values
 
     def _empty(self, index: int, cells: list[str]) -> RecordError:
-        text = f"{self.where} is empty in row {self.numbers[index]}"
         count = sum(not cell.strip() for cell in cells)
-        if count < _MERGED * len(cells):
-            return RecordError(f"{text}; every cell must be a number")
-        return SparseColumnError(
-            f"{text} and in {counted(count - 1, 'other row')}; every cell must be a number: where "
-            "two loggers were merged into one table, name the column of time (--time), by which "
-            "the input is then interpolated, or fill the empty cells"
-        )
+        others = f" and in {counted(count - 1, 'other row')}" if count > 1 else ""
+        kind = RecordError if count < _MERGED * len(cells) else SparseColumnError
+        return kind(f"{self.where} is empty in row {self.numbers[index]}{others}; {_FILL}")
 
     def _not_a_number(self, index: int, cell: str) -> RecordError:
         row, text = self.numbers[index], cell.strip()
         if not text:
-            return RecordError(f"{self.where} is empty in row {row}; every cell must be a number")
+            return RecordError(f"{self.where} is empty in row {row}; {_FILL}")
         shown = repr(text if len(text) <= 40 else text[:37] + "...")
         advice = "every cell must be a number"
         if _THOUSANDS.fullmatch(text):

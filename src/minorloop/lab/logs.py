@@ -283,9 +283,12 @@ def read_log(
     said, kept = _of_file(path), None
     try:
         columns, texts = read(output, *deviations)
-    except SparseColumnError:
+    except SparseColumnError as error:
         if time is None:
-            raise
+            raise SparseColumnError(
+                f"{error}, or, where two loggers were merged into one table, name the column of "
+                "time (--time), by which the input is then interpolated"
+            ) from None
         columns, texts = read(input, output, *deviations)
         rows, columns[input], filled = _filled(columns[time], columns[input], names[0])
         measured = np.isfinite(columns[output])

@@ -28,7 +28,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError, counted
-from minorloop.files import PathLike, check_name, unquoted
+from minorloop.files import PathLike, check_name, kind_of_file, unquoted
 
 MAX_BYTES = 4 * 1024**3
 """Largest file that is read: 4 GiB."""
@@ -180,7 +180,7 @@ def opened(path: PathLike, progress: Callable[[str], None] | None = None) -> Ite
     file = Path(path)
     check_file(file)
     try:
-        _check_no_store(file)
+        _check_begin(file)
         with file.open(encoding=encoding_of(file), newline="") as text:
             yield _begin(text, file, progress or (lambda share: None))
     except UnicodeError:
@@ -213,14 +213,18 @@ def check_file(file: Path) -> None:
         raise RecordError(f"{file} cannot be read: permission denied")
 
 
-def _check_no_store(file: Path) -> None:
-    """Refuse an experiment store, which is not text."""
+def _check_begin(file: Path) -> None:
+    """Refuse an experiment store, and files of JSON and TOML."""
     with file.open("rb") as raw:
-        if raw.read(len(_SQLITE)) == _SQLITE:
-            raise RecordError(
-                f"{file} is an experiment store, not a table; minorloop runs export --store "
-                f"{shlex.quote(str(file))} --save points.csv writes its points as one"
-            )
+        begin = raw.read(_BEGIN)
+    if begin.startswith(_SQLITE):
+        raise RecordError(
+            f"{file} is an experiment store, not a table; minorloop runs export --store "
+            f"{shlex.quote(str(file))} --save points.csv writes its points as one"
+        )
+    kind = kind_of_file(file, begin)
+    if kind not in ("", "a table"):
+        raise RecordError(f"{file} is {kind}, not a table; give a CSV, .mat or .xlsx file")
 
 
 def check_headers(headers: Sequence[str], file: Path) -> None:

@@ -1,18 +1,24 @@
 from multiprocessing import Pipe
+from threading import Event
 from types import SimpleNamespace
 
 import msgspec
 import numpy as np
+import pytest
 
 from minorloop.errors import InstrumentError
+from minorloop.head.console import camera_process
 from minorloop.head.console.camera_process import StillTip, _warm_up, answer, newest
 from minorloop.head.console.camera_protocol import CameraRequest, report_decoder
 from minorloop.head.console.channel import Outbox
 from minorloop.head.console.perception import Perception
+from minorloop.head.console.settings import LoopSettings
+from minorloop.head.control.head import head_control
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.twins.camera import led_positions
 from minorloop.head.vision import _outline_kernels
+from wires import identified
 
 
 def test_the_newest_request_has_the_commands_of_those_before_it():
@@ -54,6 +60,43 @@ def test_outlines_are_compiled_before_a_picture_has_a_candidate(monkeypatch):
     nothing = dict.fromkeys(("finish", "reset"), lambda: None)
     _warm_up(SimpleNamespace(tick=lambda request: None, **nothing))
     assert fitted == [np.float32]
+
+
+def test_angles_are_counted_from_where_the_cold_wires_are_by_their_models(monkeypatch):
+    needs = "needs starlette and uvicorn: minorloop[head]"
+    processes = pytest.importorskip("minorloop.head.console.processes", reason=needs)
+    view = HeadCalibration(lens=Pinhole(), leds=led_positions())
+    control = head_control("observer", (identified().model,) * 2)
+    head = SimpleNamespace(control=lambda **_: control, calibration=view)
+    asked, over = [], Event()
+    over.set()
+
+    class Supervised:
+        def __init__(self, parts, *_, **__):
+            (self.camera,) = (part for part in parts if part.name == "camera")
+
+        def start(self):
+            handle = SimpleNamespace(begin=lambda **_: over)
+            self.camera.target(handle, *self.camera.args)
+
+        def run(self):
+            pass
+
+        end = run
+
+    def angles(view, cold):
+        asked.append(cold)
+        raise InstrumentError("this test ends here")
+
+    monkeypatch.setattr(processes, "Supervisor", Supervised)
+    monkeypatch.setattr(camera_process, "SeenAngles", angles)
+    monkeypatch.setattr(
+        camera_process, "LiveCamera", lambda address: SimpleNamespace(close=lambda: None)
+    )
+    settings = LoopSettings(address="bench:head.toml", camera="camera:0", sensors=False)
+    processes.supervised(settings, None, print, head=head)
+    assert asked == [tuple(control.cold.tolist())]
+    assert asked[0] != (0.0, 0.0)
 
 
 class Settling(StillTip):

@@ -111,6 +111,24 @@ def test_lost_readings_are_counted_together_and_both_axes_named_once():
     assert result.done
 
 
+def test_faults_of_both_axes_at_about_the_same_time_are_one():
+    def shifted(t, seen):
+        return seen + np.array([12.0 * (t >= 15.0), -10.0 * (t >= 15.12)])
+
+    result = driven(shifted)
+    (fault,) = result.faults
+    assert str(fault).startswith("pan and tilt, from 15.00 s to the end: the sensor is implausible")
+    assert "readings jumped by 12 and -10 degrees, which no wire can" in fault.what
+    result = driven(lambda t, seen: np.where([t >= 20.0, t >= 20.12], np.nan, seen))
+    (missed,) = result.missed
+    assert missed.endswith(
+        "at the end of its hold; pan and tilt, from 20.00 s to the end: the sensor is lost; the "
+        "wire cools"
+    )
+    result = driven(lambda t, seen: np.where([t >= 15.0, t >= 20.0], np.nan, seen))
+    assert [each.axis for each in result.faults] == ["pan", "tilt"]
+
+
 def test_readings_that_were_refused_are_not_called_missing():
     why = "what the camera sees has not turned with the head, and 8 of 16 patches agree"
     (fault,) = driven(lost(5.0, 5.1), [[30.0, 30.0]], 9.0, why=why).faults
@@ -160,8 +178,10 @@ def test_late_pictures_are_named_by_their_times_or_what_to_check_is(known):
     old = [str(each) for each in result.faults]
     assert old == [f"pan and tilt, 150 times from 0.00 s, 6.00 s in all: {said}"] * known
     check = said if known else "check whether the hold is too short, the pictures come late, a load"
-    assert len(result.missed) == 2
-    assert all(f"at the end of its hold; {check}" in each for each in result.missed)
+    (missed,) = result.missed
+    assert missed.startswith("pan did not reach target 1, 30 degrees: it was at 27.1 degrees, and ")
+    assert "tilt did not reach target 1, 30 degrees: it was at" in missed
+    assert missed.count(f"at the end of its hold; {check}") == 1
 
 
 def test_pictures_that_are_late_by_their_content_alone_are_named_within_a_row():

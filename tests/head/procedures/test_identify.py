@@ -98,6 +98,15 @@ def test_a_folder_of_another_identification_is_refused(found, folder):
         measurement(folder, how=HeadExcitation(bands=3, hold=12.0)).identified()
 
 
+def test_a_folder_of_another_specimen_is_refused_before_the_head_is_opened(found, folder):
+    other = replace(measurement(folder), setup={**SETUP, "specimen": 1001})
+    with pytest.raises(StoreError, match="specimen"):
+        other.left()
+    with pytest.raises(StoreError, match="belongs to another run"):
+        measurement(folder, how=HeadExcitation(bands=2, hold=12.0, highest=0.3)).left()
+    assert measurement(folder).left() == {}
+
+
 def test_the_identified_head_is_written_and_read(found, tmp_path):
     save_head(HeadFile(serial="twin-head-1000", identified=found), tmp_path / "head.json")
     again = read_head(tmp_path / "head.json").identified

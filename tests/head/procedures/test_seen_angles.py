@@ -205,8 +205,10 @@ def test_a_picture_that_takes_longer_than_a_tick_delays_the_head_by_whole_ticks(
 )
 def test_a_camera_that_cannot_show_the_angles_is_refused_at_the_start(lens, error, sentence):
     devices, view = Slow(), HeadCalibration(lens=lens, leds=np.zeros((1, 3)))
+    waited = []
     with pytest.raises(error, match=sentence):
-        SeenHead(devices, devices.picture, view, clock=devices)
+        SeenHead(devices, devices.picture, view, clock=devices, waits=lambda: waited.append(True))
+    assert (len(devices.applied) == 1, len(waited)) == (not waited, error is InstrumentError)
     assert devices.t < 15.0
     assert not np.array(devices.applied)[:, 1:].any()
 

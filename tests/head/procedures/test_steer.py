@@ -196,6 +196,15 @@ def test_a_target_beyond_the_reach_is_refused_before_anything_is_switched_on(tar
         steer(head, control, [[30.0, 30.0], target], 1.0)
 
 
+def test_both_axes_of_a_target_beyond_the_reach_are_named():
+    control = head_control("observer", (made_up(), made_up()))
+    with pytest.raises(
+        ParameterError,
+        match=r"^pan of target 1 is 90 .* there; tilt of target 1 is 99 .* there; give a target",
+    ):
+        steer(Head(), control, [[90.0, 99.0]], 1.0)
+
+
 def test_an_axis_that_only_coupling_lifts_may_have_the_target_of_a_cold_wire():
     control = head_control("observer", (made_up(), made_up()), coupling=[[1.0, 0.1], [0.1, 1.0]])
     assert control.reach([0.0, 45.0])[0, 0] > 4.0

@@ -52,7 +52,10 @@ _WAVES = 50.0
 
 
 def run(
-    handle: ProcessHandle, settings: LoopSettings, calibration: HeadCalibration | None = None
+    handle: ProcessHandle,
+    settings: LoopSettings,
+    calibration: HeadCalibration | None = None,
+    cold: tuple[float, float] = (0.0, 0.0),
 ) -> None:
     """Run the camera until the control loop or the supervisor ends; for a process of its own.
 
@@ -64,6 +67,8 @@ def run(
     settings : LoopSettings
     calibration : HeadCalibration, optional
         Of camera and probe; that of the tip without it.
+    cold : (float, float)
+        Pan and tilt of the cold head in degrees, as of `SeenAngles`.
     """
     server, loop, plant = NewestPipe(), NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, loop=loop, plant=plant)
@@ -77,7 +82,7 @@ def run(
             if settings.camera is not None:
                 camera = LiveCamera(settings.camera)
                 ends.callback(camera.close)
-                seen = None if settings.sensors else SeenAngles(view)
+                seen = None if settings.sensors else SeenAngles(view, cold)
                 perception = Perception(CameraTip(tip, camera, view), view, _in(pool), seen)
                 trial = Perception(StillTip(view.lens), view, _in(pool))
             opencv()

@@ -80,14 +80,14 @@ def supervised(
     head : HeadFile, optional
         Of the head, which is identified at the start without it.
     """
-    control, calibration = None, None
+    control, calibration, cold = None, None, (0.0, 0.0)
     if head is not None:
         control = head.control(interval=settings.interval, by_camera=not settings.sensors)
-        calibration = head.calibration
+        calibration, cold = head.calibration, tuple(control.cold.tolist())
     parts = [
         Part(name="plant", target=run_plant, args=(settings,), patience=settings.plant_patience),
         Part(name="loop", target=run_loop, args=(settings, tracking, control)),
-        Part(name="camera", target=run_camera, args=(settings, calibration), patience=2.0),
+        Part(name="camera", target=run_camera, args=(settings, calibration, cold), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
     ]
     supervisor = Supervisor(parts, PIPES, notify=notify)
@@ -119,12 +119,15 @@ def run_loop(
 
 
 def run_camera(
-    handle: ProcessHandle, settings: LoopSettings, calibration: HeadCalibration | None
+    handle: ProcessHandle,
+    settings: LoopSettings,
+    calibration: HeadCalibration | None,
+    cold: tuple[float, float],
 ) -> None:
     """Run the camera; for a process of its own."""
     from minorloop.head.console.camera_process import run
 
-    run(handle, settings, calibration)
+    run(handle, settings, calibration, cold)
 
 
 def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:

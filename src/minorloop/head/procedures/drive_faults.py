@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,8 +25,11 @@ _UNUSED = _UNREAD, _DOUBTED, UNTURNED
 _SLOW = 0.4
 """Intervals by which a step may be late before it counts, if the guard says so too: less than its
 limit, so that rounding does not matter."""
-_COUNTS = re.compile(r"\d+")
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 """Numbers in a text, such as of patches that agree: faults that differ only there are alike."""
+_NEAR, _SHARE = 0.2, 0.1
+"""Seconds, or share of the longer one, by which faults of two axes may differ that are named as
+one."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,7 @@ class FaultLog:
                 lasted = before.lasted + fault.lasted
                 fault = replace(before, lasted=lasted, times=before.times + 1, over=fault.over)
             found[key] = fault
-        return (*_joined(list(found.values())), *self._all_old(0.0, t), *self._all_late())
+        return (*_joined(found.values()), *self._all_old(0.0, t), *self._all_late())
 
     def during(self, name: str, first: float, last: float) -> str:
         """Return the fault that was on last between two times in seconds; empty if none was.
@@ -159,14 +162,14 @@ class FaultLog:
             axis was not read, it is the fault of that one.
         first, last : float
         """
-        on = [
+        on = _joined(
             fault
             for fault, steps in self._each(self._t)
             if (steps >= _SHORT or fault.cooled)
             and fault.began < last
             and fault.began + fault.lasted > first
-        ]
-        own = [each for each in on if each.axis == name]
+        )
+        own = [each for each in on if name in each.axis]
         if own:
             return str(own[-1])
         if on and any(first <= t <= last for t in self._kept):
@@ -219,7 +222,7 @@ class FaultLog:
 
 def _kind(fault: DriveFault) -> tuple[str, str]:
     """Return the axis and the fault, alike for all faults that differ in a count only."""
-    return fault.axis, _COUNTS.sub("", fault.what)
+    return fault.axis, _NUMBER.sub("", fault.what)
 
 
 def _reading(axis: GuardState, why: str) -> tuple[str, str]:
@@ -247,9 +250,43 @@ def _fault(name: str, each: _Open, t: float, *, over: bool = True) -> DriveFault
     return DriveFault(name, each.began, t - each.began, each.what, 1, each.cooled, over)
 
 
-def _joined(faults: list[DriveFault]) -> tuple[DriveFault, ...]:
-    """Return faults with those that all axes had at the same time as one."""
-    alike: dict[DriveFault, list[str]] = {}
+def _joined(faults: Iterable[DriveFault]) -> tuple[DriveFault, ...]:
+    """Return faults with those that all axes had at about the same time as one."""
+    found: list[DriveFault] = []
     for fault in faults:
-        alike.setdefault(replace(fault, axis=""), []).append(fault.axis)
-    return tuple(replace(fault, axis=" and ".join(names)) for fault, names in alike.items())
+        k = next((k for k, each in enumerate(found) if _same(each, fault)), None)
+        if k is None:
+            found.append(fault)
+        else:
+            found[k] = _as_one(found[k], fault)
+    return tuple(found)
+
+
+def _same(one: DriveFault, other: DriveFault) -> bool:
+    """Return whether two axes had a fault at about the same time."""
+    longer, more = max(one.lasted, other.lasted), max(one.times, other.times)
+    return (
+        other.axis not in one.axis
+        and (_kind(one)[1], one.cooled, one.over) == (_kind(other)[1], other.cooled, other.over)
+        and abs(one.began - other.began) <= _NEAR
+        and abs(one.lasted - other.lasted) <= max(_NEAR, _SHARE * longer)
+        and abs(one.times - other.times) <= _SHARE * more
+    )
+
+
+def _as_one(one: DriveFault, other: DriveFault) -> DriveFault:
+    """Return a fault of two axes; where a number in the text differs, it has both."""
+    others = iter(_NUMBER.findall(other.what))
+
+    def both(found: re.Match[str]) -> str:
+        second = next(others)
+        return found[0] if found[0] == second else f"{found[0]} and {second}"
+
+    return replace(
+        one,
+        axis=f"{one.axis} and {other.axis}",
+        began=min(one.began, other.began),
+        lasted=max(one.lasted, other.lasted),
+        times=max(one.times, other.times),
+        what=_NUMBER.sub(both, one.what),
+    )

@@ -36,7 +36,7 @@ from minorloop._modelschema import AnyModel, build, kind_of, layout, plain, reas
 from minorloop.arrays import FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.errors import ModelFileError, ParameterError, counted
-from minorloop.files import PathLike, check_name, check_writable, write_atomically
+from minorloop.files import PathLike, check_name, check_writable, kind_of_file, write_atomically
 from minorloop.head.control.by_camera import LEAD, camera_control
 from minorloop.head.control.controller import within
 from minorloop.head.control.head import HeadControl, head_control
@@ -49,6 +49,7 @@ from minorloop.version import __version__
 FORMAT, VERSION = "minorloop head", 1
 _BYTE, _KEY = re.compile(r"\(byte (\d+)\)"), re.compile(rb'"([^"\\]*)"\s*:')
 _NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|Inf|inf)\b")
+_GIVE = "give one that head identify or head calibrate has written"
 _LARGEST = 2**24
 """Bytes of the largest file: wires of some 500 bands."""
 
@@ -269,9 +270,12 @@ def read_head(path: PathLike) -> HeadFile:
     """
     data = _bytes_of(path)
     try:
+        kind = kind_of_file(path, data)
+        if kind not in ("", "a JSON file", "the file of a head"):
+            raise ParameterError(f"it is {kind}, which has no format {FORMAT!r}; {_GIVE}")
         header = _decoded(data)
         if not isinstance(header, dict) or header.get("format") != FORMAT:
-            raise ParameterError(f"it has no format {FORMAT!r}")
+            raise ParameterError(f"it has no format {FORMAT!r}; {_GIVE}")
         if header.get("version") != VERSION:
             raise ParameterError(
                 f"it has version {header.get('version')!r}, and this minorloop reads {VERSION}; "
@@ -384,9 +388,7 @@ def _bytes_of(path: PathLike) -> bytes:
     file = Path(path)
     try:
         if not file.is_file():
-            raise ModelFileError(
-                f"there is no file {path}; give one that head identify or head calibrate wrote"
-            )
+            raise ModelFileError(f"there is no file {path}; {_GIVE}")
         if file.stat().st_size > _LARGEST:
             raise ModelFileError(f"{path} has more than {_LARGEST} bytes; it is of no head")
         return file.read_bytes()

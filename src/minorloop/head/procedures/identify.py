@@ -137,14 +137,19 @@ class HeadMeasurement:
         Raises
         ------
         StoreError
-            If a store in the folder cannot be read.
+            If a store in the folder cannot be read, or belongs to another run.
         """
-        left = {}
+        how, left = self.excitation, {}
+        known = {"loop": how.loop, "coupling": how.loop, "check": how.check}
         for axis, name in enumerate(AXES):
             for run in RUNS:
-                path, holds = self._path(axis, run), self.excitation.holds(run)
+                path, holds = self._path(axis, run), how.holds(run)
                 if path.exists():
                     with Store.open(path) as store:
+                        names = store.setup.input, store.setup.output
+                        levels = known.get(run)
+                        plan = store.plan if levels is None else how.plan(levels, names[0])
+                        store.check_same(plan, self._setup(self._seed(axis, run), names))
                         holds = 0 if store.finished else len(store.plan) - len(store)
                 if holds:
                     left[f"{name}-{run}"] = holds

@@ -208,7 +208,7 @@ class InspectionRig:
         return self._base.at(self.t)
 
     def begin(self) -> None:
-        """Wait until a head without sensors is cold and stands still: its angles are 0 then.
+        """Wait until a head without sensors is cold and stands still: its angles are known then.
 
         Raises
         ------

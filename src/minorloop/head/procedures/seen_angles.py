@@ -218,6 +218,8 @@ class SeenHead(WrappedActuator):
         which this takes no time, without it.
     cold : (2,) array_like
         As of `SeenAngles`.
+    waits : callable
+        Called once the first picture has come and has the right size: before it waits.
 
     Attributes
     ----------
@@ -247,6 +249,7 @@ class SeenHead(WrappedActuator):
         every: int = 1,
         clock: Clock | None = None,
         cold: npt.ArrayLike = (0.0, 0.0),
+        waits: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__(actuator)
         if [channel.unit for channel in actuator.inputs[:2]] != ["A", "A"]:
@@ -257,6 +260,7 @@ class SeenHead(WrappedActuator):
         self.inputs, self.outputs = tuple(actuator.inputs[:2]), OUTPUTS
         self._view, self._angles = view, SeenAngles(view, cold)
         self._picture, self._expose, self._every = picture, expose, every
+        self._waits = waits
         self._exchange = getattr(actuator, "at_once", actuator.exchange)
         self._clock: Clock = _Ticks() if clock is None else clock
         self._began = self._due = self._clock.now()
@@ -403,6 +407,8 @@ class SeenHead(WrappedActuator):
                 f"the camera gives pictures of {width} by {height} pixels and was calibrated with "
                 f"{lens.width} by {lens.height}; set its size, or calibrate it again"
             )
+        if self.pictures == 1:
+            self._waits()
         self._gain = LIMITS.gain(self._gain, frame.image)
         return frame
 

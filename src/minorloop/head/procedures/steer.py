@@ -64,8 +64,8 @@ class SteeredHead:
     unreachable : tuple of str
         A sentence for each target that the guard found out of reach until the end of its hold.
     missed : tuple of str
-        A sentence for each other target that was not reached, or not held still, at the end of its
-        hold.
+        Sentences on the other targets that were not reached, or not held still, at the end of
+        their hold: one for both axes if the reason is the same.
     unconfirmed : tuple of str
         A sentence for each other target of which it is not known whether it was reached: readings
         were not used, or there was none and the model says that it was.
@@ -315,16 +315,19 @@ def _time(head: Actuator, counted: float) -> float:
 
 def _check_reach(control: HeadControl, target: FloatArray, row: int) -> None:
     """Refuse a target that the wires cannot reach in any surroundings."""
+    beyond = []
     for name, axis, wanted, (low, high) in zip(
         _AXES, control.axes, target.tolist(), control.reach(target).tolist(), strict=True
     ):
         # A cold wire goes no further down: the other axis compensates what it couples in.
         low = min(low, axis.reach[0])
         if not low - axis.tolerance <= wanted <= high + axis.tolerance:
-            raise ParameterError(
+            beyond.append(
                 f"{name} of target {row} is {wanted:g} degrees, and the wires reach {low:.1f} to "
-                f"{high:.1f} degrees there; give a target within them"
+                f"{high:.1f} degrees there"
             )
+    if beyond:
+        raise ParameterError(f"{'; '.join(beyond)}; give a target within them")
 
 
 def _given_up(state: HeadState, row: int) -> dict[int, str]:
@@ -343,10 +346,12 @@ def _missed(
     faults: FaultLog,
     otherwise: str,
 ) -> Iterator[str]:
-    """Yield a sentence for each other axis that was not still at its target at the end of its hold.
+    """Yield a sentence on other axes that were not still at their target at the end of its hold.
 
-    It ends with the fault that was on, ``otherwise`` if none was.
+    It ends with the fault that was on, ``otherwise`` if none was. Both axes are in one sentence if
+    that is the same.
     """
+    every: dict[tuple[int, str], list[str]] = {}
     for (n, k), at in np.ndenumerate(found.reached):
         near, moved = _near(control, found, found.reached, (n, k)), found.moved[n, k]
         swings = bool(near and moved > _tolerance(control, k))
@@ -357,10 +362,10 @@ def _missed(
         where = f"it moved by {moved:.1f} degrees" if swings else where
         hold = found.t[found.row == n]
         why = faults.during(_AXES[k], float(hold[0]), float(hold[-1])) or otherwise
-        yield (
-            f"{_AXES[k]} {what} target {n + 1}, {found.targets[n, k]:g} degrees: {where} at the "
-            f"end of its hold{why and '; '}{why}"
-        )
+        said = f"{_AXES[k]} {what} target {n + 1}, {found.targets[n, k]:g} degrees: {where}"
+        every.setdefault((n, why), []).append(said)
+    for (_, why), axes in every.items():
+        yield f"{', and '.join(axes)} at the end of its hold{why and '; '}{why}"
 
 
 def _unconfirmed(

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from minorloop.errors import MinorloopError, ParameterError
+from minorloop.files import kind_of_file
 
 __all__ = ["UNRELATED", "Section", "parsed", "read_description", "relevant"]
 
@@ -38,6 +39,9 @@ def read_description(path: Path) -> dict[str, Any]:
         if path.stat().st_size > LARGEST:
             raise ParameterError(f"{path} is larger than {LARGEST} bytes; give a bench file")
         content = path.read_bytes()
+        kind = kind_of_file(path, content)
+        if kind not in ("", "a JSON file", "a TOML file"):
+            raise ParameterError(f"{path} is {kind}, not a bench file; give the file of a bench")
         if path.suffix.lower() == ".toml":
             return tomllib.loads(content.decode())
         found = msgspec.json.decode(content)
