@@ -188,7 +188,6 @@ def summary(content: dict[str, Any]) -> str:
         found += "; nothing is mapped: the wall does not answer"
     elif content["bursts"]:
         found += f"; {content['mapped']:.0%} of the wall mapped"
-        found += "; a hole through the wall gives no echo, and is blank in the map"
     return f"{found}; {content['ended']}"
 
 

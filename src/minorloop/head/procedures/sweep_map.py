@@ -13,7 +13,7 @@ from minorloop.drawing.layout import new_figure
 from minorloop.head.geometry import wrapped
 from minorloop.head.reconstruction.depth_map import UNSEEN, Patch
 from minorloop.head.reconstruction.pipe_map import PipeMap
-from minorloop.head.ultrasound.c_scan import CRACK, PIT
+from minorloop.head.ultrasound.c_scan import CRACK, NO_ECHO, PIT
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 
@@ -24,7 +24,7 @@ _CONTRAST = 0.5
 _DEEPEST = 1.0  # mm, of the colours of depths
 _MARGIN = 1e-3
 """Wall in metres that is drawn beyond a find outside the area."""
-_MARKS = {PIT: "o", CRACK: "s"}
+_MARKS = {PIT: "o", CRACK: "s", NO_ECHO: "^"}
 _DIGITS = {
     "phi, degrees": 1,
     "z, mm": 2,
@@ -112,7 +112,7 @@ def _draw_depth(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
     drawn = axes.imshow(depth, cmap="viridis", vmin=-0.1, vmax=_DEEPEST, **shown.options)
     figure.colorbar(drawn, ax=axes, label="[mm]")
     axes.set_title(
-        "depth; circles: pits, squares: cracks, diamonds: cut by the edge; with depths in mm"
+        "depth in mm; circles: pits, squares: cracks, triangles: no echo, diamonds: cut by the edge"
     )
     _mark_finds(axes, fused, shown.start)
 
