@@ -304,6 +304,17 @@ def test_there_is_no_map_above_the_water():
     assert not found.gap[high].any()
 
 
+def test_nothing_is_mapped_where_echoes_are_noise():
+    bursts = silenced(swept(), lambda x, y: True)
+    for one in bursts[7::12]:  # so loud that noise counts as an echo
+        at = round(2 * 8e-3 / PROBE.speed / STEP)
+        one.burst.trace[at - len(_PULSE) // 2 : at + len(_PULSE) // 2 + 1] += 0.04 * _PULSE
+    found = c_scan(bursts, PROBE, PATCH)
+    assert found.wall.unseen == 1.0
+    assert np.isnan(found.amplitude).all()
+    assert found.finds == ()
+
+
 def test_without_a_lens_there_is_a_map_but_no_finds():
     disc = replace(PROBE, transducer=Probe(focus=math.inf))
     assert beam_width(disc) == disc.transducer.aperture

@@ -3,9 +3,9 @@
 The head looks round, then visits each candidate: it is centred, and measured where it is seen
 again. A hole that the centred view does not show is looked at once more from another side, because
 a far one is narrow there. What no other view shows is not confirmed, and told apart. So is what
-could not be centred, and only pictures from one place show, unless echoes show a defect there. With a probe,
-what is confirmed is touched, scanned in the flooded pipe, and its depth is measured. At the end the
-probe is rolled once round the pipe, which shows the level of the water.
+could not be centred, and only pictures from one place show, unless echoes show a defect there.
+With a probe, what is confirmed is touched, scanned in the flooded pipe, and its depth is measured.
+At the end the probe is rolled once round the pipe, which shows the level of the water.
 """
 
 from __future__ import annotations

@@ -82,8 +82,8 @@ class EchoFind:
     phi, z : float
         Centre, in radians and metres; the place of a crack that is nearest to it.
     diameter : float
-        Of a pit where it is half as deep, or of a place without an echo, in metres; width of a crack on the map, which is at least
-        that of the beam.
+        Of a pit where it is half as deep, or of a place without an echo, in metres; width of a
+        crack on the map, which is at least that of the beam.
     length : float
         Greatest extent, in metres.
     depth, depth_sd : float
@@ -174,7 +174,9 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     heard = [one for one in swept if not one.burst.verdict and np.isfinite(one.spot).all()]
     echoes, width = wall_echoes(heard, probe), beam_width(probe)
     face, offset, phi = probe.transducer.face, probe.mount.offset[1], echoes.spots[:, 0]
-    water = find_water(phi, echoes.strongest > _WET, probe.radius, face=face, offset=offset)
+    # Where there is no wall at all, the usual echo is one of noise.
+    answers = np.isfinite(echoes.depth) & (echoes.strongest > _WET)
+    water = find_water(phi, answers, probe.radius, face=face, offset=offset)
     water = replace(water, sd=float(np.hypot(water.sd, _PLACE_SD)))
     coupled = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
     used = np.flatnonzero(coupled & np.isfinite(echoes.amplitude))
