@@ -8,6 +8,7 @@ with control characters, which terminals and pages interpret, are refused.
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import os
 import re
@@ -25,6 +26,9 @@ _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-
 _FORMULA = re.compile(r"'*\s*[\t\r=+\-@\uff1d\uff0b\uff0d\uff20]")
 """Beginnings that a spreadsheet may take for those of a formula, also after apostrophes."""
 _DECIMAL = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Errors of a disk that is full, or of which this user may have no more."""
 
 
 def check_name(what: str, name: str, error: type[MinorloopError] = ParameterError) -> str:
@@ -122,7 +126,7 @@ def check_writable(path: PathLike, *, force: bool = False) -> Path:
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"the folder {folder} cannot be written to; choose another one")
     except OSError as error:
-        raise _refusal(target, error) from None
+        raise refusal(target, error) from None
     return target
 
 
@@ -153,7 +157,7 @@ def write_atomically(path: PathLike, content: str | bytes) -> None:
             os.fsync(file.fileno())
         os.replace(scratch, target)
     except OSError as error:
-        raise _refusal(target, error) from None
+        raise refusal(target, error) from None
     finally:
         with suppress(OSError):
             scratch.unlink(missing_ok=True)
@@ -188,7 +192,7 @@ def make_folder(path: PathLike, *, force: bool = False) -> Path:
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"the folder {folder} cannot be written to; choose another one")
     except OSError as error:
-        raise _refusal(folder, error) from None
+        raise refusal(folder, error) from None
     return folder
 
 
@@ -227,11 +231,12 @@ def _named(path: PathLike) -> Path:
     return Path(path)
 
 
-def _refusal(path: Path, error: OSError) -> OutputError:
-    """Return the error to raise for an error of the system."""
+def refusal(path: Path, error: OSError) -> OutputError:
+    """Return the error to raise for an error of the system; a full disk comes with advice."""
     if isinstance(error, OutputError):
         return error
-    return OutputError(f"{path} cannot be written: {error.strerror or error}")
+    advice = "; free some space there" if error.errno in _FULL else ""
+    return OutputError(f"{path} cannot be written: {error.strerror or error}{advice}")
 
 
 def lock_path(path: PathLike, flags: int = os.O_RDONLY) -> int | None:

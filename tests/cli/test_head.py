@@ -1,6 +1,8 @@
 import base64
+import errno
 import json
 import math
+import os
 import re
 import shutil
 import signal
@@ -1024,6 +1026,47 @@ def test_an_inspection_that_ends_early_keeps_what_it_found(run, inspected, error
     assert Path("found/report.html").exists()
 
 
+@pytest.fixture
+def full_disk(monkeypatch):
+    """Fill the disk: what is written from then on does not reach it."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    return lambda: monkeypatch.setattr("os.fsync", full)
+
+
+def test_a_full_disk_ends_an_inspection_in_one_sentence(run, inspected, full_disk, monkeypatch):
+    def fill():
+        full_disk()
+        inspected.told(LogEntry(2.0, "pick", "phi 3 deg"))
+
+    from minorloop.head.procedures.rig import LogEntry
+
+    inspected.then = fill
+    status, _, error = run(INSPECT)
+    assert (status, inspected.safe) == (2, True)
+    assert error.splitlines()[-2:] == [
+        "what was measured before is kept in found; the same command with --resume goes on from "
+        "there",
+        "error: found/journal.jsonl cannot be written: No space left on device; free some space "
+        "there",
+    ]
+    assert [line["what"] for line in journal()] == ["begin", *["step"] * 3, "view"]
+    assert Path("found/pictures/hole 1.png").exists()
+
+
+def test_a_disk_that_is_full_for_the_report_leaves_an_inspection_to_be_resumed(
+    run, inspected, full_disk
+):
+    inspected.then = full_disk
+    status, _, error = run(INSPECT)
+    assert (status, inspected.safe) == (2, True)
+    assert "with --resume goes on from there" in error
+    assert "No space left on device; free some space there" in error
+    assert journal()[-1]["what"] == "view"
+
+
 def test_an_interruption_before_the_first_view_says_that_nothing_is_kept(
     run, inspected, monkeypatch
 ):
@@ -1471,6 +1514,32 @@ def test_a_journal_with_an_impossible_value_is_refused_before_a_shot(
 def ended_at_once(rig, procedure, state, told):
     """Run no sweep, and end it as one whose catheter is stuck."""
     return replace(state, trouble="stopped by the test", done=True)
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_a_full_disk_ends_a_sweep_in_one_sentence_once_the_head_is_safe(
+    run, monkeypatch, full_disk
+):
+    """What was fired before is kept."""
+    from minorloop.head.twins.rig import Rig
+
+    def swept(rig, procedure, state, told):
+        full_disk()
+        told(replace(state, bursts=(*state.bursts, state.bursts[-1])))
+
+    safe = []
+    monkeypatch.setattr(Rig, "safe", lambda _: safe.append(True))
+    monkeypatch.setattr(InspectionRig, "run", swept)
+    file = made_up_journal()
+    status, _, error = run(f"{SWEPT} --resume")
+    assert (status, safe) == (2, [True])
+    assert error.splitlines()[-2:] == [
+        "what was measured before is kept in swept; the same command with --resume goes on from "
+        "there",
+        f"error: {file} cannot be written: No space left on device; free some space there",
+    ]
+    lines = [json.loads(line)["what"] for line in file.read_text().splitlines()]
+    assert lines == ["begin", *["burst"] * 3, "resume"]
 
 
 @pytest.mark.usefixtures("identified_at_once")

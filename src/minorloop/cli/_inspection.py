@@ -39,7 +39,7 @@ from minorloop.cli._journal import (
 )
 from minorloop.cli._probe_journal import kept_probing, ring_line, scan_line
 from minorloop.errors import MissingExtraError, OutputError, ParameterError, SafetyError, counted
-from minorloop.files import new_folder, write_atomically
+from minorloop.files import make_folder, new_folder, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.cli._inspected_head import InspectedHead
@@ -100,8 +100,7 @@ def carried_out(
                     kept.add(view)
         except BaseException as error:
             if kept is not None:
-                content = kept.end(_reason(error), not isinstance(error, SafetyError))
-                typer.echo(f"{summary(content)}; kept in {out}", err=True)
+                _say_end(kept, error, out)
             elif isinstance(error, KeyboardInterrupt):
                 typer.echo(
                     f"what was found before is kept in {out}"
@@ -110,7 +109,21 @@ def carried_out(
                     err=True,
                 )
             raise
-    return kept.end(FINISHED, True)
+    try:
+        return kept.end(FINISHED, True)
+    except OutputError:
+        typer.echo(_common.go_on(out), err=True)
+        raise
+
+
+def _say_end(kept: InspectionFolder, error: BaseException, out: Path) -> None:
+    """End an inspection that an error ended, and say what is kept."""
+    try:
+        content = kept.end(_reason(error), not isinstance(error, SafetyError))
+    except OutputError:  # also the report has no place; the error that came first is told
+        typer.echo(_common.go_on(out), err=True)
+    else:
+        typer.echo(f"{summary(content)}; kept in {out}", err=True)
 
 
 def _check_advances(rig: InspectionRig, actuator: str, advances: Sequence[float]) -> None:
@@ -177,7 +190,7 @@ class InspectionFolder:
         self._folder, self._view, self._probing = folder, view, probing
         self._views = {each.picture.name: each for each in before.views}
         self._log = [line for line in before.lines if line["what"] == "step"]
-        (folder / "pictures").mkdir(exist_ok=bool(before.lines))
+        make_folder(folder / "pictures", force=bool(before.lines))
         self._journal = Journal(folder, begun, before.lines, views=len(self._views))
         self._content = {**begun, "began": self._journal.began, "probe": probing is not None}
         self._bursts: dict[str, int] = {}
@@ -234,9 +247,18 @@ class InspectionFolder:
         safe : bool
             Whether the head has confirmed that it is safe.
         """
+        self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
+        try:
+            self._write_results()
+            self._journal.note("end", why=why, safe=safe)
+        finally:
+            self._journal.close()
+        return self._all()
+
+    def _write_results(self) -> None:
+        """Write findings, models and the report."""
         from minorloop.head.procedures.inspected_wall import seen_wall
 
-        self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
         walls = self._walls()
         seen = seen_wall(self._views.values(), self._view, list(walls.values()))
         self._content |= {"wall": None if seen is None else wall_row(seen), **self._water_row()}
@@ -244,9 +266,6 @@ class InspectionFolder:
         self._write_models(walls)
         report = partial(self._report, seen, walls)
         _common.write_report(report, self._folder / "report.html", force=True)
-        self._journal.note("end", why=why, safe=safe)
-        self._journal.close()
-        return self._all()
 
     def _walls(self) -> dict[str, DepthMap]:
         """Return the wall about each finding that was scanned, by the name of its view."""
@@ -293,7 +312,7 @@ class InspectionFolder:
 
         with suppress(MissingExtraError):
             for name, wall in walls.items():
-                (self._folder / "models").mkdir(exist_ok=True)
+                make_folder(self._folder / "models", force=True)
                 for suffix in ("ply", "glb"):
                     save_mesh(wall, self._folder / "models" / f"{name}.{suffix}")
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from minorloop.errors import OutputError, ParameterError, RecordError
-from minorloop.files import first_difference, lock_path, write_atomically
+from minorloop.files import first_difference, lock_path, refusal, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
@@ -64,18 +64,30 @@ class Journal:
         self.began = str(lines[0]["began"]) if lines else now
         # A line that was not written to its end is left out.
         write_atomically(folder / NAME, "".join(f"{json.dumps(line)}\n" for line in lines))
-        self._file = (folder / NAME).open("a", encoding="utf-8")
+        self._file = (folder / NAME).open("ab", buffering=0)
         if lines:
             self.note("resume", resumed=now, **kept)
         else:
             self.note("begin", **begun, began=self.began)
 
     def note(self, what: str, **content: Any) -> None:
-        """Add a line."""
+        """Add a line.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written, as on a full disk. The lines before stay as they are.
+        """
         line = {"what": what, "t": self.seconds(), **content}
-        self._file.write(json.dumps(line) + "\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        data, size = f"{json.dumps(line)}\n".encode(), os.fstat(self._file.fileno()).st_size
+        try:
+            while data:
+                data = data[self._file.write(data) :]
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            with suppress(OSError):
+                self._file.truncate(size)
+            raise refusal(Path(self._file.name), error) from None
 
     def seconds(self) -> float:
         """Return for how many seconds it has been written."""

@@ -14,7 +14,7 @@ from minorloop.cli import _common
 from minorloop.cli._journal import FINISHED, Journal
 from minorloop.cli._sweep_journal import SweptBefore, burst_line
 from minorloop.cli._water import FULL, ROOM, noted, water_of
-from minorloop.errors import ParameterError, counted
+from minorloop.errors import OutputError, ParameterError, counted
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.sweep import SweepState
@@ -114,7 +114,6 @@ def carried_out(
             scan = c_scan(state.bursts, view.probe_at((0.0, 0.0)), patch)
             content = _kept(pipe_map(scan, []), ended, state, folder, phi)
             journal.note("end", why=ended)
-            journal.close()
             return content
 
         try:
@@ -122,10 +121,15 @@ def carried_out(
                 told(rig.run(sweep, state, told))
             finally:
                 plant.safe()
+            return kept(state.trouble or FINISHED)
         except KeyboardInterrupt:
             typer.echo(f"{summary(kept('interrupted'))}; kept in {out}", err=True)
             raise
-        return kept(state.trouble or FINISHED)
+        except OutputError:
+            typer.echo(_common.go_on(folder), err=True)
+            raise
+        finally:
+            journal.close()
 
 
 def progress(state: SweepState) -> str:
