@@ -1267,6 +1267,7 @@ def test_a_journal_with_an_impossible_scan_is_refused(run, probed, monkeypatch):
     burst = lines[number]["bursts"][0]
     for change, words in (
         ({"noise": -1.0}, "has -1.0 as 'noise', which must be 0 to 1"),
+        ({"shots": [16, 8]}, "has [16, 8] as 'shots', which must be no more used than fired"),
         ({"trace": "AAA"}, "is not the whole line of a scan"),
     ):
         lines[number]["bursts"][0] = burst | change
@@ -1274,16 +1275,75 @@ def test_a_journal_with_an_impossible_scan_is_refused(run, probed, monkeypatch):
         status, _, error = run(f"{command} --resume")
         assert status == 2
         assert f"line {number + 1} of found/journal.jsonl {words}" in " ".join(error.split())
-    lines[number]["bursts"][0] = burst
+    lines[number]["bursts"] = [burst, burst]
+    Path("found/journal.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+    assert "repeats the burst of line" in run(f"{command} --resume")[2]
+
+
+def changed(line, names, value):
+    """A line with another value at the end of the way of names."""
+    line = json.loads(json.dumps(line))
+    within = line
+    for name in names[:-1]:
+        within = within[name]
+    within[names[-1]] = value
+    return line
+
+
+@pytest.mark.parametrize(
+    ("names", "value", "words"),
+    [
+        (("t",), -1.0, "has -1.0 as 't', which must be 0 to 1e+09"),
+        (("pose", "pan [deg]"), 400.0, "has 400.0 as 'pan [deg]', which must be -180 to 180"),
+        (("sight", "tilt [deg]"), math.nan, "has nan as 'tilt [deg]', which must be -180 to 180"),
+        (("pose", "advance [mm]"), 1e9, "has 1000000000.0 as 'advance [mm]'"),
+        (("seen", 0, "place"), [0.1, math.nan], "has [0.1, nan] as 'place'"),
+        (("seen", 0, "diameter"), -1e-3, "has -0.001 as 'diameter', which must be 0 to 0.02"),
+        (("seen", 0, "rim", 1), [9.0, 0.0], "has [9.0, 0.0] as 'rim'"),
+        (("seen", 0, "evidence"), math.nan, "has nan as 'evidence'"),
+        (("probed", "depth"), 9.5e-3, "has 0.0095 as 'depth', which must be 0 to 0.002"),
+        (("probed", "depth_sd"), -1.0, "has -1.0 as 'depth_sd'"),
+        (("picture",), "../../other.png", "has '../../other.png' as 'picture'"),
+        (("sight",), None, "is not the whole line of a view"),
+    ],
+)
+def test_the_line_of_a_view_with_an_impossible_value_is_refused(
+    run, probed, monkeypatch, names, value, words
+):
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    lines = journal()[:-1]
     number = next(n for n, line in enumerate(lines) if line.get("probed"))
-    lines[number]["probed"]["depth"] = 9.5e-3
-    text = [json.dumps(one) for one in lines]
-    Path("found/journal.jsonl").write_text("\n".join([*text, ""]))
-    said = " ".join(run(f"{command} --resume")[2].split())
-    assert f"line {number + 1} of found/journal.jsonl is not the whole line of a view" in said
-    Path("found/journal.jsonl").write_text("\n".join([text[0], "{", *text[2:], ""]))
-    said = " ".join(run(f"{command} --resume")[2].split())
-    assert "line 2 of found/journal.jsonl is damaged; delete it and all lines after it" in said
+    lines[number] = changed(lines[number], names, value)
+    file = Path("found/journal.jsonl")
+    file.write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+    status, _, error = run(f"{command} --resume")
+    assert status == 2
+    assert f"line {number + 1} of {file} {words}" in " ".join(error.split())
+    assert "delete this line and all lines after it" in " ".join(error.split())
+
+
+def test_what_is_before_a_damaged_line_of_an_inspection_is_kept_and_the_rest_is_measured_again(
+    run, scripted, monkeypatch
+):
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    whole, file = json.loads(Path("found/findings.json").read_text()), Path("found/journal.jsonl")
+    lines = file.read_text().splitlines()[:-1]
+    cut = [n for n, line in enumerate(lines) if json.loads(line)["what"] == "view"][2]
+    damaged = "\n".join([*lines[:cut], lines[cut][:90], *lines[cut + 1 :], ""])
+    file.write_text(damaged)
+    scripted.clear()
+    status, _, error = run(f"{command} --resume")
+    assert status == 0, error
+    said = " ".join(error.split())
+    assert f"line {cut + 1} of {file} is damaged; what is kept before it: 2 views" in said
+    assert Path("found/journal.damaged.jsonl").read_text() == damaged
+    assert scripted[0] == "view 3"
+    again = json.loads(Path("found/findings.json").read_text())
+    assert again["findings"] == whole["findings"]
 
 
 def test_a_second_program_does_not_write_into_the_folder_of_an_inspection(tmp_path):
@@ -1489,6 +1549,7 @@ def made_up_journal(bursts=3, **changes):
         ({"fired": 10**400}, "has 1000000"),
         ({"noise": -1.0}, "has -1.0 as 'noise'"),
         ({"shots": [True, 4]}, "has [True, 4] as 'shots'"),
+        ({"shots": [16, 8]}, "has [16, 8] as 'shots', which must be no more used than fired"),
         ({"verdict": None}, "has the verdict None"),
         ({"t": math.nan}, "has nan as 't'"),
         ({"trace": base64.b64encode(bytes(24)).decode()}, "has a trace of 3 samples"),
@@ -1509,6 +1570,24 @@ def test_a_journal_with_an_impossible_value_is_refused_before_a_shot(
     assert "delete this line and all lines after it" in " ".join(error.split())
     assert file.read_bytes() == before
     assert [each.name for each in file.parent.iterdir()] == [file.name]
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_a_burst_that_is_twice_in_a_journal_is_refused(run):
+    file = made_up_journal()
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join([*lines[:3], lines[2], *lines[3:], ""]))
+    said = " ".join(run(f"{SWEPT} --resume")[2].split())
+    assert f"line 4 of {file} repeats the burst of line 3 of {file}; delete this line" in said
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_the_same_height_of_the_water_in_other_digits_resumes_a_sweep(run, monkeypatch):
+    monkeypatch.setattr(InspectionRig, "run", ended_at_once)
+    file = made_up_journal()
+    file.write_text(file.read_text().replace('"full"', '"5"'))
+    status, _, error = run(f"{SWEPT} --resume --water 5.0")
+    assert status == 0, error
 
 
 def ended_at_once(rig, procedure, state, told):

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,11 +28,11 @@ from minorloop.cli._inspection_report import (
 from minorloop.cli._journal import (
     FINISHED,
     Journal,
+    Resumed,
     kept_views,
     lost_row,
     missed_row,
     outcomes,
-    resumed_lines,
     row,
     step_rows,
     view_line,
@@ -82,7 +82,7 @@ def carried_out(
     before = _Before.of(out, begun, head.view) if resume else _Before()
     probing = head.probing
     if probing is not None:
-        kept_probing(out, before.lines, probing)
+        kept_probing(out, before.journal.lines, probing)
     kept: InspectionFolder | None = None
     opening = _common.working("opening the head", logged=True)
     with nullcontext(out) if resume else new_folder(out) as folder, opening as now:
@@ -95,6 +95,9 @@ def carried_out(
         try:
             with head.opened(told) as rig:
                 _check_advances(rig, begun["actuator"], advances)
+                if before.journal.damaged:
+                    views = counted(len(before.views), "view")
+                    now(before.journal.set_aside(folder, views), kept=True)
                 kept = InspectionFolder(folder, begun, before, rig.calibration, probing)
                 for view in inspect_wall(rig, advances, before.views, probing):
                     kept.add(view)
@@ -146,20 +149,20 @@ class _Before:
 
     Parameters
     ----------
-    lines : tuple of dict
-        Of its journal.
+    journal : Resumed
     views : tuple of InspectedView
         That need not be taken again.
     """
 
-    lines: tuple[dict[str, Any], ...] = ()
+    journal: Resumed = field(default_factory=Resumed)
     views: tuple[InspectedView, ...] = ()
 
     @classmethod
     def of(cls, folder: Path, begun: dict[str, Any], view: HeadCalibration | None) -> _Before:
         """Return it by the journal in a folder; refuse one of another inspection."""
-        lines = resumed_lines(folder, begun, "inspection")
-        return cls(tuple(lines), () if view is None else tuple(kept_views(folder, lines, view)))
+        found = Resumed.of(folder, begun, "inspection")
+        views = () if view is None else kept_views(folder, found.lines, view)
+        return cls(found, tuple(views))
 
 
 class InspectionFolder:
@@ -189,9 +192,9 @@ class InspectionFolder:
     ) -> None:
         self._folder, self._view, self._probing = folder, view, probing
         self._views = {each.picture.name: each for each in before.views}
-        self._log = [line for line in before.lines if line["what"] == "step"]
-        make_folder(folder / "pictures", force=bool(before.lines))
-        self._journal = Journal(folder, begun, before.lines, views=len(self._views))
+        self._log = [line for line in before.journal.lines if line["what"] == "step"]
+        make_folder(folder / "pictures", force=bool(before.journal.lines))
+        self._journal = Journal(folder, begun, before.journal.lines, views=len(self._views))
         self._content = {**begun, "began": self._journal.began, "probe": probing is not None}
         self._bursts: dict[str, int] = {}
         if probing is not None:

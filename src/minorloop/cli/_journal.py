@@ -12,11 +12,12 @@ import time
 import weakref
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from minorloop.cli._journal_checks import AGAIN, LATEST, check, check_view
 from minorloop.errors import OutputError, ParameterError, RecordError
 from minorloop.files import first_difference, lock_path, refusal, write_atomically
 
@@ -109,23 +110,59 @@ def _locked(folder: Path) -> int:
     return found
 
 
-def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[str, Any]]:
-    """Return the lines of the journal of an inspection that was cut off.
+@dataclass(frozen=True)
+class Resumed:
+    """What the journal of an inspection or a sweep that was cut off has: nothing of a new one.
 
-    Raises
-    ------
-    RecordError
-        If there is no folder, or no journal in it.
-    ParameterError
-        As `check_resumed`.
+    Parameters
+    ----------
+    lines : sequence of dict
+        Up to the first that is damaged.
+    damaged : int
+        Number of the first damaged line, from 1; 0 without one.
     """
-    check_folder(folder, what)
-    lines = journal_of(folder / NAME)
-    check_resumed(lines, folder, begun, what)
-    return lines
+
+    lines: Sequence[dict[str, Any]] = ()
+    damaged: int = 0
+
+    @classmethod
+    def of(cls, folder: Path, begun: dict[str, Any], what: str) -> Resumed:
+        """Return it by the journal in a folder.
+
+        Parameters
+        ----------
+        folder : path
+        begun : dict
+            What is begun, and by what.
+        what : str
+            ``inspection`` or ``sweep``.
+
+        Raises
+        ------
+        RecordError
+            If there is no folder, or no journal in it.
+        ParameterError
+            If it is finished, or another one was begun.
+        """
+        _check_folder(folder, what)
+        every = _parsed_lines(folder / NAME)
+        found = cls(*_sound_lines(every, folder / NAME))
+        _check_resumed([line for line in every if line is not None], folder, begun, what)
+        return found
+
+    def set_aside(self, folder: Path, kept: str) -> str:
+        """Copy a damaged journal beside it, and say so in a sentence with what is ``kept``."""
+        file = folder / NAME
+        copies = (folder / f"journal.damaged{n or ''}.jsonl" for n in range(1000))
+        copy = next(each for each in copies if not each.exists())
+        write_atomically(copy, file.read_bytes())
+        return (
+            f"line {self.damaged} of {file} is damaged; what is kept before it: {kept}; the rest "
+            f"is measured again, and the journal as it was is kept in {copy}"
+        )
 
 
-def check_folder(folder: Path, what: str) -> None:
+def _check_folder(folder: Path, what: str) -> None:
     """Refuse to resume an inspection or a sweep whose folder does not exist.
 
     Raises
@@ -140,7 +177,7 @@ def check_folder(folder: Path, what: str) -> None:
         )
 
 
-def check_resumed(
+def _check_resumed(
     lines: Sequence[dict[str, Any]], folder: Path, begun: dict[str, Any], what: str
 ) -> None:
     """Refuse to go on with an inspection or a sweep that cannot be resumed.
@@ -170,19 +207,27 @@ def journal_of(file: Path) -> list[dict[str, Any]]:
     RecordError
         If it is no journal.
     """
-    every = parsed_lines(file)
-    found = [line for line in every if line is not None]
-    if not found:
-        raise unreadable(file)
-    if len(found) < len(every):
+    lines, damaged = _sound_lines(_parsed_lines(file), file)
+    if damaged:
         raise RecordError(
-            f"line {1 + every.index(None)} of {file} is damaged; delete it and all lines after it, "
-            "so that what they say is measured again"
+            f"line {damaged} of {file} is damaged; delete it and all lines after it, so that what "
+            "they say is measured again"
         )
-    return found
+    return lines
 
 
-def parsed_lines(file: Path) -> list[dict[str, Any] | None]:
+def _sound_lines(
+    every: Sequence[dict[str, Any] | None], file: Path
+) -> tuple[list[dict[str, Any]], int]:
+    """Return parsed lines up to the first that is damaged, and its number; 0 without one."""
+    damaged = 1 + every.index(None) if None in every else 0
+    before = every[: damaged - 1] if damaged else every
+    if not before:
+        raise unreadable(file)
+    return [line for line in before if line is not None], damaged
+
+
+def _parsed_lines(file: Path) -> list[dict[str, Any] | None]:
     """Return the lines of a journal, None for one that is damaged; none if it cannot be read.
 
     A last one that was not written to its end is left out.
@@ -271,7 +316,7 @@ def outcomes(view: InspectedView) -> dict[str, bool | None]:
 
 
 def kept_views(
-    folder: Path, lines: list[dict[str, Any]], view: HeadCalibration
+    folder: Path, lines: Sequence[dict[str, Any]], view: HeadCalibration
 ) -> list[InspectedView]:
     """Return the views of a journal that need not be taken again, in the order of their taking.
 
@@ -282,7 +327,7 @@ def kept_views(
     ----------
     folder : path
         Of the inspection.
-    lines : list
+    lines : sequence of dict
         Of its journal.
     view : HeadCalibration
         Of the head, as it was.
@@ -290,7 +335,7 @@ def kept_views(
     Raises
     ------
     RecordError
-        If a line of a view lacks something.
+        If a line of a view lacks something, or has an impossible value.
     """
     import numpy as np
 
@@ -298,20 +343,22 @@ def kept_views(
 
     cv2 = opencv()
     found: dict[str, InspectedView] = {}
-    for line in lines:
+    for number, line in enumerate(lines, 1):
+        where = f"line {number} of {folder / NAME}"
+        check(where, "t", line.get("t"), ((0.0, LATEST),))
         if line["what"] == "view":
             try:
+                check_view(where, line, view)
                 file = folder / "pictures" / line["picture"]
                 data = np.frombuffer(file.read_bytes() if file.is_file() else b"", np.uint8)
                 image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
                 found.pop(line["picture"], None)
                 if image is not None:
                     found[line["picture"]] = _view_of(line, image, view)
-            except (KeyError, TypeError, ValueError):
-                raise RecordError(
-                    f"line {1 + lines.index(line)} of {folder / NAME} is not the whole line of a "
-                    "view, or has an impossible value; inspect into a new folder"
-                ) from None
+            except RecordError:
+                raise
+            except (KeyError, TypeError, ValueError, AttributeError):
+                raise RecordError(f"{where} is not the whole line of a view; {AGAIN}") from None
     return _usable(list(found.values()))
 
 
@@ -348,22 +395,19 @@ def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> Inspect
         place=place,
         unconfirmed=None if lost is None else _lost(lost),
         steps=steps_of(line.get("steps", ()), line["taken"]),  # earlier versions wrote none
-        probed=_probed_of(line.get("probed"), view.thickness),
+        probed=_probed_of(line.get("probed")),
     )
     found = view_with(found, [_restored(one) for one in line["seen"]], view.camera_at(place))
     return found if line["finding"] is None else with_finding(found, view.radius)
 
 
-def _probed_of(noted: dict[str, Any] | None, thickness: float) -> PitDepth | CrackDepth | None:
-    """Return what the echoes say of a finding; a depth beyond the wall is refused."""
+def _probed_of(noted: dict[str, Any] | None) -> PitDepth | CrackDepth | None:
+    """Return what the echoes say of a finding."""
     from minorloop.head.ultrasound.crack_depth import CrackDepth
     from minorloop.head.ultrasound.pits import PitDepth
 
     if noted is None:
         return None
-    depth = noted["depth"]
-    if not (math.isnan(depth) or 0.0 <= depth <= thickness):
-        raise ValueError(f"a depth of {depth} m in a wall of {thickness} m")
     return PitDepth(**noted) if "phi" in noted else CrackDepth(**noted)
 
 

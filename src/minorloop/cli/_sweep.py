@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._journal import FINISHED, Journal
-from minorloop.cli._sweep_journal import SweptBefore, burst_line
+from minorloop.cli._journal import FINISHED, NAME, Journal, Resumed
+from minorloop.cli._sweep_journal import burst_line, kept_bursts
 from minorloop.cli._water import FULL, ROOM, noted, water_of
 from minorloop.errors import OutputError, ParameterError, counted
 
@@ -83,7 +83,8 @@ def carried_out(
     filling = water_of(*water)
     if filling.level is None:
         raise ParameterError("a dry pipe cannot be swept; give --water a height, or leave it out")
-    before = SweptBefore.of(out, begun, z) if resume else SweptBefore()
+    before = Resumed.of(out, begun, "sweep") if resume else Resumed()
+    bursts = kept_bursts(out / NAME, before.lines, z)
     opened = nullcontext(out) if resume else new_folder(out)
     working = _common.working("identifying the head", logged=True)
     with ended_by_signals(exiting=True), opened as folder, working as now:
@@ -92,13 +93,13 @@ def carried_out(
         tip, view = open_tip(actuator, specimen=specimen, seed=seed, flow=flow, water=filling)
         control = head_of(actuator, specimen)
         rig, sweep = InspectionRig(plant, tip, control, view), ProbeSweep(calibration=view)
-        state = sweep.begin(phi, z, control=control, bursts=before.bursts)
+        state = sweep.begin(phi, z, control=control, bursts=bursts)
         if state.refused:
             raise ParameterError(f"the sweep is {state.refused}")
         first = state.lines
         if before.damaged:
-            now(before.set_aside(folder), kept=True)
-        journal = Journal(folder, begun, before.lines, bursts=len(before.bursts))
+            now(before.set_aside(folder, counted(len(bursts), "burst")), kept=True)
+        journal = Journal(folder, begun, before.lines, bursts=len(bursts))
 
         def told(new: SweepState) -> None:
             nonlocal state

@@ -61,8 +61,9 @@ def water_of(level: str, temperature: float) -> Filling:
 
 
 def noted(level: str, temperature: float) -> dict[str, Any]:
-    """Return level and temperature for a journal."""
-    return {"water [mm above the axis]": level, "water [C]": temperature}
+    """Return level and temperature for a journal; a level reads the same however it was given."""
+    known = level if level in (FULL, DRY) else f"{-1e3 * _height(level) + 0.0:g}"
+    return {"water [mm above the axis]": known, "water [C]": temperature}
 
 
 def _height(text: str) -> float:
