@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from minorloop.head.ultrasound.c_scan import CScan
     from minorloop.report import Report
 
-_VISITS = ("hole", "crack", "device", "camera", "reach", "touch", "measure", "water line")
+_VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measure", "water line")
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
 of a device, and what the camera cannot do."""
 
@@ -260,11 +260,13 @@ class InspectionFolder:
 
     def _write_results(self) -> None:
         """Write findings, models and the report."""
+        from minorloop.head.procedures.inspected_view import lens_words
         from minorloop.head.procedures.inspected_wall import seen_wall
 
         walls = self._walls()
         seen = seen_wall(self._views.values(), self._view, list(walls.values()))
         self._content |= {"wall": None if seen is None else wall_row(seen), **self._water_row()}
+        self._content["lens"] = lens_words(list(self._views.values()))
         self._write_findings()
         self._write_models(walls)
         report = partial(self._report, seen, walls)

@@ -182,6 +182,8 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
         f"The camera searched the inner wall from z {low:.1f} to {high:.1f} mm, {around}: "
         f"{wall['seen']:.0%} of this part of the pipe."
     ]
+    if unclear := content.get("lens"):
+        said.append(f"{unclear[0].upper()}{unclear[1:]}.")
     if wall["probed"]:
         said.append(
             f"Echoes gave the depth of {wall['probed']:.2%} of it: the places of findings only."

@@ -8,7 +8,7 @@ import pytest
 
 from minorloop.errors import InstrumentError
 from minorloop.head.geometry import Pinhole, wall_distance
-from minorloop.head.procedures import inspection
+from minorloop.head.procedures import inspected_view, inspection
 from minorloop.head.procedures.inspected_view import InspectedView, with_finding
 from minorloop.head.procedures.inspection import (
     FROM_ONE_SIDE,
@@ -179,6 +179,21 @@ def test_a_view_that_cannot_be_used_is_taken_once_more(rig, monkeypatch, bad, ve
     (once, then) = [entry.outcome for entry in rig.log]
     assert once == "frozen; taken once more"
     assert then.startswith(words)
+
+
+def test_blurred_or_veiled_pictures_are_told_before_the_first_visit(rig, monkeypatch):
+    verdicts = iter(["blurred", "veiled"])
+    monkeypatch.setattr(inspected_view, "clarity", lambda image: next(verdicts))
+    list(inspect_wall(rig))
+    step = next(entry for entry in rig.log if entry.what == "lens")
+    assert not step.succeeded
+    assert step.outcome.startswith("pictures are blurred or veiled: 2 of 2; small defects may be")
+
+
+def test_few_blurred_pictures_are_not_told(rig):
+    views = [view for view in inspect_wall(rig) if view.looks_round]
+    assert inspected_view.lens_words(views) == ""
+    assert "lens" not in [entry.what for entry in rig.log]
 
 
 def test_candidates_beyond_the_most_that_are_visited_are_told(rig, monkeypatch):

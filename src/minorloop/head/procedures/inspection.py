@@ -27,6 +27,7 @@ from minorloop.head.procedures.inspected_view import (
     AROUND,
     InspectedView,
     Unconfirmed,
+    lens_words,
     view_with,
     with_finding,
 )
@@ -158,6 +159,8 @@ def inspect_wall(
     if probing is not None:
         probing.begin(rig)
     views = yield from _looked_round(rig, advances, known)
+    if unclear := rig.compute(lambda: lens_words(views)):
+        rig.say("lens", unclear, succeeded=False)
     early = _early([*done, *views])
     holes = _sightings(views, Hole)
     found: list[Hole] = []
