@@ -17,8 +17,10 @@ import numpy as np
 import pytest
 
 from minorloop.cli import _calibration
-from minorloop.cli._journal import Journal
+from minorloop.cli._inspection_report import _map_caption, wall_words
+from minorloop.cli._journal import Journal, outcomes
 from minorloop.cli._seen import seen_head, swept_view
+from minorloop.cli._sweep import summary as sweep_summary
 from minorloop.cli._sweep_journal import burst_line
 from minorloop.cli.run import carry_out_levels
 from minorloop.errors import (
@@ -33,7 +35,8 @@ from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
-from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.rig import InspectionRig, LogEntry
+from minorloop.head.reconstruction.depth_map import WaterLine
 from minorloop.head.twins.head import Head
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.wall_echoes import SweptBurst
@@ -1041,8 +1044,6 @@ def test_a_full_disk_ends_an_inspection_in_one_sentence(run, inspected, full_dis
         full_disk()
         inspected.told(LogEntry(2.0, "pick", "phi 3 deg"))
 
-    from minorloop.head.procedures.rig import LogEntry
-
     inspected.then = fill
     status, _, error = run(INSPECT)
     assert (status, inspected.safe) == (2, True)
@@ -1150,7 +1151,6 @@ def probed(scripted, monkeypatch):
     """An inspection as scripted by a head with a probe, and the scans that it makes."""
     from minorloop.cli import _inspected_head
     from minorloop.head.procedures import probe_steps, probing, ring
-    from minorloop.head.reconstruction.depth_map import WaterLine
     from minorloop.head.ultrasound.crack_depth import CrackDepth
     from minorloop.head.ultrasound.pits import PitDepth
     from minorloop.head.ultrasound.profile import Profile
@@ -1235,6 +1235,35 @@ def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(
         status, _, error = run(f"{command} --resume")
         assert (status, probed) == (0, every), error
         assert content() == whole
+
+
+def test_a_place_without_an_echo_is_not_scanned_and_not_known_to_be_within_reach():
+    def steps(*each):
+        said = tuple(LogEntry(0.0, what, "", succeeded) for what, succeeded in each)
+        return outcomes(SimpleNamespace(steps=said, finding=None))
+
+    silent = steps(("scan", True), ("modality", False))
+    assert (silent["scanned"], silent["reached"]) == (False, None)
+    heard = steps(("scan", True), ("modality", True))
+    assert (heard["scanned"], heard["reached"]) == (True, True)
+
+
+def test_the_caption_of_a_map_has_its_marks_only():
+    seen = SimpleNamespace(seen_share=1.0, probed=np.zeros((2, 2), bool))
+    assert _map_caption(seen, [], [], None) == ("The inner wall, unrolled, as the camera saw it.")
+    line = WaterLine(1e-3, 1e-4, 0.0)
+    shown = _map_caption(seen, [object()], [], line)
+    assert shown.endswith("saw it; findings are numbered; dashed lines are the level of the water.")
+
+
+def test_the_report_says_what_the_edge_cuts_how_high_the_water_was_and_that_pictures_are_blurred():
+    wall = {"z [mm]": [13.0, 22.0], "angles [deg]": [-180.0, 180.0], "seen": 0.9, "probed": 0.0}
+    said = " ".join(
+        wall_words({"wall": wall, "water level": "4.0 mm above the axis", "lens": "pictures are x"})
+    )
+    assert "or one that the edge of each picture cuts, is not found; --advances" in said
+    assert "Pictures are x." in said
+    assert said.endswith("The water stood 4.0 mm above the axis.")
 
 
 def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monkeypatch):
@@ -1424,8 +1453,8 @@ def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, t
         ),
         ("--along 19,31", "which are 12 mm; give at least 0.48, two widths"),
         ("--along 101,103", "up to the end of the pipe at 102.4 mm"),
-        ("--around 10,5", "which are -5 degrees; give at least 2.8, two"),
-        ("--around 10,11", "from 10 to 11 degrees"),
+        ("--around 10,5", "that is -5 degrees; give at least 2.8, two"),
+        ("--around 10,11", "from 10 to 11 degrees around the pipe, that is 1 degree; give"),
         ("--water dry", "a dry pipe cannot be swept"),
         ("--water 12", "--water is 12; give full, dry, or its height above the axis of the pipe"),
         ("--temperature 4", "--temperature is 4; give 5 to 60 degrees Celsius"),
@@ -1459,14 +1488,35 @@ def test_an_interrupted_sweep_is_kept(run, monkeypatch, tmp_path, ending):
     kept = {each.name for each in (tmp_path / "swept").iterdir()}
     assert kept == {"journal.jsonl", "findings.csv", "findings.json", "report.html"}
     content = json.loads((tmp_path / "swept" / "findings.json").read_text())
+    (first, *_) = Path("swept/journal.jsonl").read_text().splitlines()
+    assert content.pop("began") == json.loads(first)["began"]
     assert content == {
+        "actuator": "twin:pipe",
+        "head": Head().serial,
+        "specimen": None,
+        "seed": 0,
+        "around [deg]": [0.0, 180.0],
+        "along [mm]": [19.0, 19.5],
+        "water [mm above the axis]": "full",
+        "water [C]": 20.0,
         "ended": "interrupted",
         "bursts": 0,
         "lines": 0,
         "mapped": 0.0,
         "water line below the axis [mm]": None,
+        "water level": "not seen",
         "findings": [],
     }
+    page = Path("swept/report.html").read_text()
+    assert all(words in page for words in (Head().serial, "0 to 180 degrees", "20 C", "began"))
+
+
+def test_a_sweep_without_an_echo_says_so():
+    content = {"findings": [], "bursts": 9, "lines": 1, "mapped": 0.0, "ended": "finished"}
+    assert sweep_summary(content) == (
+        "0 finds in 9 bursts on 1 line; no echo of the wall, so that nothing is mapped; sweep "
+        "below the water; finished"
+    )
 
 
 def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identified_at_once):

@@ -302,9 +302,8 @@ class InspectionFolder:
         water = self._water
         if water is None or not water.seen:
             return {}
-        return {
-            "water above the axis [mm]": [round(-1e3 * water.height, 2), round(1e3 * water.sd, 2)]
-        }
+        values = [round(-1e3 * water.height, 2), round(1e3 * water.sd, 2)]
+        return {"water above the axis [mm]": values, "water level": water.words}
 
     @property
     def _water(self) -> WaterLine | None:

@@ -304,8 +304,13 @@ def steps_of(rows: Sequence[dict[str, Any]], t: float) -> tuple[LogEntry, ...]:
 
 
 def outcomes(view: InspectedView) -> dict[str, bool | None]:
-    """Return how far the visit of a finding came: None for what was not tried."""
+    """Return how far the visit of a finding came: None for what was not tried.
+
+    Without an echo of the wall a place is not scanned, and whether it is within reach not known.
+    """
     last = {each.what: each.succeeded for each in view.steps}
+    if last.get("modality") is False:
+        last["scan"] = False
     return {
         "found": view.finding is not None,
         "centred": last.get("centre"),

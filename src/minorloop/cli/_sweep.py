@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.sweep import SweepState
     from minorloop.head.reconstruction.pipe_map import PipeMap
 
+_CAPTION = (
+    "The pipe, unrolled. The colours are the same in every report, so that maps can be compared."
+)
+
 
 def carried_out(
     actuator: str,
@@ -62,6 +66,7 @@ def carried_out(
     from minorloop.head.procedures.sweep import ProbeSweep
     from minorloop.head.reconstruction.depth_map import Patch
     from minorloop.head.reconstruction.pipe_map import pipe_map
+    from minorloop.head.twins.head import Head
     from minorloop.head.ultrasound.c_scan import c_scan
     from minorloop.lab.signals import ended_by_signals
 
@@ -113,7 +118,8 @@ def carried_out(
         def kept(ended: str) -> dict[str, Any]:
             patch = Patch.ring(*z, radius=view.radius)
             scan = c_scan(state.bursts, view.probe_at((0.0, 0.0)), patch)
-            content = _kept(pipe_map(scan, []), ended, state, folder, phi)
+            about = {**begun, "head": Head(specimen).serial, "began": journal.began}
+            content = _kept(pipe_map(scan, []), ended, state, folder, phi, about)
             journal.note("end", why=ended)
             return content
 
@@ -146,7 +152,12 @@ def progress(state: SweepState) -> str:
 
 
 def _kept(
-    found: PipeMap, ended: str, state: SweepState, folder: Path, around: tuple[float, float]
+    found: PipeMap,
+    ended: str,
+    state: SweepState,
+    folder: Path,
+    around: tuple[float, float],
+    about: dict[str, Any],
 ) -> dict[str, Any]:
     """Write findings and report, and return the content of ``findings.json``."""
     from minorloop.files import write_atomically
@@ -157,11 +168,12 @@ def _kept(
         mapped_share,
     )
     from minorloop.head.reconstruction.findings import save_findings
-    from minorloop.report import Picture, Report
+    from minorloop.report import Picture, Report, Table
 
     rows = [one.finding(found.wall.patch.radius) for one in found.finds]
     water = found.water
     content = {
+        **about,
         "ended": ended,
         "bursts": len(state.bursts),
         "lines": state.lines,
@@ -169,6 +181,7 @@ def _kept(
         "water line below the axis [mm]": [round(1e3 * v, 2) for v in (water.height, water.sd)]
         if water.seen
         else None,
+        "water level": water.words,
         "findings": find_rows(found),
     }
     save_findings(rows, folder / "findings.csv", force=True)
@@ -177,12 +190,29 @@ def _kept(
     def drawn() -> Report:
         report = Report("Sweep of the flooded wall", summary(content))
         report.add("Finds", table=finds_table(found))
+        report.add("What was swept", table=Table(("", ""), _facts(content)))
         drawing = draw_pipe_map(found, around)
-        report.add("Map", pictures=[Picture(drawing, "The pipe, unrolled.")])
+        report.add("Map", pictures=[Picture(drawing, _CAPTION)])
         return report
 
     _common.write_report(drawn, folder / "report.html", force=True)
     return content
+
+
+def _facts(content: dict[str, Any]) -> list[list[str]]:
+    """Return what was swept, by what, and when, as rows of a table."""
+    known = {
+        "began": content["began"],
+        "ended": content["ended"],
+        "head": content["head"],
+        "at": content["actuator"],
+        "around the pipe": "{:g} to {:g} degrees".format(*content["around [deg]"]),
+        "along the pipe": "{:g} to {:g} mm".format(*content["along [mm]"]),
+        "water above the axis, as given": content["water [mm above the axis]"],
+        "level of the water, by echoes": content["water level"],
+        "temperature of the water": f"{content['water [C]']:g} C",
+    }
+    return [[name, str(value)] for name, value in known.items()]
 
 
 def summary(content: dict[str, Any]) -> str:
@@ -190,7 +220,7 @@ def summary(content: dict[str, Any]) -> str:
     finds, bursts = counted(len(content["findings"]), "find"), counted(content["bursts"], "burst")
     found = f"{finds} in {bursts} on {counted(content['lines'], 'line')}"
     if content["bursts"] and not content["mapped"]:
-        found += "; nothing is mapped: the wall does not answer"
+        found += "; no echo of the wall, so that nothing is mapped; sweep below the water"
     elif content["bursts"]:
         found += f"; {content['mapped']:.0%} of the wall mapped"
     return f"{found}; {content['ended']}"
