@@ -1458,6 +1458,8 @@ def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, t
         ("--water dry", "a dry pipe cannot be swept"),
         ("--water 12", "--water is 12; give full, dry, or its height above the axis of the pipe"),
         ("--temperature 4", "--temperature is 4; give 5 to 60 degrees Celsius"),
+        ("--gas argon", "--gas is 'argon'; give one of air, forced gas"),
+        ("--pressure 0", "--pressure is 0; give 0.01 to 100 bar"),
     ):
         status, _, error = run(f"{SWEEP} {options}")
         assert (status, words in error) == (2, True), error
@@ -1499,6 +1501,8 @@ def test_an_interrupted_sweep_is_kept(run, monkeypatch, tmp_path, ending):
         "along [mm]": [19.0, 19.5],
         "water [mm above the axis]": "full",
         "water [C]": 20.0,
+        "gas": "air",
+        "gas [bar]": 1.01325,
         "ended": "interrupted",
         "bursts": 0,
         "lines": 0,
@@ -1568,6 +1572,8 @@ def made_up_journal(bursts=3, **changes):
         "along [mm]": [19.0, 19.5],
         "water [mm above the axis]": "full",
         "water [C]": 20.0,
+        "gas": "air",
+        "gas [bar]": 1.01325,
     }
     trace = 0.01 * np.random.default_rng(1000).standard_normal(2000)
     burst = Burst(trace, 1e-8, np.array([-0.35, -0.27]), 4, 4, 0.005)

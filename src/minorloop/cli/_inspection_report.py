@@ -184,6 +184,7 @@ def _facts(content: Mapping[str, Any]) -> list[list[str]]:
         "at": content["actuator"],
         "looked round from": f"{', '.join(f'{z:g}' for z in content['advances [mm]'])} mm",
         "temperature of the water": f"{content['water [C]']:g} C" if "water [C]" in content else "",
+        "gas": f"{content['gas']}, {content['gas [bar]']:g} bar" if "gas" in content else "",
     }
     return [[name, str(value)] for name, value in known.items() if value]
 

@@ -13,7 +13,7 @@ import typer
 from minorloop.cli import _common
 from minorloop.cli._journal import FINISHED, NAME, Journal, Resumed
 from minorloop.cli._sweep_journal import burst_line, kept_bursts
-from minorloop.cli._water import FULL, ROOM, noted, water_of
+from minorloop.cli._water import GivenFilling
 from minorloop.errors import OutputError, ParameterError, counted
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def carried_out(
     out: Path,
     specimen: int | None,
     seed: int,
-    water: tuple[str, float] = (FULL, ROOM),
+    water: GivenFilling,
     *,
     resume: bool = False,
 ) -> dict[str, Any]:
@@ -51,8 +51,8 @@ def carried_out(
         New or empty folder.
     specimen, seed : int
         Of the simulated head, and of its noise and its pipe.
-    water : (str, float)
-        Level and temperature in the pipe, as given to `water_of`.
+    water : GivenFilling
+        What fills the pipe.
     resume : bool
         Whether to go on with the sweep in the folder, which was cut off.
     """
@@ -83,9 +83,9 @@ def carried_out(
         "seed": seed,
         "around [deg]": list(around),
         "along [mm]": list(along),
-        **noted(*water),
+        **water.noted(),
     }
-    filling = water_of(*water)
+    filling = water.filling()
     if filling.level is None:
         raise ParameterError("a dry pipe cannot be swept; give --water a height, or leave it out")
     before = Resumed.of(out, begun, "sweep") if resume else Resumed()
@@ -211,6 +211,7 @@ def _facts(content: dict[str, Any]) -> list[list[str]]:
         "water above the axis, as given": content["water [mm above the axis]"],
         "level of the water, by echoes": content["water level"],
         "temperature of the water": f"{content['water [C]']:g} C",
+        "gas": f"{content['gas']}, {content['gas [bar]']:g} bar",
     }
     return [[name, str(value)] for name, value in known.items()]
 
