@@ -862,7 +862,7 @@ def test_what_was_seen_and_not_visited_is_listed_when_an_inspection_is_interrupt
         "1 finding in 6 views; seen in 1 view (1), not confirmed; 1 seen, not visited"
         in run(f"{command} --resume")[2]
     )
-    once = "not seen again, not looked at from another side"
+    once = "not seen again, not looked at once more"
     assert listed() == [("hole or pit", ["view 3"], once), crack]
     cut_before(9)
     assert run(f"{command} --resume")[0] == 0

@@ -368,7 +368,7 @@ def kept_views(
 
 
 def _usable(views: Sequence[InspectedView]) -> list[InspectedView]:
-    """Return views without those to take again; a visit from another side follows its first."""
+    """Return views without those to take again; a second visit follows its first."""
     from minorloop.head.procedures.inspected_view import first_visit
     from minorloop.head.vision.frame_checks import GOOD
 

@@ -11,9 +11,9 @@ from minorloop.head.geometry import Pinhole, wall_distance
 from minorloop.head.procedures import inspected_view, inspection
 from minorloop.head.procedures.inspected_view import InspectedView, with_finding
 from minorloop.head.procedures.inspection import (
-    FROM_ONE_SIDE,
     NOT_VISITED,
     ONE_PLACE,
+    SEEN_ONCE,
     inspect_wall,
     unvisited,
     views_of,
@@ -147,7 +147,7 @@ def test_what_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch)
     assert lost.evidence == views[0].picture.findings[0].evidence
     assert rig.log[-1].outcome == "not seen again; seen in 1 view, not confirmed"
     left = [unvisited(views[:count], 10e-3) for count in (2, 3, 4)]
-    assert [[each.why for each in some] for some in left] == [[NOT_VISITED], [FROM_ONE_SIDE], []]
+    assert [[each.why for each in some] for some in left] == [[NOT_VISITED], [SEEN_ONCE], []]
     assert (left[0][0].phi, left[0][0].seen_in) == (lost.phi, ("view 1",))
 
 

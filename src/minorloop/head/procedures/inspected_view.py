@@ -38,7 +38,7 @@ NO_PROBE = "no probe"
 AROUND = "view"
 """First word of the names of views that look round; the others visit a candidate."""
 AGAIN = " again"
-"""End of the name of a visit from another side, after the name of the first."""
+"""End of the name of a second visit, under another angle, after the name of the first."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,9 +1,9 @@
 """Inspection of the reachable wall by camera and probe, without an operator.
 
 The head looks round, then visits each candidate: it is centred, and measured where it is seen
-again. A hole that the centred view does not show is looked at once more from another side, because
-a far one is narrow there. What no other view shows is not confirmed, and told apart. So is what
-could not be centred, and only pictures from one place show, unless echoes show a defect there.
+again. A hole that the centred view does not show is looked at once more under another angle,
+because a far one is narrow there. What no other view shows is not confirmed, and told apart. So
+is what could not be centred, and only pictures from one place show, unless echoes show a defect.
 With a probe, what is confirmed is touched, scanned in the flooded pipe, and its depth is measured.
 At the end the probe is rolled once round the pipe, which shows the level of the water.
 """
@@ -59,7 +59,7 @@ NO_ECHO = "a line that one view on the way round showed, and no echo of its dept
 ONE_PLACE = "not centred, and shown by pictures from one place only, without an echo of a defect"
 """Why a candidate for a hole that was seen again from where it was seen first is no finding: a
 stain looks the same from there."""
-NOT_VISITED, FROM_ONE_SIDE = "seen, not visited", "not seen again, not looked at from another side"
+NOT_VISITED, SEEN_ONCE = "seen, not visited", "not seen again, not looked at once more"
 """Why candidates of an inspection that ended early, or has too many of them, are no findings."""
 _DEFLECTION = math.radians(25.0)
 """Deflection of the views that look round: the head turns by up to 30."""
@@ -190,7 +190,7 @@ def inspect_wall(
 
 
 def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed]:
-    """Return what views show, and none of them visits, or not from both sides.
+    """Return what views show, and none of them visits, or visits twice without a finding.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed
     left = []
     for k, hole in enumerate(_holes(holes, early, radius), 1):
         if f"hole {k}{AGAIN}" not in names and not _known(hole, found, radius):
-            why = FROM_ONE_SIDE if f"hole {k}" in names else NOT_VISITED
+            why = SEEN_ONCE if f"hole {k}" in names else NOT_VISITED
             phi, z = hole.place.tolist()
             seen_in = _names(_same(hole, holes, radius))
             left.append(
@@ -355,14 +355,14 @@ def _visited(
     known: Mapping[str, InspectedView],
     probing: Probing | None,
 ) -> Generator[InspectedView, None, Hole | None]:
-    """Visit a candidate for a hole, from two sides if need be; return it if it is seen again."""
+    """Visit a candidate for a hole, twice if need be; return it if it is seen again."""
     view = known.get(name)
     if view is None:
         words = f"evidence {hole.evidence:+.1f}"
         seen = _approached(rig, hole.place, words, name, outlined=True)
         view = _seen_again(rig, seen, hole)
         if view.finding is None:
-            rig.say(name, f"{seen.missing}; looked at from another side")
+            rig.say(name, f"{seen.missing}; looked at once more")
         yield view
     if view.finding is None:
         name, before = f"{name}{AGAIN}", view.steps
