@@ -259,6 +259,17 @@ def test_a_place_without_an_echo_amid_wall_that_answers_is_a_find_without_a_dept
     assert math.hypot(10e-3 * (find.phi - BOTTOM) - 0.3e-3, find.z - Z) < 0.1e-3
 
 
+def test_a_small_hole_of_which_most_bursts_have_a_faint_echo_of_the_rim_is_found():
+    bursts = silenced(swept(), lambda x, y: math.hypot(x, y) < 0.25e-3)
+    for one in bursts:
+        off = math.hypot(10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z)
+        if 0.25e-3 <= off < 0.45e-3:
+            one.burst.trace[:] *= 0.4
+    (find,) = c_scan(bursts, PROBE, PATCH).finds
+    assert find.kind == NO_ECHO
+    assert find.diameter == pytest.approx(0.9e-3, abs=0.2e-3)
+
+
 def test_a_hole_on_a_gentle_slope_is_found():
     dent = swept(lambda x, y: 0.2e-3 * math.exp(-0.5 * ((x - 1e-3) ** 2 + y * y) / 1e-3**2))
     holed = silenced(dent, lambda x, y: math.hypot(x, y) < 0.5e-3)

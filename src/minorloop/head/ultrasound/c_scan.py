@@ -56,6 +56,8 @@ _LEVEL = 0.02e-3
 _BRIDGED, _CLOSE = 3.0, 0.8
 """Widths of the beam between bursts on one crack, on or about one pit, or on a steep flank and its
 foot, as sway leaves gaps, and fewest bursts on such a width of the length of a crack."""
+_FAINT = 0.6
+"""Amplitude over that of a plain wall below which part of the beam misses the wall."""
 _CLOSED, _SMOOTH, _GENTLE = 0.6 * np.pi, 0.04e-3, 0.75
 """Of the echoes around a place without any: largest angle between two of them as seen from its
 middle; largest root mean square of their depths about a plane, in metres; and largest slope of the
@@ -433,22 +435,26 @@ def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> li
 def _silent(echoes: WallEchoes, used: Indices, on: _Bursts, steepest: float) -> list[Indices]:
     """Return groups of bursts without an echo, where the wall around them has one.
 
-    A burst of each group has no neighbour with an echo, so that bursts that are lost here and there
-    make none. A plane through the wall around would have an echo, unlike the flank of a dent.
+    A burst in a group has no echo, and no neighbour with one, so that bursts that are lost here and
+    there make none. At the rim of a hole the beam is partly on the wall, and the echo is faint; on
+    a slope all echoes are, so that those without any are looked at first. A plane through the wall
+    around would have an echo, unlike the flank of a dent.
     """
     silent = np.isnan(echoes.depth)
     edges = on.neighbours(used)
     both = np.concatenate([edges, edges[:, ::-1]])
-    inner = np.setdiff1d(both[silent[both[:, 0]], 0], both[~silent[both[:, 1]], 0])
-    group = on.groups(edges[silent[edges].all(axis=1)])
-    found = []
-    for k in np.unique(group[inner]):
-        members = np.flatnonzero(group == k)
-        rim = np.unique(both[(group[both[:, 0]] == k) & ~silent[both[:, 1]], 1])
-        if min(rim.size, members.size) >= _FEWEST and on.closed(members, rim):
-            slope, rough = on.plane(rim, echoes.depth[rim])
-            if slope < _GENTLE * steepest and rough < _SMOOTH:
-                found.append(members)
+    found: list[Indices] = []
+    for quiet in (silent, silent | (echoes.strongest < _FAINT)):
+        inner = np.setdiff1d(both[silent[both[:, 0]], 0], both[~quiet[both[:, 1]], 0])
+        group = on.groups(edges[quiet[edges].all(axis=1)])
+        for k in np.unique(group[inner]):
+            members = np.flatnonzero(group == k)
+            rim = np.unique(both[(group[both[:, 0]] == k) & ~quiet[both[:, 1]], 1])
+            new = not any(np.isin(one, members).any() for one in found)
+            if new and min(rim.size, members.size) >= _FEWEST and on.closed(members, rim):
+                slope, rough = on.plane(rim, echoes.depth[rim])
+                if slope < _GENTLE * steepest and rough < _SMOOTH:
+                    found.append(members)
     return found
 
 
@@ -470,7 +476,10 @@ def _finds(
         known = {} if most is None else {"depth": most.depth, "depth_sd": most.sd}
         if not any(on.beside(members, one.members) for one in pits):
             finds.append(on.find(CRACK, members, **known))
-    finds += [on.find(NO_ECHO, members) for members in silent]
+    told = [*slender, *(one.members for one in floors)]
+    for members in silent:
+        if not any(on.beside(members, other) for other in told):
+            finds.append(on.find(NO_ECHO, members))
     return tuple(find for find in finds if find is not None)
 
 
