@@ -8,6 +8,7 @@ with control characters, which terminals and pages interpret, are refused.
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import os
 import re
@@ -36,6 +37,9 @@ _ENDINGS = {
     ".xlsx": "a table",
     ".toml": "a TOML file",
 }
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Errors of a disk that is full, or of which this user may have no more."""
 
 
 def check_name(what: str, name: str, error: type[MinorloopError] = ParameterError) -> str:
@@ -149,7 +153,7 @@ def check_writable(path: PathLike, *, force: bool = False) -> Path:
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"the folder {folder} cannot be written to; choose another one")
     except OSError as error:
-        raise _refusal(target, error) from None
+        raise refusal(target, error) from None
     return target
 
 
@@ -180,7 +184,7 @@ def write_atomically(path: PathLike, content: str | bytes) -> None:
             os.fsync(file.fileno())
         os.replace(scratch, target)
     except OSError as error:
-        raise _refusal(target, error) from None
+        raise refusal(target, error) from None
     finally:
         with suppress(OSError):
             scratch.unlink(missing_ok=True)
@@ -215,7 +219,7 @@ def make_folder(path: PathLike, *, force: bool = False) -> Path:
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"the folder {folder} cannot be written to; choose another one")
     except OSError as error:
-        raise _refusal(folder, error) from None
+        raise refusal(folder, error) from None
     return folder
 
 
@@ -254,11 +258,12 @@ def _named(path: PathLike) -> Path:
     return Path(path)
 
 
-def _refusal(path: Path, error: OSError) -> OutputError:
-    """Return the error to raise for an error of the system."""
+def refusal(path: Path, error: OSError) -> OutputError:
+    """Return the error to raise for an error of the system; a full disk comes with advice."""
     if isinstance(error, OutputError):
         return error
-    return OutputError(f"{path} cannot be written: {error.strerror or error}")
+    advice = "; free some space there" if error.errno in _FULL else ""
+    return OutputError(f"{path} cannot be written: {error.strerror or error}{advice}")
 
 
 def lock_path(path: PathLike, flags: int = os.O_RDONLY) -> int | None:

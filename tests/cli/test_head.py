@@ -1,6 +1,8 @@
 import base64
+import errno
 import json
 import math
+import os
 import re
 import shutil
 import signal
@@ -15,8 +17,10 @@ import numpy as np
 import pytest
 
 from minorloop.cli import _calibration
-from minorloop.cli._journal import Journal
+from minorloop.cli._inspection_report import _map_caption, wall_words
+from minorloop.cli._journal import Journal, outcomes
 from minorloop.cli._seen import kept_view, seen_head, swept_view
+from minorloop.cli._sweep import summary as sweep_summary
 from minorloop.cli._sweep_journal import burst_line
 from minorloop.cli.run import carry_out_levels
 from minorloop.errors import (
@@ -32,7 +36,8 @@ from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
 from minorloop.head.procedures.identify import HeadMeasurement
-from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.rig import InspectionRig, LogEntry
+from minorloop.head.reconstruction.depth_map import WaterLine
 from minorloop.head.twins.head import Head
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.wall_echoes import SweptBurst
@@ -915,7 +920,7 @@ def test_what_was_seen_and_not_visited_is_listed_when_an_inspection_is_interrupt
         "1 finding in 6 views; seen in 1 view (1), not confirmed; 1 seen, not visited"
         in run(f"{command} --resume")[2]
     )
-    once = "not seen again, not looked at from another side"
+    once = "not seen again, not looked at once more"
     assert listed() == [("hole or pit", ["view 3"], once), crack]
     cut_before(9)
     assert run(f"{command} --resume")[0] == 0
@@ -1082,6 +1087,45 @@ def test_an_inspection_that_ends_early_keeps_what_it_found(run, inspected, error
     assert Path("found/report.html").exists()
 
 
+@pytest.fixture
+def full_disk(monkeypatch):
+    """Fill the disk: what is written from then on does not reach it."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    return lambda: monkeypatch.setattr("os.fsync", full)
+
+
+def test_a_full_disk_ends_an_inspection_in_one_sentence(run, inspected, full_disk, monkeypatch):
+    def fill():
+        full_disk()
+        inspected.told(LogEntry(2.0, "pick", "phi 3 deg"))
+
+    inspected.then = fill
+    status, _, error = run(INSPECT)
+    assert (status, inspected.safe) == (2, True)
+    assert error.splitlines()[-2:] == [
+        "what was measured before is kept in found; the same command with --resume goes on from "
+        "there",
+        "error: found/journal.jsonl cannot be written: No space left on device; free some space "
+        "there",
+    ]
+    assert [line["what"] for line in journal()] == ["begin", *["step"] * 3, "view"]
+    assert Path("found/pictures/hole 1.png").exists()
+
+
+def test_a_disk_that_is_full_for_the_report_leaves_an_inspection_to_be_resumed(
+    run, inspected, full_disk
+):
+    inspected.then = full_disk
+    status, _, error = run(INSPECT)
+    assert (status, inspected.safe) == (2, True)
+    assert "with --resume goes on from there" in error
+    assert "No space left on device; free some space there" in error
+    assert journal()[-1]["what"] == "view"
+
+
 def test_an_interruption_before_the_first_view_says_that_nothing_is_kept(
     run, inspected, monkeypatch
 ):
@@ -1166,7 +1210,6 @@ def probed(scripted, monkeypatch):
     """An inspection as scripted by a head with a probe, and the scans that it makes."""
     from minorloop.cli import _inspected_head
     from minorloop.head.procedures import probe_steps, probing, ring
-    from minorloop.head.reconstruction.depth_map import WaterLine
     from minorloop.head.ultrasound.crack_depth import CrackDepth
     from minorloop.head.ultrasound.pits import PitDepth
     from minorloop.head.ultrasound.profile import Profile
@@ -1253,6 +1296,35 @@ def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(
         assert content() == whole
 
 
+def test_a_place_without_an_echo_is_not_scanned_and_not_known_to_be_within_reach():
+    def steps(*each):
+        said = tuple(LogEntry(0.0, what, "", succeeded) for what, succeeded in each)
+        return outcomes(SimpleNamespace(steps=said, finding=None))
+
+    silent = steps(("scan", True), ("modality", False))
+    assert (silent["scanned"], silent["reached"]) == (False, None)
+    heard = steps(("scan", True), ("modality", True))
+    assert (heard["scanned"], heard["reached"]) == (True, True)
+
+
+def test_the_caption_of_a_map_has_its_marks_only():
+    seen = SimpleNamespace(seen_share=1.0, probed=np.zeros((2, 2), bool))
+    assert _map_caption(seen, [], [], None) == ("The inner wall, unrolled, as the camera saw it.")
+    line = WaterLine(1e-3, 1e-4, 0.0)
+    shown = _map_caption(seen, [object()], [], line)
+    assert shown.endswith("saw it; findings are numbered; dashed lines are the level of the water.")
+
+
+def test_the_report_says_what_the_edge_cuts_how_high_the_water_was_and_that_pictures_are_blurred():
+    wall = {"z [mm]": [13.0, 22.0], "angles [deg]": [-180.0, 180.0], "seen": 0.9, "probed": 0.0}
+    said = " ".join(
+        wall_words({"wall": wall, "water level": "4.0 mm above the axis", "lens": "pictures are x"})
+    )
+    assert "or one that the edge of each picture cuts, is not found; --advances" in said
+    assert "Pictures are x." in said
+    assert said.endswith("The water stood 4.0 mm above the axis.")
+
+
 def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monkeypatch):
     from minorloop.head.procedures import probe_steps
     from minorloop.head.ultrasound.crack_depth import CrackDepth
@@ -1283,6 +1355,7 @@ def test_a_journal_with_an_impossible_scan_is_refused(run, probed, monkeypatch):
     burst = lines[number]["bursts"][0]
     for change, words in (
         ({"noise": -1.0}, "has -1.0 as 'noise', which must be 0 to 1"),
+        ({"shots": [16, 8]}, "has [16, 8] as 'shots', which must be no more used than fired"),
         ({"trace": "AAA"}, "is not the whole line of a scan"),
     ):
         lines[number]["bursts"][0] = burst | change
@@ -1290,16 +1363,75 @@ def test_a_journal_with_an_impossible_scan_is_refused(run, probed, monkeypatch):
         status, _, error = run(f"{command} --resume")
         assert status == 2
         assert f"line {number + 1} of found/journal.jsonl {words}" in " ".join(error.split())
-    lines[number]["bursts"][0] = burst
+    lines[number]["bursts"] = [burst, burst]
+    Path("found/journal.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+    assert "repeats the burst of line" in run(f"{command} --resume")[2]
+
+
+def changed(line, names, value):
+    """A line with another value at the end of the way of names."""
+    line = json.loads(json.dumps(line))
+    within = line
+    for name in names[:-1]:
+        within = within[name]
+    within[names[-1]] = value
+    return line
+
+
+@pytest.mark.parametrize(
+    ("names", "value", "words"),
+    [
+        (("t",), -1.0, "has -1.0 as 't', which must be 0 to 1e+09"),
+        (("pose", "pan [deg]"), 400.0, "has 400.0 as 'pan [deg]', which must be -180 to 180"),
+        (("sight", "tilt [deg]"), math.nan, "has nan as 'tilt [deg]', which must be -180 to 180"),
+        (("pose", "advance [mm]"), 1e9, "has 1000000000.0 as 'advance [mm]'"),
+        (("seen", 0, "place"), [0.1, math.nan], "has [0.1, nan] as 'place'"),
+        (("seen", 0, "diameter"), -1e-3, "has -0.001 as 'diameter', which must be 0 to 0.02"),
+        (("seen", 0, "rim", 1), [9.0, 0.0], "has [9.0, 0.0] as 'rim'"),
+        (("seen", 0, "evidence"), math.nan, "has nan as 'evidence'"),
+        (("probed", "depth"), 9.5e-3, "has 0.0095 as 'depth', which must be 0 to 0.002"),
+        (("probed", "depth_sd"), -1.0, "has -1.0 as 'depth_sd'"),
+        (("picture",), "../../other.png", "has '../../other.png' as 'picture'"),
+        (("sight",), None, "is not the whole line of a view"),
+    ],
+)
+def test_the_line_of_a_view_with_an_impossible_value_is_refused(
+    run, probed, monkeypatch, names, value, words
+):
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    lines = journal()[:-1]
     number = next(n for n, line in enumerate(lines) if line.get("probed"))
-    lines[number]["probed"]["depth"] = 9.5e-3
-    text = [json.dumps(one) for one in lines]
-    Path("found/journal.jsonl").write_text("\n".join([*text, ""]))
-    said = " ".join(run(f"{command} --resume")[2].split())
-    assert f"line {number + 1} of found/journal.jsonl is not the whole line of a view" in said
-    Path("found/journal.jsonl").write_text("\n".join([text[0], "{", *text[2:], ""]))
-    said = " ".join(run(f"{command} --resume")[2].split())
-    assert "line 2 of found/journal.jsonl is damaged; delete it and all lines after it" in said
+    lines[number] = changed(lines[number], names, value)
+    file = Path("found/journal.jsonl")
+    file.write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+    status, _, error = run(f"{command} --resume")
+    assert status == 2
+    assert f"line {number + 1} of {file} {words}" in " ".join(error.split())
+    assert "delete this line and all lines after it" in " ".join(error.split())
+
+
+def test_what_is_before_a_damaged_line_of_an_inspection_is_kept_and_the_rest_is_measured_again(
+    run, scripted, monkeypatch
+):
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    whole, file = json.loads(Path("found/findings.json").read_text()), Path("found/journal.jsonl")
+    lines = file.read_text().splitlines()[:-1]
+    cut = [n for n, line in enumerate(lines) if json.loads(line)["what"] == "view"][2]
+    damaged = "\n".join([*lines[:cut], lines[cut][:90], *lines[cut + 1 :], ""])
+    file.write_text(damaged)
+    scripted.clear()
+    status, _, error = run(f"{command} --resume")
+    assert status == 0, error
+    said = " ".join(error.split())
+    assert f"line {cut + 1} of {file} is damaged; what is kept before it: 2 views" in said
+    assert Path("found/journal.damaged.jsonl").read_text() == damaged
+    assert scripted[0] == "view 3"
+    again = json.loads(Path("found/findings.json").read_text())
+    assert again["findings"] == whole["findings"]
 
 
 def test_a_second_program_does_not_write_into_the_folder_of_an_inspection(tmp_path):
@@ -1380,11 +1512,13 @@ def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, t
         ),
         ("--along 19,31", "which are 12 mm; give at least 0.48, two widths"),
         ("--along 101,103", "up to the end of the pipe at 102.4 mm"),
-        ("--around 10,5", "which are -5 degrees; give at least 2.8, two"),
-        ("--around 10,11", "from 10 to 11 degrees"),
+        ("--around 10,5", "that is -5 degrees; give at least 2.8, two"),
+        ("--around 10,11", "from 10 to 11 degrees around the pipe, that is 1 degree; give"),
         ("--water dry", "a dry pipe cannot be swept"),
         ("--water 12", "--water is 12; give full, dry, or its height above the axis of the pipe"),
         ("--temperature 4", "--temperature is 4; give 5 to 60 degrees Celsius"),
+        ("--gas argon", "--gas is 'argon'; give one of air, forced gas"),
+        ("--pressure 0", "--pressure is 0; give 0.01 to 100 bar"),
     ):
         status, _, error = run(f"{SWEEP} {options}")
         assert (status, words in error) == (2, True), error
@@ -1415,14 +1549,37 @@ def test_an_interrupted_sweep_is_kept(run, monkeypatch, tmp_path, ending):
     kept = {each.name for each in (tmp_path / "swept").iterdir()}
     assert kept == {"journal.jsonl", "findings.csv", "findings.json", "report.html"}
     content = json.loads((tmp_path / "swept" / "findings.json").read_text())
+    (first, *_) = Path("swept/journal.jsonl").read_text().splitlines()
+    assert content.pop("began") == json.loads(first)["began"]
     assert content == {
+        "actuator": "twin:pipe",
+        "head": Head().serial,
+        "specimen": None,
+        "seed": 0,
+        "around [deg]": [0.0, 180.0],
+        "along [mm]": [19.0, 19.5],
+        "water [mm above the axis]": "full",
+        "water [C]": 20.0,
+        "gas": "air",
+        "gas [bar]": 1.01325,
         "ended": "interrupted",
         "bursts": 0,
         "lines": 0,
         "mapped": 0.0,
         "water line below the axis [mm]": None,
+        "water level": "not seen",
         "findings": [],
     }
+    page = Path("swept/report.html").read_text()
+    assert all(words in page for words in (Head().serial, "0 to 180 degrees", "20 C", "began"))
+
+
+def test_a_sweep_without_an_echo_says_so():
+    content = {"findings": [], "bursts": 9, "lines": 1, "mapped": 0.0, "ended": "finished"}
+    assert sweep_summary(content) == (
+        "0 finds in 9 bursts on 1 line; no echo of the wall, so that nothing is mapped; sweep "
+        "below the water; finished"
+    )
 
 
 def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identified_at_once):
@@ -1474,6 +1631,8 @@ def made_up_journal(bursts=3, **changes):
         "along [mm]": [19.0, 19.5],
         "water [mm above the axis]": "full",
         "water [C]": 20.0,
+        "gas": "air",
+        "gas [bar]": 1.01325,
     }
     trace = 0.01 * np.random.default_rng(1000).standard_normal(2000)
     burst = Burst(trace, 1e-8, np.array([-0.35, -0.27]), 4, 4, 0.005)
@@ -1505,6 +1664,7 @@ def made_up_journal(bursts=3, **changes):
         ({"fired": 10**400}, "has 1000000"),
         ({"noise": -1.0}, "has -1.0 as 'noise'"),
         ({"shots": [True, 4]}, "has [True, 4] as 'shots'"),
+        ({"shots": [16, 8]}, "has [16, 8] as 'shots', which must be no more used than fired"),
         ({"verdict": None}, "has the verdict None"),
         ({"t": math.nan}, "has nan as 't'"),
         ({"trace": base64.b64encode(bytes(24)).decode()}, "has a trace of 3 samples"),
@@ -1527,9 +1687,53 @@ def test_a_journal_with_an_impossible_value_is_refused_before_a_shot(
     assert [each.name for each in file.parent.iterdir()] == [file.name]
 
 
+@pytest.mark.usefixtures("identified_at_once")
+def test_a_burst_that_is_twice_in_a_journal_is_refused(run):
+    file = made_up_journal()
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join([*lines[:3], lines[2], *lines[3:], ""]))
+    said = " ".join(run(f"{SWEPT} --resume")[2].split())
+    assert f"line 4 of {file} repeats the burst of line 3 of {file}; delete this line" in said
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_the_same_height_of_the_water_in_other_digits_resumes_a_sweep(run, monkeypatch):
+    monkeypatch.setattr(InspectionRig, "run", ended_at_once)
+    file = made_up_journal()
+    file.write_text(file.read_text().replace('"full"', '"5"'))
+    status, _, error = run(f"{SWEPT} --resume --water 5.0")
+    assert status == 0, error
+
+
 def ended_at_once(rig, procedure, state, told):
     """Run no sweep, and end it as one whose catheter is stuck."""
     return replace(state, trouble="stopped by the test", done=True)
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_a_full_disk_ends_a_sweep_in_one_sentence_once_the_head_is_safe(
+    run, monkeypatch, full_disk
+):
+    """What was fired before is kept."""
+    from minorloop.head.twins.rig import Rig
+
+    def swept(rig, procedure, state, told):
+        full_disk()
+        told(replace(state, bursts=(*state.bursts, state.bursts[-1])))
+
+    safe = []
+    monkeypatch.setattr(Rig, "safe", lambda _: safe.append(True))
+    monkeypatch.setattr(InspectionRig, "run", swept)
+    file = made_up_journal()
+    status, _, error = run(f"{SWEPT} --resume")
+    assert (status, safe) == (2, [True])
+    assert error.splitlines()[-2:] == [
+        "what was measured before is kept in swept; the same command with --resume goes on from "
+        "there",
+        f"error: {file} cannot be written: No space left on device; free some space there",
+    ]
+    lines = [json.loads(line)["what"] for line in file.read_text().splitlines()]
+    assert lines == ["begin", *["burst"] * 3, "resume"]
 
 
 @pytest.mark.usefixtures("identified_at_once")

@@ -528,6 +528,14 @@ def write_report(draw: Callable[[], Report], path: Path, *, force: bool) -> None
         raise OutputError(f"{path} was not written, the report cannot be drawn: {error}") from error
 
 
+def go_on(folder: Path) -> str:
+    """Return what to do after a folder could not be written, as a sentence."""
+    return (
+        f"what was measured before is kept in {folder}; the same command with --resume goes on "
+        "from there"
+    )
+
+
 def do_all(steps: Iterable[Callable[[], None]]) -> None:
     """Do every step, even if an earlier one fails; then raise the first error.
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from minorloop.cli._water import FULL, ROOM, noted, water_of
+from minorloop.cli._water import GivenFilling
 from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def inspected_head(
     head: Path | None,
     specimen: int | None,
     seed: int,
-    water: tuple[str, float] = (FULL, ROOM),
+    water: GivenFilling,
 ) -> InspectedHead:
     """Return the head at an address.
 
@@ -61,8 +61,8 @@ def inspected_head(
         File of the head. The simulated one is identified without it.
     specimen, seed : int
         Of the simulated head, and of its noise and its pipe.
-    water : (str, float)
-        Level and temperature in the simulated pipe, as given to `water_of`.
+    water : GivenFilling
+        What fills the simulated pipe.
 
     Raises
     ------
@@ -85,10 +85,10 @@ def inspected_head(
         )
     if is_pipe(camera):
         raise ParameterError(f"--camera is {PIPE}; give it as --actuator, without --camera")
-    if specimen is not None or seed or water != (FULL, ROOM):
+    if specimen is not None or seed or water != GivenFilling():
         raise ParameterError(
-            f"--specimen, --seed, --water and --temperature are of {PIPE}, and --actuator is "
-            f"{actuator}; leave them out"
+            f"--specimen, --seed, --water, --temperature, --gas and --pressure are of {PIPE}, and "
+            f"--actuator is {actuator}; leave them out"
         )
     known = read_head(head)
     begun = {**_about(known), "actuator": actuator, "camera": camera}
@@ -104,7 +104,7 @@ def _about(known: HeadFile) -> dict[str, Any]:
 
 
 def _simulated(
-    address: str, file: Path | None, specimen: int | None, seed: int, water: tuple[str, float]
+    address: str, file: Path | None, specimen: int | None, seed: int, water: GivenFilling
 ) -> InspectedHead:
     """Return the simulated head in its pipe, as the console has it."""
     from minorloop.head.console.identified_head import head_of
@@ -115,7 +115,7 @@ def _simulated(
     from minorloop.head.twins.head import Head
     from minorloop.lab.signals import ended_by_signals
 
-    filling = water_of(*water)
+    filling = water.filling()
     known = None if file is None else head_at(address, specimen, file)[0]
     plant = open_plant(address, specimen=specimen, seed=seed, water=filling)
     flow = getattr(plant, "flood", None)
@@ -134,6 +134,6 @@ def _simulated(
             finally:
                 plant.safe()
 
-    options = {"specimen": specimen, "seed": seed, **noted(*water)}
+    options = {"specimen": specimen, "seed": seed, **water.noted()}
     probing = Probing(refused="no water" if filling.level is None else "")
     return InspectedHead({**about, "actuator": address, **options}, view, opened, probing)

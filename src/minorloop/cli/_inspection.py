@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,18 +28,18 @@ from minorloop.cli._inspection_report import (
 from minorloop.cli._journal import (
     FINISHED,
     Journal,
+    Resumed,
     kept_views,
     lost_row,
     missed_row,
     outcomes,
-    resumed_lines,
     row,
     step_rows,
     view_line,
 )
 from minorloop.cli._probe_journal import kept_probing, ring_line, scan_line
 from minorloop.errors import MissingExtraError, OutputError, ParameterError, SafetyError, counted
-from minorloop.files import new_folder, write_atomically
+from minorloop.files import make_folder, new_folder, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.cli._inspected_head import InspectedHead
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from minorloop.head.ultrasound.c_scan import CScan
     from minorloop.report import Report
 
-_VISITS = ("hole", "crack", "device", "camera", "reach", "touch", "measure", "water line")
+_VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measure", "water line")
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
 of a device, and what the camera cannot do."""
 
@@ -82,7 +82,7 @@ def carried_out(
     before = _Before.of(out, begun, head.view) if resume else _Before()
     probing = head.probing
     if probing is not None:
-        kept_probing(out, before.lines, probing)
+        kept_probing(out, before.journal.lines, probing)
     kept: InspectionFolder | None = None
     opening = _common.working("opening the head", logged=True)
     with nullcontext(out) if resume else new_folder(out) as folder, opening as now:
@@ -95,13 +95,15 @@ def carried_out(
         try:
             with head.opened(told) as rig:
                 _check_advances(rig, begun["actuator"], advances)
+                if before.journal.damaged:
+                    views = counted(len(before.views), "view")
+                    now(before.journal.set_aside(folder, views), kept=True)
                 kept = InspectionFolder(folder, begun, before, rig.calibration, probing)
                 for view in inspect_wall(rig, advances, before.views, probing):
                     kept.add(view)
         except BaseException as error:
             if kept is not None:
-                content = kept.end(_reason(error), not isinstance(error, SafetyError))
-                typer.echo(f"{summary(content)}; kept in {out}", err=True)
+                _say_end(kept, error, out)
             elif isinstance(error, KeyboardInterrupt):
                 typer.echo(
                     f"what was found before is kept in {out}"
@@ -110,7 +112,21 @@ def carried_out(
                     err=True,
                 )
             raise
-    return kept.end(FINISHED, True)
+    try:
+        return kept.end(FINISHED, True)
+    except OutputError:
+        typer.echo(_common.go_on(out), err=True)
+        raise
+
+
+def _say_end(kept: InspectionFolder, error: BaseException, out: Path) -> None:
+    """End an inspection that an error ended, and say what is kept."""
+    try:
+        content = kept.end(_reason(error), not isinstance(error, SafetyError))
+    except OutputError:  # also the report has no place; the error that came first is told
+        typer.echo(_common.go_on(out), err=True)
+    else:
+        typer.echo(f"{summary(content)}; kept in {out}", err=True)
 
 
 def _check_advances(rig: InspectionRig, actuator: str, advances: Sequence[float]) -> None:
@@ -133,20 +149,20 @@ class _Before:
 
     Parameters
     ----------
-    lines : tuple of dict
-        Of its journal.
+    journal : Resumed
     views : tuple of InspectedView
         That need not be taken again.
     """
 
-    lines: tuple[dict[str, Any], ...] = ()
+    journal: Resumed = field(default_factory=Resumed)
     views: tuple[InspectedView, ...] = ()
 
     @classmethod
     def of(cls, folder: Path, begun: dict[str, Any], view: HeadCalibration | None) -> _Before:
         """Return it by the journal in a folder; refuse one of another inspection."""
-        lines = resumed_lines(folder, begun, "inspection")
-        return cls(tuple(lines), () if view is None else tuple(kept_views(folder, lines, view)))
+        found = Resumed.of(folder, begun, "inspection")
+        views = () if view is None else kept_views(folder, found.lines, view)
+        return cls(found, tuple(views))
 
 
 class InspectionFolder:
@@ -176,9 +192,9 @@ class InspectionFolder:
     ) -> None:
         self._folder, self._view, self._probing = folder, view, probing
         self._views = {each.picture.name: each for each in before.views}
-        self._log = [line for line in before.lines if line["what"] == "step"]
-        (folder / "pictures").mkdir(exist_ok=bool(before.lines))
-        self._journal = Journal(folder, begun, before.lines, views=len(self._views))
+        self._log = [line for line in before.journal.lines if line["what"] == "step"]
+        make_folder(folder / "pictures", force=bool(before.journal.lines))
+        self._journal = Journal(folder, begun, before.journal.lines, views=len(self._views))
         self._content = {**begun, "began": self._journal.began, "probe": probing is not None}
         self._bursts: dict[str, int] = {}
         if probing is not None:
@@ -234,19 +250,27 @@ class InspectionFolder:
         safe : bool
             Whether the head has confirmed that it is safe.
         """
+        self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
+        try:
+            self._write_results()
+            self._journal.note("end", why=why, safe=safe)
+        finally:
+            self._journal.close()
+        return self._all()
+
+    def _write_results(self) -> None:
+        """Write findings, models and the report."""
+        from minorloop.head.procedures.inspected_view import lens_words
         from minorloop.head.procedures.inspected_wall import seen_wall
 
-        self._content |= {"ended": why, "safe": safe, "seconds": self._journal.seconds()}
         walls = self._walls()
         seen = seen_wall(self._views.values(), self._view, list(walls.values()))
         self._content |= {"wall": None if seen is None else wall_row(seen), **self._water_row()}
+        self._content["lens"] = lens_words(list(self._views.values()))
         self._write_findings()
         self._write_models(walls)
         report = partial(self._report, seen, walls)
         _common.write_report(report, self._folder / "report.html", force=True)
-        self._journal.note("end", why=why, safe=safe)
-        self._journal.close()
-        return self._all()
 
     def _walls(self) -> dict[str, DepthMap]:
         """Return the wall about each finding that was scanned, by the name of its view."""
@@ -278,9 +302,8 @@ class InspectionFolder:
         water = self._water
         if water is None or not water.seen:
             return {}
-        return {
-            "water above the axis [mm]": [round(-1e3 * water.height, 2), round(1e3 * water.sd, 2)]
-        }
+        values = [round(-1e3 * water.height, 2), round(1e3 * water.sd, 2)]
+        return {"water above the axis [mm]": values, "water level": water.words}
 
     @property
     def _water(self) -> WaterLine | None:
@@ -293,7 +316,7 @@ class InspectionFolder:
 
         with suppress(MissingExtraError):
             for name, wall in walls.items():
-                (self._folder / "models").mkdir(exist_ok=True)
+                make_folder(self._folder / "models", force=True)
                 for suffix in ("ply", "glb"):
                     save_mesh(wall, self._folder / "models" / f"{name}.{suffix}")
 

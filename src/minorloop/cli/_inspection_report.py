@@ -132,28 +132,46 @@ def inspection_report(
         missed = table(content["not searched"], MISSED_COLUMNS)
         report.add("Not searched", table=Table(MISSED_COLUMNS, missed))
     if seen is not None:
-        caption = (
-            "The inner wall, unrolled, as the camera saw it; light blue was not seen. Findings are "
-            "numbered, crosses are candidates that were not confirmed, blue patches were measured "
-            "by echoes, and dashed lines are the level of the water."
-        )
         drawn = draw_wall(seen, found, lost, water)
-        report.add("Map of the pipe", pictures=[Picture(drawn, caption)])
+        report.add(
+            "Map of the pipe", pictures=[Picture(drawn, _map_caption(seen, found, lost, water))]
+        )
     for number, (row, view) in enumerate(zip(rows, found, strict=True), 1):
         name = view.picture.name
         marked = annotated(view.image, view.picture.findings, number)
         pictures = [Picture(figure_of(marked), f"As the camera saw it: {name}.")]
         if name in scans:
-            caption = "C-scan: the echoes about it, seen from the axis; blank without an echo."
+            caption = (
+                "C-scan: the echoes about it, seen from the axis; blank without an echo. The "
+                "colours are the same in every C-scan."
+            )
             pictures.append(Picture(draw_c_scan(scans[name]), caption))
         if name in walls:
-            caption = "The wall about it by camera and echoes; the 3-D models are in models."
+            caption = "The wall about it by camera and echoes."
             pictures.append(Picture(draw_finding(walls[name]), caption))
         report.add(f"Finding {number}: {row['kind']}", text=_sentence(row), pictures=pictures)
     steps = [[f"{each['t']:.0f}", each["step"], _outcome(each)] for each in log]
     if steps:
         report.add("Log", table=Table(("t [s]", "step", "outcome"), steps))
     return report
+
+
+def _map_caption(
+    seen: SeenWall,
+    found: Sequence[InspectedView],
+    lost: Sequence[Unconfirmed],
+    water: WaterLine | None,
+) -> str:
+    """Return what the map of the pipe shows: of its marks, those that are there."""
+    marks = {
+        "light blue was not seen": seen.seen_share < 1.0,
+        "findings are numbered": bool(found),
+        "crosses are candidates that were not confirmed": bool(lost),
+        "blue patches were measured by echoes": bool(seen.probed.any()),
+        "dashed lines are the level of the water": water is not None and water.seen,
+    }
+    shown = [words for words, there in marks.items() if there]
+    return "; ".join(["The inner wall, unrolled, as the camera saw it", *shown]) + "."
 
 
 def _facts(content: Mapping[str, Any]) -> list[list[str]]:
@@ -166,6 +184,7 @@ def _facts(content: Mapping[str, Any]) -> list[list[str]]:
         "at": content["actuator"],
         "looked round from": f"{', '.join(f'{z:g}' for z in content['advances [mm]'])} mm",
         "temperature of the water": f"{content['water [C]']:g} C" if "water [C]" in content else "",
+        "gas": f"{content['gas']}, {content['gas [bar]']:g} bar" if "gas" in content else "",
     }
     return [[name, str(value)] for name, value in known.items() if value]
 
@@ -180,18 +199,20 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
     around = "all round" if last - first >= 360.0 else f"from {first:.0f} to {last:.0f} degrees"
     said = [
         f"The camera searched the inner wall from z {low:.1f} to {high:.1f} mm, {around}: "
-        f"{wall['seen']:.0%} of this part of the pipe."
+        f"{wall['seen']:.0%} of this part of the pipe. "
+        "A defect beyond it, or one that the edge of each picture cuts, is not found; --advances "
+        "with a place nearer to it shows it whole."
     ]
+    if unclear := content.get("lens"):
+        said.append(f"{unclear[0].upper()}{unclear[1:]}.")
     if wall["probed"]:
         said.append(
             f"Echoes gave the depth of {wall['probed']:.2%} of it: the places of findings only."
         )
     else:
         said.append("Echoes gave no depth of any part of it.")
-    height = content.get("water above the axis [mm]")
-    if height is not None:
-        side = "above" if height[0] >= 0 else "below"
-        said.append(f"The water stood {abs(height[0]):.1f} ± {height[1]:.1f} mm {side} the axis.")
+    if "water level" in content:
+        said.append(f"The water stood {content['water level']}.")
     return said
 
 
@@ -235,7 +256,7 @@ def _sentence(row: Mapping[str, Any]) -> str:
         "centred": "centred in the picture",
         "reached": "within reach of the probe",
         "touched": "touched by the tool",
-        "scanned": "scanned",
+        "scanned": "scanned with echoes of the wall",
     }
     yes = [words for name, words in known.items() if row.get(name)]
     no = [words for name, words in known.items() if row.get(name) is False]

@@ -12,13 +12,14 @@ import time
 import weakref
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from minorloop.cli._journal_checks import AGAIN, LATEST, check, check_view
 from minorloop.errors import OutputError, ParameterError, RecordError
-from minorloop.files import first_difference, lock_path, write_atomically
+from minorloop.files import first_difference, lock_path, refusal, write_atomically
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.calibration import HeadCalibration
@@ -64,18 +65,30 @@ class Journal:
         self.began = str(lines[0]["began"]) if lines else now
         # A line that was not written to its end is left out.
         write_atomically(folder / NAME, "".join(f"{json.dumps(line)}\n" for line in lines))
-        self._file = (folder / NAME).open("a", encoding="utf-8")
+        self._file = (folder / NAME).open("ab", buffering=0)
         if lines:
             self.note("resume", resumed=now, **kept)
         else:
             self.note("begin", **begun, began=self.began)
 
     def note(self, what: str, **content: Any) -> None:
-        """Add a line."""
+        """Add a line.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written, as on a full disk. The lines before stay as they are.
+        """
         line = {"what": what, "t": self.seconds(), **content}
-        self._file.write(json.dumps(line) + "\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        data, size = f"{json.dumps(line)}\n".encode(), os.fstat(self._file.fileno()).st_size
+        try:
+            while data:
+                data = data[self._file.write(data) :]
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            with suppress(OSError):
+                self._file.truncate(size)
+            raise refusal(Path(self._file.name), error) from None
 
     def seconds(self) -> float:
         """Return for how many seconds it has been written."""
@@ -97,23 +110,59 @@ def _locked(folder: Path) -> int:
     return found
 
 
-def resumed_lines(folder: Path, begun: dict[str, Any], what: str) -> list[dict[str, Any]]:
-    """Return the lines of the journal of an inspection that was cut off.
+@dataclass(frozen=True)
+class Resumed:
+    """What the journal of an inspection or a sweep that was cut off has: nothing of a new one.
 
-    Raises
-    ------
-    RecordError
-        If there is no folder, or no journal in it.
-    ParameterError
-        As `check_resumed`.
+    Parameters
+    ----------
+    lines : sequence of dict
+        Up to the first that is damaged.
+    damaged : int
+        Number of the first damaged line, from 1; 0 without one.
     """
-    check_folder(folder, what)
-    lines = journal_of(folder / NAME)
-    check_resumed(lines, folder, begun, what)
-    return lines
+
+    lines: Sequence[dict[str, Any]] = ()
+    damaged: int = 0
+
+    @classmethod
+    def of(cls, folder: Path, begun: dict[str, Any], what: str) -> Resumed:
+        """Return it by the journal in a folder.
+
+        Parameters
+        ----------
+        folder : path
+        begun : dict
+            What is begun, and by what.
+        what : str
+            ``inspection`` or ``sweep``.
+
+        Raises
+        ------
+        RecordError
+            If there is no folder, or no journal in it.
+        ParameterError
+            If it is finished, or another one was begun.
+        """
+        _check_folder(folder, what)
+        every = _parsed_lines(folder / NAME)
+        found = cls(*_sound_lines(every, folder / NAME))
+        _check_resumed([line for line in every if line is not None], folder, begun, what)
+        return found
+
+    def set_aside(self, folder: Path, kept: str) -> str:
+        """Copy a damaged journal beside it, and say so in a sentence with what is ``kept``."""
+        file = folder / NAME
+        copies = (folder / f"journal.damaged{n or ''}.jsonl" for n in range(1000))
+        copy = next(each for each in copies if not each.exists())
+        write_atomically(copy, file.read_bytes())
+        return (
+            f"line {self.damaged} of {file} is damaged; what is kept before it: {kept}; the rest "
+            f"is measured again, and the journal as it was is kept in {copy}"
+        )
 
 
-def check_folder(folder: Path, what: str) -> None:
+def _check_folder(folder: Path, what: str) -> None:
     """Refuse to resume an inspection or a sweep whose folder does not exist.
 
     Raises
@@ -128,7 +177,7 @@ def check_folder(folder: Path, what: str) -> None:
         )
 
 
-def check_resumed(
+def _check_resumed(
     lines: Sequence[dict[str, Any]], folder: Path, begun: dict[str, Any], what: str
 ) -> None:
     """Refuse to go on with an inspection or a sweep that cannot be resumed.
@@ -158,19 +207,27 @@ def journal_of(file: Path) -> list[dict[str, Any]]:
     RecordError
         If it is no journal.
     """
-    every = parsed_lines(file)
-    found = [line for line in every if line is not None]
-    if not found:
-        raise unreadable(file)
-    if len(found) < len(every):
+    lines, damaged = _sound_lines(_parsed_lines(file), file)
+    if damaged:
         raise RecordError(
-            f"line {1 + every.index(None)} of {file} is damaged; delete it and all lines after it, "
-            "so that what they say is measured again"
+            f"line {damaged} of {file} is damaged; delete it and all lines after it, so that what "
+            "they say is measured again"
         )
-    return found
+    return lines
 
 
-def parsed_lines(file: Path) -> list[dict[str, Any] | None]:
+def _sound_lines(
+    every: Sequence[dict[str, Any] | None], file: Path
+) -> tuple[list[dict[str, Any]], int]:
+    """Return parsed lines up to the first that is damaged, and its number; 0 without one."""
+    damaged = 1 + every.index(None) if None in every else 0
+    before = every[: damaged - 1] if damaged else every
+    if not before:
+        raise unreadable(file)
+    return [line for line in before if line is not None], damaged
+
+
+def _parsed_lines(file: Path) -> list[dict[str, Any] | None]:
     """Return the lines of a journal, None for one that is damaged; none if it cannot be read.
 
     A last one that was not written to its end is left out.
@@ -247,8 +304,13 @@ def steps_of(rows: Sequence[dict[str, Any]], t: float) -> tuple[LogEntry, ...]:
 
 
 def outcomes(view: InspectedView) -> dict[str, bool | None]:
-    """Return how far the visit of a finding came: None for what was not tried."""
+    """Return how far the visit of a finding came: None for what was not tried.
+
+    Without an echo of the wall a place is not scanned, and whether it is within reach not known.
+    """
     last = {each.what: each.succeeded for each in view.steps}
+    if last.get("modality") is False:
+        last["scan"] = False
     return {
         "found": view.finding is not None,
         "centred": last.get("centre"),
@@ -259,7 +321,7 @@ def outcomes(view: InspectedView) -> dict[str, bool | None]:
 
 
 def kept_views(
-    folder: Path, lines: list[dict[str, Any]], view: HeadCalibration
+    folder: Path, lines: Sequence[dict[str, Any]], view: HeadCalibration
 ) -> list[InspectedView]:
     """Return the views of a journal that need not be taken again, in the order of their taking.
 
@@ -270,7 +332,7 @@ def kept_views(
     ----------
     folder : path
         Of the inspection.
-    lines : list
+    lines : sequence of dict
         Of its journal.
     view : HeadCalibration
         Of the head, as it was.
@@ -278,7 +340,7 @@ def kept_views(
     Raises
     ------
     RecordError
-        If a line of a view lacks something.
+        If a line of a view lacks something, or has an impossible value.
     """
     import numpy as np
 
@@ -286,25 +348,27 @@ def kept_views(
 
     cv2 = opencv()
     found: dict[str, InspectedView] = {}
-    for line in lines:
+    for number, line in enumerate(lines, 1):
+        where = f"line {number} of {folder / NAME}"
+        check(where, "t", line.get("t"), ((0.0, LATEST),))
         if line["what"] == "view":
             try:
+                check_view(where, line, view)
                 file = folder / "pictures" / line["picture"]
                 data = np.frombuffer(file.read_bytes() if file.is_file() else b"", np.uint8)
                 image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
                 found.pop(line["picture"], None)
                 if image is not None:
                     found[line["picture"]] = _view_of(line, image, view)
-            except (KeyError, TypeError, ValueError):
-                raise RecordError(
-                    f"line {1 + lines.index(line)} of {folder / NAME} is not the whole line of a "
-                    "view, or has an impossible value; inspect into a new folder"
-                ) from None
+            except RecordError:
+                raise
+            except (KeyError, TypeError, ValueError, AttributeError):
+                raise RecordError(f"{where} is not the whole line of a view; {AGAIN}") from None
     return _usable(list(found.values()))
 
 
 def _usable(views: Sequence[InspectedView]) -> list[InspectedView]:
-    """Return views without those to take again; a visit from another side follows its first."""
+    """Return views without those to take again; a second visit follows its first."""
     from minorloop.head.procedures.inspected_view import first_visit
     from minorloop.head.vision.frame_checks import GOOD
 
@@ -336,22 +400,19 @@ def _view_of(line: dict[str, Any], image: Any, view: HeadCalibration) -> Inspect
         place=place,
         unconfirmed=None if lost is None else _lost(lost),
         steps=steps_of(line.get("steps", ()), line["taken"]),  # earlier versions wrote none
-        probed=_probed_of(line.get("probed"), view.thickness),
+        probed=_probed_of(line.get("probed")),
     )
     found = view_with(found, [_restored(one) for one in line["seen"]], view.camera_at(place))
     return found if line["finding"] is None else with_finding(found, view.radius)
 
 
-def _probed_of(noted: dict[str, Any] | None, thickness: float) -> PitDepth | CrackDepth | None:
-    """Return what the echoes say of a finding; a depth beyond the wall is refused."""
+def _probed_of(noted: dict[str, Any] | None) -> PitDepth | CrackDepth | None:
+    """Return what the echoes say of a finding."""
     from minorloop.head.ultrasound.crack_depth import CrackDepth
     from minorloop.head.ultrasound.pits import PitDepth
 
     if noted is None:
         return None
-    depth = noted["depth"]
-    if not (math.isnan(depth) or 0.0 <= depth <= thickness):
-        raise ValueError(f"a depth of {depth} m in a wall of {thickness} m")
     return PitDepth(**noted) if "phi" in noted else CrackDepth(**noted)
 
 

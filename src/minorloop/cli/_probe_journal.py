@@ -7,7 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from minorloop.cli._journal import NAME, step_rows, steps_of
-from minorloop.cli._sweep_journal import burst_of_values, burst_values
+from minorloop.cli._journal_checks import (
+    AGAIN,
+    FARTHEST,
+    TURN,
+    Limits,
+    check,
+    check_all,
+    check_points,
+    impossible,
+)
+from minorloop.cli._sweep_journal import Repeats, burst_of_values, burst_values
 from minorloop.errors import RecordError
 
 if TYPE_CHECKING:
@@ -16,6 +26,18 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.probe_steps import ScannedRaster
     from minorloop.head.procedures.probing import Probing
     from minorloop.head.procedures.ring import Ring
+
+_MOST_POINTS = 1000
+_PLACE = (-FARTHEST, FARTHEST), (-2.0 * TURN, 2.0 * TURN)
+_SCAN: dict[str, Limits] = {
+    "reference": _PLACE,
+    "point": ((0, _MOST_POINTS),),
+    "onward": ((-1, 1),),
+}
+"""Least and largest of the numbers of a scan, advance and roll first."""
+_SPOT = (-2.0 * TURN, 2.0 * TURN), (-FARTHEST, FARTHEST)
+_HIGHEST = 1.0
+"""Of the level of the water from the axis, in metres."""
 
 
 def scan_line(name: str, scanned: ScannedRaster, known: int) -> dict[str, Any]:
@@ -62,20 +84,21 @@ def kept_probing(folder: Path, lines: Sequence[dict[str, Any]], probing: Probing
     RecordError
         If a line of a scan lacks something, or has an impossible value.
     """
+    known: dict[str, Repeats] = {}
     for number, line in enumerate(lines, 1):
+        where = f"line {number} of {folder / NAME}"
         try:
             if line["what"] == "scan":
-                where, name = f"line {number} of {folder / NAME}", line["name"]
+                name = line["name"]
+                for burst in line["bursts"]:
+                    known.setdefault(name, Repeats()).check(where, burst)
                 probing.scans[name] = _scan_of(where, line, probing.scans.get(name))
             elif line["what"] == "ring":
-                probing.ring = _ring_of(line)
+                probing.ring = _ring_of(where, line)
         except RecordError:
             raise
         except (KeyError, TypeError, ValueError):
-            raise RecordError(
-                f"line {number} of {folder / NAME} is not the whole line of a scan; inspect into a "
-                "new folder"
-            ) from None
+            raise RecordError(f"{where} is not the whole line of a scan; {AGAIN}") from None
 
 
 def _scan_of(where: str, line: dict[str, Any], before: ScannedRaster | None) -> ScannedRaster:
@@ -84,6 +107,9 @@ def _scan_of(where: str, line: dict[str, Any], before: ScannedRaster | None) -> 
 
     from minorloop.head.procedures.probe_steps import ScannedRaster
 
+    check_all(where, line, _SCAN)
+    if not isinstance(line["done"], bool):
+        raise impossible(where, "done", line["done"], "true or false")
     bursts = tuple(burst_of_values(where, values) for values in line["bursts"])
     return ScannedRaster(
         reference=np.array(line["reference"]),
@@ -95,12 +121,18 @@ def _scan_of(where: str, line: dict[str, Any], before: ScannedRaster | None) -> 
     )
 
 
-def _ring_of(line: dict[str, Any]) -> Ring:
+def _ring_of(where: str, line: dict[str, Any]) -> Ring:
+    """Return the sweep round the pipe of a line."""
     import numpy as np
 
     from minorloop.head.procedures.ring import Ring
     from minorloop.head.reconstruction.depth_map import WaterLine
     from minorloop.head.ultrasound.profile import Profile
 
+    check_points(where, "spots", line["profile"]["spots"], _SPOT)
+    water = line["water"]
+    if water["seen"]:
+        check(where, "height", water["height"], ((-_HIGHEST, _HIGHEST),))
+        check(where, "sd", water["sd"], ((0.0, _HIGHEST),))
     profile = {name: np.array(value) for name, value in line["profile"].items()}
-    return Ring(Profile(**profile), WaterLine(**line["water"]))
+    return Ring(Profile(**profile), WaterLine(**water))

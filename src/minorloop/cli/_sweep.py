@@ -11,14 +11,18 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._journal import FINISHED, Journal
-from minorloop.cli._sweep_journal import SweptBefore, burst_line
-from minorloop.cli._water import FULL, ROOM, noted, water_of
-from minorloop.errors import ParameterError, counted
+from minorloop.cli._journal import FINISHED, NAME, Journal, Resumed
+from minorloop.cli._sweep_journal import burst_line, kept_bursts
+from minorloop.cli._water import GivenFilling
+from minorloop.errors import OutputError, ParameterError, counted
 
 if TYPE_CHECKING:
     from minorloop.head.procedures.sweep import SweepState
     from minorloop.head.reconstruction.pipe_map import PipeMap
+
+_CAPTION = (
+    "The pipe, unrolled. The colours are the same in every report, so that maps can be compared."
+)
 
 
 def carried_out(
@@ -28,7 +32,7 @@ def carried_out(
     out: Path,
     specimen: int | None,
     seed: int,
-    water: tuple[str, float] = (FULL, ROOM),
+    water: GivenFilling,
     *,
     resume: bool = False,
 ) -> dict[str, Any]:
@@ -47,8 +51,8 @@ def carried_out(
         New or empty folder.
     specimen, seed : int
         Of the simulated head, and of its noise and its pipe.
-    water : (str, float)
-        Level and temperature in the pipe, as given to `water_of`.
+    water : GivenFilling
+        What fills the pipe.
     resume : bool
         Whether to go on with the sweep in the folder, which was cut off.
     """
@@ -62,6 +66,7 @@ def carried_out(
     from minorloop.head.procedures.sweep import ProbeSweep
     from minorloop.head.reconstruction.depth_map import Patch
     from minorloop.head.reconstruction.pipe_map import pipe_map
+    from minorloop.head.twins.head import Head
     from minorloop.head.ultrasound.c_scan import c_scan
     from minorloop.lab.signals import ended_by_signals
 
@@ -78,12 +83,13 @@ def carried_out(
         "seed": seed,
         "around [deg]": list(around),
         "along [mm]": list(along),
-        **noted(*water),
+        **water.noted(),
     }
-    filling = water_of(*water)
+    filling = water.filling()
     if filling.level is None:
         raise ParameterError("a dry pipe cannot be swept; give --water a height, or leave it out")
-    before = SweptBefore.of(out, begun, z) if resume else SweptBefore()
+    before = Resumed.of(out, begun, "sweep") if resume else Resumed()
+    bursts = kept_bursts(out / NAME, before.lines, z)
     opened = nullcontext(out) if resume else new_folder(out)
     working = _common.working("identifying the head", logged=True)
     with ended_by_signals(exiting=True), opened as folder, working as now:
@@ -92,13 +98,13 @@ def carried_out(
         tip, view = open_tip(actuator, specimen=specimen, seed=seed, flow=flow, water=filling)
         control = head_of(actuator, specimen)
         rig, sweep = InspectionRig(plant, tip, control, view), ProbeSweep(calibration=view)
-        state = sweep.begin(phi, z, control=control, bursts=before.bursts)
+        state = sweep.begin(phi, z, control=control, bursts=bursts)
         if state.refused:
             raise ParameterError(f"the sweep is {state.refused}")
         first = state.lines
         if before.damaged:
-            now(before.set_aside(folder), kept=True)
-        journal = Journal(folder, begun, before.lines, bursts=len(before.bursts))
+            now(before.set_aside(folder, counted(len(bursts), "burst")), kept=True)
+        journal = Journal(folder, begun, before.lines, bursts=len(bursts))
 
         def told(new: SweepState) -> None:
             nonlocal state
@@ -112,9 +118,9 @@ def carried_out(
         def kept(ended: str) -> dict[str, Any]:
             patch = Patch.ring(*z, radius=view.radius)
             scan = c_scan(state.bursts, view.probe_at((0.0, 0.0)), patch)
-            content = _kept(pipe_map(scan, []), ended, state, folder, phi)
+            about = {**begun, "head": Head(specimen).serial, "began": journal.began}
+            content = _kept(pipe_map(scan, []), ended, state, folder, phi, about)
             journal.note("end", why=ended)
-            journal.close()
             return content
 
         try:
@@ -122,10 +128,15 @@ def carried_out(
                 told(rig.run(sweep, state, told))
             finally:
                 plant.safe()
+            return kept(state.trouble or FINISHED)
         except KeyboardInterrupt:
             typer.echo(f"{summary(kept('interrupted'))}; kept in {out}", err=True)
             raise
-        return kept(state.trouble or FINISHED)
+        except OutputError:
+            typer.echo(_common.go_on(folder), err=True)
+            raise
+        finally:
+            journal.close()
 
 
 def progress(state: SweepState) -> str:
@@ -141,7 +152,12 @@ def progress(state: SweepState) -> str:
 
 
 def _kept(
-    found: PipeMap, ended: str, state: SweepState, folder: Path, around: tuple[float, float]
+    found: PipeMap,
+    ended: str,
+    state: SweepState,
+    folder: Path,
+    around: tuple[float, float],
+    about: dict[str, Any],
 ) -> dict[str, Any]:
     """Write findings and report, and return the content of ``findings.json``."""
     from minorloop.files import write_atomically
@@ -152,11 +168,12 @@ def _kept(
         mapped_share,
     )
     from minorloop.head.reconstruction.findings import save_findings
-    from minorloop.report import Picture, Report
+    from minorloop.report import Picture, Report, Table
 
     rows = [one.finding(found.wall.patch.radius) for one in found.finds]
     water = found.water
     content = {
+        **about,
         "ended": ended,
         "bursts": len(state.bursts),
         "lines": state.lines,
@@ -164,6 +181,7 @@ def _kept(
         "water line below the axis [mm]": [round(1e3 * v, 2) for v in (water.height, water.sd)]
         if water.seen
         else None,
+        "water level": water.words,
         "findings": find_rows(found),
     }
     save_findings(rows, folder / "findings.csv", force=True)
@@ -172,12 +190,30 @@ def _kept(
     def drawn() -> Report:
         report = Report("Sweep of the flooded wall", summary(content))
         report.add("Finds", table=finds_table(found))
+        report.add("What was swept", table=Table(("", ""), _facts(content)))
         drawing = draw_pipe_map(found, around)
-        report.add("Map", pictures=[Picture(drawing, "The pipe, unrolled.")])
+        report.add("Map", pictures=[Picture(drawing, _CAPTION)])
         return report
 
     _common.write_report(drawn, folder / "report.html", force=True)
     return content
+
+
+def _facts(content: dict[str, Any]) -> list[list[str]]:
+    """Return what was swept, by what, and when, as rows of a table."""
+    known = {
+        "began": content["began"],
+        "ended": content["ended"],
+        "head": content["head"],
+        "at": content["actuator"],
+        "around the pipe": "{:g} to {:g} degrees".format(*content["around [deg]"]),
+        "along the pipe": "{:g} to {:g} mm".format(*content["along [mm]"]),
+        "water above the axis, as given": content["water [mm above the axis]"],
+        "level of the water, by echoes": content["water level"],
+        "temperature of the water": f"{content['water [C]']:g} C",
+        "gas": f"{content['gas']}, {content['gas [bar]']:g} bar",
+    }
+    return [[name, str(value)] for name, value in known.items()]
 
 
 def summary(content: dict[str, Any]) -> str:
@@ -185,10 +221,9 @@ def summary(content: dict[str, Any]) -> str:
     finds, bursts = counted(len(content["findings"]), "find"), counted(content["bursts"], "burst")
     found = f"{finds} in {bursts} on {counted(content['lines'], 'line')}"
     if content["bursts"] and not content["mapped"]:
-        found += "; nothing is mapped: the wall does not answer"
+        found += "; no echo of the wall, so that nothing is mapped; sweep below the water"
     elif content["bursts"]:
         found += f"; {content['mapped']:.0%} of the wall mapped"
-        found += "; a hole through the wall gives no echo, and is blank in the map"
     return f"{found}; {content['ended']}"
 
 

@@ -1,12 +1,14 @@
-"""Options for the water in the simulated pipe."""
+"""Options for water and gas in the simulated pipe."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -14,6 +16,12 @@ if TYPE_CHECKING:
 
 FULL, DRY = "full", "dry"
 ROOM = 20.0
+AIR = "air"
+GASES = (AIR, "forced gas")
+"""Still air, and a gas that streams."""
+ATMOSPHERE, _PASCAL = 1.01325, 1e5
+"""Pressure of the gas in bar without an option, and a bar in Pa."""
+_THINNEST, _DENSEST = 0.01, 100.0
 _HIGHEST = 9.9
 """Of the water above or below the axis of the pipe, in mm, whose radius is 10 mm."""
 _COLDEST, _HOTTEST = 5.0, 60.0
@@ -27,6 +35,22 @@ Level = Annotated[
         "pipe is flooded; or full, or dry.",
     ),
 ]
+Gas = Annotated[
+    str,
+    typer.Option(
+        help="With twin:pipe: gas in the drained pipe and above the water, which cools the wires: "
+        "air, which is still, or 'forced gas', which streams.",
+        autocompletion=one_of(lambda: GASES),
+    ),
+]
+Pressure = Annotated[
+    float,
+    typer.Option(
+        parser=_common.number,
+        metavar="BAR",
+        help="With twin:pipe: pressure of the gas, from 0.01 to 100 bar; dense gas cools more.",
+    ),
+]
 Temperature = Annotated[
     float,
     _common.number_option(
@@ -35,34 +59,65 @@ Temperature = Annotated[
 ]
 
 
-def water_of(level: str, temperature: float) -> Filling:
-    """Return what fills the simulated pipe when it is flooded; a dry one has no level.
+@dataclass(frozen=True)
+class GivenFilling:
+    """What fills the simulated pipe, as given by options.
 
     Parameters
     ----------
     level : str
-        A number in mm, ``full`` or ``dry``.
+        Of the water: a number in mm, ``full`` or ``dry``.
     temperature : float
-        In degrees Celsius.
-
-    Raises
-    ------
-    ParameterError
-        If the level is not in the pipe, or the temperature not from 5 to 60.
+        Of the water, in degrees Celsius.
+    gas : str
+        Above the water, and in the drained pipe: ``air`` or ``forced gas``.
+    pressure : float
+        Of the gas, in bar.
     """
-    from minorloop.head.console.plant import FULL_PIPE, flowing_water
 
-    if not _COLDEST <= temperature <= _HOTTEST:
-        raise ParameterError(
-            f"--temperature is {temperature:g}; give {_COLDEST:g} to {_HOTTEST:g} degrees Celsius"
-        )
-    known = {FULL: FULL_PIPE, DRY: None}
-    return flowing_water(known[level] if level in known else _height(level), temperature)
+    level: str = FULL
+    temperature: float = ROOM
+    gas: str = AIR
+    pressure: float = ATMOSPHERE
 
+    def filling(self) -> Filling:
+        """Return it; a dry pipe has no level.
 
-def noted(level: str, temperature: float) -> dict[str, Any]:
-    """Return level and temperature for a journal."""
-    return {"water [mm above the axis]": level, "water [C]": temperature}
+        Raises
+        ------
+        ParameterError
+            If the level is not in the pipe, the temperature not from 5 to 60 degrees, there is no
+            such gas, or its pressure is not from 0.01 to 100 bar.
+        """
+        from minorloop.head.console.plant import FULL_PIPE, flowing_water
+
+        if not _COLDEST <= self.temperature <= _HOTTEST:
+            raise ParameterError(
+                f"--temperature is {self.temperature:g}; give {_COLDEST:g} to {_HOTTEST:g} degrees "
+                "Celsius"
+            )
+        if self.gas not in GASES:
+            raise ParameterError(f"--gas is {self.gas!r}; give one of {', '.join(GASES)}")
+        if not _THINNEST <= self.pressure <= _DENSEST:
+            raise ParameterError(
+                f"--pressure is {self.pressure:g}; give {_THINNEST:g} to {_DENSEST:g} bar"
+            )
+        known = {FULL: FULL_PIPE, DRY: None}
+        level = known[self.level] if self.level in known else _height(self.level)
+        water = flowing_water(level, self.temperature)
+        return replace(water, gas=self.gas, pressure=_PASCAL * self.pressure)
+
+    def noted(self) -> dict[str, Any]:
+        """Return it for a journal; a level reads the same however it was given."""
+        given = self.level in (FULL, DRY)
+        return {
+            "water [mm above the axis]": self.level
+            if given
+            else f"{-1e3 * _height(self.level) + 0.0:g}",
+            "water [C]": self.temperature,
+            "gas": self.gas,
+            "gas [bar]": self.pressure,
+        }
 
 
 def _height(text: str) -> float:

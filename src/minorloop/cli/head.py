@@ -281,6 +281,8 @@ def inspect(
     seed: _PipeSeed = 0,
     water: _water.Level = _water.FULL,
     temperature: _water.Temperature = _water.ROOM,
+    gas: _water.Gas = _water.AIR,
+    pressure: _water.Pressure = _water.ATMOSPHERE,
     resume: Annotated[
         bool,
         typer.Option(
@@ -312,7 +314,8 @@ def inspect(
             f"--advances is {advances}; give each place once, since what two views show counts more"
         )
     opencv()  # before anything moves
-    inspected = inspected_head(actuator, camera, head, specimen, seed, (water, temperature))
+    filling = _water.GivenFilling(water, temperature, gas, pressure)
+    inspected = inspected_head(actuator, camera, head, specimen, seed, filling)
     content = _inspection.carried_out(
         inspected, out, [_MM * each for each in places], resume=resume
     )
@@ -358,6 +361,8 @@ def sweep(
     seed: _PipeSeed = 0,
     water: _water.Level = _water.FULL,
     temperature: _water.Temperature = _water.ROOM,
+    gas: _water.Gas = _water.AIR,
+    pressure: _water.Pressure = _water.ATMOSPHERE,
     resume: Annotated[
         bool,
         typer.Option(
@@ -380,8 +385,9 @@ def sweep(
         _common.numbers(name, text, (2,), f"two numbers in {unit}")
         for name, text, unit in (("around", around, "degrees"), ("along", along, "mm"))
     ]
+    filling = _water.GivenFilling(water, temperature, gas, pressure)
     content = _sweep.carried_out(
-        actuator, ends[0], ends[1], out, specimen, seed, (water, temperature), resume=resume
+        actuator, ends[0], ends[1], out, specimen, seed, filling, resume=resume
     )
     if as_json:
         _common.print_json(content)

@@ -10,7 +10,7 @@ from board_process import commands, simulated_board
 from console_rig import Pilot, ScriptedCamera, tip
 from minorloop.errors import InstrumentError, LimitError, ModelFileError, ParameterError
 from minorloop.head.console.identified_head import head_of
-from minorloop.head.console.plant import head_at, open_plant, open_tip, probed
+from minorloop.head.console.plant import flowing_water, head_at, open_plant, open_tip, probed
 from minorloop.head.console.session import Session
 from minorloop.head.console.watchdog import Command, WatchedPlant
 from minorloop.head.control.head import head_control
@@ -18,10 +18,23 @@ from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, save_head
 from minorloop.head.procedures.values import Plant, Tip
+from minorloop.head.twins.surroundings import Surroundings, convection
 from wires import made_up
 
 SMALL = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
 CONTROL = head_control("observer", (made_up(), made_up()))
+
+
+def test_the_gas_of_the_simulated_pipe_cools_the_wires_of_its_head_while_it_is_drained():
+    dense = replace(flowing_water(), gas="forced gas", pressure=5e5)
+    plain, cooled = open_plant("twin:pipe"), open_plant("twin:pipe", water=dense)
+    assert plain.head.surroundings.convection == Surroundings().convection
+    assert cooled.head.surroundings.convection == convection("forced gas", pressure=5e5)
+    for plant in (plain, cooled):
+        plant.flood(True)
+        assert plant.head.surroundings.convection == convection("flooded, sleeved")
+        plant.flood(False)
+    assert cooled.head.surroundings.convection > 2 * plain.head.surroundings.convection
 
 
 def test_plant_and_tip_are_what_the_console_needs_with_the_camera_that_the_view_describes():

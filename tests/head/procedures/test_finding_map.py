@@ -5,8 +5,16 @@ from io import BytesIO
 import numpy as np
 import pytest
 
-from minorloop.head.procedures.finding_map import draw_finding
-from minorloop.head.reconstruction.depth_map import CAMERA, DepthMap, Patch, camera_map, unseen_map
+from minorloop.head.procedures.finding_map import draw_c_scan, draw_finding
+from minorloop.head.reconstruction.depth_map import (
+    CAMERA,
+    DepthMap,
+    Patch,
+    WaterLine,
+    camera_map,
+    unseen_map,
+)
+from minorloop.head.ultrasound.c_scan import CScan
 
 LONG = Patch(0.3, 20e-3, 60, 24, step=0.1e-3)
 SQUARE = Patch.around(0.3, 20e-3, size=1.6e-3)
@@ -70,3 +78,14 @@ def test_a_surface_is_of_whole_quads_and_is_open_where_nothing_is_known():
     paths = faces.get_paths()
     assert len(paths) == whole.sum()
     assert {len(path.vertices) for path in paths} == {5}
+
+
+def test_the_colours_of_c_scans_are_the_same():
+    line = WaterLine(np.nan, np.inf, np.nan, seen=False)
+    limits = []
+    for rim in (0.1e-3, 0.5e-3):
+        wall = pitted(rim)
+        scan = CScan(wall, wall.depth * 1e3, wall.sd, wall.depth > 1.0, line, (), (0.0, 0.0))
+        figure = draw_c_scan(scan)
+        limits.append([axes.images[0].get_clim() for axes in figure.axes[:2]])
+    assert limits == [[(0.0, 1.1), (-0.1, 1.0)]] * 2

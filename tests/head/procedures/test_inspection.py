@@ -1,24 +1,30 @@
 """An inspection without an operator, of a simulated pipe with a hole, by a head on a bench."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from minorloop.errors import InstrumentError
 from minorloop.head.geometry import Pinhole, wall_distance
-from minorloop.head.procedures import inspection
+from minorloop.head.procedures import inspected_view, inspection
+from minorloop.head.procedures.inspected_view import InspectedView, with_finding
 from minorloop.head.procedures.inspection import (
-    FROM_ONE_SIDE,
     NOT_VISITED,
+    ONE_PLACE,
+    SEEN_ONCE,
     inspect_wall,
     unvisited,
     views_of,
 )
+from minorloop.head.procedures.pictures import InspectedPicture
+from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.pipe import Bore, Pipe
+from minorloop.head.ultrasound.pits import PitDepth
 from minorloop.head.vision.cracks import TracedCrack
-from minorloop.head.vision.defects import Findings
+from minorloop.head.vision.defects import Findings, Hole
 
 from .fakes import CALIBRATION, MOUNT
 from .test_rig import Devices, on_bench
@@ -86,6 +92,49 @@ def test_a_hole_that_the_centred_view_does_not_show_is_found_from_another_side(r
         assert np.degrees(np.hypot(*np.subtract(aside.angles, other))) > 1.0
 
 
+def test_what_is_not_centred_and_seen_again_from_the_same_place_only_is_not_confirmed(
+    rig, monkeypatch
+):
+    def off(rig, *_, **__):
+        rig.say("centre", "55.6 px from the middle", succeeded=False)
+
+    missed, real = iter([True]), inspection.nearest
+    monkeypatch.setattr(inspection, "centre", off)
+    monkeypatch.setattr(
+        inspection, "nearest", lambda *given: None if next(missed, False) else real(*given)
+    )
+    *_, aside = inspect_wall(rig)
+    assert (aside.picture.name, aside.finding) == ("hole 1 again", None)
+    lost = aside.unconfirmed
+    assert (lost.kind, lost.seen_in, lost.why) == ("hole or pit", ("view 1",), ONE_PLACE)
+    assert lost.evidence == aside.picture.findings[0].evidence
+    assert rig.log[-1].outcome == f"{ONE_PLACE}; not confirmed"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "confirmed"), [("measured", True), ("through-hole", True), ("no coupling", False)]
+)
+def test_echoes_confirm_a_hole_that_was_not_centred(verdict, confirmed):
+    class Probed:
+        def scanned(self, rig, view):
+            return replace(view, probed=PitDepth(verdict, *PLACE))
+
+    said, rim = [], np.zeros((3, 2))
+    picture = InspectedPicture(name="hole 1 again", t=0.0, verdict="good")
+    steps = (LogEntry(0.0, "centre", "55.6 px from the middle", False),)
+    view = InspectedView(
+        picture=picture, image=np.zeros((2, 2), np.uint8), angles=(0.0, 0.0), joints=(0.0, 0.0),
+        place=(0.0, 0.0), seen=(Hole(np.array(PLACE), 1e-3, 3.6, "dark", rim),), steps=steps,
+    )  # fmt: skip
+    view = with_finding(view, 10e-3)
+    rig = SimpleNamespace(say=lambda *words, **_: said.append(words))
+    (after,) = inspection._probed(rig, view, Probed(), ("view 3",))
+    assert (after.finding is not None) == confirmed
+    if not confirmed:
+        assert after.unconfirmed.why == f"{ONE_PLACE}: no coupling"
+        assert (after.unconfirmed.evidence, after.unconfirmed.seen_in) == (3.6, ("view 3",))
+
+
 def test_what_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch):
     monkeypatch.setattr(inspection, "nearest", lambda *_: None)
     views = list(inspect_wall(rig))
@@ -98,7 +147,7 @@ def test_what_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch)
     assert lost.evidence == views[0].picture.findings[0].evidence
     assert rig.log[-1].outcome == "not seen again; seen in 1 view, not confirmed"
     left = [unvisited(views[:count], 10e-3) for count in (2, 3, 4)]
-    assert [[each.why for each in some] for some in left] == [[NOT_VISITED], [FROM_ONE_SIDE], []]
+    assert [[each.why for each in some] for some in left] == [[NOT_VISITED], [SEEN_ONCE], []]
     assert (left[0][0].phi, left[0][0].seen_in) == (lost.phi, ("view 1",))
 
 
@@ -130,6 +179,21 @@ def test_a_view_that_cannot_be_used_is_taken_once_more(rig, monkeypatch, bad, ve
     (once, then) = [entry.outcome for entry in rig.log]
     assert once == "frozen; taken once more"
     assert then.startswith(words)
+
+
+def test_blurred_or_veiled_pictures_are_told_before_the_first_visit(rig, monkeypatch):
+    verdicts = iter(["blurred", "veiled"])
+    monkeypatch.setattr(inspected_view, "clarity", lambda image: next(verdicts))
+    list(inspect_wall(rig))
+    step = next(entry for entry in rig.log if entry.what == "lens")
+    assert not step.succeeded
+    assert step.outcome.startswith("pictures are blurred or veiled: 2 of 2; small defects may be")
+
+
+def test_few_blurred_pictures_are_not_told(rig):
+    views = [view for view in inspect_wall(rig) if view.looks_round]
+    assert inspected_view.lens_words(views) == ""
+    assert "lens" not in [entry.what for entry in rig.log]
 
 
 def test_candidates_beyond_the_most_that_are_visited_are_told(rig, monkeypatch):

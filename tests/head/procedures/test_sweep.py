@@ -121,8 +121,8 @@ def test_a_sweep_out_of_reach_is_refused():
     ("phi", "z", "words"),
     [
         ((1.0, 1.0), Z, "from 57.3 to 57.3 degrees"),
-        (np.radians((10.0, 11.0)), Z, "which are 1 degrees; give at least 2.8, two"),
-        ((0.0, 7.0), Z, "which are 401.1 degrees; .* and at most 360 degrees"),
+        (np.radians((10.0, 11.0)), Z, "that is 1 degree; give at least 2.8, two"),
+        ((0.0, 7.0), Z, "that is 401.1 degrees; .* and at most 360 degrees"),
         (PHI, (2e-3, 1e-3), "from 2 to 1 mm .* which are -1 mm; .* the greater place last"),
         (PHI, (2e-3, 2.4e-3), "which are 0.4 mm; give at least 0.48, two"),
         (PHI, (2e-3, 14e-3), "which are 12 mm; .* and at most 10 mm"),

@@ -11,6 +11,7 @@ from minorloop.head.reconstruction.depth_map import (
     UNSEEN,
     DepthMap,
     Patch,
+    WaterLine,
     blend,
     camera_map,
     echo_map,
@@ -153,3 +154,12 @@ def test_a_part_that_is_pasted_keeps_its_texels():
     assert (found.source == ECHOES).sum() == depth.size
     assert found.depth[found.source == ECHOES] == pytest.approx(depth.ravel())
     assert (paste(found, unseen_map(small)).source == found.source).all()
+
+
+@pytest.mark.parametrize(
+    ("height", "words"),
+    [(-4e-3, "4.0 ± 0.3 mm (90 %) above the axis"), (2e-3, "2.0 ± 0.3 mm (90 %) below the axis")],
+)
+def test_the_level_of_the_water_is_above_or_below_the_axis(height, words):
+    assert WaterLine(height, 0.2e-3, 0.0).words == words
+    assert WaterLine(height, 0.2e-3, 0.0, seen=False).words == "not seen"

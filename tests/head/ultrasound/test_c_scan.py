@@ -8,7 +8,7 @@ import pytest
 
 from minorloop.head.geometry import Mount, Probe, wrapped
 from minorloop.head.reconstruction.depth_map import Patch
-from minorloop.head.ultrasound.c_scan import CRACK, CUT, PIT, c_scan
+from minorloop.head.ultrasound.c_scan import CRACK, CUT, NO_ECHO, PIT, c_scan
 from minorloop.head.ultrasound.echoes import Burst, Pulse
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.wall_distance import speed_error
@@ -208,7 +208,7 @@ def test_losses_at_the_foot_of_a_bead_are_no_crack_where_sway_leaves_a_gap():
             on_it, foot = x < 0.5e-3 and -0.9e-3 < y < 0.1e-3, x < 0.9e-3 and 0.5e-3 < y < 0.7e-3
             one.burst.trace[:] *= 0.05 if on_it else 0.6 if foot else 1.0
             bursts.append(one)
-    assert c_scan(bursts, PROBE, PATCH).finds == ()
+    assert [find.kind for find in c_scan(bursts, PROBE, PATCH).finds] == [NO_ECHO]  # the bead
 
 
 def test_the_wall_about_the_top_of_a_bead_is_no_pit():
@@ -241,6 +241,61 @@ def test_a_misplaced_pivot_is_no_depth():
     assert np.nanmax(np.abs(found.wall.depth)) < 20e-6
 
 
+def silenced(bursts, where):
+    """Bursts of which those at some x and y metres from the middle have noise only."""
+    rng = np.random.default_rng(7)
+    for one in bursts:
+        if where(10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z):
+            one.burst.trace[:] = NOISE * rng.standard_normal(2048)
+    return bursts
+
+
+def test_a_place_without_an_echo_amid_wall_that_answers_is_a_find_without_a_depth():
+    holed = silenced(swept(), lambda x, y: math.hypot(x - 0.3e-3, y) < 0.5e-3)
+    (find,) = c_scan(holed, PROBE, PATCH).finds
+    assert find.kind == NO_ECHO
+    assert np.isnan(find.depth)
+    assert find.diameter == find.length == pytest.approx(1e-3, abs=0.2e-3)
+    assert math.hypot(10e-3 * (find.phi - BOTTOM) - 0.3e-3, find.z - Z) < 0.1e-3
+
+
+def test_a_small_hole_of_which_most_bursts_have_a_faint_echo_of_the_rim_is_found():
+    bursts = silenced(swept(), lambda x, y: math.hypot(x, y) < 0.25e-3)
+    for one in bursts:
+        off = math.hypot(10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z)
+        if 0.25e-3 <= off < 0.45e-3:
+            one.burst.trace[:] *= 0.4
+    (find,) = c_scan(bursts, PROBE, PATCH).finds
+    assert find.kind == NO_ECHO
+    assert find.diameter == pytest.approx(0.9e-3, abs=0.2e-3)
+
+
+def test_a_hole_on_a_gentle_slope_is_found():
+    dent = swept(lambda x, y: 0.2e-3 * math.exp(-0.5 * ((x - 1e-3) ** 2 + y * y) / 1e-3**2))
+    holed = silenced(dent, lambda x, y: math.hypot(x, y) < 0.5e-3)
+    assert [find.kind for find in c_scan(holed, PROBE, PATCH).finds] == [NO_ECHO]
+
+
+def test_bursts_that_are_lost_here_and_there_are_no_find():
+    for seed in range(5):
+        lost = np.random.default_rng(seed)
+        bursts = silenced(swept(), lambda x, y, lost=lost: lost.random() < 0.1)
+        assert c_scan(bursts, PROBE, PATCH).finds == ()
+
+
+def test_flanks_that_send_the_beam_elsewhere_are_no_place_without_an_echo():
+    dent = swept(lambda x, y: 0.4e-3 * math.exp(-0.5 * (x * x + y * y) / 0.8e-3**2))
+    flanks = silenced(dent, lambda x, y: 0.4e-3 < math.hypot(x, y) < 1.3e-3)
+    assert all(find.kind != NO_ECHO for find in c_scan(flanks, PROBE, PATCH).finds)
+    side = silenced(dent, lambda x, y: x > 0 and 0.4e-3 < math.hypot(x, y) < 1.3e-3)
+    assert all(find.kind != NO_ECHO for find in c_scan(side, PROBE, PATCH).finds)
+
+
+def test_a_place_without_an_echo_at_the_edge_is_no_find():
+    cut = silenced(swept(), lambda x, y: math.hypot(x - 1.8e-3, y) < 0.7e-3)
+    assert c_scan(cut, PROBE, PATCH).finds == ()
+
+
 def test_there_is_no_map_above_the_water():
     def wet(x, y):
         return 0.0
@@ -258,6 +313,17 @@ def test_there_is_no_map_above_the_water():
     high = 10e-3 * np.sin(patch.places[..., 0]) < found.water.height - width
     assert np.isnan(found.amplitude[high]).all()
     assert not found.gap[high].any()
+
+
+def test_nothing_is_mapped_where_echoes_are_noise():
+    bursts = silenced(swept(), lambda x, y: True)
+    for one in bursts[7::12]:  # so loud that noise counts as an echo
+        at = round(2 * 8e-3 / PROBE.speed / STEP)
+        one.burst.trace[at - len(_PULSE) // 2 : at + len(_PULSE) // 2 + 1] += 0.04 * _PULSE
+    found = c_scan(bursts, PROBE, PATCH)
+    assert found.wall.unseen == 1.0
+    assert np.isnan(found.amplitude).all()
+    assert found.finds == ()
 
 
 def test_without_a_lens_there_is_a_map_but_no_finds():

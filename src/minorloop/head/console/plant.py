@@ -125,7 +125,8 @@ def open_plant(
     specimen, seed : int
         Of the simulated specimen, and of its noise.
     water : Filling, optional
-        Of the simulated pipe when it is flooded; flowing water to the top without it.
+        Of the simulated pipe when it is flooded; flowing water to the top without it. Its gas is
+        that of the drained pipe too.
 
     Raises
     ------
@@ -137,9 +138,12 @@ def open_plant(
     from minorloop.head.twins.catheter import Catheter
     from minorloop.head.twins.head import Head
     from minorloop.head.twins.rig import Rig
+    from minorloop.head.twins.surroundings import convection
 
-    head = Head(specimen, 0.05, seed, delay=0.04)
-    return Rig(head, Catheter(specimen, 0.02, seed), flooded=water or flowing_water())
+    head, water = Head(specimen, 0.05, seed, delay=0.04), water or flowing_water()
+    film = convection(water.gas, pressure=water.pressure)
+    head.surround(replace(head.surroundings, convection=film))
+    return Rig(head, Catheter(specimen, 0.02, seed), flooded=water)
 
 
 def open_tip(

@@ -8,7 +8,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.drawing.layout import new_figure
-from minorloop.head.procedures.sweep_map import SHADES, SOURCES
+from minorloop.head.procedures.sweep_map import DEEP, LOUD, SHADES, SOURCES
 from minorloop.head.reconstruction.depth_map import DepthMap
 from minorloop.head.ultrasound.c_scan import CScan
 from minorloop.identification.bands import PER_DEVIATION
@@ -49,17 +49,19 @@ def draw_finding(wall: DepthMap) -> Any:
 
 
 def draw_c_scan(scan: CScan) -> Any:
-    """Draw amplitude and depth of the echoes about a finding."""
+    """Draw amplitude and depth of the echoes about a finding, in the same colours for all."""
     figure, axes = new_figure(1, 2, 3.4, grid=False)
     patch = scan.wall.patch
     wide, long = (5e2 * n * patch.step for n in (patch.columns, patch.rows))
     panels = (
-        (scan.amplitude, "amplitude of the echo over that of plain wall"),
-        (1e3 * scan.wall.depth, "depth of the strongest echo [mm]"),
+        (scan.amplitude, LOUD, "amplitude of the echo over that of plain wall"),
+        (1e3 * scan.wall.depth, DEEP, "depth of the strongest echo [mm]"),
     )
-    for one, (values, title) in zip(axes, panels, strict=True):
+    for one, (values, (low, high), title) in zip(axes, panels, strict=True):
         one.set(title=title, xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
-        _draw_values(one, values, (-wide, wide, -long, long))
+        extent = (-wide, wide, -long, long)
+        one.imshow(values, origin="lower", extent=extent, cmap="viridis", vmin=low, vmax=high)
+        figure.colorbar(one.images[0], ax=one, shrink=0.9, extend="both")
     return figure
 
 

@@ -19,17 +19,26 @@ from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of,
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
 from minorloop.head.ultrasound.pits import HOLE, PitDepth
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
+from minorloop.head.vision.clarity import CLEAR, clarity
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Hole
+from minorloop.head.vision.frame_checks import GOOD
 
-__all__ = ["InspectedView", "Unconfirmed", "first_visit", "view_with", "with_finding"]
+__all__ = [
+    "InspectedView",
+    "Unconfirmed",
+    "first_visit",
+    "lens_words",
+    "view_with",
+    "with_finding",
+]
 
 NO_PROBE = "no probe"
 """Verdict of the echoes of a finding that was not scanned."""
 AROUND = "view"
 """First word of the names of views that look round; the others visit a candidate."""
 AGAIN = " again"
-"""End of the name of a visit from another side, after the name of the first."""
+"""End of the name of a second visit, under another angle, after the name of the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +134,20 @@ class InspectedView:
 def first_visit(name: str) -> str:
     """Return the name of the first visit of the candidate that a view of this name visits."""
     return name.removesuffix(AGAIN)
+
+
+def lens_words(views: Sequence[InspectedView]) -> str:
+    """Return that most pictures along the pipe are blurred or veiled; empty if they are not."""
+    around = [view for view in views if view.looks_round and view.picture.verdict == GOOD]
+    verdicts = [clarity(view.image) for view in around]
+    bad = [verdict for verdict in verdicts if verdict != CLEAR]
+    if 2 * len(bad) <= len(verdicts):
+        return ""
+    what = " or ".join(sorted(set(bad)))
+    return (
+        f"pictures are {what}: {len(bad)} of {len(verdicts)}; small defects may be missed; clean "
+        "the lens, or check its focus"
+    )
 
 
 def view_with(

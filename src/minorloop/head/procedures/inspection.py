@@ -1,10 +1,11 @@
 """Inspection of the reachable wall by camera and probe, without an operator.
 
 The head looks round, then visits each candidate: it is centred, and measured where it is seen
-again. A hole that the centred view does not show is looked at once more from another side, because
-a far one is narrow there. What no other view shows is not confirmed, and told apart. With a probe,
-what is confirmed is touched, scanned in the flooded pipe, and its depth is measured. At the end the
-probe is rolled once round the pipe, which shows the level of the water.
+again. A hole that the centred view does not show is looked at once more under another angle,
+because a far one is narrow there. What no other view shows is not confirmed, and told apart. So
+is what could not be centred, and only pictures from one place show, unless echoes show a defect.
+With a probe, what is confirmed is touched, scanned in the flooded pipe, and its depth is measured.
+At the end the probe is rolled once round the pipe, which shows the level of the water.
 """
 
 from __future__ import annotations
@@ -26,12 +27,13 @@ from minorloop.head.procedures.inspected_view import (
     AROUND,
     InspectedView,
     Unconfirmed,
+    lens_words,
     view_with,
     with_finding,
 )
 from minorloop.head.procedures.mark import aim_at
 from minorloop.head.procedures.pictures import CRACK, InspectedPicture
-from minorloop.head.procedures.probe_steps import counts_as_crack
+from minorloop.head.procedures.probe_steps import counts_as_crack, shown_by_echoes
 from minorloop.head.procedures.probing import Probing
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.steps import NEAR, acquire, centre, go, meter, pick, search
@@ -54,7 +56,10 @@ __all__ = ["inspect_wall", "unvisited", "views_of"]
 
 NO_ECHO = "a line that one view on the way round showed, and no echo of its depth"
 """Why a line that was traced again is no finding."""
-NOT_VISITED, FROM_ONE_SIDE = "seen, not visited", "not seen again, not looked at from another side"
+ONE_PLACE = "not centred, and shown by pictures from one place only, without an echo of a defect"
+"""Why a candidate for a hole that was seen again from where it was seen first is no finding: a
+stain looks the same from there."""
+NOT_VISITED, SEEN_ONCE = "seen, not visited", "not seen again, not looked at once more"
 """Why candidates of an inspection that ended early, or has too many of them, are no findings."""
 _DEFLECTION = math.radians(25.0)
 """Deflection of the views that look round: the head turns by up to 30."""
@@ -154,6 +159,8 @@ def inspect_wall(
     if probing is not None:
         probing.begin(rig)
     views = yield from _looked_round(rig, advances, known)
+    if unclear := rig.compute(lambda: lens_words(views)):
+        rig.say("lens", unclear, succeeded=False)
     early = _early([*done, *views])
     holes = _sightings(views, Hole)
     found: list[Hole] = []
@@ -183,7 +190,7 @@ def inspect_wall(
 
 
 def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed]:
-    """Return what views show, and none of them visits, or not from both sides.
+    """Return what views show, and none of them visits, or visits twice without a finding.
 
     Parameters
     ----------
@@ -200,7 +207,7 @@ def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed
     left = []
     for k, hole in enumerate(_holes(holes, early, radius), 1):
         if f"hole {k}{AGAIN}" not in names and not _known(hole, found, radius):
-            why = FROM_ONE_SIDE if f"hole {k}" in names else NOT_VISITED
+            why = SEEN_ONCE if f"hole {k}" in names else NOT_VISITED
             phi, z = hole.place.tolist()
             seen_in = _names(_same(hole, holes, radius))
             left.append(
@@ -348,14 +355,14 @@ def _visited(
     known: Mapping[str, InspectedView],
     probing: Probing | None,
 ) -> Generator[InspectedView, None, Hole | None]:
-    """Visit a candidate for a hole, from two sides if need be; return it if it is seen again."""
+    """Visit a candidate for a hole, twice if need be; return it if it is seen again."""
     view = known.get(name)
     if view is None:
         words = f"evidence {hole.evidence:+.1f}"
         seen = _approached(rig, hole.place, words, name, outlined=True)
         view = _seen_again(rig, seen, hole)
         if view.finding is None:
-            rig.say(name, f"{seen.missing}; looked at from another side")
+            rig.say(name, f"{seen.missing}; looked at once more")
         yield view
     if view.finding is None:
         name, before = f"{name}{AGAIN}", view.steps
@@ -367,8 +374,10 @@ def _visited(
             if view.finding is None:
                 phi, z = hole.place.tolist()
                 view = _not_confirmed(rig, seen, UNDECIDED, (phi, z), hole.evidence, _names(same))
+            elif probing is None and _doubted(view):
+                view = _withdrawn(rig, view, _names(same), ONE_PLACE)
             yield view
-    yield from _probed(rig, view, probing)
+    yield from _probed(rig, view, probing, _names(same))
     return next((one for one in view.seen if isinstance(one, Hole)), None)
 
 
@@ -376,27 +385,46 @@ def _probed(
     rig: InspectionRig,
     view: InspectedView,
     probing: Probing | None,
-    seen_in: tuple[str, ...] = (),
+    seen_in: tuple[str, ...],
 ) -> Iterator[InspectedView]:
     """Yield the view of a finding once more, with its depth, if there is a probe.
 
-    A crack that only one of the views ``seen_in`` showed is not confirmed if no echo gives a depth.
+    A crack that only one of the views ``seen_in`` showed is not confirmed if no echo gives a depth,
+    nor is a hole that was not centred if no echo shows it.
     """
     if probing is None or view.finding is None or view.probed is not None:
         return
     after = probing.scanned(rig, view)
-    if isinstance(after.probed, CrackDepth) and not counts_as_crack(len(seen_in), after.probed):
-        lost = Unconfirmed(
-            kind=CRACK,
-            phi=view.finding.phi,
-            z=view.finding.z,
-            evidence=math.nan,
-            seen_in=seen_in,
-            why=f"{NO_ECHO}: {after.probed.verdict}",
-        )
-        rig.say(view.picture.name, f"{lost.why}; not confirmed")
-        after = replace(after, finding=None, unconfirmed=lost)
+    if isinstance(after.probed, CrackDepth):
+        if not counts_as_crack(len(seen_in), after.probed):
+            after = _withdrawn(rig, after, seen_in, f"{NO_ECHO}: {after.probed.verdict}")
+    elif after.probed is not None and _doubted(view) and not shown_by_echoes(after.probed):
+        after = _withdrawn(rig, after, seen_in, f"{ONE_PLACE}: {after.probed.verdict}")
     yield after
+
+
+def _doubted(view: InspectedView) -> bool:
+    """Return whether a visit saw a hole from where it was seen first, and could not centre it."""
+    centred = all(step.succeeded for step in view.steps if step.what == "centre")
+    return view.picture.name.endswith(AGAIN) and not centred
+
+
+def _withdrawn(
+    rig: InspectionRig, view: InspectedView, seen_in: tuple[str, ...], why: str
+) -> InspectedView:
+    """Return a view whose finding is not confirmed."""
+    assert view.finding is not None
+    kind = UNDECIDED if isinstance(view.seen[0], Hole) else CRACK
+    rig.say(view.picture.name, f"{why}; not confirmed")
+    lost = Unconfirmed(
+        kind=kind,
+        phi=view.finding.phi,
+        z=view.finding.z,
+        evidence=view.evidence,
+        seen_in=seen_in,
+        why=why,
+    )
+    return replace(view, finding=None, unconfirmed=lost)
 
 
 def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:
@@ -413,7 +441,8 @@ def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:
 def _from_aside(rig: InspectionRig, sighting: _Sighting[Hole], name: str) -> _Seen:
     """Search halfway between the view with the most evidence and the one that centres it.
 
-    Neither of them is repeated, so that what is seen here too is no accident of one picture.
+    Neither of them is repeated, so that what is seen here too is no accident of one picture. It is
+    from the place of the first.
     """
     _go(rig, place=sighting.view.place)
     centred = aim_at(rig.calibration, sighting.shown.place, rig.place)

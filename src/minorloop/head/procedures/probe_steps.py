@@ -24,8 +24,10 @@ from minorloop.head.ultrasound.pits import (
     ASTRAY,
     DEEPER,
     DISTURBED,
+    HOLE,
     MEASURED,
     SILENT,
+    UNEVEN,
     PitDepth,
     measure_pit,
 )
@@ -234,7 +236,12 @@ def counts_as_crack(views: int, found: CrackDepth) -> bool:
 
     It is one if two views on the way round showed it, or echoes give its depth.
     """
-    return views >= SEEN_BEFORE or found.verdict in (MEASURED, DEEPER)
+    return views >= SEEN_BEFORE or shown_by_echoes(found)
+
+
+def shown_by_echoes(found: PitDepth | CrackDepth) -> bool:
+    """Whether echoes alone show that there is a defect: by its floor, or as a through-hole."""
+    return found.verdict in (MEASURED, DEEPER, UNEVEN, HOLE)
 
 
 def probe_of(rig: InspectionRig, scanned: ScannedRaster) -> CalibratedProbe:

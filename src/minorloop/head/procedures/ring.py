@@ -27,7 +27,6 @@ from minorloop.head.reconstruction.depth_map import (
 from minorloop.head.ultrasound.echoes import average
 from minorloop.head.ultrasound.profile import Profile, centred, joined, wall_profile
 from minorloop.head.vision.reflectance_map import ReflectanceMap
-from minorloop.identification.bands import PER_DEVIATION
 
 TURNS, SHOTS = 48, 4
 """Places of the sweep round the pipe for water line and profile, and shots at each."""
@@ -69,15 +68,8 @@ def ring_sweep(rig: InspectionRig) -> Ring:
     words = f"{profile.detected.sum()} of {len(profiles)} places answer"
     skipped = TURNS - len(profiles)
     words += f"; {skipped} skipped" if skipped else ""
-    rig.say("water line", f"{_level_words(water)}; {words}", succeeded=water.seen)
+    rig.say("water line", f"{water.words}; {words}", succeeded=water.seen)
     return Ring(profile, water)
-
-
-def _level_words(water: WaterLine) -> str:
-    if not water.seen:
-        return "not seen"
-    side, band = "above" if water.height < 0 else "below", PER_DEVIATION * water.sd
-    return f"{1e3 * abs(water.height):.1f} +- {1e3 * band:.1f} mm (90 %) {side} the axis"
 
 
 def ring_of(

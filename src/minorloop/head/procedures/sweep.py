@@ -178,10 +178,11 @@ class ProbeSweep(Procedure[SweepState]):
         degrees, mm = np.degrees(phi).tolist(), [1e3 * each for each in z]
         beams = _BEAMS * beam_width(self.calibration.probe_at((0.0, 0.0)))
         least = math.degrees(beams / self.calibration.radius)
-        if not least <= degrees[1] - degrees[0] <= 360.0 + 1e-6:
+        around = degrees[1] - degrees[0]
+        if not least <= around <= 360.0 + 1e-6:
             raise ParameterError(
                 f"the sweep goes from {degrees[0]:.4g} to {degrees[1]:.4g} degrees around the "
-                f"pipe, which are {degrees[1] - degrees[0]:.4g} degrees; give at least "
+                f"pipe, that is {around:.4g} degree{'s' * (f'{around:.4g}' != '1')}; give at least "
                 f"{least:.1f}, two widths of the beam, and at most 360 degrees, the greater angle "
                 "last"
             )

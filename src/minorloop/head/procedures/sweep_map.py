@@ -13,7 +13,7 @@ from minorloop.drawing.layout import new_figure
 from minorloop.head.geometry import wrapped
 from minorloop.head.reconstruction.depth_map import UNSEEN, Patch
 from minorloop.head.reconstruction.pipe_map import PipeMap
-from minorloop.head.ultrasound.c_scan import CRACK, PIT
+from minorloop.head.ultrasound.c_scan import CRACK, NO_ECHO, PIT
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 
@@ -21,10 +21,11 @@ SOURCES = ("unseen", "camera", "echoes", "both")
 SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CONTRAST = 0.5
 """Range of the logarithm of reflectance about its median that is drawn from black to white."""
-_DEEPEST = 1.0  # mm, of the colours of depths
+LOUD, DEEP = (0.0, 1.1), (-0.1, 1.0)
+"""Ends of the colours of amplitudes over that of a plain wall, and of depths in mm."""
 _MARGIN = 1e-3
 """Wall in metres that is drawn beyond a find outside the area."""
-_MARKS = {PIT: "o", CRACK: "s"}
+_MARKS = {PIT: "o", CRACK: "s", NO_ECHO: "^"}
 _DIGITS = {
     "phi, degrees": 1,
     "z, mm": 2,
@@ -101,7 +102,7 @@ def _draw_amplitude(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> No
     grey = np.clip(0.5 + fused.picture[:, shown.columns] / (2 * _CONTRAST), 0.0, 1.0)
     axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, **shown.options)
     loud = fused.amplitude[:, shown.columns]
-    drawn = axes.imshow(loud, cmap="viridis", vmin=0.0, vmax=1.1, **shown.options)
+    drawn = axes.imshow(loud, cmap="viridis", vmin=LOUD[0], vmax=LOUD[1], **shown.options)
     figure.colorbar(drawn, ax=axes, label="of a plain wall")
     grey_too = "grey: the picture; in colours: " if np.isfinite(grey).any() else ""
     axes.set_title(f"{grey_too}amplitude of the echo of the wall")
@@ -109,10 +110,10 @@ def _draw_amplitude(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> No
 
 def _draw_depth(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
     depth = 1e3 * _known(fused.wall.depth[:, shown.columns])
-    drawn = axes.imshow(depth, cmap="viridis", vmin=-0.1, vmax=_DEEPEST, **shown.options)
+    drawn = axes.imshow(depth, cmap="viridis", vmin=DEEP[0], vmax=DEEP[1], **shown.options)
     figure.colorbar(drawn, ax=axes, label="[mm]")
     axes.set_title(
-        "depth; circles: pits, squares: cracks, diamonds: cut by the edge; with depths in mm"
+        "depth in mm; circles: pits, squares: cracks, triangles: no echo, diamonds: cut by the edge"
     )
     _mark_finds(axes, fused, shown.start)
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import wrapped
+from minorloop.identification.bands import PER_DEVIATION
 
 STEP = 0.1e-3
 """Size of a texel in metres, a tenth of the footprint of an echo."""
@@ -274,6 +275,14 @@ class WaterLine:
     sd: float
     wrong: float
     seen: bool = True
+
+    @property
+    def words(self) -> str:
+        """The height with its 90 % band, above or below the axis; or that it was not seen."""
+        if not self.seen:
+            return "not seen"
+        side, band = "above" if self.height < 0 else "below", PER_DEVIATION * self.sd
+        return f"{1e3 * abs(self.height):.1f} ± {1e3 * band:.1f} mm (90 %) {side} the axis"
 
     def wet(self, phi: npt.ArrayLike, radius: float, *, margin: float = 0.0) -> BoolArray:
         """Return whether the wall at phi is under water, by a margin in metres."""

@@ -1,4 +1,4 @@
-"""A map of the wall from the bursts of a sweep, and the pits and cracks in it (C-scan)."""
+"""A map of the wall from the bursts of a sweep, and the pits, cracks and holes in it (C-scan)."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ from minorloop.head.ultrasound.wall_echoes import (
 )
 
 PIT, CRACK, CUT = "pit", "crack", "cut by the edge"
+NO_ECHO = "no echo: a hole through the wall, or a place without coupling"
 _WET = 0.5
 """Least amplitude of the strongest echo over that of a plain wall where the beam is under water: at
 the line, half of it is."""
@@ -55,6 +56,12 @@ _LEVEL = 0.02e-3
 _BRIDGED, _CLOSE = 3.0, 0.8
 """Widths of the beam between bursts on one crack, on or about one pit, or on a steep flank and its
 foot, as sway leaves gaps, and fewest bursts on such a width of the length of a crack."""
+_FAINT = 0.6
+"""Amplitude over that of a plain wall below which part of the beam misses the wall."""
+_CLOSED, _SMOOTH, _GENTLE = 0.6 * np.pi, 0.04e-3, 0.75
+"""Of the echoes around a place without any: largest angle between two of them as seen from its
+middle; largest root mean square of their depths about a plane, in metres; and largest slope of the
+plane over that of a wall without an echo."""
 _NEAR = 2.0
 """Widths of the beam within which bursts are at the edge of what was swept."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
@@ -66,23 +73,24 @@ changes: as much as on 0.3 mm, by the error of the place and the way to the near
 
 @dataclass(frozen=True)
 class EchoFind:
-    """A pit or a crack in the map of a sweep.
+    """A pit, a crack or a place without an echo in the map of a sweep.
 
     Parameters
     ----------
     kind : str
         ``pit`` or ``crack``; ``cut by the edge`` where it may be either or neither: a sweep beyond
-        the edge shows what it is.
+        the edge shows what it is; `NO_ECHO` where the level wall around answers, and no burst on
+        it does.
     phi, z : float
         Centre, in radians and metres; the place of a crack that is nearest to it.
     diameter : float
-        Of a pit where it is half as deep, in metres; width of a crack on the map, which is at least
-        that of the beam.
+        Of a pit where it is half as deep, or of a place without an echo, in metres; width of a
+        crack on the map, which is at least that of the beam.
     length : float
         Greatest extent, in metres.
     depth, depth_sd : float
-        Below the wall beside it, and its standard deviation, in metres; NaN for a crack whose floor
-        sends no echo back.
+        Below the wall beside it, and its standard deviation, in metres; NaN for a place without an
+        echo, and for a crack whose floor sends none back.
     bursts : int
         Number of bursts on it.
     at_least : bool
@@ -130,7 +138,7 @@ class CScan:
     water : WaterLine
         As found by where there are echoes.
     finds : tuple of EchoFind
-        Pits by depth, then cracks by length, the greatest first; none by a probe without a lens.
+        Pits by depth, cracks, then places without an echo; none by a probe without a lens.
     noise : (float, float)
         Standard deviations of depth in metres and of amplitude by the texture of this wall, from
         which finds are told.
@@ -168,7 +176,9 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
     heard = [one for one in swept if not one.burst.verdict and np.isfinite(one.spot).all()]
     echoes, width = wall_echoes(heard, probe), beam_width(probe)
     face, offset, phi = probe.transducer.face, probe.mount.offset[1], echoes.spots[:, 0]
-    water = find_water(phi, echoes.strongest > _WET, probe.radius, face=face, offset=offset)
+    # Where there is no wall at all, the usual echo is one of noise.
+    answers = np.isfinite(echoes.depth) & (echoes.strongest > _WET)
+    water = find_water(phi, answers, probe.radius, face=face, offset=offset)
     water = replace(water, sd=float(np.hypot(water.sd, _PLACE_SD)))
     coupled = coupled_at(phi, probe.radius, face=face, offset=offset) > water.height
     used = np.flatnonzero(coupled & np.isfinite(echoes.amplitude))
@@ -194,7 +204,8 @@ def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) ->
             for one in _floors(echoes.depth, used, on, (steepest, noise[0]))
         ]
         clear = used[water.wet(phi[used], probe.radius, margin=2 * width)]
-        finds = _finds(_slender(echoes, clear, on, noise[1]), floors, on)
+        slender = _slender(echoes, clear, on, noise[1])
+        finds = _finds(slender, floors, _silent(echoes, clear, on, steepest), on)
     deep = np.abs(echoes.depth)
     floor = np.hypot(np.where(deep > PULSE, _FLOOR_SD, 0.0), speed_sd * deep)
     depth, amplitude = echoes.depth, echoes.amplitude
@@ -270,6 +281,20 @@ class _Bursts:
         """Return whether most of some bursts are at the edge of what was swept."""
         return bool(np.mean(self.from_edge(members) < _NEAR * self.width) > 0.5)
 
+    def closed(self, members: Indices, rim: Indices) -> bool:
+        """Return whether bursts of a rim are on all sides of the middle of some bursts."""
+        way = self.points[rim] - self.points[members].mean(axis=0)
+        around = np.sort(np.arctan2(way[:, 1], way[:, 0]))
+        gaps = np.diff(around, append=around[0] + 2 * np.pi)
+        return bool(gaps.max() < _CLOSED)
+
+    def plane(self, members: Indices, depth: FloatArray) -> tuple[float, float]:
+        """Return slope and root mean square of depths (N,) of some bursts about their plane."""
+        places = np.column_stack([self.points[members], np.ones(len(members))])
+        plane, *_ = np.linalg.lstsq(places, depth)
+        off = depth - places @ plane
+        return float(np.hypot(*plane[:2])), float(np.sqrt(np.mean(off**2)))
+
     def from_edge(self, members: Indices) -> FloatArray:
         """Return the distances (N,) of some bursts from the edge of what was swept, in metres."""
         points, low, high = self.points[members], self.points.min(axis=0), self.points.max(axis=0)
@@ -321,8 +346,8 @@ class _Bursts:
             CUT if self.cut(members) else kind,
             float(wrapped(phi)),
             float(middle[1]),
-            float(diameter if kind == PIT else area / length),
-            float(diameter if kind == PIT else length),
+            float(area / length if kind == CRACK else diameter),
+            float(length if kind == CRACK else diameter),
             bursts=len(members),
             at_least=kind == CRACK and bool((self.from_edge(members) < self.width).any()),
             **more,
@@ -407,10 +432,39 @@ def _slender(echoes: WallEchoes, used: Indices, on: _Bursts, noise: float) -> li
     return found
 
 
+def _silent(echoes: WallEchoes, used: Indices, on: _Bursts, steepest: float) -> list[Indices]:
+    """Return groups of bursts without an echo, where the wall around them has one.
+
+    A burst in a group has no echo, and no neighbour with one, so that bursts that are lost here and
+    there make none. At the rim of a hole the beam is partly on the wall, and the echo is faint; on
+    a slope all echoes are, so that those without any are looked at first. A plane through the wall
+    around would have an echo, unlike the flank of a dent.
+    """
+    silent = np.isnan(echoes.depth)
+    edges = on.neighbours(used)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    found: list[Indices] = []
+    for quiet in (silent, silent | (echoes.strongest < _FAINT)):
+        inner = np.setdiff1d(both[silent[both[:, 0]], 0], both[~quiet[both[:, 1]], 0])
+        group = on.groups(edges[quiet[edges].all(axis=1)])
+        for k in np.unique(group[inner]):
+            members = np.flatnonzero(group == k)
+            rim = np.unique(both[(group[both[:, 0]] == k) & ~quiet[both[:, 1]], 1])
+            new = not any(np.isin(one, members).any() for one in found)
+            if new and min(rim.size, members.size) >= _FEWEST and on.closed(members, rim):
+                slope, rough = on.plane(rim, echoes.depth[rim])
+                if slope < _GENTLE * steepest and rough < _SMOOTH:
+                    found.append(members)
+    return found
+
+
 def _finds(
-    slender: Sequence[Indices], floors: Sequence[_Floor], on: _Bursts
+    slender: Sequence[Indices],
+    floors: Sequence[_Floor],
+    silent: Sequence[Indices],
+    on: _Bursts,
 ) -> tuple[EchoFind, ...]:
-    """Return floors as pits, and cracks with the depth of the floors in them."""
+    """Return floors as pits, cracks with the depth of the floors in them, and silent places."""
     inside = [
         [one for one in floors if np.isin(one.members, members).mean() > 0.5] for members in slender
     ]
@@ -422,6 +476,10 @@ def _finds(
         known = {} if most is None else {"depth": most.depth, "depth_sd": most.sd}
         if not any(on.beside(members, one.members) for one in pits):
             finds.append(on.find(CRACK, members, **known))
+    told = [*slender, *(one.members for one in floors)]
+    for members in silent:
+        if not any(on.beside(members, other) for other in told):
+            finds.append(on.find(NO_ECHO, members))
     return tuple(find for find in finds if find is not None)
 
 
