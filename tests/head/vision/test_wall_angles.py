@@ -229,6 +229,20 @@ def test_a_fast_head_that_a_search_finds_is_followed_from_there_and_learned_from
     assert len(state.patches.sd) > count
 
 
+@pytest.mark.parametrize("wait", [2.0, 5.0, 20.0])
+def test_a_head_that_settled_while_there_was_no_picture_is_seen_without_a_search(
+    seen, wait, monkeypatch
+):
+    monkeypatch.setattr(WallAngles, "_hunted", lambda eyes, pyramid, state: (None, state))
+    settling, t = math.radians(5.0), 0.0
+    at, state = np.array(REST), seen.state
+    for t in [*np.arange(0.2, 2.2, 0.2), 2.0 + wait]:
+        at = REST + settling * np.array([1.0 - math.exp(-t / 5.0), 0.0])
+        sight, state = seen.eyes.step(state, seen.picture(*at).image, 10.0 + t)
+    assert sight.verdict == SEEN
+    assert error(sight, *at) < CLOSE
+
+
 def dark(image):
     return np.zeros_like(image)
 

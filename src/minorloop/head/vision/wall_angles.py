@@ -84,6 +84,8 @@ _BESIDE, _FINE = math.radians(6.0), math.radians(1.0)
 stops near, and with few patches in view the steps lead to the peak from less than a degree."""
 _GOING = 5
 """Pictures for which the head is taken to go on turning while it is not seen."""
+_SETTLES = 5.0
+"""Time constant in seconds with which it is taken to settle: that of a wire in still air."""
 _FASTEST = math.radians(60.0)
 """Most radians a second at which a head that a search found is taken to turn: twice as fast as one
 turns. If it were taken to stand, a fast one would be searched for in picture after picture, and
@@ -279,7 +281,8 @@ class WallAngles:
         """Return the angles at a time if the head goes on turning for a while."""
         if state.missed > _GOING:
             return state.angles
-        return np.clip(state.angles + (t - state.t) * state.rates, self.low, self.high)
+        passed = -_SETTLES * math.expm1(-(t - state.t) / _SETTLES)
+        return np.clip(state.angles + passed * state.rates, self.low, self.high)
 
     def _missed(
         self, state: WallState, verdict: str, sight: Sight | None = None
