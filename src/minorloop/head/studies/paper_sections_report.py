@@ -13,17 +13,25 @@ from typing import Any, TypeAlias
 from minorloop.report import Report, Table
 from minorloop.studies.claims import cell, figure
 
-Verdict: TypeAlias = "str | Callable[[Mapping[str, Any]], bool]"
-"""Whether a statement holds: as the tests say, or by the figures of this run."""
+Comparison: TypeAlias = Callable[[Mapping[str, Any]], bool]
+Verdict: TypeAlias = "str | Comparison | tuple[Comparison, ...]"
+"""Whether a statement holds: as the tests say, or by the figures of this run. Of several
+comparisons, it holds in part if some do."""
 
 
-def _least(first: str | float, *others: str | float) -> Verdict:
-    """Return the verdict that the first figure or number is no larger than each of the others."""
+def _least(first: str | float, *others: str | float) -> Comparison:
+    """Compare whether the first figure or number is no larger than each of the others."""
 
     def value(known: Mapping[str, Any], of: str | float) -> float:
         return float(figure(known, of)) if isinstance(of, str) else of
 
     return lambda known: all(value(known, first) <= value(known, one) for one in others)
+
+
+def _four(key: str, digits: str) -> str:
+    """Return the places of a figure of the paper's rivals, of its own control, and of ours."""
+    names = ("feedforward_pi", "model_reference", "internal_model", "observer")
+    return ", ".join(f"{{rivals.{name}.{key}:{digits}}}" for name in names)
 
 
 STATEMENTS: tuple[tuple[str, str, str, str, Verdict], ...] = (
@@ -47,8 +55,13 @@ STATEMENTS: tuple[tuple[str, str, str, str, Verdict], ...] = (
         "The model agrees with the wire under an arbitrary input",
         "section on Figs 2 and 5",
         "{arbitrary.mesh_rms_deg:.2f} degrees rms for the mesh behind a linear lag, "
-        "{arbitrary.rms_deg:.2f} for the operator on power",
-        _least("arbitrary.rms_deg", 1.5),
+        "{arbitrary.rms_deg:.2f} for the operator on power; while the wire moves, "
+        "{arbitrary.mesh_moving_rms_deg:.2f} and {arbitrary.moving_rms_deg:.2f}",
+        (
+            _least("arbitrary.mesh_rms_deg", 1.5),
+            _least("arbitrary.rms_deg", 1.5),
+            _least("arbitrary.moving_rms_deg", 1.5),
+        ),
     ),
     (
         "4.1",
@@ -129,15 +142,17 @@ STATEMENTS: tuple[tuple[str, str, str, str, Verdict], ...] = (
         "Feedforward with PI (ref. 11) and a model reference (ref. 12) apply poorly where "
         "conditions vary; an internal model is more robust",
         "section on Fig 10",
-        "held to where the internal model settles sooner; when disturbed, in s: inverse and PI "
-        "{rivals.feedforward_pi.disturbed_settle_s:.1f}, model reference "
-        "{rivals.model_reference.disturbed_settle_s:.1f}, internal model "
-        "{rivals.internal_model.disturbed_settle_s:.1f}, observer "
-        "{rivals.observer.disturbed_settle_s:.1f}",
-        _least(
-            "rivals.internal_model.disturbed_settle_s",
-            "rivals.feedforward_pi.disturbed_settle_s",
-            "rivals.model_reference.disturbed_settle_s",
+        "inverse and PI, model reference, internal model, observer: settling when disturbed, "
+        f"{_four('disturbed_settle_s', '.1f')} s; at worst while the ambient rises by 10 K, "
+        f"{_four('ambient_ramp_max_deg', '.2f')} degrees; circle of 30 s, "
+        f"{_four('circle_rms_deg', '.2f')} degrees rms",
+        tuple(
+            _least(
+                f"rivals.internal_model.{key}",
+                f"rivals.feedforward_pi.{key}",
+                f"rivals.model_reference.{key}",
+            )
+            for key in ("disturbed_settle_s", "ambient_ramp_max_deg", "circle_rms_deg")
         ),
     ),
     (
@@ -301,7 +316,10 @@ def _readable(where: str) -> str:
 def _said(verdict: Verdict, known: Mapping[str, Any]) -> str:
     if isinstance(verdict, str):
         return verdict
-    return "holds" if verdict(known) else "does not hold here"
+    held = [each(known) for each in (verdict if isinstance(verdict, tuple) else (verdict,))]
+    if all(held):
+        return "holds"
+    return "holds in part" if any(held) else "does not hold here"
 
 
 def add_sections(
