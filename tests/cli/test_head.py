@@ -84,8 +84,8 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
     assert (status, error.count("error")) == (0, 0)
     said = [line for line in error.splitlines() if "holds" in line]
     assert said[0].startswith("50 holds in 8 runs: at most 10 min of the head's time, less where")
-    assert said[1] == "pan-loop, run 1 of 8: 7 of the 50 holds left"
-    assert said[8].startswith("tilt-check, run 8 of 8: 5 of the 5 holds left, in about ")
+    assert said[1] == "pan-loop, run 1 of 8: 7 holds, of 50 left in all"
+    assert said[8].startswith("tilt-check, run 8 of 8: 5 holds, of 5 left in all, in about ")
     printed = json.loads(out)
     assert printed["serial"] == "twin-head-1000"
     assert set(printed["check"]) == {"pan", "tilt"}

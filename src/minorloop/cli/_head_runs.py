@@ -35,7 +35,7 @@ class RunsLeft:
         """Say that a run begins."""
         holds, left = self._left.get(run, 0), sum(self._left.values())
         number, done = self._runs - len(self._left) + 1, self._all - left
-        said = f"{run}, run {number} of {self._runs}: {holds} of the {left} holds left"
+        said = f"{run}, run {number} of {self._runs}: {holds} holds, of {left} left in all"
         if done:
             seconds = (time.monotonic() - self._began) * left / done
             said += f", in about {as_duration(seconds)} if they go on as so far"

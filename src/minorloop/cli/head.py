@@ -23,7 +23,7 @@ NAME = "head"
 HELP = "Calibrate a catheter head, identify its two wires, drive it, and inspect a pipe by it."
 app = typer.Typer(help=HELP)
 
-_AGAIN = "continue with the same command"
+_AGAIN = "the runs before this one are kept whole; the same command continues it"
 _MM = 1e-3
 _CAMERA_HELPS = "; for a head whose angles a camera gives, name it with --camera"
 _FARTHEST = 10_000.0

@@ -86,17 +86,17 @@ def run(
         str | None,
         typer.Option(
             help="Only this part: integral, rivals (by the camera alone) or unreachable (with "
-            "more cases) of head, missions or "
-            "sweeps of inspection."
+            "more cases) of head, missions or sweeps of inspection."
         ),
     ] = None,
     as_json: _common.Json = False,
 ) -> None:
     """Carry out a whole experiment on simulated specimens, and compare it with its claims.
 
-    One specimen takes fifteen seconds to a minute, for head and inspection three to ten minutes;
-    stderr has a line for each, and for each part of the first one of inspection. Until the last is
-    done, unfinished.json in the folder has the figures of those before, also after an interruption.
+    One specimen takes fifteen seconds to a minute, for head and inspection three to fifteen
+    minutes; stderr has a line for each, and for each part of the first one of inspection. Until the
+    last is done, unfinished.json in the folder has the figures of those before, also after an
+    interruption.
     """
     module = _module_of(name)
     if not 1 <= specimens <= _MOST:
