@@ -636,7 +636,7 @@ def inspected(monkeypatch):
             angles=(0.1, 0.2),
             joints=(0.6, 0.7),
             place=(0.0, 0.0),
-            finding=outlined(-1.4, 20e-3, 1e-3, "no probe", radius=10e-3),
+            finding=outlined(-1.4, 20e-3, 1e-3, "not scanned", radius=10e-3),
             evidence=5.0,
             course=np.array([[-1.4, 20e-3]]),
         )
@@ -670,7 +670,7 @@ def test_an_inspection_without_an_operator_writes_findings_pictures_and_a_report
     assert (status, inspected.safe) == (0, True)
     assert shown.splitlines() == ["pick: phi -80 deg", "hole 1: 1.02 mm wide"]
     assert kinds == ["begin", *["step"] * 3, "view"]
-    assert tables[0].splitlines()[1].startswith("1,hole or pit,no probe,-80.2141")
+    assert tables[0].splitlines()[1].startswith("1,hole or pit,not scanned,-80.2141")
     printed = json.loads(out)
     assert printed == json.loads(Path("found/findings.json").read_text())
     assert (printed["head"], printed["ended"], printed["safe"]) == ("H-07", "finished", True)
@@ -944,7 +944,7 @@ def test_a_finding_says_that_its_centring_failed_also_after_a_resume(run, script
         rig.say("centre", "28.5 px from the middle of 640 by 480", succeeded=False)
 
     monkeypatch.setattr(inspection, "centre", off)
-    command, said = f"{INSPECT} --advances 0,5", "no probe, but failed: centre"
+    command, said = f"{INSPECT} --advances 0,5", "not scanned, but failed: centre"
     status, out, _ = run(command)
     assert (status, "verdict" in out) == (0, True)
     content = json.loads(Path("found/findings.json").read_text())

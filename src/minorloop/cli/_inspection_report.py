@@ -42,7 +42,7 @@ THROUGH = "hole"
 """Kind of a through-hole."""
 _DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
 _MEANING = {
-    "no probe": "not scanned: the head has no probe, or the inspection ended before",
+    "not scanned": "not scanned: the head has no probe, or the inspection ended before",
     "no water": "the pipe was dry, and the probe needs water",
     "no coupling": "no echo of the wall: the place or the probe is above the water",
     "no floor echo": "the wall answers, but no floor of the defect does",

@@ -58,7 +58,7 @@ def test_a_hole_is_found_centred_and_measured_and_each_view_is_handed_out_at_onc
     assert first.finding is None
     assert first.image.shape == (480, 640)
     (_, near) = views
-    assert (near.finding.kind, near.finding.verdict) == ("hole or pit", "no probe")
+    assert (near.finding.kind, near.finding.verdict) == ("hole or pit", "not scanned")
     assert wall_distance((near.finding.phi, near.finding.z), PLACE, 10e-3) < 0.1e-3
     assert near.finding.width == pytest.approx(1e-3, rel=0.12)
     assert np.isnan(near.finding.depth)
@@ -73,7 +73,7 @@ def test_the_verdict_of_a_finding_names_the_steps_that_failed(rig, monkeypatch):
 
     monkeypatch.setattr(inspection, "centre", off)
     *_, last = inspect_wall(rig)
-    assert last.finding.verdict == "no probe, but failed: centre"
+    assert last.finding.verdict == "not scanned, but failed: centre"
     assert [step.what for step in last.steps] == ["pick", "centre"]
 
 

@@ -100,6 +100,33 @@ def test_a_computer_that_is_too_slow_for_the_loop_does_not_make_it_overshoot(sea
     assert len(said) == (search > 0.1)
 
 
+@pytest.mark.parametrize(("late", "began"), [(6, 0.0), (12, 0.0), (12, 4.0)])
+def test_readings_of_pictures_that_are_known_to_be_old_are_used_and_nothing_swings(late, began):
+    class Old(Head):
+        seen: tuple[np.ndarray, ...] = ()
+        age = 0.08
+
+        def exchange(self, u):
+            self.seen += (np.array(super().exchange(u)),)
+            old = late if len(self.seen) * self.tick > began else 1
+            self.age = (old + 1) * self.tick
+            return self.seen[max(len(self.seen) - 1 - old, 0)]
+
+    head, targets = Old(noise=0.02, seed=3), [[25.0, 25.0], [35.0, 30.0], [20.0, 15.0]]
+    control = camera_control("observer", (identified().model,) * 2, lead=LEAD)
+    result = steer(head, control, targets, 10.0)
+    true = np.array(head.seen)[1:]
+    for n, target in enumerate(targets[1:], 1):
+        at = true[result.row == n]
+        assert (at.max(axis=0) < np.maximum(target, targets[n - 1]) + 1.0).all()
+        assert abs(at[-50:] - target).max() < 0.7
+        assert np.ptp(at[-50:], axis=0).max() < 0.7
+    assert result.used.mean() > 0.95
+    assert not any("they are late" in each.what for each in result.faults)
+    (said,) = (each for each in result.faults if "old, and the control" in each.what)
+    assert f"up to {0.04 * (late + 1):.2g} s old" in said.what
+
+
 def test_a_target_without_a_reading_has_no_result():
     head = Head(noise=0.05, faults=[Fault("pan", "lost", 0.0)])
     result = steer(head, CONTROL, [[10.0, 10.0]], 1.0)

@@ -8,8 +8,8 @@ caller puts it there before the next step, so that models follow the applied cur
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, Self
 
 from minorloop.arrays import as_finite
 from minorloop.dynamics.heated_wire import SMALLEST_CHANGE, HeatedState, HeatedWire
@@ -92,6 +92,10 @@ class Loop:
         whole = isinstance(self.delay, int) and not isinstance(self.delay, bool)
         if not whole or not 0 <= self.delay <= MOST_DELAY:
             raise ParameterError(f"delay is {self.delay!r}; give 0 to {MOST_DELAY} intervals")
+
+    def later(self, steps: int) -> Self:
+        """Return the loop for readings that are older by some intervals; states remain valid."""
+        return replace(self, delay=min(self.delay + steps, MOST_DELAY))
 
     def current(self, power: float) -> float:
         """Return the current in A for a power, within the limits."""

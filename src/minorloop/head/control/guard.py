@@ -15,7 +15,7 @@ from functools import cached_property
 
 from minorloop.dynamics.heated_wire import HeatedState
 from minorloop.errors import ParameterError
-from minorloop.head.control.controller import MOST_DELAY, Controller, Loop
+from minorloop.head.control.controller import Controller, Loop
 from minorloop.head.control.guard_log import ASTRAY, GuardLog
 from minorloop.head.control.guard_state import COOLED, Cause, GuardState
 from minorloop.head.control.lateness import Lateness, LatenessWatch, Stop, StopWatch, late_by
@@ -225,10 +225,10 @@ class Guard:
         steps : int
             0 or more. A law without a delay of its own, such as the adaptive one, remains as it is.
         """
-        delay, law = min(self.observer.delay + steps, MOST_DELAY), self.controller
+        law = self.controller
         if isinstance(law, Loop):
-            law = replace(law, delay=delay)
-        return replace(self, controller=law, observer=replace(self.observer, delay=delay))
+            law = law.later(steps)
+        return replace(self, controller=law, observer=self.observer.later(steps))
 
     def temperature(self, state: GuardState) -> float:
         """Return the highest temperature that the wire may have now, in degrees Celsius."""

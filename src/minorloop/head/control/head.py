@@ -194,13 +194,18 @@ class HeadControl:
             axis.observer.wire.operator.range[0] for axis in self.axes
         ]
 
-    def later(self, steps: int) -> HeadControl:
-        """Return the control for steps that take so many intervals more, with readings as late.
+    def later(self, takes: int, older: int) -> HeadControl:
+        """Return the control for steps that take longer, with older readings; states remain valid.
 
-        States remain valid.
+        Parameters
+        ----------
+        takes : int
+            Intervals that a step takes.
+        older : int
+            Intervals by which readings are older than those that the control is set up for.
         """
-        unread = self.unread and replace(self.unread, takes=1 + steps)
-        return replace(self, axes=tuple(axis.later(steps) for axis in self.axes), unread=unread)
+        unread = self.unread and replace(self.unread, takes=takes)
+        return replace(self, axes=tuple(axis.later(older) for axis in self.axes), unread=unread)
 
     def reach(self, reference: npt.ArrayLike, ends: npt.ArrayLike | None = None) -> FloatArray:
         """Return the least and largest readings (axes, 2) with the other axes where they belong.

@@ -8,7 +8,8 @@ convection add.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 from minorloop.dynamics.heated_wire import HeatedState, HeatedWire
 from minorloop.head.control.controller import Loop, heating, mean_slope, within
@@ -18,6 +19,9 @@ _FLATTEST = 0.3
 difference."""
 _LARGEST_ERROR = 0.45
 """Differences above this many degrees change the bias no faster: they are motion."""
+_CALM = 0.6
+"""Product of the correction and the age of readings up to which the estimate does not swing: an
+integral with a delay swings from 1.6 on, and the bias takes a part of that."""
 _MOST_BIAS = 0.6
 """Largest bias as a share of full power."""
 
@@ -86,6 +90,18 @@ class PowerObserver(Loop):
         within("learning", self.learning, 0.0, 1.0 / self.interval, "1/s")
         within("smoothing", self.smoothing, 0.0, 10.0, "s")
         within("dead_band", self.dead_band, 0.0, 10.0, "degrees")
+
+    def later(self, steps: int) -> Self:
+        """Return the loop for readings that are older by some intervals; states remain valid.
+
+        It follows them more slowly: what is corrected now is only seen after their age.
+        """
+        found = super().later(steps)
+        most = _CALM / max(found.delay * self.interval, 1e-9)
+        slower = min(most / max(self.correction, 1e-9), 1.0)
+        return replace(
+            found, correction=slower * self.correction, learning=slower**2 * self.learning
+        )
 
     def found(self, measurement: float = 0.0, current: float = 0.0) -> Estimate:
         """Return the estimate of a wire that has settled at an angle under a current."""

@@ -190,7 +190,8 @@ class FaultLog:
         if old:
             what = (
                 f"pictures were up to {max(age for _, age in old):.2g} s old, and the control is "
-                f"set up for {self._delay * self._interval:.2g} s; check the camera and its network"
+                f"set up for {self._delay * self._interval:.2g} s: the head was turned more "
+                "slowly; check the camera and its network"
             )
             axes, lasted = " and ".join(self._names), len(old) * self._interval
             yield DriveFault(axes, old[0][0], lasted, what, len(old))

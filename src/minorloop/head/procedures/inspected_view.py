@@ -33,7 +33,7 @@ __all__ = [
     "with_finding",
 ]
 
-NO_PROBE = "no probe"
+NOT_SCANNED = "not scanned"
 """Verdict of the echoes of a finding that was not scanned."""
 AROUND = "view"
 """First word of the names of views that look round; the others visit a candidate."""
@@ -164,7 +164,7 @@ def with_finding(view: InspectedView, radius: float) -> InspectedView:
     probed = view.probed
     if isinstance(shown, Hole):
         phi, z = shown.place.tolist()
-        found = outlined(phi, z, shown.diameter, NO_PROBE, radius=radius)
+        found = outlined(phi, z, shown.diameter, NOT_SCANNED, radius=radius)
         if isinstance(probed, PitDepth):
             measured = math.isfinite(probed.diameter_sd)
             kind = kind_of(probed.verdict)
@@ -175,7 +175,7 @@ def with_finding(view: InspectedView, radius: float) -> InspectedView:
             )
         course, evidence = shown.rim, shown.evidence
     else:
-        depth = probed if isinstance(probed, CrackDepth) else CrackDepth(NO_PROBE)
+        depth = probed if isinstance(probed, CrackDepth) else CrackDepth(NOT_SCANNED)
         found = crack_finding(shown.places, shown.width, depth, radius, width_sd=shown.width_sd)
         course, evidence = shown.places, math.nan
     if view.failed:

@@ -67,7 +67,7 @@ def ring_sweep(rig: InspectionRig) -> Ring:
     water = find_water(profile.spots[:, 0], answers, radius, face=Probe().face)
     words = f"{profile.detected.sum()} of {len(profiles)} places answer"
     skipped = TURNS - len(profiles)
-    words += f"; {skipped} skipped" if skipped else ""
+    words += f"; {skipped} more not used: no view of the turn of the base" if skipped else ""
     rig.say("water line", f"{water.words}; {words}", succeeded=water.seen)
     return Ring(profile, water)
 

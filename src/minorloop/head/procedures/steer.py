@@ -229,7 +229,7 @@ class _Drive:
         self._t, self._state = 0.0, control.begin()
         self._pictures = getattr(head, "pictures", math.nan)
         self._took: deque[float] = deque(maxlen=_LATELY)
-        self._later = {1: control}
+        self._later = {(1, 0): control}
         self.rows: list[tuple[float, int, FloatArray, FloatArray]] = []
         self._judged: list[tuple[BoolArray, FloatArray]] = []
         self.given_up: dict[tuple[int, int], str] = {}
@@ -258,17 +258,21 @@ class _Drive:
             self.given_up |= {(n, k): text for k, text in _given_up(self._state, n + 1).items()}
 
     def _paced(self) -> HeadControl:
-        """Return the control for the usual duration of a step.
+        """Return the control for the usual duration of a step, and the age of the newest picture.
 
         A picture is taken at the beginning of a step, and its current begins when it was searched,
         near the end: in a step of several ticks, it is older by as much.
         """
+        head, delay = self._head, self._control.axes[0].observer.delay
         ticks = 1
-        if self._took and hasattr(self._head, "age"):
-            ticks = max(round(float(np.median(self._took)) / self._head.tick), 1)
-        if ticks not in self._later:
-            self._later[ticks] = self._control.later(ticks - 1)
-        return self._later[ticks]
+        if self._took and hasattr(head, "age"):
+            ticks = max(round(float(np.median(self._took)) / head.tick), 1)
+        age = getattr(head, "age", math.nan)
+        older = 0 if math.isnan(age) else max(round(age / head.tick) - delay, 0)
+        key = ticks, max(older, ticks - 1)
+        if key not in self._later:
+            self._later[key] = self._control.later(*key)
+        return self._later[key]
 
     def found(self) -> SteeredHead:
         """Return what was measured until now."""
