@@ -779,7 +779,7 @@ def scripted(monkeypatch):
 def test_an_inspection_that_a_power_cut_ended_is_resumed_from_its_journal(run, scripted):
     def content():
         found = json.loads(Path("found/findings.json").read_text())
-        return {name: value for name, value in found.items() if name != "seconds"}
+        return {k: value for k, value in found.items() if k not in ("seconds", "resumed")}
 
     command = f"{INSPECT} --advances 0,5"
     assert run(command)[0] == 0
@@ -800,6 +800,8 @@ def test_an_inspection_that_a_power_cut_ended_is_resumed_from_its_journal(run, s
         status, _, error = run(f"{command} --resume")
         assert (status, scripted) == (0, every[left:]), error
         assert content() == whole
+        (resumed,) = json.loads(Path("found/findings.json").read_text())["resumed"]
+        assert f"cut off, and resumed at</td><td>{resumed}" in Path("found/report.html").read_text()
         again = journal()
         assert [each["what"] for each in again if each["what"] in ("begin", "resume", "end")] == [
             "begin", "resume", "end",
@@ -1264,7 +1266,7 @@ def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(
 ):
     def content():
         found = json.loads(Path("found/findings.json").read_text())
-        return {name: value for name, value in found.items() if name != "seconds"}
+        return {k: value for k, value in found.items() if k not in ("seconds", "resumed")}
 
     command = f"{INSPECT} --advances 0,5"
     status, out, error = run(command)

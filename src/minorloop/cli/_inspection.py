@@ -195,7 +195,8 @@ class InspectionFolder:
         self._log = [line for line in before.journal.lines if line["what"] == "step"]
         make_folder(folder / "pictures", force=bool(before.journal.lines))
         self._journal = Journal(folder, begun, before.journal.lines, views=len(self._views))
-        self._content = {**begun, "began": self._journal.began, "probe": probing is not None}
+        times = {"began": self._journal.began, "resumed": self._journal.resumed}
+        self._content = {**begun, **times, "probe": probing is not None}
         self._bursts: dict[str, int] = {}
         if probing is not None:
             probing.told = self.measured

@@ -176,9 +176,11 @@ def _map_caption(
 
 def _facts(content: Mapping[str, Any]) -> list[list[str]]:
     """Return what was inspected, by what, and when, as rows of a table."""
+    between = ", without the time between" if content["resumed"] else ""
     known = {
         "began": content["began"],
-        "duration": f"{content['seconds']:.0f} s",
+        "cut off, and resumed at": ", ".join(content["resumed"]),
+        "duration": f"{content['seconds']:.0f} s{between}",
         "ended": content["ended"],
         "head": content["head"],
         "at": content["actuator"],

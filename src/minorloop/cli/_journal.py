@@ -52,6 +52,8 @@ class Journal:
     ----------
     began : str
         When its first line was written.
+    resumed : list of str
+        When it was continued.
     """
 
     def __init__(
@@ -63,6 +65,8 @@ class Journal:
         passed = max((float(line["t"]) for line in lines), default=0.0)
         self._began = time.monotonic() - passed
         self.began = str(lines[0]["began"]) if lines else now
+        self.resumed = [str(line["resumed"]) for line in lines if line["what"] == "resume"]
+        self.resumed += [now] * bool(lines)
         # A line that was not written to its end is left out.
         write_atomically(folder / NAME, "".join(f"{json.dumps(line)}\n" for line in lines))
         self._file = (folder / NAME).open("ab", buffering=0)
