@@ -73,7 +73,7 @@ def check_name(what: str, name: str, error: type[MinorloopError] = ParameterErro
 
 def printable(name: str) -> str:
     """Return a name in which each character that `check_name` refuses is replaced."""
-    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", name)
+    return _CONTROL.sub("\ufffd", name)
 
 
 def kind_of_file(path: PathLike, begin: bytes) -> str:

@@ -161,9 +161,7 @@ def _usage(error: Exception) -> str:
 def _refuse(kind: str, message: str) -> int:
     """Print one line on stderr, without characters that control a terminal."""
     line = " ".join(message.split())
-    line = "".join(
-        letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in line
-    )
+    line = "".join(letter if letter.isprintable() else "\ufffd" for letter in line)
     if len(line) > _LONGEST:
         line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
     print(f"error: {line}", file=sys.stderr)

@@ -130,7 +130,9 @@ def test_faults_of_both_axes_at_about_the_same_time_are_one():
 
 
 def test_readings_that_were_refused_are_not_called_missing():
-    why = "what the camera sees has not turned with the head, and 8 of 16 patches agree"
+    why = (
+        "the view that was found again has not turned with the head yet, and 8 of 16 patches agree"
+    )
     (fault,) = driven(lost(5.0, 5.1), [[30.0, 30.0]], 9.0, why=why).faults
     assert fault.what == f"readings were not used, because {why}; the wire went by its model"
 

@@ -21,7 +21,7 @@ LATE, FEW, NO_PATCH, UNSURE = (
 )
 
 
-UNTURNED = "what the camera sees has not turned with the head"
+UNTURNED = "the view that was found again has not turned with the head yet"
 """Why angles are on trial."""
 _HIDDEN_OR_NEW = "something is before the wall, the light changed, or this wall was not seen before"
 """Why too few patches agree."""
