@@ -261,15 +261,16 @@ class _Drive:
         """Return the control for the usual duration of a step, and the age of the newest picture.
 
         A picture is taken at the beginning of a step, and its current begins when it was searched,
-        near the end: in a step of several ticks, it is older by as much.
+        near the end: in a step of several ticks, it is older by as much. One that is older by a
+        tick is usual.
         """
         head, delay = self._head, self._control.axes[0].observer.delay
         ticks = 1
         if self._took and hasattr(head, "age"):
             ticks = max(round(float(np.median(self._took)) / head.tick), 1)
         age = getattr(head, "age", math.nan)
-        older = 0 if math.isnan(age) else max(round(age / head.tick) - delay, 0)
-        key = ticks, max(older, ticks - 1)
+        older = 0 if math.isnan(age) else round(age / head.tick) - delay
+        key = ticks, max(older if older > 1 else 0, ticks - 1)
         if key not in self._later:
             self._later[key] = self._control.later(*key)
         return self._later[key]
