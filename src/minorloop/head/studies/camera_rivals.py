@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from minorloop.head.studies.head import DISTURBED
 from minorloop.head.studies.head_camera import (
     CIRCLES,
@@ -25,7 +23,7 @@ from minorloop.head.studies.head_camera import (
     run_step,
     seen_control,
 )
-from minorloop.head.studies.head_loop import TICK, HeadRun, step_figures
+from minorloop.head.studies.head_loop import HeadRun, controller_figures
 from minorloop.head.studies.head_rivals_report import WORDS
 from minorloop.studies.claims import Claim
 
@@ -76,13 +74,8 @@ class CameraRivals:
     def _figures(self, law: str) -> dict[str, float]:
         steps = [self.steps[law, target] for target in STEPS]
         disturbed = [self.disturbed[law, where] for where in DISTURBED]
-        return {
-            **step_figures(steps),
-            "disturbed_settle_s": max(run.settle for run in disturbed),
-            "disturbed_rms_deg": max(run.steady for run in disturbed),
-            "circle_rms_mm": self.circles[law].rms,
-            "energy_A2s": float(sum(np.sum(run.current[:, 0] ** 2) * TICK for run in steps)),
-        }
+        figures = controller_figures(steps, disturbed)
+        return {**figures, "circle_rms_mm": self.circles[law].rms}
 
 
 def run_study(seed: int) -> CameraRivals:

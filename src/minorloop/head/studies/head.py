@@ -31,6 +31,7 @@ from minorloop.head.studies.head_loop import (
     HeadRun,
     circle,
     constant,
+    controller_figures,
     ramps,
     run_loop,
     stairs,
@@ -365,12 +366,9 @@ class HeadStudy:
         steps = [self.runs[f"step {x:g}", name] for x in TARGETS]
         disturbed = [self.runs[f"{where}, step {TARGETS[-1]:g}", name] for where in DISTURBED]
         return {
-            **step_figures(steps),
-            "disturbed_settle_s": max(run.settle for run in disturbed),
-            "disturbed_rms_deg": max(run.steady for run in disturbed),
+            **controller_figures(steps, disturbed),
             "ambient_ramp_max_deg": _ramp_worst(self.runs["ambient ramp", name]),
             "circle_rms_deg": _round(self.runs[RIVALS_CIRCLE, name])["rms_deg"],
-            "energy_A2s": float(sum(np.sum(run.current[:, 0] ** 2) * TICK for run in steps)),
         }
 
     def _closed_ramps(self) -> float:

@@ -177,6 +177,16 @@ def step_figures(runs: Sequence[HeadRun]) -> dict[str, float]:
     }
 
 
+def controller_figures(steps: Sequence[HeadRun], disturbed: Sequence[HeadRun]) -> dict[str, float]:
+    """Return the figures of a controller by its steps, and by those in other surroundings."""
+    return {
+        **step_figures(steps),
+        "disturbed_settle_s": max(run.settle for run in disturbed),
+        "disturbed_rms_deg": max(run.steady for run in disturbed),
+        "energy_A2s": float(sum(np.sum(run.current[:, 0] ** 2) * TICK for run in steps)),
+    }
+
+
 def constant(pan: float, tilt: float = 0.0) -> Reference:
     """Return a constant reference."""
     return lambda t: (pan, tilt)
