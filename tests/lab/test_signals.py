@@ -7,7 +7,6 @@ import pytest
 from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
-KEPT = {name: signal.getsignal(getattr(signal, name)) for name in NAMES}
 
 
 def send(name):
@@ -60,18 +59,18 @@ def test_within_what_is_deferred_a_signal_may_be_allowed():
 
 
 def test_where_the_process_exits_a_second_signal_does_not_end_it():
-    before = signal.getsignal(signal.SIGTERM)
+    before = {name: signal.getsignal(getattr(signal, name)) for name in NAMES}
     try:
         with pytest.raises(Stopped), ended_by_signals(exiting=True):
             send("SIGTERM")
         assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
         send("SIGTERM")  # the default handler would end the process
     finally:
-        for name in NAMES:
-            signal.signal(getattr(signal, name), KEPT[name])
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)
     with ended_by_signals(exiting=True):
         pass
-    assert signal.getsignal(signal.SIGTERM) is before
+    assert signal.getsignal(signal.SIGTERM) is before["SIGTERM"]
 
 
 def test_an_error_says_more_than_a_signal():

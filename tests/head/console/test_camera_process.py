@@ -1,3 +1,4 @@
+import signal
 from multiprocessing import Pipe
 from threading import Event
 from types import SimpleNamespace
@@ -94,7 +95,9 @@ def test_angles_are_counted_from_where_the_cold_wires_are_by_their_models(monkey
         camera_process, "LiveCamera", lambda address: SimpleNamespace(close=lambda: None)
     )
     settings = LoopSettings(address="bench:head.toml", camera="camera:0", sensors=False)
+    before = signal.getsignal(signal.SIGTERM)
     processes.supervised(settings, None, print, head=head)
+    assert signal.getsignal(signal.SIGTERM) is before
     assert asked == [tuple(control.cold.tolist())]
     assert asked[0] != (0.0, 0.0)
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import socket
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from minorloop.head.console.auth import Authentication
 from minorloop.head.console.channel import NewestPipe
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import Part, ProcessHandle, Supervisor
+from minorloop.lab.signals import Stopped, ended_by_signals
 
 if TYPE_CHECKING:
     from minorloop.head.control.head import HeadControl
@@ -92,7 +92,7 @@ def supervised(
     ]
     supervisor = Supervisor(parts, PIPES, notify=notify)
     try:
-        with _ended_by_signals():
+        with contextlib.suppress(Stopped), ended_by_signals(exiting=True):
             supervisor.start()
             supervisor.run()
     finally:
@@ -171,24 +171,3 @@ def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
         private_key=how.private_key,
         server=Supervised,
     )
-
-
-@contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """End the block at a signal that ends programs; further signals do not disturb the end."""
-    handled = [
-        number
-        for name in ("SIGINT", "SIGTERM", "SIGHUP")
-        if (number := getattr(signal, name, None)) is not None
-        and signal.getsignal(number) != signal.SIG_IGN  # as nohup does
-    ]
-
-    def end(*_: object) -> None:
-        for number in handled:
-            signal.signal(number, signal.SIG_IGN)
-        raise KeyboardInterrupt
-
-    for number in handled:
-        signal.signal(number, end)
-    with contextlib.suppress(KeyboardInterrupt):
-        yield
