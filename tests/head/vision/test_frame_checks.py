@@ -44,6 +44,14 @@ def test_black_and_white_frames():
     assert check_frame(np.full((480, 640), 255, np.uint8), LENS) == "saturated"
 
 
+def test_a_dark_frame_at_a_high_gain_is_black_and_one_with_a_lit_spot_is_not():
+    noise = np.random.default_rng(3).normal(4, 12, (480, 640)).clip(0, 255).astype(np.uint8)
+    assert (noise > 12).mean() > 0.2
+    assert check_frame(noise, LENS) == "black"
+    noise[100:130, 100:130] = 200
+    assert check_frame(noise, LENS) == "good"
+
+
 def test_frames_without_a_picture():
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 256, (480, 640)).astype(np.uint8)

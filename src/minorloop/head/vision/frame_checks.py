@@ -27,8 +27,8 @@ GOOD, WRONG_SIZE, BLACK, SATURATED, NO_PICTURE, FROZEN, TORN = (
 )
 """Verdicts on a frame."""
 
-# Grey levels of 255 and shares of the pixels: one lit spot makes a frame not black; glints and a
-# bright wall do not make it saturated.
+# Grey levels of 255, and shares of cells and of pixels: one lit spot makes a frame not black, the
+# noise of a high gain does not; glints and a bright wall do not make it saturated.
 _DARK_LEVEL, _DARK_SHARE = 12, 0.002
 _WHITE, _WHITE_SHARE = 250, 0.6
 _STRIDE = 4  # pixels: a sixteenth of a frame is enough, and fast
@@ -99,8 +99,10 @@ def check_frame(
     if not whole or image.shape != (lens.height, lens.width):
         return WRONG_SIZE
     few = image[::_STRIDE, ::_STRIDE]
-    if lit and (few > _DARK_LEVEL).mean() < _DARK_SHARE:
-        return BLACK
+    if lit and few.mean() < _DARK_LEVEL:
+        cells = _cells(image)
+        if np.count_nonzero(cells > _DARK_LEVEL) < _DARK_SHARE * cells.size:
+            return BLACK
     if (few >= _WHITE).mean() > _WHITE_SHARE:
         return SATURATED
     if _without_picture(image[::_STRIDE]):
@@ -149,8 +151,7 @@ class Brightness:
     @classmethod
     def of(cls, image: npt.NDArray[np.uint8]) -> Brightness:
         """Return the brightness of a frame."""
-        cells = np.empty((image.shape[0] // _CELL, image.shape[1] // _CELL), dtype=np.float32)
-        _kernels.cell_means(np.ascontiguousarray(image), cells)
+        cells = _cells(image)
         return cls(cells, _blocks(cells))
 
 
@@ -190,6 +191,13 @@ def _all_or_some(bad: npt.NDArray[np.bool_], known: npt.NDArray[np.bool_], verdi
     if not bad.any():
         return GOOD
     return verdict if bad.sum() == known.sum() else TORN
+
+
+def _cells(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """Return the mean greys of cells of 16 by 16 pixels."""
+    cells = np.empty((image.shape[0] // _CELL, image.shape[1] // _CELL), dtype=np.float32)
+    _kernels.cell_means(np.ascontiguousarray(image), cells)
+    return cells
 
 
 def _blocks(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
