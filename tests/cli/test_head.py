@@ -1319,9 +1319,11 @@ def test_the_caption_of_a_map_has_its_marks_only():
 
 def test_the_report_says_what_the_edge_cuts_how_high_the_water_was_and_that_pictures_are_blurred():
     wall = {"z [mm]": [13.0, 22.0], "angles [deg]": [-180.0, 180.0], "seen": 0.9, "probed": 0.0}
+    wall["pipe [mm]"] = 102.0
     said = " ".join(
         wall_words({"wall": wall, "water level": "4.0 mm above the axis", "lens": "pictures are x"})
     )
+    assert said.startswith("The camera searched 9.0 mm of the 102 mm of pipe: the inner wall from")
     assert "or one that the edge of each picture cuts, is not found; --advances" in said
     assert "Pictures are x." in said
     assert said.endswith("The water stood 4.0 mm above the axis.")

@@ -266,7 +266,10 @@ class InspectionFolder:
 
         walls = self._walls()
         seen = seen_wall(self._views.values(), self._view, list(walls.values()))
-        self._content |= {"wall": None if seen is None else wall_row(seen), **self._water_row()}
+        self._content |= {
+            "wall": None if seen is None else wall_row(seen, self._view),
+            **self._water_row(),
+        }
         self._content["lens"] = lens_words(list(self._views.values()))
         self._write_findings()
         self._write_models(walls)
@@ -392,9 +395,10 @@ class InspectionFolder:
         )
 
 
-def wall_row(seen: SeenWall) -> dict[str, Any]:
+def wall_row(seen: SeenWall, view: HeadCalibration) -> dict[str, Any]:
     """Return which wall was seen, and the shares of it that camera and echoes covered."""
     return {
+        "pipe [mm]": None if view.length is None else round(1e3 * view.length, 2),
         "z [mm]": [round(1e3 * z, 2) for z in seen.along],
         "angles [deg]": [round(math.degrees(phi), 1) for phi in seen.around],
         "seen": round(seen.seen_share, 4),

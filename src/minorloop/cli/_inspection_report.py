@@ -199,9 +199,10 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
     low, high = wall["z [mm]"]
     first, last = wall["angles [deg]"]
     around = "all round" if last - first >= 360.0 else f"from {first:.0f} to {last:.0f} degrees"
+    pipe = f" of the {wall['pipe [mm]']:.0f} mm of pipe" if wall["pipe [mm]"] else ""
     said = [
-        f"The camera searched the inner wall from z {low:.1f} to {high:.1f} mm, {around}: "
-        f"{wall['seen']:.0%} of this part of the pipe. "
+        f"The camera searched {high - low:.1f} mm{pipe}: the inner wall from z {low:.1f} to "
+        f"{high:.1f} mm, {around}, of which it saw {wall['seen']:.0%}. "
         "A defect beyond it, or one that the edge of each picture cuts, is not found; --advances "
         "with a place nearer to it shows it whole."
     ]
