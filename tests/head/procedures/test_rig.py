@@ -74,7 +74,7 @@ class Control:
         self.read = []
 
     def begin(self):
-        wire = SimpleNamespace(wire=SimpleNamespace(angle=12.0))
+        wire = SimpleNamespace(angle=12.0)
         return SimpleNamespace(axes=[SimpleNamespace(estimate=wire)] * 2)
 
     def step(self, state, reference, measurement, *, t=None):

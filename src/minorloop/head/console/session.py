@@ -242,7 +242,7 @@ class Session:
         if self.state.mode != "HOLD":
             self._stop = None
         elif before != "HOLD":
-            own = [axis.estimate.wire.angle for axis in self._control.axes]
+            own = [axis.estimate.angle for axis in self._control.axes]
             read = np.radians(np.asarray(self.control.coupling) @ own)
             pan, tilt = self.view.line_of_sight(read).tolist()
             self._stop = pan, tilt
@@ -267,7 +267,7 @@ class Session:
                 current=pair((axis.applied for axis in axes), 4),
                 temperature=pair(self._temperatures(), 1),
                 memory=(pan, tilt),
-                wire=pair((axis.estimate.wire.angle for axis in axes), 2),
+                wire=pair((axis.estimate.angle for axis in axes), 2),
                 trouble=self._trouble(),
                 clutch=drive is not None and drive.clutch,
                 received=None if drive is None else messages.DriveReceipt(seq=drive.seq, t=drive.t),

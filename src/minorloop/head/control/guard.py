@@ -144,7 +144,7 @@ class Guard:
         steps, read, notes, clock = self._passed(state, reading, t)
         wanted, notes = self._wanted(state, reference, asked, notes)
         estimate, heated = self._predicted(state, steps)
-        number, expected = as_number(read), estimate.past[-1]
+        number, expected = as_number(read), estimate.expected
         usable = math.isfinite(number) and self.sensor.possible(number)
         angle = as_number(measurement) if usable else math.nan
         belief = self._motion.step(
@@ -386,7 +386,7 @@ class Guard:
     def _useful(self, sensed: Sensed, reach: ReachState, estimate: Estimate) -> float:
         """Return the largest current in A for this state of the sensor and this target."""
         low, top = self.observer.wire.operator.range
-        angle = sensed.value if math.isfinite(sensed.value) else estimate.wire.angle
+        angle = sensed.value if math.isfinite(sensed.value) else estimate.angle
         if sensed.fault in COOLED or angle > STROKE_SHARE * top:
             return 0.0
         verdict = reach.verdict

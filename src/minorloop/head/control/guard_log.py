@@ -77,7 +77,7 @@ class GuardLog:
                 f"without a current it stays above {new.reference:.1f} degrees: the surroundings "
                 "are too warm"
             )
-        if self.limits.stressed(new.estimate.wire.angle):
+        if self.limits.stressed(new.estimate.angle):
             present["stress"] = (
                 f"the stress of the wire is above {self.limits.stress / 1e6:.0f} MPa"
             )

@@ -162,7 +162,7 @@ class HeadControl:
         count = len(self.axes)
         asked = _each(reference, count)
         wanted, seen = _numbers(reference, count), _numbers(measurement, count)
-        estimated = np.array([axis.estimate.wire.angle for axis in state.axes])
+        estimated = np.array([axis.estimate.angle for axis in state.axes])
         last = np.array([axis.reference for axis in state.axes])
         unread = state.unread
         newest = np.array([_bounding(axis.sensed) for axis in state.axes])

@@ -2,7 +2,8 @@
 
 The model is simulated with the current that was applied. The difference between its angle and the
 reading moves the effective power along the operator, and slowly changes the bias that ambient and
-convection add.
+convection add. Inside a loop, where the wire hardly moves, it does neither: it is an offset of the
+angle, so that the observer still knows at which power the wire will move on.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ from minorloop.dynamics.heated_wire import HeatedState, HeatedWire
 from minorloop.head.control.controller import Loop, heating, mean_slope, within
 
 _FLATTEST = 0.3
-"""Least slope over the mean slope of the operator; where a branch is flat, no power explains a
-difference."""
+"""Least slope over the mean slope of the operator with which a power is corrected."""
+_MOST_OFFSET = 0.3
+"""Degrees up to which a difference may be no error of the power: a larger one says that the wire is
+elsewhere in its loop."""
 _LARGEST_ERROR = 0.45
 """Differences above this many degrees change the bias no faster: they are motion."""
 _CALM = 0.6
@@ -40,12 +43,28 @@ class Estimate:
         Smoothed difference between reading and model, in degrees.
     past : tuple of float
         Angles of the model, newest first, up to the age of a reading.
+    offset : float
+        Angle less that of the model where no power explains the difference, in degrees.
+    way : float
+        Change of the effective power in the last interval, in A^2.
     """
 
     wire: HeatedState
     ambient: float
     error: float
     past: tuple[float, ...]
+    offset: float = 0.0
+    way: float = 0.0
+
+    @property
+    def angle(self) -> float:
+        """Angle of the wire now, in degrees."""
+        return self.wire.angle + self.offset
+
+    @property
+    def expected(self) -> float:
+        """Angle that is read now, in degrees: that of a predicted estimate."""
+        return self.past[-1] + self.offset
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,8 +93,10 @@ class PowerObserver(Loop):
 
     Notes
     -----
-    Where a branch is flat, no power explains a difference. The slope is therefore at least 0.3 of
-    the mean slope of the operator.
+    The power explains the share of a difference that is the slope of the branch, in the direction
+    in which the power moves, over the mean slope of the operator, up to all of it; an offset of the
+    angle, up to 0.3 degrees, explains the rest, and fades where the branch is steep. The slope by
+    which a power is corrected is at least 0.3 of the mean one.
     """
 
     wire: HeatedWire
@@ -123,41 +144,44 @@ class PowerObserver(Loop):
         return self.corrected(self.predicted(estimate, current), measurement)
 
     def predicted(self, estimate: Estimate, current: float) -> Estimate:
-        """Return the estimate one interval later, under a current, before its reading.
-
-        The last of its ``past`` is the angle that is read now.
-        """
+        """Return the estimate one interval later, under a current, before its reading."""
         wire = self.wire.step(estimate.wire, current**2, self.interval, ambient=estimate.ambient)
-        return Estimate(wire, estimate.ambient, estimate.error, (wire.angle, *estimate.past))
+        way = wire.power - estimate.wire.power
+        return replace(estimate, wire=wire, past=(wire.angle, *estimate.past), way=way)
 
     def corrected(self, predicted: Estimate, measurement: float) -> Estimate:
         """Return a predicted estimate after its reading, NaN where there is none."""
-        wire, ambient, error, seen = predicted.wire, predicted.ambient, 0.0, predicted.past
+        found = replace(predicted, error=0.0)
         if math.isfinite(measurement):
-            error = self._smoothed(predicted.error, measurement - seen[-1])
-            wire, ambient = self._corrected(wire, ambient, error)
-        return Estimate(wire, ambient, error, (wire.angle, *seen[1:])[: self.delay])
+            error = self._smoothed(predicted.error, measurement - predicted.expected)
+            found = self._corrected(replace(predicted, error=error))
+        return replace(found, past=(found.wire.angle, *predicted.past[1:])[: self.delay])
 
     def _smoothed(self, before: float, now: float) -> float:
         keep = math.exp(-self.interval / self.smoothing) if self.smoothing > 0 else 0.0
         return now + (before - now) * keep
 
-    def _corrected(
-        self, wire: HeatedState, ambient: float, error: float
-    ) -> tuple[HeatedState, float]:
-        """Return wire and bias after a difference between reading and model."""
+    def _corrected(self, estimate: Estimate) -> Estimate:
+        """Return an estimate after its difference between reading and model."""
+        error, wire, rate = estimate.error, estimate.wire, self.correction * self.interval
         beyond = math.copysign(max(abs(error) - self.dead_band, 0.0), error)
         if beyond == 0.0:
-            return wire, ambient
-        slope = _FLATTEST * mean_slope(self.wire)
-        towards = self.correction * self.interval * beyond
+            return estimate
+        mean, towards = mean_slope(self.wire), rate * beyond
         change = wire.tracker.aim(wire.angle + towards) - wire.power
-        most = abs(towards) / slope
-        moved = self.wire.moved(wire, wire.power + min(max(change, -most), most))
-        learnt = min(max(beyond, -_LARGEST_ERROR), _LARGEST_ERROR) / slope
+        ahead = wire.tracker.aim(wire.angle + math.copysign(towards, estimate.way)) - wire.power
+        share = min(abs(towards) / (mean * (abs(ahead) or math.inf)), 1.0)
+        if math.copysign(estimate.offset, estimate.offset * beyond) > _MOST_OFFSET:
+            share = 1.0
+        most = abs(towards) / (_FLATTEST * mean)
+        moved = self.wire.moved(wire, wire.power + share * min(max(change, -most), most))
+        learnt = min(max(beyond, -_LARGEST_ERROR), _LARGEST_ERROR) / (_FLATTEST * mean)
+        ambient = estimate.ambient + share * self.learning * self.interval * learnt
         bound = _MOST_BIAS * self.highest**2
-        ambient += self.learning * self.interval * learnt
-        return moved, min(max(ambient, -bound), bound)
+        offset = estimate.offset + (1.0 - share) * towards - share * rate * estimate.offset
+        return replace(
+            estimate, wire=moved, ambient=min(max(ambient, -bound), bound), offset=offset
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +233,7 @@ class ObserverControl(PowerObserver):
         power = heating(
             self.wire,
             estimate.wire,
-            reference,
+            reference - estimate.offset,
             response=self.response,
             ambient=estimate.ambient,
             steepest=self.steepness * mean_slope(self.wire),

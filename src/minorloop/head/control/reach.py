@@ -222,7 +222,7 @@ class ReachWatch(Loop):
         if reference > end + self.tolerance:
             return ReachState(verdict=Unreachable("beyond the stroke", reference, end, 0.0))
         reference = min(reference, end)
-        angle = measurement if np.isfinite(measurement) else estimate.wire.angle
+        angle = measurement if np.isfinite(measurement) else estimate.angle
         if reference - angle <= 0.5 * self.tolerance:
             return ReachState()
         trial = state.trial

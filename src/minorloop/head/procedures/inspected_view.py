@@ -19,7 +19,7 @@ from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of,
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
 from minorloop.head.ultrasound.pits import HOLE, PitDepth
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
-from minorloop.head.vision.clarity import CLEAR, clarity
+from minorloop.head.vision.clarity import BLURRED, CLEAR, VEILED, clarity
 from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Hole
 from minorloop.head.vision.frame_checks import GOOD
@@ -35,6 +35,8 @@ __all__ = [
 
 NOT_SCANNED = "not scanned"
 """Verdict of the echoes of a finding that was not scanned."""
+_UNCLEAR = {BLURRED: "blurred, if the wall is not smooth,", VEILED: "veiled"}
+"""What is said of a picture by its verdict: a blur, and a wall without texture, look the same."""
 AROUND = "view"
 """First word of the names of views that look round; the others visit a candidate."""
 AGAIN = " again"
@@ -143,7 +145,7 @@ def lens_words(views: Sequence[InspectedView]) -> str:
     bad = [verdict for verdict in verdicts if verdict != CLEAR]
     if 2 * len(bad) <= len(verdicts):
         return ""
-    what = " or ".join(sorted(set(bad)))
+    what = " or ".join(sorted({_UNCLEAR[verdict] for verdict in bad})).rstrip(",")
     return (
         f"pictures are {what}: {len(bad)} of {len(verdicts)}; small defects may be missed; clean "
         "the lens, or check its focus"

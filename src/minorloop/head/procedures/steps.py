@@ -37,8 +37,10 @@ CENTRED_PX, WITHIN = 2.0, 0.3e-3
 """Farthest distance of a centred point from the middle of the image in pixels, and of a touch from
 its place in metres."""
 STEADY_PX, CENTRINGS = 0.8, 3
-"""Distance in pixels within which an outline is held, less than half of what it may be off, since
-the head goes on to move; and most tries until the outline, found anew, is in the middle."""
+"""Distance in pixels within which an outline is held at the first try, less than half of what it
+may be off, since the head goes on to move; and most tries until the outline, found anew, is in the
+middle. A wire with friction does not hold it so near, and swings about it with an integral: later
+tries have `CENTRED_PX`, and no integral."""
 STEPS = (0.0, -3e-3, 3e-3, -6e-3, 6e-3)
 """Travels in metres from which a tool reaches what the camera has in its middle. The tool is 3.5 mm
 beside the lens, which is 8 mm along a wall that it meets at 25 degrees."""
@@ -167,8 +169,9 @@ def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> 
         lens = rig.calibration.lens
         off = float(lens.focal * np.hypot(*lens.normalised(pixel)))
         state = replace(state, error=max(off, state.error))
-        if state.error <= STEADY_PX:
+        if state.error <= centring.in_middle:
             break
+        centring = replace(centring, in_middle=CENTRED_PX, integral_gain=0.0)
     _centred(rig, state, "centre")
 
 

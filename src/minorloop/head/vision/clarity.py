@@ -39,7 +39,8 @@ def clarity(image: Image) -> str:
     Returns
     -------
     str
-        A picture with too little lit wall to tell is ``clear``.
+        A picture with too little lit wall to tell is ``clear``; one of a wall without texture is
+        ``blurred``.
 
     Notes
     -----

@@ -27,9 +27,9 @@ GOOD, WRONG_SIZE, BLACK, SATURATED, NO_PICTURE, FROZEN, TORN = (
 )
 """Verdicts on a frame."""
 
-# Grey levels of 255, and shares of cells and of pixels: one lit spot makes a frame not black, the
-# noise of a high gain does not; glints and a bright wall do not make it saturated.
-_DARK_LEVEL, _DARK_SHARE = 12, 0.002
+# Grey levels of 255, of cells and of pixels, and a share of these: one lit spot makes a frame not
+# black, the noise of a high gain does not; glints and a bright wall do not make it saturated.
+_DARK_LEVEL = 12
 _WHITE, _WHITE_SHARE = 250, 0.6
 _STRIDE = 4  # pixels: a sixteenth of a frame is enough, and fast
 _TEAR_FACTOR, _TEAR_LEAST = 3.0, 3.0
@@ -99,10 +99,8 @@ def check_frame(
     if not whole or image.shape != (lens.height, lens.width):
         return WRONG_SIZE
     few = image[::_STRIDE, ::_STRIDE]
-    if lit and few.mean() < _DARK_LEVEL:
-        cells = _cells(image)
-        if np.count_nonzero(cells > _DARK_LEVEL) < _DARK_SHARE * cells.size:
-            return BLACK
+    if lit and few.mean() < _DARK_LEVEL and not (_cells(image) > _DARK_LEVEL).any():
+        return BLACK
     if (few >= _WHITE).mean() > _WHITE_SHARE:
         return SATURATED
     if _without_picture(image[::_STRIDE]):
@@ -196,7 +194,8 @@ def _all_or_some(bad: npt.NDArray[np.bool_], known: npt.NDArray[np.bool_], verdi
 def _cells(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """Return the mean greys of cells of 16 by 16 pixels."""
     cells = np.empty((image.shape[0] // _CELL, image.shape[1] // _CELL), dtype=np.float32)
-    _kernels.cell_means(np.ascontiguousarray(image), cells)
+    if cells.size:
+        _kernels.cell_means(np.ascontiguousarray(image), cells)
     return cells
 
 
