@@ -71,9 +71,8 @@ class Pipe:
         self.x = ((np.arange(WIDTH) - (WIDTH - 1) / 2.0) / FOCAL).astype(np.float32)
         self.y = ((np.arange(HEIGHT) - (HEIGHT - 1) / 2.0) / FOCAL).astype(np.float32)[:, None]
 
-    def listen(self, port):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiving:
-            receiving.bind(("127.0.0.1", port))
+    def listen(self, receiving):
+        with receiving:
             while True:
                 words = receiving.recv(256).decode("ascii", "replace").split()
                 with contextlib.suppress(ValueError):
@@ -157,8 +156,13 @@ def main():
         return
     cv2.setNumThreads(1)
     Camera.pipe, Camera.interval = Pipe(), 1.0 / given.rate
-    threading.Thread(target=Camera.pipe.listen, args=(given.listen,), daemon=True).start()
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", given.port), Camera)
+    try:
+        receiving = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        receiving.bind(("127.0.0.1", given.listen))
+        server = http.server.ThreadingHTTPServer(("127.0.0.1", given.port), Camera)
+    except OSError as error:
+        raise SystemExit(f"ports {given.port} and {given.listen}: {error.strerror}") from None
+    threading.Thread(target=Camera.pipe.listen, args=(receiving,), daemon=True).start()
     server.daemon_threads = True
     print(f"http://127.0.0.1:{server.server_port}/", flush=True)
     server.serve_forever()

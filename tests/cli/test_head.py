@@ -81,7 +81,7 @@ def test_a_sweep_is_carried_out_once_and_not_for_runs_that_began_without(tmp_pat
 
 def test_a_head_is_identified_once_and_driven_by_its_file(run):
     status, out, error = run(f"{IDENTIFY} --head head.json --specimen 1000 --json")
-    assert (status, error.count("error")) == (0, 0)
+    assert (status, error.count("error")) == (1, 0)  # two bands are too few for a good model
     said = [line for line in error.splitlines() if "holds" in line]
     assert said[0].startswith("50 holds in 8 runs: at most 10 min of the head's time, less where")
     assert said[1] == "pan-loop, run 1 of 8: 7 holds, of 50 left in all"
@@ -89,10 +89,11 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
     printed = json.loads(out)
     assert printed["serial"] == "twin-head-1000"
     assert set(printed["check"]) == {"pan", "tilt"}
+    assert "of its range; do not trust it: give longer holds, or more bands" in printed["advice"][0]
     Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
     drive = "head drive angles.csv --head head.json"
     status, out, _ = run(
-        f"{drive} --actuator twin:head --specimen 1000 --save reached.csv --hold 8 --json"
+        f"{drive} --actuator twin:head --specimen 1000 --save reached.csv --hold 10 --json"
     )
     assert status == 0
     assert json.loads(out)["rms_deg"] < 1.0
@@ -244,6 +245,10 @@ def test_a_head_of_another_file_or_folder_is_refused_before_it_waits(run, monkey
     said = "head.json is of head 'H-07', and the head here is 'twin-head-nominal'"
     status, _, error = run("head drive angles.csv --head head.json --actuator twin:pipe")
     assert (status, said in error) == (2, True)
+    status, _, error = run(
+        "head drive angles.csv --head head.json --actuator twin:pipe --camera camera:0"
+    )
+    assert (status, "twin:pipe has a camera of its own; leave --camera out" in error) == (2, True)
     identify = "head identify --actuator twin:pipe --specimen 3 --store runs --head new.json"
     status, _, error = run(identify.replace("new", "head"))
     assert (status, "and the head here is 'twin-head-3'" in error) == (2, True)

@@ -474,9 +474,11 @@ def row(view: InspectedView) -> dict[str, Any]:
 
 def lost_row(lost: Unconfirmed) -> dict[str, Any]:
     """Return a candidate that was not confirmed in degrees and millimetres."""
+    from minorloop.head.geometry import wrapped
+
     return {
         "kind": lost.kind,
-        "phi [deg]": round(math.degrees(lost.phi), 4),
+        "phi [deg]": round(math.degrees(float(wrapped(lost.phi))), 4),
         "z [mm]": round(1e3 * lost.z, 4),
         "evidence": None if math.isnan(lost.evidence) else round(lost.evidence, 1),
         "seen in": list(lost.seen_in),

@@ -168,11 +168,13 @@ def seen_head(
     Raises
     ------
     ParameterError
-        If there is no calibration, or no camera.
+        If there is no calibration, no camera, or one for the simulated pipe, which has its own.
     """
     from minorloop.head.procedures.seen_angles import SeenHead
 
     if is_pipe(address):
+        if camera is not None:
+            raise ParameterError(f"{address} has a camera of its own; leave --camera out")
         from minorloop.head.console.plant import open_plant, open_tip
         from minorloop.head.twins.rig import Rig, RigWires, SimulatedTip
 

@@ -83,7 +83,10 @@ def identify(
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Measure both wires of a head, identify and check them; the same command continues it."""
+    """Measure both wires of a head, identify and check them; the same command continues it.
+
+    The exit status is 1 if a model is off by more than 5 % of the range of its wire in the check.
+    """
     from minorloop.cli._head_runs import RunsLeft
     from minorloop.cli._seen import kept_in, kept_view, seen_head, swept_view
     from minorloop.connect import is_simulated
@@ -139,6 +142,8 @@ def identify(
     found.check_fits(number, head)  # old runs may be older than the calibration
     save_head(found, head, force=True)
     _show(found, head, as_json)
+    if found.identified is not None and found.identified.untrusted:
+        raise typer.Exit(1)
 
 
 def _serial(plant: Actuator, given: str | None) -> str:
@@ -161,9 +166,8 @@ def _show(found: HeadFile, path: Path, as_json: bool) -> None:
     lags = [wire.lag for wire in known.wires]
     if as_json:
         content: dict[str, Any] = {"head": str(path), "serial": found.serial, "check": errors}
-        _common.print_json(
-            {**content, "lag_s": lags, "coupling": known.coupling, "advice": known.advice}
-        )
+        advice = [*known.untrusted, *known.advice]
+        _common.print_json({**content, "lag_s": lags, "coupling": known.coupling, "advice": advice})
         return
     rows = [
         (axis, f"{lag:.3g}", f"{each['rms_deg']:.2f}", f"{each['largest_deg']:.2f}")
@@ -171,8 +175,9 @@ def _show(found: HeadFile, path: Path, as_json: bool) -> None:
     ]
     columns = ("axis", "lag [s]", "check, rms [deg]", "largest [deg]")
     _common.print_table(columns, rows, f"head {found.serial}, checked on random inputs")
-    _common.print_advice(known.advice)
-    typer.echo(f"kept in {path}; next: minorloop head drive, or minorloop console --head {path}")
+    _common.print_advice((*known.untrusted, *known.advice))
+    then = "" if known.untrusted else f"; next: minorloop head drive, or console --head {path}"
+    typer.echo(f"kept in {path}{then}")
 
 
 @app.command(

@@ -243,6 +243,19 @@ def test_late_readings_are_not_used_and_no_time_is_counted_twice(count):
     assert state.t == pytest.approx(0.04 * 119)
 
 
+def test_readings_that_stay_while_the_wire_is_heated_are_no_sign_of_the_surroundings():
+    guard, rng = guarded(), np.random.default_rng(0)
+    _, state, plant = loop(guard, 25.0, 14.0)
+
+    def still(t, y):
+        return 25.0 + 0.02 * rng.normal()
+
+    currents, state, _ = loop(guard, 35.0, 20.0, state=state, plant=plant, spoil=still)
+    assert "no motion at 25 degrees" in str(state.unreachable)
+    assert "what is read does not turn with it" in str(state.unreachable)
+    assert currents[-1] == 0.0
+
+
 @NAMES
 @pytest.mark.parametrize("off", [3.0, 25.0, -25.0])
 def test_readings_that_jump_are_not_followed_and_the_loop_goes_on_when_they_agree(name, off):

@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -48,6 +49,13 @@ def content(path):
     """A valid file as an object, to be spoilt."""
     save_head(HEAD, path)
     return json.loads(path.read_text())
+
+
+def test_a_model_that_is_far_off_in_its_check_is_not_trusted():
+    assert WIRES.untrusted == ()
+    bad = replace(WIRES, check=(CheckedAxis(0.1, 0.2), CheckedAxis(6.0, 15.0)))
+    (said,) = bad.untrusted
+    assert said.startswith("tilt: the model is off by 6 degrees rms in the check, 10% of its range")
 
 
 def test_a_head_is_read_as_it_was_written(path):

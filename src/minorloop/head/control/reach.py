@@ -36,6 +36,9 @@ _STILL_DEGREES, _STILL_SECONDS = 0.3, 3.0
 """A wire that moves less than this, for so long, has stopped; the noise is 0.05 degrees."""
 _PATIENCE = 2.3
 """Lags of full current before a wire counts as stopped: 90 % of the heat have arrived."""
+_RISEN = 0.9
+"""Share of the full current from below which it rose while the wire did not move at all: no
+surroundings explain that."""
 _BEGUN = 2.0
 """Degrees from which a wire has begun to turn, about three of the model's error. Before, a late
 wire looks like one that never turns."""
@@ -96,6 +99,11 @@ class Unreachable:
         if math.isnan(self.least) or math.isnan(self.most):
             known = f"at most {_shown(self.reach)}"
         target = f"target {_shown(self.reference)} degrees"
+        if self.reason == "no motion":
+            return (
+                f"{target} is unreachable: no motion at {_shown(self.reach)} degrees; the wire is "
+                "stuck or broken, or what is read does not turn with it"
+            )
         return f"{target} is unreachable: {self.reason}; the wire would reach {known} degrees"
 
 
@@ -115,6 +123,8 @@ class Trial:
         Seconds of full current without a break.
     still : float
         Seconds without motion.
+    least : float
+        Smallest current that was on, in A.
     evidence : float
         Cost of the best hypothesis of a stronger cooling less that of the best one of a colder
         ambient, when they differed most: the heating tells them apart, its end does not.
@@ -126,6 +136,7 @@ class Trial:
     seconds: float = 0.0
     full: float = 0.0
     still: float = 0.0
+    least: float = math.inf
     evidence: float = 0.0
 
 
@@ -275,6 +286,7 @@ class ReachWatch(Loop):
             seconds=trial.seconds + self.interval,
             full=trial.full + self.interval if self._is_full(current) else 0.0,
             still=0.0 if moved else trial.still + self.interval,
+            least=min(trial.least, current),
             evidence=now if abs(now) > abs(trial.evidence) else trial.evidence,
         )
 
@@ -307,6 +319,9 @@ class ReachWatch(Loop):
         falling = np.zeros_like(weights)
         falling[likely[short]] = weight[short]
         reason = self._reason(trial, falling, angle, late=late)
+        unmoved = abs(angle - trial.began) < 0.5 * self.tolerance
+        if stopped and unmoved and trial.least < _RISEN * self.highest:
+            reason = "no motion"
         if reason is None:
             return None
         reach = angle if stopped else max(float(weight @ final), angle)

@@ -74,6 +74,11 @@ class CheckedAxis:
     largest: float
 
 
+_TRUSTED = 0.05
+"""Largest rms error in the check of a wire that is trusted, as a share of its range: targets that
+are missed by as much count as not reached."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class IdentifiedWires:
     """Wires of a head as identified.
@@ -110,6 +115,20 @@ class IdentifiedWires:
     address: str = ""
     stores: Mapping[str, str]
     minorloop: str = __version__
+
+    @property
+    def untrusted(self) -> tuple[str, ...]:
+        """A sentence on each wire whose model is off by more than 5 % of its range in the check."""
+        found = []
+        for axis, wire, check in zip(("pan", "tilt"), self.wires, self.check, strict=False):
+            low, high = wire.operator.range
+            if check.rms > _TRUSTED * (high - low):
+                found.append(
+                    f"{axis}: the model is off by {check.rms:.2g} degrees rms in the check, "
+                    f"{check.rms / (high - low):.0%} of its range; do not trust it: give longer "
+                    "holds, or more bands, and check that nothing moves the head meanwhile"
+                )
+        return tuple(found)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

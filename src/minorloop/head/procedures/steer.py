@@ -325,7 +325,7 @@ def _check_reach(control: HeadControl, target: FloatArray, row: int) -> None:
         _AXES, control.axes, target.tolist(), control.reach(target).tolist(), strict=True
     ):
         # A cold wire goes no further down: the other axis compensates what it couples in.
-        low = min(low, axis.reach[0])
+        low, high = (round(end, 1) + 0.0 for end in (min(low, axis.reach[0]), high))
         if not low - axis.tolerance <= wanted <= high + axis.tolerance:
             beyond.append(
                 f"{name} of target {row} is {wanted:g} degrees, and the wires reach {low:.1f} to "

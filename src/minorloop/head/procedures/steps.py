@@ -192,7 +192,8 @@ def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
     else:
         lens = rig.calibration.lens
         words = f"{state.error:.1f} px from the middle of {lens.width} by {lens.height}"
-        rig.say(step, words, succeeded=state.error <= CENTRED_PX)
+        good = state.error <= CENTRED_PX
+        rig.say(step, words if good else f"{words}, more than {CENTRED_PX:g}", succeeded=good)
 
 
 def focus(rig: InspectionRig) -> None:
