@@ -163,10 +163,9 @@ def _show(found: HeadFile, path: Path, as_json: bool) -> None:
         axis: {"rms_deg": each.rms, "largest_deg": each.largest}
         for axis, each in zip(("pan", "tilt"), known.check, strict=True)
     }
-    lags = [wire.lag for wire in known.wires]
+    lags, advice = [wire.lag for wire in known.wires], [*known.untrusted, *known.advice]
     if as_json:
         content: dict[str, Any] = {"head": str(path), "serial": found.serial, "check": errors}
-        advice = [*known.untrusted, *known.advice]
         _common.print_json({**content, "lag_s": lags, "coupling": known.coupling, "advice": advice})
         return
     rows = [
@@ -175,7 +174,7 @@ def _show(found: HeadFile, path: Path, as_json: bool) -> None:
     ]
     columns = ("axis", "lag [s]", "check, rms [deg]", "largest [deg]")
     _common.print_table(columns, rows, f"head {found.serial}, checked on random inputs")
-    _common.print_advice((*known.untrusted, *known.advice))
+    _common.print_advice(advice)
     then = "" if known.untrusted else f"; next: minorloop head drive, or console --head {path}"
     typer.echo(f"kept in {path}{then}")
 

@@ -81,7 +81,8 @@ class Control:
         self.read.append(measurement)
         return reference / 100, state
 
-    coupling = np.eye(2)
+    def modelled(self, state):
+        return np.array([axis.estimate.angle for axis in state.axes])
 
 
 def rig(**options):

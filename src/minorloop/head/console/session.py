@@ -242,8 +242,7 @@ class Session:
         if self.state.mode != "HOLD":
             self._stop = None
         elif before != "HOLD":
-            own = [axis.estimate.angle for axis in self._control.axes]
-            read = np.radians(np.asarray(self.control.coupling) @ own)
+            read = np.radians(self.control.modelled(self._control))
             pan, tilt = self.view.line_of_sight(read).tolist()
             self._stop = pan, tilt
 

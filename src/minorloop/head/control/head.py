@@ -194,6 +194,10 @@ class HeadControl:
             axis.observer.wire.operator.range[0] for axis in self.axes
         ]
 
+    def modelled(self, state: HeadState) -> FloatArray:
+        """Return the angles (axes,) that the sensors read by the estimates now, in degrees."""
+        return np.asarray(self.coupling) @ [axis.estimate.angle for axis in state.axes]
+
     def later(self, takes: int, older: int) -> HeadControl:
         """Return the control for steps that take longer, with older readings; states remain valid.
 

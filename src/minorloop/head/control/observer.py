@@ -151,19 +151,20 @@ class PowerObserver(Loop):
 
     def corrected(self, predicted: Estimate, measurement: float) -> Estimate:
         """Return a predicted estimate after its reading, NaN where there is none."""
-        found = replace(predicted, error=0.0)
+        found, error = predicted, 0.0
         if math.isfinite(measurement):
             error = self._smoothed(predicted.error, measurement - predicted.expected)
-            found = self._corrected(replace(predicted, error=error))
-        return replace(found, past=(found.wire.angle, *predicted.past[1:])[: self.delay])
+            found = self._corrected(predicted, error)
+        past = (found.wire.angle, *predicted.past[1:])[: self.delay]
+        return replace(found, error=error, past=past)
 
     def _smoothed(self, before: float, now: float) -> float:
         keep = math.exp(-self.interval / self.smoothing) if self.smoothing > 0 else 0.0
         return now + (before - now) * keep
 
-    def _corrected(self, estimate: Estimate) -> Estimate:
-        """Return an estimate after its difference between reading and model."""
-        error, wire, rate = estimate.error, estimate.wire, self.correction * self.interval
+    def _corrected(self, estimate: Estimate, error: float) -> Estimate:
+        """Return an estimate after a difference between reading and model."""
+        wire, rate = estimate.wire, self.correction * self.interval
         beyond = math.copysign(max(abs(error) - self.dead_band, 0.0), error)
         if beyond == 0.0:
             return estimate
@@ -171,7 +172,7 @@ class PowerObserver(Loop):
         change = wire.tracker.aim(wire.angle + towards) - wire.power
         ahead = wire.tracker.aim(wire.angle + math.copysign(towards, estimate.way)) - wire.power
         share = min(abs(towards) / (mean * (abs(ahead) or math.inf)), 1.0)
-        if math.copysign(estimate.offset, estimate.offset * beyond) > _MOST_OFFSET:
+        if abs(estimate.offset) > _MOST_OFFSET and estimate.offset * beyond > 0.0:
             share = 1.0
         most = abs(towards) / (_FLATTEST * mean)
         moved = self.wire.moved(wire, wire.power + share * min(max(change, -most), most))

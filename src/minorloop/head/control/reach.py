@@ -318,10 +318,9 @@ class ReachWatch(Loop):
         late = stopped or trial.seconds > _DEADLINE
         falling = np.zeros_like(weights)
         falling[likely[short]] = weight[short]
-        reason = self._reason(trial, falling, angle, late=late)
         unmoved = abs(angle - trial.began) < 0.5 * self.tolerance
-        if stopped and unmoved and trial.least < _RISEN * self.highest:
-            reason = "no motion"
+        stuck = stopped and unmoved and trial.least < _RISEN * self.highest
+        reason = "no motion" if stuck else self._reason(trial, falling, angle, late=late)
         if reason is None:
             return None
         reach = angle if stopped else max(float(weight @ final), angle)

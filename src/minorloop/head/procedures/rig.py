@@ -163,8 +163,7 @@ class InspectionRig:
         """(2,) pan and tilt in radians by the joints, or by the model of the wires."""
         if self._sensors:
             return self.calibration.line_of_sight(self._known[:2])
-        own = np.array([axis.estimate.angle for axis in self._state.axes])
-        return self.calibration.line_of_sight(np.radians(np.asarray(self.control.coupling) @ own))
+        return self.calibration.line_of_sight(np.radians(self.control.modelled(self._state)))
 
     def reading(self, request: Request = NOTHING) -> Reading:
         """Carry out a request on the tip and return the reading, with its frame and its burst.

@@ -309,8 +309,7 @@ class _Drive:
 def _judged(control: HeadControl, state: HeadState) -> tuple[BoolArray, FloatArray]:
     """Return whether the newest readings (2,) were used, and the angles (2,) by the model."""
     used = np.isfinite([axis.sensed.value for axis in state.axes])
-    own = np.array([axis.estimate.angle for axis in state.axes])
-    return used, np.asarray(control.coupling) @ own
+    return used, control.modelled(state)
 
 
 def _time(head: Actuator, counted: float) -> float:
