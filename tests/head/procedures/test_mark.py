@@ -24,7 +24,7 @@ from .fakes import CALIBRATION, MOUNT, Loop, eye
 
 PLACE, CATHETER = (0.5, 24e-3), (1e-3, 0.0)
 CALIBRATED = replace(CALIBRATION, tool=Tool())
-BESIDE = (0.0, -1.2e-3)
+BESIDE, EDGE = (0.0, -1.2e-3), (-7e-3, 5e-3)
 
 
 def test_an_aim_looks_at_its_place_or_stops_at_the_cone():
@@ -134,6 +134,30 @@ def test_the_tool_meets_the_wall_where_it_is_seen():
         eye().pixel(PLACE, *angles)
     )
     assert np.isnan(tool_pixel(CALIBRATED, Tool(offset=(0.0, 9.9e-3, 0.0)), CATHETER, angles)).all()
+
+
+def test_a_feature_at_the_edge_of_the_picture_is_marked_by_a_patch_beside_it():
+    """The picture shows the outline, but not the whole patch about it."""
+    bench, marking, beside = Bench(), Marking(calibration=CALIBRATED, go=Go(still=0.08)), EDGE
+    state = bench.run(marking, marking.begin(PLACE, beside=beside))
+    assert (state.verdict, state.outlined) == (TOUCHED, True)
+    assert wall_distance(state.tracked, state.place, 10e-3) > 1e-3
+    wanted = PLACE + np.array(beside) / np.array([10e-3, 1.0])
+    assert wall_distance(bench.tip.tool.marks[-1], wanted, 10e-3) < 0.1e-3
+    assert wall_distance(state.touch, wanted, 10e-3) < 0.1e-3
+
+
+def test_a_tool_that_hides_what_is_tracked_waits_and_touches():
+    marking, loop = Marking(calibration=CALIBRATED), Loop(place=CATHETER)
+    _, state = touched()
+    state = replace(state, stage="contact", done=False, verdict="", since=0.0, touch=None)
+    state = replace(state, seen_at=0.0, extension=9e-3)
+    dark = replace(loop.reading(), image=np.zeros((480, 640), np.uint8), extension=8e-3)
+    waits, request = marking.step(state, replace(dark, t=0.2, touching=True))
+    assert (waits.stage, waits.extension, request.extension) == ("contact", 9e-3, 8e-3)
+    ends, request = marking.step(waits, replace(dark, t=0.6, touching=True))
+    assert (ends.stage, ends.verdict, request.extension) == ("withdraw", TOUCHED, 0.0)
+    assert ends.touch is None
 
 
 def test_a_place_that_is_not_recognised_for_a_moment_is_still_near():

@@ -39,6 +39,10 @@ NO_CONTACT, UNSTEADY = "no contact", "not steady enough to touch"
 """Verdicts; others are those of the tracker."""
 _MOST_LEAN = math.radians(2.0)
 """Largest angle that is added for a head that stays off, as wires do whose model errs."""
+_INWARD = (0.0, 0.45, 0.6, 0.3, 0.15)
+"""Shares of the way from the feature to the middle of the picture where a patch to be tracked is
+looked for, the first one only at the first try: at its edge the picture does not show the whole
+patch about the feature, and the tool may hide a patch beside its point."""
 
 MarkStage: TypeAlias = Literal[
     "back", "turn", "meter", "outline", "aim", "near", "contact", "withdraw"
@@ -113,20 +117,22 @@ def seen_mark(
 class MarkState:
     """State of a touch.
 
-    ``place`` (2,) is phi and z of the feature that is tracked, ``beside`` (2,) the metres around
-    and along the wall from there to the point that is touched, ``gain`` that of the camera.
+    ``place`` (2,) is phi and z of the feature, ``beside`` (2,) the metres around and along the wall
+    from there to the point that is touched, ``gain`` that of the camera. ``tracked`` (2,) is phi
+    and z of the patch that is tracked, which is the feature if the picture shows it whole.
     ``stage`` began at ``since``. ``off`` (2,) is the smoothed distance of that point from where the
     tool would meet the wall, in pixels, and ``lean`` (2,) the angles added to the wanted ones to
     make up for a head that stays off. The point has been there without a break from ``near_since``,
     and was recognised last at ``seen_at``; ``tries`` counts the tries before. ``verdict`` is empty
     until the end, or says what the touch waits for; ``touch`` (2,) is where the point touched by
-    the picture, phi and z in the frame of ``place``. ``before`` is the last picture before the
+    the picture, phi and z in the frame of ``place``: its mark, if the tool hid what is tracked. ``before`` is the last picture before the
     contact with the angles that it shows, ``contact`` (2,) those at the contact; ``mark`` (2,) is
     where the mark is by the picture after it, and ``tool`` the tool that would have been expected
     to touch there, both None if no mark is seen.
     """
 
     place: FloatArray
+    tracked: FloatArray
     gain: float
     beside: FloatArray = field(default_factory=lambda: np.zeros(2))
     stage: MarkStage = "back"
@@ -188,7 +194,8 @@ class Marking(Procedure[MarkState]):
     unseen : float
         Seconds for which the place may not be recognised while it stays so near.
     tries : int
-        Times that the tool is turned to the place if the head does not come to rest there.
+        Times that the tool is turned to the place, if the head does not come to rest there or what
+        is tracked is lost.
     """
 
     calibration: HeadCalibration
@@ -208,8 +215,10 @@ class Marking(Procedure[MarkState]):
         self, place: npt.ArrayLike, gain: float = 1.0, beside: npt.ArrayLike = (0.0, 0.0)
     ) -> MarkState:
         """Return the state of a touch of phi and z (2,), or beside it, at a gain of the camera."""
+        where = np.asarray(place, dtype=np.float64)
         return MarkState(
-            place=np.asarray(place, dtype=np.float64),
+            place=where,
+            tracked=where,
             gain=gain,
             beside=np.asarray(beside, dtype=np.float64),
         )
@@ -254,7 +263,7 @@ class Marking(Procedure[MarkState]):
     def _turn(self, state: MarkState, tool: Tool, reading: Reading) -> tuple[MarkState, Request]:
         """Turn the tool towards the place by the joints, which stop short of it first."""
         if state.go is None:
-            target = self._target(state.place, state)
+            target = self._target(state.tracked, state)
             guess = aim_at(self.calibration, target, reading.place)
             angles = self._angles(tool, target, reading.place, guess)
             if angles is None:
@@ -282,21 +291,25 @@ class Marking(Procedure[MarkState]):
         place = state.place if hole is None else hole.place
         pixel = pixel if hole is None else hole.pixel
         then = replace(reading, angles=np.array([last.pan, last.tilt]))
-        try:
-            _, track = Centring(calibration=self.calibration).pick(last.image, pixel, then)
-        except SignalError:
-            return replace(state, verdict=NOT_IN_VIEW, done=True), request
-        state = replace(state, place=place, track=track, outlined=hole is not None)
-        return self._at(state, "aim"), replace(request, frame=True)
+        for share in _INWARD[state.tries :]:
+            inner = pixel + share * (np.asarray(camera.lens.centre) - pixel)
+            try:
+                _, track = Centring(calibration=self.calibration).pick(last.image, inner, then)
+            except SignalError:
+                continue
+            tracked = track.home + place - camera.place(pixel, last.pan, last.tilt)
+            state = replace(state, place=place, outlined=hole is not None)
+            state = replace(state, tracked=tracked, track=track)
+            return self._at(state, "aim"), replace(request, frame=True)
+        return replace(state, verdict=NOT_IN_VIEW, done=True), request
 
     def _aim(self, state: MarkState, tool: Tool, reading: Reading) -> tuple[MarkState, Request]:
         """Keep the tool turned to the place; extend it while it is."""
         if self._late(state, reading):
-            reason = state.verdict or UNSTEADY
             aimed = state.stage in ("aim", "near")
-            if reason == UNSTEADY and aimed and state.tries + 1 < self.tries:
+            if state.verdict != BEYOND and aimed and state.tries + 1 < self.tries:
                 return self._again(state), Request(extension=0.0)
-            return self._at(state, "withdraw", reason), Request(extension=0.0)
+            return self._at(state, "withdraw", state.verdict or UNSTEADY), Request(extension=0.0)
         if reading.image is None or state.track is None:
             return state, self._request(state, reading)
         seen, track = Centring(calibration=self.calibration).follow(
@@ -304,17 +317,24 @@ class Marking(Procedure[MarkState]):
         )
         state = replace(state, track=track)
         if seen.verdict != TRACKED:  # it waits where it is
+            unseen = passed(state.seen_at, reading.t, self.still)
+            if state.stage == "contact" and reading.touching and unseen:  # the tool hides it
+                state = replace(state, contact=reading.angles, extension=0.0)
+                state = self._at(state, "withdraw", TOUCHED)
+                return state, self._request(state, reading)
             lost = passed(state.seen_at, reading.t, self.unseen)
             near = None if lost else state.near_since
             state = replace(state, verdict=seen.verdict, near_since=near)
-            still = replace(state, extension=reading.extension)
-            return still, self._request(still, reading)
+            return state, self._request(replace(state, extension=reading.extension), reading)
         state = replace(state, verdict="", seen_at=reading.t)
         state = self._steered(state, tool, seen.place, reading)
         return self._moved(state, tool, seen, reading)
 
     def _again(self, state: MarkState) -> MarkState:
-        """Return the state of another try from short of the place: a wire may come to rest then."""
+        """Return the state of another try from short of the place.
+
+        A wire may come to rest then, and the tool may not hide another patch.
+        """
         begun = self.begin(state.place, state.gain, state.beside)
         return replace(begun, tries=state.tries + 1)
 
@@ -390,13 +410,14 @@ class Marking(Procedure[MarkState]):
             camera = self.calibration.camera_at(reading.place)
             point = wall_point(float(mark[0]), float(mark[1]), camera.radius)
             learned = tool.through(camera.mount.pose(*contact.tolist()).to_camera(point))
-            state = replace(state, mark=mark, tool=learned)
+            touch = mark if state.touch is None else state.touch
+            state = replace(state, touch=touch, mark=mark, tool=learned)
         return replace(state, done=True), request
 
     def _sighted(self, state: MarkState, seen: Track, reading: Reading) -> FloatArray:
         """Return the angles (2,) at which the feature is where the picture shows it."""
         camera = self.calibration.camera_at(reading.place)
-        angles = sighted_angles(camera, state.place, seen.pixel, reading.angles)
+        angles = sighted_angles(camera, state.tracked, seen.pixel, reading.angles)
         return reading.angles if angles is None else angles
 
     def _request(self, state: MarkState, reading: Reading) -> Request:
@@ -405,9 +426,9 @@ class Marking(Procedure[MarkState]):
         return Request(angles=state.wanted, extension=state.extension, frame=frame)
 
     def _target(self, place: FloatArray, state: MarkState) -> FloatArray:
-        """Return phi and z of the point to be touched, beside a place."""
+        """Return phi and z of the point to be touched, if what is tracked is at a place."""
         metres = np.array([self.calibration.radius, 1.0])
-        return np.asarray(place + state.beside / metres)
+        return np.asarray(place + state.place - state.tracked + state.beside / metres)
 
     def _angles(
         self, tool: Tool, place: FloatArray, catheter: npt.ArrayLike, guess: FloatArray
