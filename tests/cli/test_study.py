@@ -4,6 +4,7 @@ import os
 import re
 import signal
 import sys
+from contextlib import nullcontext
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -66,8 +67,8 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
     made = Specimen(ends)
     monkeypatch.setitem(sys.modules, "made_study", made)
     monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
-    one_by_one = lambda work, count, seed: (work(seed + k) for k in range(count))  # noqa: E731
-    monkeypatch.setattr(claims, "for_each", one_by_one)
+    one_by_one = lambda work, count, seed: nullcontext(work(seed + k) for k in range(count))  # noqa: E731
+    monkeypatch.setattr(claims, "begun", one_by_one)
     status, out, err = run("study made --specimens 4 --seed 7 --out made")
     assert (status, out) == (130, "")
     lines = [f"specimen {k + 1} of 4, seed {7 + k}: 0 s" for k in range(done)]

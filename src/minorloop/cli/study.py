@@ -120,16 +120,20 @@ def run(
         _common.working(f"specimen 1 of {specimens}", logged=True) as now,
     ):
         study = import_module(module)
-        with one_thread():
-            began = time.monotonic()
-            first = study.run_study(seed, **options, **_telling(study, seed, now))
-        found.add(study, first.figures(), time.monotonic() - began, now)
-        if specimens > 1:
-            claims = import_module("minorloop.studies.claims")
-            work = partial(_figures_of, module, options)
-            with contextlib.closing(claims.for_each(work, specimens - 1, seed + 1)) as others:
-                for figures, seconds in others:
-                    found.add(study, figures, seconds, now)
+        claims = import_module("minorloop.studies.claims")
+        work = partial(_figures_of, module, options)
+        several = (
+            claims.begun(work, specimens - 1, seed + 1)
+            if specimens > 1
+            else contextlib.nullcontext(())
+        )
+        with several as others:
+            with one_thread():
+                began = time.monotonic()
+                first = study.run_study(seed, **options, **_telling(study, seed, now))
+            found.add(study, first.figures(), time.monotonic() - began, now)
+            for figures, seconds in others:
+                found.add(study, figures, seconds, now)
     runs, figures = found.runs, found.gathered
     shown = {**figures, "specimens": specimens, "seed": seed}
     steps: list[Callable[[], None]] = [partial(_show, study, shown, as_json)]

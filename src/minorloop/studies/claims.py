@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import active_children, get_context
@@ -154,17 +155,27 @@ def for_each(
     if specimens == 1:
         yield _alone(work, seed)
         return
+    with begun(work, specimens, seed, ordered=ordered) as results:
+        yield from results
+
+
+@contextmanager
+def begun(
+    work: Callable[[int], T], specimens: int, seed: int, *, ordered: bool = True
+) -> Iterator[Iterator[T]]:
+    """Begin the work of `for_each`, and give its results; what is not done at the end is ended."""
     others = set(active_children())
     # A terminal sends its interruption to all processes; the first one ends the others.
     ignoring = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
     with ProcessPoolExecutor(mp_context=get_context("spawn"), initializer=ignoring) as pool:
+        tasks: list[Future[T]] = []
         try:
-            tasks = [pool.submit(_alone, work, each) for each in range(seed, seed + specimens)]
-            yield from (task.result() for task in (tasks if ordered else as_completed(tasks)))
-        except BaseException:
-            for child in set(active_children()) - others:
-                child.terminate()
-            raise
+            tasks += [pool.submit(_alone, work, each) for each in range(seed, seed + specimens)]
+            yield (task.result() for task in (tasks if ordered else as_completed(tasks)))
+        finally:
+            if not (tasks and all(task.done() for task in tasks)):
+                for child in set(active_children()) - others:
+                    child.terminate()
 
 
 def _alone(work: Callable[[int], T], seed: int) -> T:

@@ -125,10 +125,10 @@ class MarkState:
     make up for a head that stays off. The point has been there without a break from ``near_since``,
     and was recognised last at ``seen_at``; ``tries`` counts the tries before. ``verdict`` is empty
     until the end, or says what the touch waits for; ``touch`` (2,) is where the point touched by
-    the picture, phi and z in the frame of ``place``: its mark, if the tool hid what is tracked. ``before`` is the last picture before the
-    contact with the angles that it shows, ``contact`` (2,) those at the contact; ``mark`` (2,) is
-    where the mark is by the picture after it, and ``tool`` the tool that would have been expected
-    to touch there, both None if no mark is seen.
+    the picture, phi and z in the frame of ``place``: its mark, if the tool hid what is tracked.
+    ``before`` is the last picture before the contact with the angles that it shows, ``contact``
+    (2,) those at the contact; ``mark`` (2,) is where the mark is by the picture after it, and
+    ``tool`` the tool that would have been expected to touch there, both None if no mark is seen.
     """
 
     place: FloatArray
