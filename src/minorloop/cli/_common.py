@@ -7,14 +7,16 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 import typer
 from typer.core import TyperCommand
 
+from minorloop.cli._compilation import compilation_said
 from minorloop.cli._completion import addresses, one_of
 from minorloop.errors import (
     MinorloopError,
@@ -245,10 +247,12 @@ def working(what: str, *, logged: bool = False) -> Iterator[Progress]:
 
     Yields a function that changes the text. Nothing else may be printed meanwhile. If stderr is no
     terminal and ``logged`` is true, the text is printed there, at most every ten seconds unless it
-    is to be kept.
+    is to be kept. If ``logged``, it is said that the command compiles.
     """
     if not sys.stderr.isatty():
-        yield _logger() if logged else lambda stage, kept=False: None
+        log = _logger()
+        with compilation_said(partial(log, kept=True)) if logged else nullcontext():
+            yield log if logged else lambda stage, kept=False: None
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -263,7 +267,8 @@ def working(what: str, *, logged: bool = False) -> Iterator[Progress]:
             else:
                 progress.update(task, description=stage)
 
-        yield show
+        with compilation_said(partial(show, kept=True)) if logged else nullcontext():
+            yield show
 
 
 def _logger() -> Progress:
