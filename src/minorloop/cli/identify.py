@@ -122,8 +122,8 @@ _Smoothness = Annotated[str, typer.Option(help="Strength of smoothing, 0 for non
 _Prior = Annotated[
     str | None,
     typer.Option(
-        help="gaussian (a prior on the plane), none, or auto (where samples are few or leave much "
-        "of the plane open).",
+        help="gaussian (a prior on the plane), none, or auto (gaussian where it is quick, or where "
+        "samples are few or leave much of the plane open).",
         show_default="auto",
     ),
 ]
