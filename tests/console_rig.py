@@ -1,5 +1,6 @@
 """Console sessions for tests: plant, cameras, a pilot, and a stand-in for the control loop."""
 
+import itertools
 import math
 import warnings
 from functools import cache
@@ -66,12 +67,15 @@ def right(yaw, pitch=0.0):
     return x[3] * y[0], x[1] * y[3], -x[1] * y[0], x[3] * y[3]
 
 
+_TICKS = itertools.count()
+
+
 def request(position, *commands, number=0):
     """A tick of a loop whose sensors have no error."""
     pan, tilt, advance, roll = position
     return CameraRequest(
         number=number,
-        t=0.04 * number,
+        t=0.04 * next(_TICKS),
         position=position,
         stance=(pan, tilt, 0.0, 0.0, advance, roll),
         commands=list(commands),

@@ -34,6 +34,10 @@ def complete(run, monkeypatch):
         (["run", "--store", "a", ":", "b", "--actuator", "vi"], ["visa:"]),
         (["drive", "m.json", "x.csv", "--actuator", "visa", ":"], []),
         (["simulate", "m.json", "x.csv", "--start", "p"], ["positive"]),
+        (["simulate", "m.json", "x.csv", "--between", "b"], ["band"]),
+        (["identify", "x.csv", "--dynamics", "op"], ["operator"]),
+        (["identify", "x.csv", "--creep", "s"], ["spectrum"]),
+        (["identify", "x.csv", "--between", "h"], ["held"]),
     ],
 )
 def test_bash_completes_what_follows_the_last_colon(words, found, complete):

@@ -250,6 +250,8 @@ def test_a_head_of_another_file_or_folder_is_refused_before_it_waits(run, monkey
     )
     assert (status, "twin:pipe has a camera of its own; leave --camera out" in error) == (2, True)
     identify = "head identify --actuator twin:pipe --specimen 3 --store runs --head new.json"
+    status, _, error = run(f"{identify} --noise 0.1")
+    assert (status, "the angles are those of pictures; leave it out" in error) == (2, True)
     status, _, error = run(identify.replace("new", "head"))
     assert (status, "and the head here is 'twin-head-3'" in error) == (2, True)
     Path("runs").mkdir()

@@ -112,7 +112,7 @@ Start = Annotated[
     str,
     typer.Option(
         help="Memory before the first row: negative, positive or demagnetised.",
-        autocompletion=one_of(lambda: ("negative", "positive", "demagnetised")),
+        autocompletion=one_of(("negative", "positive", "demagnetised")),
     ),
 ]
 Address = Annotated[

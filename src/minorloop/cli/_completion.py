@@ -11,17 +11,18 @@ _before = ""
 """The part of the present word up to its last colon, which bash neither passes nor replaces."""
 
 
-def one_of(names: Callable[[], Sequence[str]]) -> Callable[[str], list[str]]:
+def one_of(names: Sequence[str] | Callable[[], Sequence[str]]) -> Callable[[str], list[str]]:
     """Return the completion of an option that takes one of some names.
 
     Parameters
     ----------
-    names : callable
-        Returns the names; called only when a shell asks for completions.
+    names : sequence of str, or callable
+        The names, or what returns them and is called only when a shell asks for completions.
     """
 
     def complete(incomplete: str) -> list[str]:
-        found = [each for each in names() if each.startswith(_before + incomplete)]
+        known = names() if callable(names) else names
+        found = [each for each in known if each.startswith(_before + incomplete)]
         return [each.removeprefix(_before) for each in found if each != _before]
 
     return complete

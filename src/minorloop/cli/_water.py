@@ -40,7 +40,7 @@ Gas = Annotated[
     typer.Option(
         help="With twin:pipe: gas in the drained pipe and above the water, which cools the wires: "
         "air, which is still, or 'forced gas', which streams.",
-        autocompletion=one_of(lambda: GASES),
+        autocompletion=one_of(GASES),
     ),
 ]
 Pressure = Annotated[

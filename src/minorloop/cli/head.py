@@ -106,7 +106,7 @@ def identify(
     _common.check_outputs([head], force=True)
     opened: Any = partial(_common.connected, actuator, specimen=specimen, noise=noise)
     pipe = is_pipe(actuator)
-    seen = camera is not None or pipe
+    seen = _seen(actuator, camera, noise)
     view = None if before is None or pipe else before.calibration
 
     def checked(plant: Actuator) -> str:
@@ -144,6 +144,18 @@ def identify(
     _show(found, head, as_json)
     if found.identified is not None and found.identified.untrusted:
         raise typer.Exit(1)
+
+
+def _seen(actuator: str, camera: str | None, noise: float) -> bool:
+    """Return whether a camera gives the angles, which then have no noise of sensors."""
+    from minorloop.head.console.settings import is_pipe
+
+    seen = camera is not None or is_pipe(actuator)
+    if seen and noise:
+        raise ParameterError(
+            f"--noise is {noise:g}, and the angles are those of pictures; leave it out"
+        )
+    return seen
 
 
 def _serial(plant: Actuator, given: str | None) -> str:
@@ -208,7 +220,6 @@ def drive(
 
     from minorloop.cli._driven import UnfinishedDrive, save_drive, show_drive, show_warnings
     from minorloop.cli._seen import seen_head
-    from minorloop.head.console.settings import is_pipe
     from minorloop.head.procedures.head_file import read_head
     from minorloop.head.procedures.identify import check_head
     from minorloop.head.procedures.steer import check_targets, steer
@@ -217,7 +228,7 @@ def drive(
     known = read_head(head)
     columns = [_common.read_column(file, name, "deg", "a head is driven") for name in (pan, tilt)]
     opened: Any = partial(_common.connected, actuator, noise=noise)
-    seen = camera is not None or is_pipe(actuator)
+    seen = _seen(actuator, camera, noise)
     control = known.control(by_camera=seen)
 
     def fits(plant: Actuator) -> None:
@@ -340,7 +351,7 @@ def sweep(
         typer.Option(
             show_default=False,
             help="Its address: twin:pipe, the only head with a probe.",
-            autocompletion=one_of(lambda: ["twin:pipe"]),
+            autocompletion=one_of(["twin:pipe"]),
         ),
     ],
     out: Annotated[

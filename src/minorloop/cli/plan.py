@@ -44,7 +44,7 @@ def run(
             show_default=False,
             help="decaying or reversal (determine the plane), staircase (one loop), or sines "
             "(frequency response).",
-            autocompletion=one_of(lambda: [*_PATTERNS, _SINES]),
+            autocompletion=one_of([*_PATTERNS, _SINES]),
         ),
     ],
     low: Annotated[

@@ -30,7 +30,7 @@ def run(
             show_default=False,
             help="list (one line for each store), show (its points), or export (one row for each "
             "point).",
-            autocompletion=one_of(lambda: _ACTIONS),
+            autocompletion=one_of(_ACTIONS),
         ),
     ],
     store: Annotated[

@@ -45,3 +45,22 @@ def test_a_plant_that_is_silent_or_gone_is_an_error_and_a_late_answer_is_forgott
     with pytest.raises(InstrumentError, match="the plant does not answer"):
         RemoteWires(NewestPipe(), 0.0).light((True,))
     assert lamp.done == [[True]]
+
+
+def test_an_answer_that_comes_during_the_next_command_is_not_taken_for_its_answer():
+    ours, theirs = Pipe()
+    wires = RemoteWires(NewestPipe(ours), 0.0)
+    with pytest.raises(InstrumentError, match="the plant does not answer"):
+        wires.light((True,))
+
+    def answer_both():
+        for _ in range(2):
+            theirs.recv_bytes()
+        theirs.send_bytes(b"1 the lamp is stuck")
+        theirs.send_bytes(b"2 ")
+
+    plant = threading.Thread(target=answer_both)
+    plant.start()
+    wires._patience = 60.0
+    wires.light((False,))
+    plant.join()

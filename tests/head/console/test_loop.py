@@ -3,6 +3,7 @@ import json
 import socket
 import threading
 import weakref
+from collections import deque
 from types import SimpleNamespace
 
 import msgspec
@@ -219,7 +220,7 @@ class Litter:
             self.itself = self
 
     def __init__(self, stop):
-        self.ticks, self.events, self.stop, self.used = 0, [], stop, self.Cycle()
+        self.ticks, self.events, self.stop, self.used = 0, deque(), stop, self.Cycle()
         self.left = weakref.ref(self.used)
 
     def tick(self, now):
@@ -232,6 +233,9 @@ class Litter:
     def report(self, now, **known):
         return b""
 
+    def notice(self, text):
+        return
+
 
 def test_garbage_that_was_in_use_during_a_collection_is_collected_later(monkeypatch, tmp_path):
     monkeypatch.setattr(loop, "raise_priority", lambda: None)
@@ -242,7 +246,7 @@ def test_garbage_that_was_in_use_during_a_collection_is_collected_later(monkeypa
     )
     settings = LoopSettings(folder=str(tmp_path), timeout=5.0)
     it = loop._Loop(session, plant, SimpleNamespace(), NewestPipe(), settings)
-    it._receive_all = it._write = it._outbox.forward = lambda *_: None
+    it._receive_all = it._recording.write = it._outbox.forward = lambda *_: None
     gc.disable()
     try:
         it.run(SimpleNamespace(beat=lambda: None), stop)

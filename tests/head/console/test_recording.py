@@ -1,7 +1,17 @@
+import threading
+
 import pytest
 
 from minorloop.errors import RecordError
-from minorloop.head.console.recording import PICTURE, TEXT, Recorder, entries, listed
+from minorloop.head.console import recording
+from minorloop.head.console.recording import (
+    PICTURE,
+    TEXT,
+    Recorder,
+    SessionRecording,
+    entries,
+    listed,
+)
 
 SAID = [(TEXT, 1.0, b'{"type":"hello"}'), (PICTURE, 1.04, b"\x01" * 500), (TEXT, 1.08, b"{}")]
 
@@ -44,9 +54,62 @@ class Full:
 
     def __init__(self, file):
         self._file, self.truncate, self.seek = file, file.truncate, file.seek
+        self.close, self.closed = file.close, False
 
     def write(self, content):
         return self._file.write(content[: len(content) // 2])
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """Recordings that are written by a thread, and why they ended."""
+    said = []
+    found = SessionRecording(tmp_path, said.append)
+    threading.Thread(target=found.write, daemon=True).start()
+    return found, said
+
+
+def test_recordings_follow_each_other_and_each_has_its_own_entries(kept, tmp_path):
+    sessions, said = kept
+    for name, entry in zip(("one", "two"), SAID, strict=False):
+        sessions.begin(name)
+        sessions.keep(*entry)
+        late = sessions.recorder
+        sessions.end()
+        sessions._unwritten.put((late, SAID[2]))  # kept by a thread that saw it go on
+    sessions.keep(*SAID[2])  # none goes on
+    sessions.close(10.0)
+    assert list(entries(tmp_path / "one.session")) == SAID[:1]
+    assert list(entries(tmp_path / "two.session")) == SAID[1:2]
+    assert said == []
+
+
+def test_after_a_recording_that_the_disk_ended_another_one_can_begin(kept, tmp_path):
+    sessions, said = kept
+    sessions.begin("full")
+    sessions.recorder._file = Full(sessions.recorder._file)
+    sessions.keep(*SAID[1])
+    sessions.close(10.0)
+    (sentence,) = said
+    assert "No space left" in sentence
+    sessions.begin("next")
+    sessions.keep(*SAID[0])
+    sessions.close(10.0)
+    assert list(entries(tmp_path / "next.session")) == SAID[:1]
+
+
+def test_a_disk_that_is_too_slow_ends_the_recording_and_nothing_waits_for_it(monkeypatch, tmp_path):
+    monkeypatch.setattr(recording, "MOST_UNWRITTEN", 2)
+    said = []
+    sessions = SessionRecording(tmp_path, said.append)  # nothing writes it
+    sessions.begin("slow")
+    for _ in range(4):
+        sessions.keep(*SAID[0])
+    sessions.close(0.0)
+    assert (sessions.recorder, said) == (None, ["the disk is too slow; recording ended"])
+    threading.Thread(target=sessions.write, daemon=True).start()
+    sessions.close(10.0)
+    assert list(entries(tmp_path / "slow.session")) == SAID[:1] * 3
 
 
 def test_wherever_it_was_cut_what_is_whole_is_read(recorded):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
+from typing import Any
 
 import msgspec
 
@@ -22,10 +24,13 @@ class LineCommand(msgspec.Struct, frozen=True, kw_only=True):
 
     Parameters
     ----------
+    number : int
+        Of the command; it is in the answer.
     lights : list of bool, optional
     pump : bool, optional
     """
 
+    number: int
     lights: list[bool] | None = None
     pump: bool | None = None
 
@@ -47,17 +52,17 @@ class RemoteWires:
 
     def __init__(self, channel: NewestPipe, patience: float = _PATIENCE) -> None:
         self._channel, self._patience = channel, patience
-        self._lock = threading.Lock()
+        self._lock, self._number = threading.Lock(), 0
 
     def light(self, lights: Sequence[bool]) -> None:
         """Switch the lights on or off; return only when they are."""
-        self._ask(LineCommand(lights=[bool(on) for on in lights]))
+        self._ask(lights=[bool(on) for on in lights])
 
     def flood(self, on: bool) -> None:
         """Switch the pump on or off; return only when it is."""
-        self._ask(LineCommand(pump=bool(on)))
+        self._ask(pump=bool(on))
 
-    def _ask(self, command: LineCommand) -> None:
+    def _ask(self, **what: Any) -> None:
         """Send a command and wait until it is carried out.
 
         Raises
@@ -68,13 +73,17 @@ class RemoteWires:
         with self._lock:
             pipe = self._channel.next(None, self._patience)
             said = "the plant does not answer"
+            self._number += 1
             with contextlib.suppress(EOFError, OSError):
                 if pipe is not None:
-                    while pipe.poll():  # an answer that came too late
-                        pipe.recv_bytes()
+                    command = LineCommand(number=self._number, **what)
                     pipe.send_bytes(msgspec.msgpack.encode(command))
-                    if pipe.poll(self._patience):
-                        said = pipe.recv_bytes().decode()
+                    due = time.monotonic() + self._patience
+                    while pipe.poll(max(due - time.monotonic(), 0.0)):
+                        number, _, answer = pipe.recv_bytes().decode().partition(" ")
+                        if int(number) == self._number:  # not one that came too late
+                            said = answer
+                            break
             if said:
                 raise InstrumentError(f"the lights and the pump were not switched: {said}")
 
@@ -96,4 +105,4 @@ def carry_out(wires: Wires, pipe: Connection) -> None:
             wires.flood(command.pump)
     except (MinorloopError, OSError) as error:
         said = str(error)
-    pipe.send_bytes(said.encode())
+    pipe.send_bytes(f"{command.number} {said}".encode())

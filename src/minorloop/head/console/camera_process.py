@@ -222,12 +222,10 @@ class StillTip(BenchTip):
 def _warm_up(perception: Perception) -> None:
     """Compile what the first pictures would wait for."""
     compile_outlines()
-    request = CameraRequest(number=0, t=0.0, position=(0.0, 0.0, 0.0, 0.0), stance=(0.0,) * 6)
-    for _ in range(8):
-        perception.tick(request)
     first: list[CameraCommand] = [("pick", [320.0, 400.0]), ("find", [])]
-    for commands in (first, *([],) * 8):
-        perception.tick(msgspec.structs.replace(request, commands=commands))
+    request = CameraRequest(number=0, t=0.0, position=(0.0, 0.0, 0.0, 0.0), stance=(0.0,) * 6)
+    for n, commands in enumerate([*([],) * 8, first, *([],) * 8]):
+        perception.tick(msgspec.structs.replace(request, t=0.04 * n, commands=commands))
     perception.finish()
-    perception.tick(request)
+    perception.tick(msgspec.structs.replace(request, t=1.0))
     perception.reset()

@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
-import queue
 import socket
 import sys
 import threading
@@ -28,7 +27,7 @@ from minorloop.errors import MinorloopError, ParameterError
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import CameraReport, CameraRequest, RemoteCamera
 from minorloop.head.console.channel import NewestPipe, Outbox
-from minorloop.head.console.recording import PICTURE, TEXT, Recorder
+from minorloop.head.console.recording import PICTURE, TEXT, SessionRecording
 from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle, raise_priority
@@ -46,8 +45,8 @@ _MOST_LATE = 0.1
 _POLL = 0.1
 _NEW_SERVER = object()
 _COLLECT_EVERY = _STATUS_EVERY = 25
-_MOST_UNWRITTEN = 20_000
-"""Entries of a recording that may wait for the disk: some ten minutes of them."""
+_WRITTEN_WITHIN = 2.0
+"""Seconds for which the end of the loop waits for the disk."""
 
 
 def run(
@@ -176,20 +175,21 @@ class _Loop:
         settings: LoopSettings,
     ) -> None:
         self._session, self._plant, self._camera = session, plant, camera
-        self._server, self._folder = server, Path(settings.folder)
+        self._server = server
         self._patience = max(_STOOD_STILL, settings.timeout)
         self._inbox: deque[tuple[float, Any]] = deque(maxlen=256)
         self._outbox = Outbox()
-        self._recorder: Recorder | None = None
+        self._recording = SessionRecording(Path(settings.folder), session.notice)
+        self._recorded = False  # whether the pages know of a recording
         self._plant_lost = False
         self._recordings: list[bool] = []  # starts and ends, in their order, to do after the tick
         camera.on_picture = self._keep_picture
-        self._unwritten: queue.Queue[tuple[int, float, bytes] | None] = queue.Queue()
 
     def run(self, handle: ProcessHandle, stop: threading.Event) -> None:
         """Tick until the event is set."""
         session, interval = self._session, self._session.interval
-        for work in (self._receive_all, lambda: self._outbox.forward(self._server), self._write):
+        forward = lambda: self._outbox.forward(self._server)  # noqa: E731
+        for work in (self._receive_all, forward, self._recording.write):
             threading.Thread(target=work, daemon=True).start()
         raise_priority()
         due = time.monotonic()
@@ -200,14 +200,14 @@ class _Loop:
                 session.hold("the control loop was stopped for a while; press a mode to continue")
             if late > interval:  # missed ticks are skipped
                 due += late
-            self._tick(due, late)
+            self._tick(late)
             handle.beat()
             due += interval
             if session.ticks % _COLLECT_EVERY == 0:
                 gc.collect()  # all of it, in a tenth of a millisecond: what was there is frozen
             time.sleep(max(due - time.monotonic(), 0.0))
 
-    def _tick(self, due: float, late: float) -> None:
+    def _tick(self, late: float) -> None:
         session = self._session
         while self._inbox:
             at, message = self._inbox.popleft()
@@ -216,16 +216,18 @@ class _Loop:
         session.tick(now)
         self._watch_plant()
         state = session.report(now, late=late, safe_at=self._plant.answer.safe_at)
-        for event in session.events:
+        while session.events:  # other threads add to them
+            event = session.events.popleft()
             self._outbox.event(event)
-            self._keep(TEXT, now, event)
-        session.events.clear()
-        self._keep(TEXT, now, state)
+            self._recording.keep(TEXT, now, event)
+        self._recording.keep(TEXT, now, state)
         self._outbox.newest(state)
         for on in self._recordings:
             self._record(on)
         self._recordings.clear()
-        if session.ticks % _STATUS_EVERY == 0:
+        on = self._recording.recorder is not None
+        if on != self._recorded or (on and session.ticks % _STATUS_EVERY == 0):
+            self._recorded = self._camera.keep = on
             self._send_recording_status()
 
     def _receive(self, message: Any, at: float) -> None:
@@ -264,51 +266,31 @@ class _Loop:
 
     def _record(self, on: bool) -> None:
         """Start or end a recording."""
-        if on == (self._recorder is not None):
-            return
-        if on:
+        if not on:
+            self._recording.end()
+        elif self._recording.recorder is None:
             name = datetime.now().strftime("%Y-%m-%d-%H%M%S-%f")[:-3]
             try:
-                self._recorder = Recorder(self._folder, name)
+                self._recording.begin(name)
             except OSError as error:
                 self._session.notice(f"nothing is recorded: {error}")
                 return
-            self._camera.keep = True
-            now = time.monotonic()
-            self._keep(TEXT, now, self._session.introduction())
+            self._recording.keep(TEXT, time.monotonic(), self._session.introduction())
             self._session.send_findings()
-            self._send_recording_status()
-        else:
-            self._end_recording()
-            self._outbox.event(messages.encode(messages.RecordingStatus(name=None)))
 
     def _send_recording_status(self) -> None:
-        recorder = self._recorder
-        if recorder is None:
-            return
-        seconds = round(time.monotonic() - recorder.began, 1)
-        status = messages.RecordingStatus(
-            name=recorder.path.stem, seconds=seconds, size=recorder.size
-        )
+        recorder = self._recording.recorder
+        status = messages.RecordingStatus(name=None)
+        if recorder is not None:
+            seconds = round(time.monotonic() - recorder.began, 1)
+            status = messages.RecordingStatus(
+                name=recorder.path.stem, seconds=seconds, size=recorder.size
+            )
         self._outbox.event(messages.encode(status))
-
-    def _end_recording(self) -> None:
-        self._camera.keep = False
-        self._unwritten.put(None)
-        self._unwritten.join()
-        self._recorder = None
 
     def _keep_picture(self, content: bytes) -> None:
         """Record a picture; called by the thread that receives from the camera."""
-        self._keep(PICTURE, messages.HEADER.unpack_from(content)[2], content)
-
-    def _keep(self, kind: int, t: float, content: bytes) -> None:
-        if self._recorder is not None:
-            if self._unwritten.qsize() > _MOST_UNWRITTEN:
-                self._session.notice("the disk is too slow; recording ended")
-                self._recorder = None
-                return
-            self._unwritten.put((kind, t, content))
+        self._recording.keep(PICTURE, messages.HEADER.unpack_from(content)[2], content)
 
     def _receive_all(self) -> None:
         """Receive the messages of servers; for a thread of its own."""
@@ -320,21 +302,6 @@ class _Loop:
                     self._inbox.append((time.monotonic(), message))
             self._inbox.append((time.monotonic(), messages.Release(seq=0, t=0.0, grant=0)))
 
-    def _write(self) -> None:
-        """Write the recording; for a thread of its own."""
-        while True:
-            entry = self._unwritten.get()
-            recorder = self._recorder
-            try:
-                if recorder is not None:
-                    recorder.close() if entry is None else recorder.write(*entry)
-            except OSError as error:
-                self._session.notice(f"recording ended: {error}")
-                self._recorder = None
-            finally:
-                self._unwritten.task_done()
-
     def close(self) -> None:
         """End a recording."""
-        if self._recorder is not None:
-            self._end_recording()
+        self._recording.close(_WRITTEN_WITHIN)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import CameraCommand
 
@@ -11,14 +13,14 @@ class Outgoing:
 
     Attributes
     ----------
-    events : list of bytes
-        Encoded messages to the pages; whoever sends them clears the list.
+    events : deque of bytes
+        Encoded messages to the pages; whoever sends them takes them out. Any thread adds to them.
     commands : list of CameraCommand
         Of this tick.
     """
 
     def __init__(self) -> None:
-        self.events: list[bytes] = []
+        self.events: deque[bytes] = deque()
         self.commands: list[CameraCommand] = []
 
     def send(self, message: messages.ToPage) -> None:

@@ -48,8 +48,8 @@ from minorloop.head.vision.reflectance_map import LitFrame
 from minorloop.head.vision.tracking import TRACKED, TrackState
 from minorloop.lab.actuator import Frame
 
-_FRAME = 0.04
-"""Seconds from one frame of the camera to the next."""
+_POLL = 0.04
+"""Seconds between two looks for the result of a computation."""
 _MOST_QUEUED = 4
 """Commands that wait for the camera."""
 _SNAP = 18.0
@@ -116,7 +116,6 @@ class Perception:
         self._work: _Work | None = None
         self._all_lights = True
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
-        self._ticks = 0
         self._marking = marking(view)
         self._mark: MarkState | None = None
         self._queue: list[Callable[[], None]] = []
@@ -184,7 +183,6 @@ class Perception:
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
         events, self._events = self._events, []
-        self._ticks += 1
         return CameraReport(
             number=request.number,
             target=target,
@@ -238,7 +236,7 @@ class Perception:
         return None if few and request.number % FEW_PICTURES else self._tip.frame()
 
     def _reading(self, image: Image | None = None) -> Reading:
-        return reading_at(self._position, t=self._ticks * _FRAME, image=image)
+        return reading_at(self._position, t=self._now, image=image)
 
     def reset(self) -> None:
         """Forget candidates, track and events."""
@@ -492,7 +490,7 @@ class Perception:
         """Wait for longer computations, and take their results."""
         while self._pending:
             self._take_results()
-            time.sleep(_FRAME)
+            time.sleep(_POLL)
 
     def _take_results(self) -> None:
         waiting = []

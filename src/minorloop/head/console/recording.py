@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import errno
 import os
+import queue
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,6 +24,8 @@ TEXT, PICTURE = 0, 1
 _ENTRY = struct.Struct("<Bdl")
 _LONGEST = 1 << 24
 """Bytes of an entry above which a file counts as damaged."""
+MOST_UNWRITTEN = 20_000
+"""Entries of a recording that may wait for the disk: some ten minutes of them."""
 
 
 class Recorder:
@@ -63,6 +66,11 @@ class Recorder:
         """
         self._put(_ENTRY.pack(kind, t, len(content)) + content)
 
+    @property
+    def closed(self) -> bool:
+        """Whether it has ended."""
+        return self._file.closed
+
     def close(self) -> None:
         """End the recording."""
         self._file.close()
@@ -74,6 +82,79 @@ class Recorder:
             self._file.seek(self.size)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         self.size += len(content)
+
+
+class SessionRecording:
+    """Recordings one after the other; nothing but `write` and `close` waits for the disk.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the recordings.
+    ended : callable
+        Takes the sentence on a recording that ended because of the disk, in any thread.
+
+    Attributes
+    ----------
+    recorder : Recorder, optional
+        Of the recording that goes on.
+    """
+
+    def __init__(self, folder: Path, ended: Callable[[str], None]) -> None:
+        self._folder, self._ended = folder, ended
+        self._unwritten: queue.Queue[tuple[Recorder, tuple[int, float, bytes] | None]]
+        self._unwritten = queue.Queue()
+        self.recorder: Recorder | None = None
+
+    def begin(self, name: str) -> None:
+        """Begin a recording.
+
+        Raises
+        ------
+        OSError
+            As `Recorder`.
+        """
+        self.recorder = Recorder(self._folder, name)
+
+    def keep(self, kind: int, t: float, content: bytes) -> None:
+        """Keep an entry, in any thread, if a recording goes on."""
+        recorder = self.recorder
+        if recorder is None:
+            return
+        if self._unwritten.qsize() > MOST_UNWRITTEN:
+            self.end()
+            self._ended("the disk is too slow; recording ended")
+        else:
+            self._unwritten.put((recorder, (kind, t, content)))
+
+    def end(self) -> None:
+        """End the recording; what was kept is still written."""
+        recorder, self.recorder = self.recorder, None
+        if recorder is not None:
+            self._unwritten.put((recorder, None))
+
+    def write(self) -> None:
+        """Write what is kept, for ever; for a thread of its own."""
+        while True:
+            recorder, entry = self._unwritten.get()
+            try:
+                if entry is None:
+                    recorder.close()
+                elif not recorder.closed:  # an entry may be kept while its recording ends
+                    recorder.write(*entry)
+            except OSError as error:
+                recorder.close()
+                self.recorder = None if self.recorder is recorder else self.recorder
+                self._ended(f"recording ended: {error}")
+            finally:
+                self._unwritten.task_done()
+
+    def close(self, patience: float) -> None:
+        """End the recording, and wait up to ``patience`` seconds until it is written."""
+        self.end()
+        done = self._unwritten.all_tasks_done
+        with done:
+            done.wait_for(lambda: not self._unwritten.unfinished_tasks, patience)
 
 
 def entries(path: Path) -> Iterator[tuple[int, float, bytes]]:
