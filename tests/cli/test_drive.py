@@ -27,7 +27,7 @@ def test_targets_and_what_was_achieved_are_printed_kept_and_reported(run, answer
         assert said in out
     assert Path("d.html").read_text().count("<img") == 1
     again = answer("resume --store d.sqlite")
-    assert again["way"] == "finished"
+    assert again["mode"] == "finished"
     assert again["worst"] <= 0.2
     assert [target["target"] for target in again["targets"]] == [2, -3]
     assert again["warnings"] == []
@@ -180,7 +180,7 @@ def test_a_model_with_creep_delivers_its_targets_in_time(creeping, run, answer):
     expected = creeping.invert(10.0 * np.arange(1, 7), wanted, start, "clip").u
     np.testing.assert_allclose([point.input for point in points[1:]], expected, atol=1e-9)
     shown = json.loads(run("resume --store d.sqlite --json")[1])
-    assert shown["way"] == "finished"
+    assert shown["mode"] == "finished"
     assert [one["tries"] for one in shown["targets"]] == [3, 3]
 
 

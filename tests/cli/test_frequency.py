@@ -76,7 +76,7 @@ def test_without_a_model_there_is_no_operator(store, answer):
 def test_resume_knows_a_finished_run_of_sines(store, run, answer):
     assert "nothing was applied" in run(f"resume --store {store}")[1]
     known = answer(f"resume --store {store}")
-    assert (known["sines"], known["planned"], known["way"]) == (4, 4, "finished")
+    assert (known["sines"], known["planned"], known["mode"]) == (4, 4, "finished")
 
 
 def test_a_plan_is_printed_as_json(answer):

@@ -37,7 +37,7 @@ def test_a_finished_run_is_not_repeated(run, answer):
     run(f"{RUN} --store runs.sqlite")
     before = Path("runs.sqlite").read_bytes()
     assert "nothing was applied" in run("resume --store runs.sqlite")[1]
-    assert answer("resume --store runs.sqlite")["way"] == "finished"
+    assert answer("resume --store runs.sqlite")["mode"] == "finished"
     assert Path("runs.sqlite").read_bytes() == before
 
 

@@ -93,7 +93,7 @@ def test_an_adaptive_run_ends_with_a_score(run, answer):
     assert found["points"] == 10
     assert found["finished"]
     again = answer("resume --store a.sqlite")
-    assert again["way"] == "finished"
+    assert again["mode"] == "finished"
     assert again["validation"]["holds"] == 4
     assert again["validation"]["nrmse"] < 0.1
 

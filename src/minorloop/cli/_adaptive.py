@@ -89,7 +89,7 @@ def as_json(found: RunFindings) -> dict[str, Any]:
     score = found.validation
     return {
         "holds": found.holds,
-        "knocked": list(found.outliers),
+        "outliers": list(found.outliers),
         "repeated": list(found.repeated),
         "changes": list(found.changes),
         "validation": score

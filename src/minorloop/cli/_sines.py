@@ -68,7 +68,7 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     if as_json:
         about = {"store": str(store.path), "actuator": store.setup.address}
         counts = {"sines": len(points), "planned": len(store.plan), "finished": store.finished}
-        _common.print_json({**about, **counts, "held_s": held, "way": mode})
+        _common.print_json({**about, **counts, "held_s": held, "mode": mode})
         return
     if mode == "finished":
         typer.echo("this run was finished already; nothing was applied")

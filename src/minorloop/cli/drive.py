@@ -200,7 +200,7 @@ def _carried(
     if report is not None:
         drive_report(result, figures, warnings).write(report, force=force)
     if as_json:
-        _common.print_json({**figures, **result.to_dict(), "warnings": warnings, "way": mode})
+        _common.print_json({**figures, **result.to_dict(), "warnings": warnings, "mode": mode})
     else:
         _print(result, figures, warnings, mode)
     if result.missed:

@@ -194,7 +194,7 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         figures |= _adaptive.as_json(found)
     figures["warnings"] = [*figures.get("warnings", []), *run_warnings(plant, figures)]
     if as_json:
-        _common.print_json({**figures, "way": mode})
+        _common.print_json({**figures, "mode": mode})
         return
     print_mode(mode)
     levels = f"{figures['points']} of {figures['levels']} levels measured"

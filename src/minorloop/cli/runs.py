@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,7 +16,7 @@ from minorloop.files import table_text
 from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
-    from minorloop.lab.store import RunSession, Store
+    from minorloop.lab.store import Store
 
 NAME = "runs"
 EXAMPLE = "minorloop runs export --store runs.sqlite --save points.csv"
@@ -95,9 +95,9 @@ def _show(file: Path, as_json: bool) -> None:
 
     with Store.open(file) as opened:
         if as_json:
-            sessions = [_session_json(session) for session in opened.sessions()]
+            sessions = [vars(session).copy() for session in opened.sessions()]
             _common.print_json(
-                {**summary(opened), "sittings": sessions, "columns": opened.columns()}
+                {**summary(opened), "sessions": sessions, "columns": opened.columns()}
             )
             return
         _print(opened)
@@ -125,13 +125,6 @@ def _print(store: Store) -> None:
         typer.echo(f"\n{y} against {u}")
         for line in scatter([([p.input for p in points], [p.value for p in points])], 60, 14):
             typer.echo(line)
-
-
-def _session_json(session: RunSession) -> dict[str, Any]:
-    """Return the fields of a session under the keys of the store format."""
-    fields = vars(session).copy()
-    fields["way"] = fields.pop("mode")
-    return fields
 
 
 def _export(file: Path, save: Path | None, force: bool, as_json: bool) -> None:

@@ -7,7 +7,11 @@ from minorloop.head.vision.reflectance_map import LitFrame
 
 
 def searches(finder, shown, ticks):
-    return [finder.at_rest_somewhere_new(to_si(shown)) for _ in range(ticks)]
+    found = []
+    for _ in range(ticks):
+        finder.note(to_si(shown))
+        found.append(finder.at_rest and not finder.has_searched(to_si(shown)))
+    return found
 
 
 def test_a_view_is_searched_once_the_head_rests_and_again_when_it_has_moved_on():

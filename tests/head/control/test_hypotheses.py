@@ -17,7 +17,7 @@ def followed(ambient, cooling, seconds=10.0):
     """A bank after the full heating of a cold wire in some surroundings."""
     wire, hypotheses = bank_of()
     estimate = PowerObserver(wire=wire).found()
-    bank = hypotheses.begin(0.0, estimate, moving=False)
+    bank = hypotheses.begin(estimate, moving=False)
     plant = wire.moved(wire.begin(), ambient / RISE)
     for _ in range(round(seconds / 0.04)):
         plant = wire.step(plant, 0.16, 0.04, ambient=ambient / RISE, cooling=cooling)
@@ -61,7 +61,7 @@ def test_a_bank_that_begins_in_motion_continues_from_there():
     wire, hypotheses = bank_of(ratio=0.8)
     warm = wire.begin(0.12)
     estimate = PowerObserver(wire=wire).found(warm.angle, np.sqrt(0.12))
-    bank = hypotheses.begin(warm.angle, estimate, moving=True)
+    bank = hypotheses.begin(estimate, moving=True)
     np.testing.assert_allclose(bank.power, 0.12)
     assert bank.branch[0] == pytest.approx(warm.angle)
     assert bank.branch[-1] == pytest.approx(wire.operator.range[1])
@@ -69,7 +69,7 @@ def test_a_bank_that_begins_in_motion_continues_from_there():
 
 def test_the_final_angle_is_that_at_which_the_heat_balances():
     wire, hypotheses = bank_of(ratio=0.8)
-    bank = hypotheses.begin(0.0, PowerObserver(wire=wire).found(), moving=False)
+    bank = hypotheses.begin(PowerObserver(wire=wire).found(), moving=False)
     final = hypotheses.final(bank, 0.0, 0.4)
     low, top = wire.operator.range
     resistance = hypotheses.resistance
@@ -85,7 +85,7 @@ def test_the_final_angle_is_that_at_which_the_heat_balances():
 
 def test_an_error_of_the_branch_feeds_back_in_the_cold():
     wire, hypotheses = bank_of(ratio=0.7)
-    bank = hypotheses.begin(0.0, PowerObserver(wire=wire).found(), moving=False)
+    bank = hypotheses.begin(PowerObserver(wire=wire).found(), moving=False)
     final = hypotheses.final(bank, 0.0, 0.4)
     more = hypotheses.final(bank, 0.0, 0.4, beyond=0.5) - final
     between = (final > 15.0) & (final < 45.0)

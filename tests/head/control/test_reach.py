@@ -114,7 +114,7 @@ def test_a_cold_wire_that_has_not_begun_to_turn_is_not_given_up(reference, ambie
 
 def test_weight_on_wires_that_never_turn_is_no_evidence_until_one_turns():
     watch = ReachWatch(wire=made_up())
-    bank = watch._hypotheses.begin(0.0, PowerObserver(wire=made_up()).found(), moving=False)
+    bank = watch._hypotheses.begin(PowerObserver(wire=made_up()).found(), moving=False)
     trial = Trial(bank, 0.0, 0.0, seconds=9.6, full=9.6)
     final = watch._hypotheses.final(bank, 0.0, watch.highest)
     contradicted = np.where(final > 15.0, 20.0, 0.0)
@@ -142,7 +142,7 @@ def test_what_told_the_causes_apart_during_the_heating_is_not_forgotten():
     wire = identified().model
     watch, plant = ReachWatch(wire=wire), wire.begin(-0.03)
     estimate = PowerObserver(wire=wire).found()
-    trial = Trial(watch._hypotheses.begin(0.0, estimate, moving=False), 0.0, 0.0)
+    trial = Trial(watch._hypotheses.begin(estimate, moving=False), 0.0, 0.0)
     told = []
     for _ in range(1000):
         plant = wire.step(plant, 0.16, TICK, ambient=-0.03)
@@ -156,7 +156,7 @@ def test_what_told_the_causes_apart_during_the_heating_is_not_forgotten():
 
 def test_both_causes_are_named_where_readings_do_not_tell_them_apart():
     watch = ReachWatch(wire=made_up())
-    bank = watch._hypotheses.begin(0.0, PowerObserver(wire=made_up()).found(), moving=False)
+    bank = watch._hypotheses.begin(PowerObserver(wire=made_up()).found(), moving=False)
     trial = Trial(bank, 0.0, 0.0, seconds=9.6)
     alike = np.where(watch._colder, 1.0 / watch._colder.sum(), 1.0 / (~watch._colder).sum())
     assert watch._reason(trial, alike, 0.0, late=False) is None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import os
 import pickle
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -30,7 +29,7 @@ from minorloop.head.console.channel import NewestPipe, Outbox
 from minorloop.head.console.perception import Later, Perception
 from minorloop.head.console.plant import open_tip
 from minorloop.head.console.settings import LoopSettings, is_pipe
-from minorloop.head.console.supervisor import ProcessHandle
+from minorloop.head.console.supervisor import ProcessHandle, be_nice
 from minorloop.head.console.units import to_shown
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.actuator_plant import BenchTip
@@ -72,8 +71,7 @@ def run(
     """
     server, loop, plant = NewestPipe(), NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, loop=loop, plant=plant)
-    with contextlib.suppress(OSError, AttributeError):
-        os.nice(-5)  # few systems allow it; it helps where other programs use the same cores
+    be_nice(-5)  # it helps where other programs use the same cores
     pool = ThreadPoolExecutor(1)
     with contextlib.ExitStack() as ends:
         try:

@@ -45,10 +45,9 @@ class Finder:
         self._searched: Position | None = None
         self._frames: tuple[LitFrame, ...] = ()
 
-    def at_rest_somewhere_new(self, position: Position) -> bool:
-        """Return whether the head rests where its view was not searched yet."""
+    def note(self, position: Position) -> None:
+        """Note where the head is in a tick."""
         self._recent.append(position)
-        return self.at_rest and not self.has_searched(position)
 
     @property
     def at_rest(self) -> bool:

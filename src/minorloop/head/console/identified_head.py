@@ -14,16 +14,11 @@ from minorloop.head.control.heating import (
     identify_heating,
     moving_levels,
 )
+from minorloop.head.procedures.identify import HeadExcitation
 from minorloop.identification import excitation
 from minorloop.lab.actuator import Actuator
 
-_HOLD = 40.0
-"""Seconds of a hold in the identification, in which a wire settles."""
-_BANDS = 12
-"""Bands of the operator. On specimens 1000 to 1003 the rms error of settled angles is 0.5 to 0.7
-degrees with 8, 0.02 to 0.4 with 12, and still 0.02 to 0.3 with 16, which takes a third longer."""
-_HIGHEST = 0.4
-"""Largest current of the identification in A; it heats a wire by some 108 K, see `WireLimits`."""
+_HOW = HeadExcitation()
 
 
 def head_of(address: str, specimen: int | None) -> HeadControl:
@@ -50,15 +45,15 @@ def head_of(address: str, specimen: int | None) -> HeadControl:
 
 
 def _identified(head: Actuator, axis: int) -> tuple[HeatedWire, FloatArray]:
-    loop = _HIGHEST * np.concatenate([np.linspace(0, 1, 17), np.linspace(1, 0, 17)[1:]])
+    loop = _HOW.highest * np.concatenate([np.linspace(0, 1, 17), np.linspace(1, 0, 17)[1:]])
     angles = _settled(head, axis, loop)
-    levels = moving_levels(loop, angles[axis], _BANDS)
+    levels = moving_levels(loop, angles[axis], _HOW.bands)
     _settled(head, axis, np.zeros(1))
     holds = excitation.reversal_curves(levels)
     steady = _settled(head, axis, holds)
     _settled(head, axis, np.zeros(1))
     t = np.arange(0.0, 40.0, 0.08)
-    current = np.where((t >= 0.16) & (t < 25.0), _HIGHEST, 0.0)
+    current = np.where((t >= 0.16) & (t < 25.0), _HOW.highest, 0.0)
     y = [0.0, *(float(_moved(head, axis, u, 0.08)[axis]) for u in current[:-1])]
     found = identify_heating(holds, steady[axis], step=(t, current, np.array(y)), levels=levels)
     return found.model, angles
@@ -66,7 +61,7 @@ def _identified(head: Actuator, axis: int) -> tuple[HeatedWire, FloatArray]:
 
 def _settled(head: Actuator, axis: int, currents: FloatArray) -> FloatArray:
     """Return (2, T) angles after each hold of the current of one axis."""
-    return np.array([_moved(head, axis, float(i), _HOLD) for i in currents]).T
+    return np.array([_moved(head, axis, float(i), _HOW.hold) for i in currents]).T
 
 
 def _moved(head: Actuator, axis: int, current: float, seconds: float) -> FloatArray:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import os
 import socket
 import sys
 import threading
@@ -30,7 +29,7 @@ from minorloop.head.console.channel import NewestPipe, Outbox
 from minorloop.head.console.recording import PICTURE, TEXT, SessionRecording
 from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings
-from minorloop.head.console.supervisor import ProcessHandle, raise_priority
+from minorloop.head.console.supervisor import ProcessHandle, be_nice, raise_priority
 from minorloop.head.console.tracker import UdpTracker
 from minorloop.head.console.watchdog import RemotePlant
 from minorloop.head.control.head import HeadControl
@@ -71,8 +70,7 @@ def run(
     server, pictures, wires = NewestPipe(), NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, camera=pictures, plant=wires)
     sys.setswitchinterval(1e-3)
-    with contextlib.suppress(OSError, AttributeError):
-        os.nice(-10)  # few systems allow it; it helps where other programs use the same cores
+    be_nice(-10)  # it helps where other programs use the same cores
     silence = settings.patience / 2
     # A longer silence without readings would count as a lost sensor first.
     wait = _WAIT if silence < _MOST_LATE else None

@@ -170,7 +170,8 @@ class ReportedFinding(msgspec.Struct, frozen=True, kw_only=True):
     t : float
         Time of the measurement, in seconds since the session began.
     kind : str
-        ``pit``, ``hole`` or ``mark``; ``hole or pit`` where echoes have not decided.
+        ``pit``, ``hole`` or ``mark``; ``hole or pit`` where echoes have not decided; of a
+        sweep also ``crack``, ``cut by the edge`` or ``no echo`` with its reason.
     verdict : str
         Of the echoes; ``no echoes yet`` before there are any.
     phi, z : float
@@ -179,7 +180,8 @@ class ReportedFinding(msgspec.Struct, frozen=True, kw_only=True):
     phi_sd, z_sd, diameter_sd, depth_sd : float
         Standard deviations.
     evidence : float
-        Logarithm of the odds, by the camera, that it is a hole or a pit; None if infinite.
+        Logarithm of the odds, by the camera, that it is a hole or a pit; None if infinite, and of
+        a sweep.
     patch : DepthPatch, optional
     """
 

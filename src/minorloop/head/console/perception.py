@@ -159,6 +159,7 @@ class Perception:
         if self._sweep is not None:
             self._sweep.read(request.t, request.position)
         self._now = request.t
+        self._finder.note(request.position)
         for name, numbers in request.commands:
             self._try(self.commands[name], numbers)
         if self._queue and not self._busy:  # commands that came while the camera was in use
@@ -167,7 +168,8 @@ class Perception:
             not self._busy
             and not self._fires
             and (self._seen_angles is None or self._seen_angles.known)
-            and self._finder.at_rest_somewhere_new(request.position)
+            and self._finder.at_rest
+            and not self._finder.has_searched(request.position)
         ):
             self._find()
         self.shown = False

@@ -69,8 +69,8 @@ def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFil
     ParameterError
         As `probed`.
     ModelFileError
-        If the file is not valid, is of another head, is older than its calibration, or has another
-        number of LEDs than the plant.
+        If the file is not valid, is of another head, has wires that are older than its calibration,
+        or has another number of LEDs than the plant.
     """
     with ThreadPoolExecutor(1) as pool:  # a bench takes a moment to answer
         probing = pool.submit(_simulated if is_pipe(address) else probed, address, specimen)

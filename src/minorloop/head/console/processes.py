@@ -6,7 +6,6 @@ Each process imports only what it needs, and the supervisor none of it, so that 
 from __future__ import annotations
 
 import contextlib
-import os
 import socket
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from minorloop.errors import MissingExtraError
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.channel import NewestPipe
 from minorloop.head.console.settings import LoopSettings
-from minorloop.head.console.supervisor import Part, ProcessHandle, Supervisor
+from minorloop.head.console.supervisor import Part, ProcessHandle, Supervisor, be_nice
 from minorloop.lab.signals import Stopped, ended_by_signals
 
 if TYPE_CHECKING:
@@ -158,8 +157,7 @@ def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
         def capture_signals(self) -> Iterator[None]:
             yield  # signals are for the supervisor
 
-    with contextlib.suppress(OSError, AttributeError):
-        os.nice(-5)  # few systems allow it; the operator should not wait for other programs
+    be_nice(-5)  # the operator should not wait for other programs
     serving.serve(
         Console(
             authentication=how.authentication,

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from minorloop.arrays import FloatArray
 from minorloop.head.console.camera_protocol import CameraCommand
 from minorloop.head.console.messages import Pair
 from minorloop.head.console.plant import reading_at
-from minorloop.head.console.units import Position
+from minorloop.head.console.units import Position, pair_of
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.scan import RasterScan, ScanState
@@ -89,10 +88,6 @@ def scanned(
     ended = state.stage == "back" != scan.state.stage
     if ended and len(state.targets):  # without any, the camera process has not begun
         commands.append(("finish_scan", []))
-    angles = command if request.angles is None else _pair(request.angles)
+    angles = command if request.angles is None else pair_of(request.angles)
     after = replace(scan, state=state, waited=scan.waited + interval, fired=False)
-    return after, ScanRequest(angles, _pair(request.rates), tuple(commands))
-
-
-def _pair(values: FloatArray) -> Pair:
-    return float(values[0]), float(values[1])
+    return after, ScanRequest(angles, pair_of(request.rates), tuple(commands))

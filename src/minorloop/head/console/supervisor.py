@@ -26,7 +26,7 @@ _CONTEXT = multiprocessing.get_context("spawn")
 _POLL = 0.05
 _SUSPENDED = 0.5
 """Seconds between two checks after which the machine itself was suspended, not a process."""
-_BEGINNING = 180.0
+BEGINNING = 180.0
 """Seconds in which a process must start, on a busy machine."""
 _LEAST_INTERVAL = 1.0
 """Seconds between two starts of the same process."""
@@ -132,9 +132,9 @@ class _Running:
         beat = self._beats[self._place]
         if beat != 0.0:
             return bool(now - beat > self.part.patience)
-        if not _is_stopped(self.process.pid or 0):
+        if not is_stopped(self.process.pid or 0):
             self._not_stopped = now
-        return now - self._not_stopped > self.part.patience or now - self.began > _BEGINNING
+        return now - self._not_stopped > self.part.patience or now - self.began > BEGINNING
 
     def give(self, number: int, pipe: Connection) -> None:
         """Send a pipe to the process, and close it here."""
@@ -241,7 +241,13 @@ def raise_priority() -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
 
 
-def _is_stopped(child: int) -> bool:
+def be_nice(by: int) -> None:
+    """Change the niceness of this process; few systems allow less of it."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(by)
+
+
+def is_stopped(child: int) -> bool:
     """Return whether a signal has stopped a child; False if the system cannot tell."""
     if not hasattr(os, "waitid"):
         return False

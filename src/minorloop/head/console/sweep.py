@@ -18,7 +18,7 @@ from minorloop.head.console.camera_protocol import CameraCommand
 from minorloop.head.console.messages import Pair
 from minorloop.head.console.plant import reading_at
 from minorloop.head.console.scan import ScanRequest
-from minorloop.head.console.units import Position
+from minorloop.head.console.units import Position, pair_of
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import Go, GoState
@@ -132,8 +132,8 @@ def swept(
             commands.append(("begin_sweep", [*state.phi, *state.z]))
         if request.shots:
             commands.append(("fire_on", []))
-    angles = command if request.angles is None else _pair(request.angles)
-    return sweep, ScanRequest(angles, _pair(request.rates), tuple(commands))
+    angles = command if request.angles is None else pair_of(request.angles)
+    return sweep, ScanRequest(angles, pair_of(request.rates), tuple(commands))
 
 
 class SweepEchoes:
@@ -182,7 +182,3 @@ class SweepEchoes:
             "radius": self._view.radius,
             "whole": whole,
         }
-
-
-def _pair(values: FloatArray) -> Pair:
-    return float(values[0]), float(values[1])

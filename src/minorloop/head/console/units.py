@@ -9,8 +9,15 @@ import math
 from collections.abc import Iterable
 from typing import TypeAlias
 
+from minorloop.arrays import FloatArray
+
 Position: TypeAlias = tuple[float, float, float, float]
 """Pan and tilt about the middle, advance and roll as measured, in rad and m."""
+
+
+def pair_of(values: FloatArray) -> tuple[float, float]:
+    """Return two numbers of an array (2,)."""
+    return float(values[0]), float(values[1])
 
 
 def to_si(shown: Iterable[float]) -> Position:

@@ -18,12 +18,15 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from minorloop.errors import MinorloopError
-from minorloop.head.console.supervisor import bind_to_parent
+from minorloop.head.console.supervisor import (
+    BEGINNING,
+    be_nice,
+    bind_to_parent,
+    is_stopped,
+)
 
 TASKS = "minorloop.head.console.lab_work"
 _POLL = 0.01
-_BEGINNING = 180.0
-"""Seconds in which a process must start, on a busy machine."""
 
 
 class Workers:
@@ -72,7 +75,7 @@ class Workers:
             worker = await self._idle.get()
         whole = False
         try:
-            async with asyncio.timeout(_BEGINNING):
+            async with asyncio.timeout(BEGINNING):
                 await worker.ready()
             worker.pipe.send((task, options))
             async with asyncio.timeout(self._longest):
@@ -142,10 +145,7 @@ class _Worker:
 
     def _stopped(self) -> bool:
         """Return whether a signal has stopped it, so that it would never answer."""
-        asked = getattr(os, "WSTOPPED", 0) | os.WNOHANG | getattr(os, "WNOWAIT", 0)
-        with contextlib.suppress(AttributeError, ChildProcessError):
-            return os.waitid(os.P_PID, self._process.pid or 0, asked) is not None
-        return False
+        return is_stopped(self._process.pid or 0)
 
     def ended(self) -> bool:
         """Return whether it cannot work any more."""
@@ -159,8 +159,7 @@ class _Worker:
 
 def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
     """Do tasks until the pipe closes; for a process of its own."""
-    with contextlib.suppress(OSError, AttributeError):
-        os.nice(nice)
+    be_nice(nice)
     bind_to_parent("console-worker", signal.SIGKILL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     tasks = importlib.import_module(module)

@@ -86,13 +86,11 @@ class Hypotheses:
     rise: float
     cold_resistance: float
 
-    def begin(self, angle: float, estimate: Estimate, *, moving: bool) -> Bank:
+    def begin(self, estimate: Estimate, *, moving: bool) -> Bank:
         """Return the bank before a heating.
 
         Parameters
         ----------
-        angle : float
-            Now, in degrees.
         estimate : Estimate
             Of the wire now.
         moving : bool

@@ -239,7 +239,7 @@ class ReachWatch(Loop):
         trial = state.trial
         if trial is None:
             moving = angle > low + self.tolerance
-            bank = self._hypotheses.begin(angle, estimate, moving=moving)
+            bank = self._hypotheses.begin(estimate, moving=moving)
             trial = Trial(bank, angle, angle)
         trial = self._followed(trial, measurement, angle, current)
         return ReachState(trial, self._verdict(trial, reference, angle))

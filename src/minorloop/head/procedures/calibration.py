@@ -15,13 +15,12 @@ from minorloop.errors import ParameterError
 from minorloop.head.geometry import Mount, Pinhole, Probe, Tool
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.head.vision.led_calibration import FARTHEST
 
 ROOM_TEMPERATURE = 20.0
 """Assumed temperature of the water in a flooded pipe, in degrees Celsius."""
 _LONGEST_LATENCY = 5.0
 _LONGEST_PIPE = 1e5
-_FARTHEST_LED = 0.05
-"""Metres from the lens to an LED: more than the radius of any pipe that such a head enters by."""
 _TURN = math.pi
 _BOUNDS = {
     "radius": (1e-4, 1.0, "m"),
@@ -100,10 +99,10 @@ class HeadCalibration:
         if self.leds.ndim != 2 or self.leds.shape[1] != 3 or not np.isfinite(self.leds).all():
             raise ParameterError(f"the leds have shape {self.leds.shape}; give (N, 3) numbers in m")
         far = np.linalg.norm(self.leds, axis=1).max(initial=0.0)
-        if far > _FARTHEST_LED:
+        if far > FARTHEST:
             raise ParameterError(
                 f"an LED is {far:.4g} m from the lens; give its place in metres, within "
-                f"{_FARTHEST_LED:g} m"
+                f"{FARTHEST:g} m"
             )
         for name, (low, high, unit) in _BOUNDS.items():
             for value in np.atleast_1d(getattr(self, name)).tolist():

@@ -78,7 +78,7 @@ class DriveFault:
 
 @dataclass
 class _Open:
-    """A fault that goes on: its kind, first and last time, steps and text."""
+    """A fault that goes on: its kind, when it began, its text, steps, and if the wire cooled."""
 
     kind: str
     began: float

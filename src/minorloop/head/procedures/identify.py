@@ -60,9 +60,11 @@ class HeadExcitation:
     Parameters
     ----------
     highest : float
-        Largest current in A, up to 0.4.
+        Largest current in A, up to 0.4, which heats a wire by some 108 K, see `WireLimits`.
     bands : int
-        Bands of the operator of each wire, 2 to 50.
+        Bands of the operator of each wire, 2 to 50. On specimens 1000 to 1003 the rms error of
+        settled angles is 0.5 to 0.7 degrees with 8, 0.02 to 0.4 with 12, and still 0.02 to 0.3
+        with 16, which takes a third longer.
     hold : float
         Longest hold in seconds, in which a wire settles.
 

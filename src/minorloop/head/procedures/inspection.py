@@ -36,7 +36,16 @@ from minorloop.head.procedures.pictures import CRACK, InspectedPicture
 from minorloop.head.procedures.probe_steps import counts_as_crack, shown_by_echoes
 from minorloop.head.procedures.probing import Probing
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
-from minorloop.head.procedures.steps import NEAR, acquire, centre, go, meter, pick, search
+from minorloop.head.procedures.steps import (
+    NEAR,
+    acquire,
+    centre,
+    go,
+    meter,
+    pick,
+    place_words,
+    search,
+)
 from minorloop.head.procedures.trace import (
     likely,
     one_course,
@@ -432,9 +441,7 @@ def _seen_again(rig: InspectionRig, seen: _Seen, hole: Hole) -> InspectedView:
     again = nearest(seen.found.holes, hole.place, rig.calibration.radius)
     if again is None:
         return seen.view()
-    phi, z = again.place.tolist()
-    where = f"phi {math.degrees(phi):.1f} deg, z {1e3 * z:.2f} mm"
-    rig.say(seen.name, f"{1e3 * again.diameter:.2f} mm wide at {where}")
+    rig.say(seen.name, f"{1e3 * again.diameter:.2f} mm wide at {place_words(again.place)}")
     return with_finding(seen.view(again), rig.calibration.radius)
 
 

@@ -112,10 +112,14 @@ def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, Floa
     """Go to where a place is within the cone, turn towards it, and return image and pixel."""
     approach(rig, place)
     meter(rig, place)
-    where = f"phi {np.degrees(wrapped(place[0])):.1f} deg, z {1e3 * place[1]:.2f} mm"
-    rig.say("pick", f"{where}, {words}")
+    rig.say("pick", f"{place_words(place)}, {words}")
     seen = photo(rig)
     return seen.image, seen.pixels(place)
+
+
+def place_words(place: FloatArray) -> str:
+    """Return phi and z (2,) of the wall in words."""
+    return f"phi {np.degrees(wrapped(place[0])):.1f} deg, z {1e3 * place[1]:.2f} mm"
 
 
 def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
@@ -273,12 +277,11 @@ def touch(rig: InspectionRig, hole: Hole) -> None:
     bring_in_reach(rig, marking, hole.place)
     state = rig.run(marking, marking.begin(hole.place, rig.gain))
     rig.gain = state.gain
-    phi, z = np.degrees(hole.place[0]), 1e3 * hole.place[1]
     off = math.inf
     if state.verdict == TOUCHED and state.touch is not None:
         off = float(wall_distance(state.touch, hole.place, rig.calibration.radius))
     words = state.verdict if off < WITHIN or math.isinf(off) else f"{1e3 * off:.2f} mm beside"
-    rig.say("touch", f"phi {phi:.1f} deg, z {z:.2f} mm: {words}", succeeded=off <= WITHIN)
+    rig.say("touch", f"{place_words(hole.place)}: {words}", succeeded=off <= WITHIN)
 
 
 def _test_tool(rig: InspectionRig, hole: Hole) -> None:

@@ -245,5 +245,10 @@ def _view_parameters(
     camera: CalibratedCamera, window: Window, pan: float, tilt: float
 ) -> tuple[float, float, float, float, FloatArray, FloatArray, FloatArray]:
     pose = camera.mount.pose(pan, tilt)
-    lens = np.array([camera.lens.focal, *camera.lens.centre, camera.lens.k1, camera.lens.k2])
+    lens = numbers(camera.lens)
     return window.phi, window.z, window.step, camera.radius, pose.rotation, pose.position, lens
+
+
+def numbers(lens: Pinhole) -> FloatArray:
+    """Return a lens as an array for the kernels."""
+    return np.array([lens.focal, *lens.centre, lens.k1, lens.k2])

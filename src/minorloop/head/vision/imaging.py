@@ -19,8 +19,8 @@ def opencv() -> Any:
     MissingExtraError
         If it is not installed.
     """
-    for name in ("OPENCV_LOG_LEVEL", "OPENCV_FFMPEG_LOGLEVEL"):
-        os.environ.setdefault(name, _SILENT[name])
+    for name, value in _SILENT.items():
+        os.environ.setdefault(name, value)
     try:
         import cv2
     except ImportError:

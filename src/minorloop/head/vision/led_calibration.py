@@ -24,8 +24,8 @@ _SATURATED, _LEAST_PIXELS = 250, 4
 as a single one may be hot."""
 _SECOND = 0.3
 """Largest share that the second largest saturated spot may have of the largest."""
-_FARTHEST = 0.05
-"""Largest distance of an LED from the lens, in metres."""
+FARTHEST = 0.05
+"""Metres from the lens to an LED: more than the radius of any pipe that such a head enters by."""
 _SPOT = 0.3
 """Standard deviation of the centre of a reflection, in pixels."""
 _LARGEST_SD, _LARGEST_CONDITION = 3e-3, 1e4
@@ -101,7 +101,7 @@ def fit_led(
 
     found = least_squares(misfit, np.zeros(3), x_scale=1e-3)
     spread = float(np.sqrt(2 * found.cost / (found.fun.size - 3)))
-    if spread > _LARGEST_SPREAD or np.linalg.norm(found.x) > _FARTHEST:
+    if spread > _LARGEST_SPREAD or np.linalg.norm(found.x) > FARTHEST:
         raise RecordError(
             f"the reflections of {name} are not those of one LED (they differ by {spread:.2g} "
             "standard deviations); switch the others and the light of the room off"

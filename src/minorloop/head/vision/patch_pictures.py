@@ -16,7 +16,13 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.head.geometry import Pinhole, wall_point, wrapped
 from minorloop.head.vision import _alignment_kernels as kernels
-from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32, halved
+from minorloop.head.vision.calibrated_camera import (
+    CalibratedCamera,
+    Image,
+    Image32,
+    halved,
+    numbers,
+)
 from minorloop.head.vision.wall_patches import Patches
 
 SIDE = 16  # texels along a side of a patch
@@ -260,8 +266,3 @@ class PatchPictures:
     def _detail(self) -> float:
         """Least length of a patch's logarithms: 1.3 % contrast; noise of a grey picture has 1 %."""
         return 0.013 * SIDE
-
-
-def numbers(lens: Pinhole) -> FloatArray:
-    """Return a lens as an array for the kernels."""
-    return np.array([lens.focal, *lens.centre, lens.k1, lens.k2])

@@ -28,8 +28,8 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.vision import _alignment_kernels as kernels
 from minorloop.head.vision import frame_checks
-from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32
-from minorloop.head.vision.patch_pictures import LEVELS, SIDE, PatchPictures, numbers
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image, Image32, numbers
+from minorloop.head.vision.patch_pictures import LEVELS, SIDE, PatchPictures
 from minorloop.head.vision.wall_patches import (
     FEW,
     LATE,
@@ -214,7 +214,6 @@ class WallAngles:
             t,
             0,
             0,
-            image,
             frame_checks.repeated(image, ())[1],
             t,
         )
@@ -231,14 +230,14 @@ class WallAngles:
         t : float
             When it was taken, in seconds.
         """
-        verdict = frame_checks.check_frame(image, self.camera.lens, state.before)
+        verdict = frame_checks.check_frame(image, self.camera.lens)
         if verdict == frame_checks.WRONG_SIZE:
             return self._missed(state, verdict)
         repeats, earlier = frame_checks.repeated(image, state.earlier)
         if verdict == frame_checks.GOOD and repeats:
             verdict = frame_checks.FROZEN
         verdict = verdict if t > state.newest else LATE
-        state = replace(state, before=image, earlier=earlier)
+        state = replace(state, earlier=earlier)
         if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
             return self._missed(state, verdict)
         state = replace(state, newest=t)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.vision.calibrated_camera import Image, Image32
+from minorloop.head.vision.calibrated_camera import Image32
 
 SEEN = "seen"
 """Verdict of a picture that shows the angles; others say why it does not."""
@@ -164,8 +164,6 @@ class WallState:
         Pictures since.
     hunted : int
         Angles that were tried in the search for a lost view.
-    before : (height, width) array of uint8
-        The last picture.
     earlier : tuple of int
         Check sums of the last pictures, to detect repeated ones.
     newest : float
@@ -181,7 +179,6 @@ class WallState:
     t: float
     missed: int
     hunted: int
-    before: Image
     earlier: tuple[int, ...]
     newest: float
     doubt: Doubt | None = None
