@@ -17,10 +17,10 @@ from minorloop.dynamics.heated_wire import HeatedState
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller, Loop
 from minorloop.head.control.guard_log import ASTRAY, GuardLog
-from minorloop.head.control.guard_state import COOLED, Cause, GuardState
-from minorloop.head.control.lateness import Lateness, LatenessWatch, Stop, StopWatch, late_by
+from minorloop.head.control.guard_state import COOLED, Cause, Clock, GuardState
+from minorloop.head.control.lateness import LatenessWatch, StopWatch, late_by
 from minorloop.head.control.limits import WireLimits
-from minorloop.head.control.motion import Belief, MotionWatch, Sign, SignWatch
+from minorloop.head.control.motion import MotionWatch, SignWatch
 from minorloop.head.control.observer import Estimate, PowerObserver
 from minorloop.head.control.reach import STROKE_SHARE, ReachState, ReachWatch
 from minorloop.head.control.sensing import Fault, Sensed, SensorWatch, as_number
@@ -94,22 +94,14 @@ class Guard:
         on = min(max(current, 0.0), most) if math.isfinite(current) else most
         estimate = self.observer.found(angle, on)
         heated = max(on**2, estimate.wire.power)
-        inner = self.controller.begin(angle, on)
         return GuardState(
-            inner,
-            estimate,
-            heated,
-            Sensed(),
-            Belief(),
-            estimate.wire,
-            estimate.ambient,
-            Sign(),
-            Lateness(),
-            Stop(),
-            ReachState(),
-            angle,
-            math.nan,
-            on,
+            inner=self.controller.begin(angle, on),
+            estimate=estimate,
+            heated=heated,
+            driven=estimate.wire,
+            bias=estimate.ambient,
+            reference=angle,
+            applied=on,
         )
 
     def step(
@@ -193,26 +185,26 @@ class Guard:
         behind = self._behind(state, wanted, sensed.value, current, moving=moving)
         idle = self._idle(state, wanted, sensed.value, current)
         new = GuardState(
-            inner,
-            estimate,
-            heated,
-            sensed,
-            belief,
-            driven,
-            state.bias,
-            sign,
-            lateness,
-            stop,
-            reach,
-            wanted,
-            whole,
-            current,
-            state.steps + 1,
-            *clock,
-            behind,
-            idle,
-            state.active,
-            state.log,
+            inner=inner,
+            estimate=estimate,
+            heated=heated,
+            sensed=sensed,
+            belief=belief,
+            driven=driven,
+            bias=state.bias,
+            sign=sign,
+            lateness=lateness,
+            stop=stop,
+            reach=reach,
+            reference=wanted,
+            asked=whole,
+            applied=current,
+            steps=state.steps + 1,
+            clock=clock,
+            behind=behind,
+            idle=idle,
+            active=state.active,
+            log=state.log,
         )
         hot = self.temperature(new) if cool < requested else None
         return current, self._log.step(state, new, notes, hot)
@@ -302,34 +294,39 @@ class Guard:
 
     def _passed(
         self, state: GuardState, measurement: object, t: object
-    ) -> tuple[int, object, dict[Cause, str], tuple[float, int, int, float]]:
+    ) -> tuple[int, object, dict[Cause, str], Clock]:
         """Return the passed intervals, the reading if it is new, notes, and the clock.
 
-        The clock consists of the accepted time, the steps since, the number of times in a row that
-        differ from it by the same time, and that time. If they do for seconds, the clock was set.
+        If times differ from the clock by the same time for seconds, it was set.
         """
-        waited, interval = state.waited + 1, self.observer.interval
+        clock, interval = state.clock, self.observer.interval
+        waited = clock.waited + 1
         if t is None:
-            return 1, measurement, {}, (state.t, waited, 0, state.off)
+            return 1, measurement, {}, replace(clock, waited=waited, strange=0)
         now = as_number(t)
         if not math.isfinite(now):
             note: dict[Cause, str] = {"clock": f"time is {t!r:.40}; the reading is not used"}
-            return 1, math.nan, note, (state.t, waited, 0, state.off)
-        if math.isnan(state.t):
-            return 1, measurement, {}, (now, 0, 0, math.nan)
-        off = now - state.t - waited * interval
+            return 1, math.nan, note, replace(clock, waited=waited, strange=0)
+        if math.isnan(clock.t):
+            return 1, measurement, {}, Clock(now)
+        off = now - clock.t - waited * interval
         gap = off + interval
         if 0 < gap <= _LONGEST_GAP * interval:
             late = gap > _LATE * interval
             note = {"clock": f"{gap:.3g} s went by between two steps"} if late else {}
-            return max(round(gap / interval), 1), measurement, note, (now, 0, 0, math.nan)
-        near = interval * (2 + _RESYNC_SHARE * state.strange)
-        strange = state.strange + 1 if state.strange and abs(off - state.off) <= near else 1
+            return max(round(gap / interval), 1), measurement, note, Clock(now)
+        near = interval * (2 + _RESYNC_SHARE * clock.strange)
+        strange = clock.strange + 1 if clock.strange and abs(off - clock.off) <= near else 1
         if strange * interval >= _RESYNC:
-            note = {"clock": f"the clock was set from {state.t:.6g} to {now:.6g} s"}
-            return 1, measurement, note, (now, 0, 0, math.nan)
-        note = {"clock": f"time went from {state.t:.6g} to {now:.6g} s; the reading is not used"}
-        return 1, math.nan, note, (state.t, waited, strange, off if strange == 1 else state.off)
+            note = {"clock": f"the clock was set from {clock.t:.6g} to {now:.6g} s"}
+            return 1, measurement, note, Clock(now)
+        note = {"clock": f"time went from {clock.t:.6g} to {now:.6g} s; the reading is not used"}
+        return (
+            1,
+            math.nan,
+            note,
+            Clock(clock.t, waited, strange, off if strange == 1 else clock.off),
+        )
 
     def _target(self, wanted: float, reach: ReachState) -> float:
         """Return the target of the controller."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from minorloop.dynamics.heated_wire import HeatedState
@@ -50,6 +50,28 @@ class Event:
     text: str
 
 
+@dataclass(frozen=True)
+class Clock:
+    """What is known of the time by the times of the steps.
+
+    Parameters
+    ----------
+    t : float
+        The newest accepted time in seconds, NaN if there was none.
+    waited : int
+        Steps since.
+    strange : int
+        Number of times in a row that differ from that clock, all by as much.
+    off : float
+        By how much, in seconds.
+    """
+
+    t: float = math.nan
+    waited: int = 0
+    strange: int = 0
+    off: float = math.nan
+
+
 @dataclass(frozen=True, eq=False)
 class GuardState:
     """State of the guard.
@@ -85,14 +107,8 @@ class GuardState:
         Present current in A.
     steps : int
         Steps so far.
-    t : float
-        Time of the last step in seconds, NaN if none was given.
-    waited : int
-        Steps since.
-    strange : int
-        Number of times in a row that differ from that clock, all by as much.
-    off : float
-        By how much, in seconds.
+    clock : Clock
+        By the times of the steps.
     behind : float
         Seconds for which the wire has been behind a moving target at a limit.
     idle : float
@@ -106,22 +122,19 @@ class GuardState:
     inner: Any
     estimate: Estimate
     heated: float
-    sensed: Sensed
-    belief: Belief
     driven: HeatedState
     bias: float
-    sign: Sign
-    lateness: Lateness
-    stop: Stop
-    reach: ReachState
     reference: float
-    asked: float
     applied: float
+    sensed: Sensed = field(default_factory=Sensed)
+    belief: Belief = field(default_factory=Belief)
+    sign: Sign = field(default_factory=Sign)
+    lateness: Lateness = field(default_factory=Lateness)
+    stop: Stop = field(default_factory=Stop)
+    reach: ReachState = field(default_factory=ReachState)
+    asked: float = math.nan
     steps: int = 0
-    t: float = math.nan
-    waited: int = 0
-    strange: int = 0
-    off: float = math.nan
+    clock: Clock = field(default_factory=Clock)
     behind: float = 0.0
     idle: float = 0.0
     active: frozenset[Cause] = frozenset()
