@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from minorloop.arrays import FloatArray
 from minorloop.head.procedures.pictures import (
+    CRACK,
     InspectedPicture,
     PictureFinding,
     crack_in,
@@ -15,7 +16,13 @@ from minorloop.head.procedures.pictures import (
 )
 from minorloop.head.procedures.rig import LogEntry
 from minorloop.head.procedures.steps import CLAIMED
-from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of, outlined
+from minorloop.head.reconstruction.findings import (
+    UNDECIDED,
+    Finding,
+    finding_of,
+    kind_of,
+    outlined,
+)
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_finding
 from minorloop.head.ultrasound.pits import HOLE, PitDepth
 from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
@@ -29,6 +36,7 @@ __all__ = [
     "Unconfirmed",
     "first_visit",
     "lens_words",
+    "unconfirmed",
     "view_with",
     "with_finding",
 ]
@@ -67,6 +75,16 @@ class Unconfirmed:
     evidence: float
     seen_in: tuple[str, ...]
     why: str
+
+
+def unconfirmed(shown: Hole | TracedCrack, seen_in: tuple[str, ...], why: str) -> Unconfirmed:
+    """Return a candidate that some views show, and why it is not confirmed."""
+    if isinstance(shown, Hole):
+        kind, place, evidence = UNDECIDED, shown.place, shown.evidence
+    else:
+        kind, place, evidence = CRACK, shown.middle, math.nan
+    phi, z = place.tolist()
+    return Unconfirmed(kind=kind, phi=phi, z=z, evidence=evidence, seen_in=seen_in, why=why)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -28,6 +28,7 @@ from minorloop.head.procedures.inspected_view import (
     InspectedView,
     Unconfirmed,
     lens_words,
+    unconfirmed,
     view_with,
     with_finding,
 )
@@ -217,24 +218,12 @@ def unvisited(views: Sequence[InspectedView], radius: float) -> list[Unconfirmed
     for k, hole in enumerate(_holes(holes, early, radius), 1):
         if f"hole {k}{AGAIN}" not in names and not _known(hole, found, radius):
             why = SEEN_ONCE if f"hole {k}" in names else NOT_VISITED
-            phi, z = hole.place.tolist()
-            seen_in = _names(_same(hole, holes, radius))
-            left.append(
-                Unconfirmed(
-                    kind=UNDECIDED, phi=phi, z=z, evidence=hole.evidence, seen_in=seen_in, why=why
-                )
-            )
+            left.append(unconfirmed(hole, _names(_same(hole, holes, radius)), why))
     cracks = [one for one in visited if isinstance(one, TracedCrack)]
     for k, trace in enumerate(_courses(traces, early, radius), 1):
         known = any(one_course(trace.places, each.places, radius) for each in cracks)
         if f"crack {k}" not in names and not known:
-            phi, z = trace.places[len(trace.places) // 2].tolist()
-            seen_in = _names(_alike(trace, traces, radius))
-            left.append(
-                Unconfirmed(
-                    kind=CRACK, phi=phi, z=z, evidence=math.nan, seen_in=seen_in, why=NOT_VISITED
-                )
-            )
+            left.append(unconfirmed(trace, _names(_alike(trace, traces, radius)), NOT_VISITED))
     return left
 
 
@@ -381,8 +370,7 @@ def _visited(
             seen = replace(seen, steps=before)
             view = _seen_again(rig, seen, hole)
             if view.finding is None:
-                phi, z = hole.place.tolist()
-                view = _not_confirmed(rig, seen, UNDECIDED, (phi, z), hole.evidence, _names(same))
+                view = _not_confirmed(rig, seen, hole, _names(same))
             elif probing is None and _doubted(view):
                 view = _withdrawn(rig, view, _names(same), ONE_PLACE)
             yield view
@@ -458,21 +446,13 @@ def _from_aside(rig: InspectionRig, sighting: _Sighting[Hole], name: str) -> _Se
 
 
 def _not_confirmed(
-    rig: InspectionRig,
-    seen: _Seen,
-    kind: str,
-    place: tuple[float, float],
-    evidence: float,
-    names: tuple[str, ...],
+    rig: InspectionRig, seen: _Seen, shown: Hole | TracedCrack, names: tuple[str, ...]
 ) -> InspectedView:
     """Return the view of a visit with its candidate, which views show and this one does not."""
     view = seen.view()
     why = f"{seen.missing}; {view.failed}" if view.failed else seen.missing
-    lost = Unconfirmed(
-        kind=kind, phi=place[0], z=place[1], evidence=evidence, seen_in=names, why=why
-    )
     rig.say(seen.name, f"{why}; seen in {counted(len(names), 'view')}, not confirmed")
-    return replace(view, unconfirmed=lost)
+    return replace(view, unconfirmed=unconfirmed(shown, names, why))
 
 
 def _names(same: Sequence[_Sighting[Candidate]]) -> tuple[str, ...]:
@@ -485,12 +465,10 @@ def _followed(
 ) -> InspectedView:
     """Visit a candidate for a crack, and return the view."""
     radius = rig.calibration.radius
-    middle = trace.places[len(trace.places) // 2]
-    seen = _approached(rig, middle, f"a line of {1e3 * trace.length:.1f} mm", name)
+    seen = _approached(rig, trace.middle, f"a line of {1e3 * trace.length:.1f} mm", name)
     again = rig.compute(lambda: traced_again(seen.found, trace.places, radius))
     if not again:
-        phi, z = middle.tolist()
-        return _not_confirmed(rig, seen, CRACK, (phi, z), math.nan, names)
+        return _not_confirmed(rig, seen, trace, names)
     course = whole_course(max(again, key=lambda other: other.length), trace)
     _, width = widest(course)
     rig.say(name, f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest")

@@ -213,7 +213,7 @@ def crack_in(
     crack: TracedCrack, camera: CalibratedCamera, angles: tuple[float, float]
 ) -> PictureFinding:
     """Return a crack as a finding of a picture, which was taken at these angles."""
-    phi, z = crack.places[len(crack.places) // 2]
+    phi, z = crack.middle
     return PictureFinding(
         kind=CRACK,
         phi=float(phi),

@@ -82,7 +82,7 @@ def examined(rig: InspectionRig, trace: TracedCrack, views: int) -> SeenCrack | 
 
     It is one if it is traced again, and ``views`` on the way round showed it, or echoes its depth.
     """
-    middle = trace.places[len(trace.places) // 2]
+    middle = trace.middle
     many = f"{views} view{'s' if views > 1 else ''}"
     pick(rig, middle, f"a line of {1e3 * trace.length:.1f} mm in {many}")
     centre(rig, middle)

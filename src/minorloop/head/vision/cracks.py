@@ -77,6 +77,11 @@ class TracedCrack:
     evidence: float = np.inf
 
     @property
+    def middle(self) -> FloatArray:
+        """Phi and z (2,) of the middle one of its places."""
+        return np.asarray(self.places[len(self.places) // 2])
+
+    @property
     def width(self) -> float:
         """Median width in metres."""
         return float(np.median(self.widths))
