@@ -61,28 +61,28 @@ def photograph(
     check_camera(camera)
     taken = 0
     with new_folder(out) as folder:
-        eye = LiveCamera(camera, patience=_PATIENCE)
+        live = LiveCamera(camera, patience=_PATIENCE)
         try:
             if exposure is not None:
-                if not eye.exposes:
+                if not live.exposes:
                     raise ParameterError(
                         f"{camera} does not let its exposure be set from here; set it at the "
                         "camera, and leave --exposure out"
                     )
-                eye.expose(1e-3 * exposure)
+                live.expose(1e-3 * exposure)
             if actuator is None:
                 for name in _photographs.by_hand(count, every):
-                    _photographs.keep(eye, folder / f"{name}.png")
+                    _photographs.keep(live, folder / f"{name}.png")
                     taken += 1
             else:
                 with _common.connected(actuator) as plant, _common.working("turning") as now:
                     check_head(plant)
                     for name, (pan, tilt) in _photographs.at_angles(plant, highest, steps, hold):
-                        _photographs.keep(eye, folder / f"{name}.png")
+                        _photographs.keep(live, folder / f"{name}.png")
                         taken += 1
                         now(f"picture {taken} of {steps**2}: pan {pan:.1f}, tilt {tilt:.1f} deg")
         finally:
-            eye.close()
+            live.close()
     if as_json:
         _common.print_json({"folder": str(folder), "pictures": taken})
         return

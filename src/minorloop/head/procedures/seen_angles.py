@@ -127,7 +127,7 @@ class SeenAngles:
     """
 
     def __init__(self, view: HeadCalibration, cold: npt.ArrayLike = (0.0, 0.0)) -> None:
-        self._view, self._eyes = view, seen_by(view)
+        self._view, self._estimator = view, seen_by(view)
         self._rest = view.line_of_sight(np.radians(cold))
         self._state: WallState | None = None
         self._since: float | None = None
@@ -148,7 +148,7 @@ class SeenAngles:
         if not self.known or self._state is None:
             return np.full(2, np.nan)
         sight: Sight
-        sight, self._state = self._eyes.step(self._state, frame.image, frame.t)
+        sight, self._state = self._estimator.step(self._state, frame.image, frame.t)
         self.why, self.searched = sight.reason, sight.searched
         return self._view.joints(sight.angles) if not sight.trial else np.full(2, np.nan)
 
@@ -165,7 +165,7 @@ class SeenAngles:
             if passed >= _SETTLING:
                 self._begin(frame)
         elif passed >= _STILL:
-            sight, _ = self._eyes.step(self._state, frame.image, frame.t)
+            sight, _ = self._estimator.step(self._state, frame.image, frame.t)
             turned = np.degrees(np.abs(sight.angles - self._rest)).max()
             self.known = sight.verdict == SEEN and bool(turned < _MOVED)
             if not self.known:
@@ -173,9 +173,11 @@ class SeenAngles:
 
     def _begin(self, frame: Frame) -> None:
         try:
-            _, self._state = self._eyes.begin(frame.image, self._rest, frame.t)
+            _, self._state = self._estimator.begin(frame.image, self._rest, frame.t)
             # A search is compiled before a current is on: a mirrored picture needs one.
-            self._eyes.step(self._state, np.ascontiguousarray(frame.image[:, ::-1]), frame.t + 1.0)
+            self._estimator.step(
+                self._state, np.ascontiguousarray(frame.image[:, ::-1]), frame.t + 1.0
+            )
         except SignalError as error:
             self._state, self.why = None, str(error)
         else:

@@ -90,7 +90,7 @@ class SeenBase:
         self._state = None
         self._seen.clear()
         try:
-            _, self._state = self._eyes(t).begin(image, rested, t)
+            _, self._state = self._estimator(t).begin(image, rested, t)
         except SignalError as error:
             self.why = str(error)
             return
@@ -103,18 +103,18 @@ class SeenBase:
             return
         angles, last = self._angles(t), self._seen[-1][1]
         expected = angles + last
-        eyes = replace(
-            self._eyes(t),
+        estimator = replace(
+            self._estimator(t),
             low=tuple((expected - _FARTHEST).tolist()),
             high=tuple((expected + _FARTHEST).tolist()),
             tries=_TRIES,
         )
         # The joints say where the head has turned since; a picture may be long after the last one.
         before = replace(self._state, angles=expected, rates=np.zeros(2), missed=1)
-        sight, state = eyes.step(before, image, t)
+        sight, state = estimator.step(before, image, t)
         if sight.verdict == SEEN:
             # After a turn of a degree, some tenths remain; from there, a hundredth does.
-            sight, state = eyes.step(replace(before, angles=sight.angles, missed=0), image, t)
+            sight, state = estimator.step(replace(before, angles=sight.angles, missed=0), image, t)
         self._state, self.why = state, sight.reason
         if sight.verdict == SEEN:
             self._seen.append((t, sight.angles - angles))
@@ -135,7 +135,7 @@ class SeenBase:
         share = (t - begin) / (end - begin)
         return np.asarray((1.0 - share) * one + share * other)
 
-    def _eyes(self, t: float) -> WallAngles:
+    def _estimator(self, t: float) -> WallAngles:
         """Return the estimator where the catheter was at a time."""
         place = min(self._read, key=lambda each: abs(each[0] - t))[2]
         return WallAngles(self._view.camera_at(place))

@@ -333,12 +333,12 @@ def _picked(sensor: PictureSensor, hole: Bore, seed: int) -> FloatArray:
     """Return phi and z of the hole by its pixel in the first picture, as the camera knows them."""
     noise = CLICK * np.random.default_rng([seed, 59]).standard_normal(2)
     pixel = true_pixel(sensor.tip.camera, hole.phi, hole.z) + noise
-    return sensor.eyes.camera.place(pixel, *sensor.view.line_of_sight(np.zeros(2)).tolist())
+    return sensor.estimator.camera.place(pixel, *sensor.view.line_of_sight(np.zeros(2)).tolist())
 
 
 def _aimed(sensor: PictureSensor, place: FloatArray, off: FloatArray) -> tuple[float, float]:
     """Return the joints in degrees that aim the optical axis at a place off another."""
-    camera = sensor.eyes.camera
+    camera = sensor.estimator.camera
     phi, z = place + off / np.array([camera.radius, 1.0])
     pan, tilt = sensor.view.joints(camera.mount.aim(wall_point(phi, z, camera.radius))).tolist()
     return pan, tilt

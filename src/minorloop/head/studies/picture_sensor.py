@@ -140,7 +140,7 @@ class PictureSensor:
         )
         self.tip.focus_at(_FOCUS)
         self.view = view or known_view(self.tip, self.mount, seed)
-        self.eyes = seen_by(self.view)
+        self.estimator = seen_by(self.view)
         self.missed: list[Missed] = []
         self.sight: Sight | None = None
         self.picture: Image | None = None
@@ -174,7 +174,7 @@ class PictureSensor:
             return np.full(2, np.nan)
         self.picture = frame.image
         self._meter(frame)
-        self.sight, self._state = self.eyes.step(self._state, frame.image, frame.t)
+        self.sight, self._state = self.estimator.step(self._state, frame.image, frame.t)
         if self.sight.reason:
             self.missed.append(Missed(self.ticks, self.sight.reason))
             return np.full(2, np.nan)
@@ -249,5 +249,5 @@ class PictureSensor:
         for _ in range(_SETTLING):
             self._lit()
         frame = self._frame()
-        _, state = self.eyes.begin(frame.image, self.view.line_of_sight(np.zeros(2)), frame.t)
+        _, state = self.estimator.begin(frame.image, self.view.line_of_sight(np.zeros(2)), frame.t)
         return state

@@ -367,7 +367,7 @@ class PatchTracker:
     def _view(self, image: Image, place: FloatArray, angles: FloatArray) -> View:
         size = SIDE * self._cells * self.texel
         fine = self._area(image, place, angles, size, self.texel)
-        eye = self.camera.mount.pose(*angles.tolist()).position
+        lens_at = self.camera.mount.pose(*angles.tolist()).position
         # The mean over a box is one-sided at the edge of an area, alike in both halves.
         edge = round(self.smooth / self.texel / 4)
         wide = size + 4 * edge * self.texel
@@ -375,7 +375,7 @@ class PatchTracker:
             halved(self._area(half, place, angles, wide, self.texel))[edge:-edge, edge:-edge]
             for half in wall_views.halves(image)
         )
-        return View(eye, fine, halved(fine), wall_views.repeated(one, other))
+        return View(lens_at, fine, halved(fine), wall_views.repeated(one, other))
 
     def _area(
         self, image: Image, place: FloatArray, angles: FloatArray, size: float, texel: float
@@ -389,9 +389,9 @@ class PatchTracker:
 
     def _nearest(self, state: TrackState, angles: FloatArray) -> tuple[View, float]:
         """Return the view that is most like the one from these angles, and its difference."""
-        eye = self.camera.mount.pose(*angles.tolist()).position
+        lens_at = self.camera.mount.pose(*angles.tolist()).position
         wall = wall_point(float(state.home[0]), float(state.home[1]), self.camera.radius)
-        far = [wall_views.farness(view.eye, eye, wall) for view in state.views]
+        far = [wall_views.farness(view.lens_at, lens_at, wall) for view in state.views]
         best = int(np.argmin(far))
         return state.views[best], far[best]
 

@@ -4,10 +4,10 @@ A head without joint sensors turns its camera past a wall that stands still. Pat
 remembered at the places that the angles of their first picture give, and every further picture is
 turned until the patches agree with it::
 
-    eyes = WallAngles(camera)
-    sight, state = eyes.begin(frame.image, at_rest, frame.t)
+    estimator = WallAngles(camera)
+    sight, state = estimator.begin(frame.image, at_rest, frame.t)
     while ...:
-        sight, state = eyes.step(state, frame.image, frame.t)
+        sight, state = estimator.step(state, frame.image, frame.t)
         sight.angles  # (2,) radians; NaN where the picture does not tell
 
 New patches are added as the view moves, once a further turn has shown that they are not dirt on the

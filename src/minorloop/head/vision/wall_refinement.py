@@ -58,7 +58,7 @@ class CameraDoubt:
 
 
 def refined(
-    eyes: WallAngles,
+    estimator: WallAngles,
     frames: Sequence[Frame],
     rest: FloatArray,
     doubt: CameraDoubt | None = None,
@@ -67,7 +67,7 @@ def refined(
 
     Parameters
     ----------
-    eyes : WallAngles
+    estimator : WallAngles
         With the camera as calibrated.
     frames : sequence of Frame
         Pictures while the head turns, the first at rest.
@@ -81,11 +81,11 @@ def refined(
         If the pictures cannot be used, as `WallAngles.begin`, or fewer than ten show the angles.
     """
     doubt = doubt or CameraDoubt()
-    known = eyes.camera
+    known = estimator.camera
     change, start = np.zeros(len(_sds(doubt, known))), np.asarray(rest, dtype=np.float64)
     zero = start
     for _ in range(_ROUNDS):
-        at = replace(eyes, camera=_changed(known, change, doubt))
+        at = replace(estimator, camera=_changed(known, change, doubt))
         angles, pictures, state = _tracked(at, frames, zero)
         more, turn = _adjusted(
             at, angles[::_EVERY], pictures[::_EVERY], state, doubt, change, zero - start
@@ -95,13 +95,13 @@ def refined(
 
 
 def _tracked(
-    eyes: WallAngles, frames: Sequence[Frame], rest: FloatArray
+    estimator: WallAngles, frames: Sequence[Frame], rest: FloatArray
 ) -> tuple[FloatArray, list[Frame], WallState]:
     """Return the angles (K, 2) of the pictures that show them, these pictures, and the patches."""
-    sight, state = eyes.begin(frames[0].image, rest, frames[0].t)
+    sight, state = estimator.begin(frames[0].image, rest, frames[0].t)
     angles, seen = [sight.angles], [frames[0]]
     for frame in frames[1:]:
-        sight, state = eyes.step(state, frame.image, frame.t)
+        sight, state = estimator.step(state, frame.image, frame.t)
         if sight.verdict == SEEN:
             angles.append(sight.angles)
             seen.append(frame)
@@ -114,7 +114,7 @@ def _tracked(
 
 
 def _adjusted(
-    eyes: WallAngles,
+    estimator: WallAngles,
     angles: FloatArray,
     pictures: list[Frame],
     state: WallState,
@@ -127,7 +127,7 @@ def _adjusted(
     The first is of the calibration, in standard deviations, the second of the angles at rest, in
     radians.
     """
-    patches, camera = state.patches, eyes.camera
+    patches, camera = state.patches, estimator.camera
     count = before.size
     views, number = np.unique(np.vstack([patches.origins, angles]), axis=0, return_inverse=True)
     origin, view = np.split(number.ravel(), [len(patches.origins)])
@@ -147,10 +147,10 @@ def _adjusted(
     normal[fixed, fixed] += np.eye(2) / doubt.angle**2
     right[fixed] -= turned_before / doubt.angle**2
     for k, frame in enumerate(pictures):
-        chosen = eyes.pictures.in_view(patches, angles[k])
+        chosen = estimator.pictures.in_view(patches, angles[k])
         some = patches.of(chosen)
-        pyramid = eyes.pictures.pyramid(frame.image)
-        scores, own, votes = eyes.pictures.aligned(pyramid[0], some, angles[k])
+        pyramid = estimator.pictures.pyramid(frame.image)
+        scores, own, votes = estimator.pictures.aligned(pyramid[0], some, angles[k])
         turn = 1e-4
         pan, tilt = angles[k].tolist()
         here = camera.pixel(some.places, pan, tilt)
@@ -166,7 +166,7 @@ def _adjusted(
         )
         by_turn = np.array([camera.pixel(turned[n][chosen], pan, tilt) - here for n in range(2)])
         for p in range(len(chosen)):
-            if not scores[p] >= eyes.least or view[k] == origin[chosen[p]]:
+            if not scores[p] >= estimator.least or view[k] == origin[chosen[p]]:
                 continue
             noise = 8.0 / some.points.shape[1] * (1.0 - min(float(scores[p]), 0.99))
             spread = np.linalg.inv(own[p] + 1e-9 * np.eye(2))

@@ -40,7 +40,7 @@ class View:
 
     Parameters
     ----------
-    eye : (3,) array
+    lens_at : (3,) array
         Place of the lens in the pipe, in metres.
     fine, coarse : arrays of float32
         At full and at half resolution.
@@ -49,7 +49,7 @@ class View:
         leaves it: near 0 where the wall shows no detail.
     """
 
-    eye: FloatArray
+    lens_at: FloatArray
     fine: Image32
     coarse: Image32
     repeats: FloatArray
