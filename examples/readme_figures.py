@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from minorloop.drawing.operators import draw_density
 from minorloop.head.studies import head
 from minorloop.head.studies.head_report import draw_steps
+from minorloop.head.studies.head_static import identify_head
 from minorloop.studies import benchmark, design, stage
 from minorloop.studies.benchmark_report import draw_law
 from minorloop.studies.claims import for_each, medians
@@ -57,7 +58,8 @@ if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     draw(run_positioning(0)).savefig(FOLDER / "positioning.png", dpi=100)
     runs = list(for_each(figures_of, 10, 0))
-    draw_steps(head.run_study(0)).savefig(FOLDER / "head.png", dpi=100)
+    steps = head.run_steps(0, head.every_control(*identify_head(0)))
+    draw_steps(steps).savefig(FOLDER / "head.png", dpi=100)
     runs_of_stage = list(for_each(figures_of_stage, 20, 0))
     draw_errors(medians(runs_of_stage)).savefig(FOLDER / "stage.png", dpi=100)
     draw_law(benchmark.run_study(0)).savefig(FOLDER / "benchmark.png", dpi=100)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.head import CONTROLLERS, HeadControl, head_control
 from minorloop.head.control.internal_model import InternalModel
 from minorloop.head.control.planning import PlannedPowers, Planner
@@ -418,8 +419,8 @@ def run_study(seed: int) -> HeadStudy:
     began = time.perf_counter()
     static = run_static(seed)
     wires = (static.wires[0].model, static.wires[1].model)
-    controls = {name: head_control(name, wires, coupling=static.coupling) for name in CONTROLLERS}
-    runs = {**_steps(seed, controls), **_others(seed, controls), **_hard(seed, controls)}
+    controls = every_control(wires, static.coupling)
+    runs = {**run_steps(seed, controls), **_others(seed, controls), **_hard(seed, controls)}
     later, edges, longest = _later_sensors(seed, controls["internal_model"])
     plan, inverse = _plans(static)
     driven = [_driven(seed, each) for each in (plan, inverse)]
@@ -476,8 +477,16 @@ def head_facts() -> dict[str, float]:
     }
 
 
-def _steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
-    """Run Fig 10 with every controller, and the highest step in other surroundings."""
+def every_control(wires: tuple[HeatedWire, ...], coupling: FloatArray) -> dict[str, HeadControl]:
+    """Return the control of a head by the name of each controller."""
+    return {name: head_control(name, wires, coupling=coupling) for name in CONTROLLERS}
+
+
+def run_steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
+    """Run Fig 10 with every controller, and the highest step in other surroundings.
+
+    The keys are the experiment, such as ``step 20``, and the name of the controller.
+    """
     runs = {}
     for target in TARGETS:
         for name, control in controls.items():

@@ -20,7 +20,7 @@ from minorloop.head.studies.head import (
     TITLE,
 )
 from minorloop.head.studies.head_camera_report import add_camera
-from minorloop.head.studies.head_loop import HIGHEST, HOTTEST, TICK
+from minorloop.head.studies.head_loop import HIGHEST, HOTTEST, TICK, HeadRun
 from minorloop.head.studies.head_ramps import CASES, NAMED
 from minorloop.head.studies.head_rivals_report import (
     STEP,
@@ -309,7 +309,8 @@ def _add_steps(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -> 
         table=rivals_table(RIVALS, figures["rivals"]),
         pictures=[
             Picture(
-                draw_steps(study), f"Fig 10: angle and current of three steps. {_sensed(study)}"
+                draw_steps(study.runs),
+                f"Fig 10: angle and current of three steps. {_sensed(study)}",
             )
         ],
     )
@@ -510,12 +511,12 @@ def draw_ramps(study: HeadStudy) -> Any:
     return figure
 
 
-def draw_steps(study: HeadStudy) -> Any:
-    """Draw steps with every controller: angles above, currents below."""
+def draw_steps(runs: Mapping[tuple[str, str], HeadRun]) -> Any:
+    """Draw the steps of `run_steps` with every controller: angles above, currents below."""
     figure, axes = new_figure(2, 3, height=5.6, sharex=True, sharey="row")
     for column, target in enumerate(TARGETS):
         for name, words in reversed(WORDS.items()):  # the default is drawn last, on top
-            run = study.runs[f"step {target:g}", name]
+            run = runs[f"step {target:g}", name]
             colour = _COLOURS[name]
             axes[0, column].plot(run.t, run.truth.angle[:, 0], color=colour, lw=1.1, label=words)
             axes[1, column].plot(run.t, run.current[:, 0], color=colour, lw=0.8)
