@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import inspect
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -122,12 +121,7 @@ def run(
         study = import_module(module)
         claims = import_module("minorloop.studies.claims")
         work = partial(_figures_of, module, options)
-        several = (
-            claims.begun(work, specimens - 1, seed + 1)
-            if specimens > 1
-            else contextlib.nullcontext(())
-        )
-        with several as others:
+        with claims.begun(work, specimens - 1, seed + 1) as others:
             with one_thread():
                 began = time.monotonic()
                 first = study.run_study(seed, **options, **_telling(study, seed, now))
