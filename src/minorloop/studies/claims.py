@@ -73,7 +73,10 @@ class Claim:
             verdict = "nothing to count" if not asked else "not met"
         elif asked:
             verdict = "met" if self.least <= value <= self.most else "not met"
-        shown = f"{self._text(value)} (of {count:.0f})" if self.count else self._text(value)
+        text = self._text(value)
+        if verdict == "not met" and text in asked.split():  # rounding would hide by how little
+            text = cell(value, ".6g")
+        shown = f"{text} (of {count:.0f})" if self.count else text
         return self.what, self.paper, shown, asked or "-", verdict
 
     def _asked(self, value: float) -> str:

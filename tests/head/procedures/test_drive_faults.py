@@ -161,7 +161,10 @@ def test_an_axis_that_was_kept_names_the_fault_of_the_other():
     pan, sentence = result.missed
     assert pan.startswith("pan did not reach target 2, 40 degrees: its readings were not used")
     assert sentence.startswith("tilt did not reach target 2, 20 degrees: it was at 29.4 degrees")
-    assert "; the head was kept where it was: pan, from 6.40 s to the end: " in sentence
+    assert (
+        "; the head waited, or went back to where it was read before: pan, from 6.40 s to the end: "
+        in sentence
+    )
     assert "readings jumped by -14.1 degrees" in sentence
     assert FaultLog(("pan", "tilt"), 0.04).during("tilt", 0.0, 9.0) == ""
 

@@ -173,7 +173,7 @@ class FaultLog:
         if own:
             return str(own[-1])
         if on and any(first <= t <= last for t in self._kept):
-            return f"the head was kept where it was: {on[-1]}"
+            return f"the head waited, or went back to where it was read before: {on[-1]}"
         return next((each.what for each in self._all_old(first, last)), "")
 
     def _each(self, t: float) -> list[tuple[DriveFault, int]]:
