@@ -21,7 +21,7 @@ from minorloop.head.twins.wire import DIAMETER
 GAS = 0.026
 """Conductivity of air, in W/(m K)."""
 WIDER = 2.5e-3
-"""Radius of a tube of gas around a wire, in metres: more than a head with two wires has room for."""
+"""Radius in metres of a tube of gas around a wire: a head has no room for two of them."""
 FILMS = {
     "no sleeve": convection("flooded"),
     "sleeve": convection("flooded, sleeved"),
