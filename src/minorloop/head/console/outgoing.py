@@ -13,8 +13,9 @@ class Outgoing:
 
     Attributes
     ----------
-    events : deque of bytes
-        Encoded messages to the pages; whoever sends them takes them out. Any thread adds to them.
+    events : collections.deque
+        Encoded messages to the pages, as bytes; whoever sends them takes them out. Any thread adds
+        to them.
     commands : list of CameraCommand
         Of this tick.
     """

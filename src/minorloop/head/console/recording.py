@@ -96,7 +96,7 @@ class SessionRecording:
 
     Attributes
     ----------
-    recorder : Recorder, optional
+    recorder : Recorder or None
         Of the recording that goes on.
     """
 
