@@ -70,7 +70,7 @@ def test_ticks_that_a_late_loop_skips_are_counted_by_the_time_of_the_plant():
         known.append(round(session._t / tick) - n)
     # Without an answer there is the last time; a plant that was started anew counts from 0.
     assert known == [1, 6, 7, 8, 9, 12, 13]
-    assert session._control.axes[0].t == pytest.approx((n + 12) * tick)
+    assert session._control.axes[0].clock.t == pytest.approx((n + 12) * tick)
 
 
 def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
