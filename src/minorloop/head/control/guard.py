@@ -17,7 +17,7 @@ from minorloop.dynamics.heated_wire import HeatedState
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller, Loop
 from minorloop.head.control.guard_log import ASTRAY, GuardLog
-from minorloop.head.control.guard_state import COOLED, Cause, Clock, GuardState
+from minorloop.head.control.guard_state import COOLED, Cause, GuardState, StepClock
 from minorloop.head.control.lateness import LatenessWatch, StopWatch, late_by
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.motion import MotionWatch, SignWatch
@@ -294,7 +294,7 @@ class Guard:
 
     def _passed(
         self, state: GuardState, measurement: object, t: object
-    ) -> tuple[int, object, dict[Cause, str], Clock]:
+    ) -> tuple[int, object, dict[Cause, str], StepClock]:
         """Return the passed intervals, the reading if it is new, notes, and the clock.
 
         If times differ from the clock by the same time for seconds, it was set.
@@ -308,24 +308,24 @@ class Guard:
             note: dict[Cause, str] = {"clock": f"time is {t!r:.40}; the reading is not used"}
             return 1, math.nan, note, replace(clock, waited=waited, strange=0)
         if math.isnan(clock.t):
-            return 1, measurement, {}, Clock(now)
+            return 1, measurement, {}, StepClock(now)
         off = now - clock.t - waited * interval
         gap = off + interval
         if 0 < gap <= _LONGEST_GAP * interval:
             late = gap > _LATE * interval
             note = {"clock": f"{gap:.3g} s went by between two steps"} if late else {}
-            return max(round(gap / interval), 1), measurement, note, Clock(now)
+            return max(round(gap / interval), 1), measurement, note, StepClock(now)
         near = interval * (2 + _RESYNC_SHARE * clock.strange)
         strange = clock.strange + 1 if clock.strange and abs(off - clock.off) <= near else 1
         if strange * interval >= _RESYNC:
             note = {"clock": f"the clock was set from {clock.t:.6g} to {now:.6g} s"}
-            return 1, measurement, note, Clock(now)
+            return 1, measurement, note, StepClock(now)
         note = {"clock": f"time went from {clock.t:.6g} to {now:.6g} s; the reading is not used"}
         return (
             1,
             math.nan,
             note,
-            Clock(clock.t, waited, strange, off if strange == 1 else clock.off),
+            StepClock(clock.t, waited, strange, off if strange == 1 else clock.off),
         )
 
     def _target(self, wanted: float, reach: ReachState) -> float:

@@ -51,7 +51,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Clock:
+class StepClock:
     """What is known of the time by the times of the steps.
 
     Parameters
@@ -107,7 +107,7 @@ class GuardState:
         Present current in A.
     steps : int
         Steps so far.
-    clock : Clock
+    clock : StepClock
         By the times of the steps.
     behind : float
         Seconds for which the wire has been behind a moving target at a limit.
@@ -134,7 +134,7 @@ class GuardState:
     reach: ReachState = field(default_factory=ReachState)
     asked: float = math.nan
     steps: int = 0
-    clock: Clock = field(default_factory=Clock)
+    clock: StepClock = field(default_factory=StepClock)
     behind: float = 0.0
     idle: float = 0.0
     active: frozenset[Cause] = frozenset()
