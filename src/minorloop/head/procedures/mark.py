@@ -41,7 +41,7 @@ _MOST_LEAN = math.radians(2.0)
 """Largest angle that is added for a head that stays off, as wires do whose model errs."""
 _INWARD = (0.0, 0.45, 0.6, 0.3, 0.15)
 """Shares of the way from the feature to the middle of the picture where a patch to be tracked is
-looked for, the first one only at the first try: at its edge the picture does not show the whole
+looked for, each try beginning with the next one: at its edge the picture does not show the whole
 patch about the feature, and the tool may hide a patch beside its point."""
 
 MarkStage: TypeAlias = Literal[
@@ -291,7 +291,7 @@ class Marking(Procedure[MarkState]):
         place = state.place if hole is None else hole.place
         pixel = pixel if hole is None else hole.pixel
         then = replace(reading, angles=np.array([last.pan, last.tilt]))
-        for share in _INWARD[state.tries :]:
+        for share in (*_INWARD[state.tries :], *_INWARD[: state.tries]):
             inner = pixel + share * (np.asarray(camera.lens.centre) - pixel)
             try:
                 _, track = Centring(calibration=self.calibration).pick(last.image, inner, then)
