@@ -111,12 +111,12 @@ def test_during_a_scan_a_live_camera_is_watched_and_a_simulated_one_draws_what_i
     if live:
         own.newest = own.frame
     camera = Perception(own, view())
-    camera.tick(request(there(), ("begin_scan", [1.0, *PIT[:2], PIT[2]]), number=100))
+    camera.tick(request(there(), ("begin_scan", [1.0, *PIT[:2], PIT[2]]), number=101))
     shown = []
-    for n in range(101, 111):
+    for n in range(102, 111):
         assert camera.tick(request(there(), number=n)).number == n
         shown += [n] * camera.shown
-    assert shown == (list(range(101, 111)) if live else [105, 110])
+    assert shown == (list(range(102, 111)) if live else [105, 110])
     camera.tick(request(there(), ("end_scan", []), number=111))
     assert camera.shown
 
@@ -136,7 +136,7 @@ def test_where_the_head_rests_and_the_view_was_searched_only_what_is_shown_or_us
     assert all(draws(n, *[("find", [])] * (n == 1)) for n in range(1, 6))
     assert [n for n in range(6, 12) if draws(n)] == [10]
     assert not draws(12)
-    moving = np.linspace(0.8, 0.85, 12)
+    moving = np.linspace(0.82, 0.87, 12)
     assert all(draws(20 + n, at=at, holding=False) for n, at in enumerate(moving))
     resting = [n for n in range(40, 60) if draws(n, at=moving[-1], holding=False)]
     assert [n for n in resting if n > 51] == [55]

@@ -227,12 +227,12 @@ def test_lights_are_switched_between_two_commands_of_the_loop():
     wires, (loop, theirs), (camera, lines) = Dim(), Pipe(), Pipe()
     watched = WatchedPlant(wires, 60.0)
     watched._lines = NewestPipe(lines)
-    camera.send_bytes(msgspec.msgpack.encode(LineCommand(lights=[True, False])))
+    camera.send_bytes(msgspec.msgpack.encode(LineCommand(number=1, lights=[True, False])))
     watched._switch(lines)
-    assert camera.recv_bytes() == b""
-    camera.send_bytes(msgspec.msgpack.encode(LineCommand(pump=True)))
+    assert camera.recv_bytes() == b"1 "
+    camera.send_bytes(msgspec.msgpack.encode(LineCommand(number=2, pump=True)))
     watched._switch(lines)
-    assert camera.recv_bytes() == b"no pump"
+    assert camera.recv_bytes() == b"2 no pump"
     camera.close()
     watched._switch(lines)
     assert lines.closed
