@@ -76,6 +76,14 @@ def identify(
     highest: Annotated[float, _common.number_option("Largest current, in A.")] = 0.4,
     bands: Annotated[int, _common.whole_option("Bands of the model of each wire.")] = 12,
     hold: Annotated[float, _common.seconds_option("Longest hold of a current, in s.")] = 40.0,
+    minor_loops: Annotated[
+        bool,
+        typer.Option(
+            "--minor-loops",
+            help="Measure a decaying staircase too, for inputs that turn back often: almost twice "
+            "the holds of the curves, and less error in minor loops.",
+        ),
+    ] = False,
     camera: _Seeing = None,
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
@@ -122,7 +130,7 @@ def identify(
     measurement = HeadMeasurement(
         store,
         {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}},
-        HeadExcitation(highest=highest, bands=bands, hold=hold),
+        HeadExcitation(highest=highest, bands=bands, hold=hold, minor_loops=minor_loops),
         lambda seed: opened(seed=seed),
         lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
         pipe or is_simulated(actuator),

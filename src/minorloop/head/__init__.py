@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from minorloop.dynamics.heated_wire import HeatedWire
     from minorloop.head.control.head import HeadControl, head_control
-    from minorloop.head.control.heating import identify_heating, moving_levels
+    from minorloop.head.control.heating import identify_heating, moving_levels, wire_holds
     from minorloop.head.control.limits import WireLimits
     from minorloop.head.control.planning import Planner
     from minorloop.head.twins.sensor import Fault
@@ -30,12 +30,13 @@ __all__ = [
     "head_control",
     "identify_heating",
     "moving_levels",
+    "wire_holds",
 ]
 
 _MODULES = {
     "dynamics.heated_wire": ("HeatedWire",),
     "head.control.head": ("HeadControl", "head_control"),
-    "head.control.heating": ("identify_heating", "moving_levels"),
+    "head.control.heating": ("identify_heating", "moving_levels", "wire_holds"),
     "head.control.limits": ("WireLimits",),
     "head.control.planning": ("Planner",),
     "head.twins.sensor": ("Fault",),

@@ -6,9 +6,11 @@ from minorloop.head.control.heating import (
     identify_coupling,
     identify_heating,
     moving_levels,
+    wire_holds,
 )
 from minorloop.head.control.transient import Transient, check_lag
 from minorloop.head.twins.wire import Wire
+from minorloop.identification import identify
 from wires import identified, made_up, settled
 
 
@@ -45,6 +47,21 @@ def test_levels_are_dense_where_the_wire_moves():
     moving = (levels > 0.19) & (levels < 0.38)
     assert levels.size == 17
     assert moving.sum() >= 12
+
+
+def test_a_staircase_after_the_curves_lowers_the_error_in_minor_loops():
+    levels = np.linspace(0.2, 0.4, 9)
+    walk = levels[3] + np.cumsum(np.random.default_rng(3).normal(0.0, 0.02, 120))
+    inputs = np.concatenate([[0.0], np.abs((walk - 0.2) % 0.4 - 0.2) + 0.2])
+    reached = settled(Wire(), inputs)
+    errors, sizes = [], []
+    for minor_loops in (False, True):
+        holds = wire_holds(levels, minor_loops=minor_loops)
+        found = identify(holds**2, settled(Wire(), holds), levels=levels**2, smoothness=0.0)
+        errors.append(np.sqrt(np.mean((found.model.simulate(inputs**2) - reached) ** 2)))
+        sizes.append(holds.size)
+    assert sizes == [45, 82]
+    assert errors[1] < 0.95 * errors[0]
 
 
 def test_a_coupling_is_recovered():

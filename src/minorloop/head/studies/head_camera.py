@@ -23,6 +23,7 @@ from minorloop.head.control.heating import (
     identify_coupling,
     identify_heating,
     moving_levels,
+    wire_holds,
 )
 from minorloop.head.geometry import wall_point
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -41,7 +42,6 @@ from minorloop.head.studies.scoring import places_seen, true_pixel
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore
 from minorloop.head.twins.surroundings import Surroundings
-from minorloop.identification import excitation
 
 EVERY = 2
 """Frames of the step that identifies a lag of seconds, of which one is used: 12.5 a second."""
@@ -355,7 +355,7 @@ def identify_seen(seed: int) -> SeenWires:
         seen = _settled(sensor, axis, loop, follow=True)
         good = np.isfinite(seen[:, axis])
         levels: Levels = moving_levels(loop[good], seen[good, axis], BANDS)
-        holds = excitation.reversal_curves(levels)
+        holds = wire_holds(levels, minor_loops=True)
         readings = _settled(sensor, axis, holds)
         step = _step(sensor, axis)
         found.append(identify_heating(holds, readings[:, axis], step=step, levels=levels))

@@ -22,6 +22,7 @@ from minorloop.head.control.heating import (
     identify_coupling,
     identify_heating,
     moving_levels,
+    wire_holds,
 )
 from minorloop.head.studies.head_loop import NOISE, TICK
 from minorloop.head.twins.head import Head
@@ -256,14 +257,14 @@ def identify_head(seed: int) -> tuple[tuple[HeatedWire, HeatedWire], FloatArray]
 
 
 def _wire(seed: int, axis: int) -> tuple[HeatedIdentification, FloatArray]:
-    """Identify one axis from a first loop, reversal curves where it moves, and a step.
+    """Identify one axis from a first loop, holds where it moves, minor loops too, and a step.
 
     The second value are the readings (2, n) of both sensors while only this axis moved.
     """
     up = np.linspace(0.0, CURRENT, FIRST_LOOP)
     loop = np.concatenate([up, up[-2::-1]])
     levels: Levels = moving_levels(loop, _settled(seed, axis, loop)[:, axis], BANDS)
-    holds = excitation.reversal_curves(levels)
+    holds = wire_holds(levels, minor_loops=True)
     readings = _settled(seed, axis, holds)
     t, current, angle = step_record(seed, axis)
     found = identify_heating(holds, readings[:, axis], step=(t, current, angle), levels=levels)
