@@ -277,6 +277,13 @@ def plain(image):
     return np.clip(120 - 0.2 * u - 0.1 * v + noise, 0, 255).astype(np.uint8)
 
 
+def white(image, share):
+    """The left of a picture is white."""
+    image = image.copy()
+    image[:, : round(share * image.shape[1])] = 255
+    return image
+
+
 @pytest.mark.parametrize("spoil", [fouled, reflected, doubled])
 def test_patches_that_disagree_are_outvoted(seen, spoil):
     for pan in np.linspace(-30.0, -24.0, 13):
@@ -294,6 +301,7 @@ def test_patches_that_disagree_are_outvoted(seen, spoil):
         (lambda image: image[:100], "wrong size"),
         (lambda image: None, "wrong size"),
         (lambda image: np.full_like(image, 255), "saturated"),
+        (lambda image: white(image, 0.85), "of wall in view agree"),
         (lambda image: image[:, ::-1].copy(), "of wall in view agree"),
         (lambda image: image[::-1].copy(), "of wall in view agree"),
         (lambda image: image[::-1, ::-1].copy(), "of wall in view agree"),

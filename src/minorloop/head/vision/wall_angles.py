@@ -246,7 +246,8 @@ class WallAngles:
         if sight.verdict != SEEN:
             again, state = self._hunted(pyramid, state)
             if again is None:
-                white = verdict == frame_checks.SATURATED
+                # Where some patches agree, not all of it is white, and there is another reason.
+                white = verdict == frame_checks.SATURATED and not sight.agreeing
                 return self._missed(state, verdict, None if white else sight)
             sight, patches = again
         doubt = self._doubt(pyramid, state, sight)

@@ -23,7 +23,10 @@ LATE, FEW, NO_PATCH, UNSURE = (
 
 UNTURNED = "the view that was found again has not turned with the head yet"
 """Why angles are on trial."""
-_HIDDEN_OR_NEW = "something is before the wall, the light changed, or this wall was not seen before"
+_HIDDEN_OR_NEW = (
+    "something is before the wall, the light changed, this wall was not seen before, or the camera "
+    "is not as it was calibrated"
+)
 """Why too few patches agree."""
 
 
