@@ -1,3 +1,4 @@
+import shutil
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -96,17 +97,18 @@ def test_a_finished_identification_needs_no_head(found, folder):
 def test_a_folder_of_another_identification_is_refused(found, folder):
     with pytest.raises(StoreError, match="belongs to another run"):
         measurement(folder, how=HeadExcitation(bands=3, hold=12.0)).identified()
-    with pytest.raises(StoreError, match="it has 6 holds, and 10 are asked for"):
-        measurement(folder, how=replace(QUICK, minor_loops=True)).left()
 
 
-def test_minor_loops_are_measured_where_they_are_asked_for(found, folder):
-    levels = np.linspace(0.0, 0.4, 3)
-    with Store.open(folder / "pan-curves.sqlite") as store:
-        assert len(store.plan) == QUICK.holds("curves") == 6
-    assert replace(QUICK, minor_loops=True).holds("curves") == 10
-    holds = replace(QUICK, minor_loops=True).curves(levels)
-    np.testing.assert_array_equal(holds[6:], [0.0, 0.2, 0.4, 0.2])
+def test_minor_loops_may_be_added_to_a_finished_identification(found, folder, tmp_path):
+    for path in folder.glob("*.sqlite"):
+        shutil.copy(path, tmp_path)
+    more = measurement(tmp_path, how=replace(QUICK, minor_loops=True))
+    left = more.left()
+    assert left == {"pan-minor-loops": 4, "tilt-minor-loops": 4}
+    again = more.identified()
+    assert set(again.stores) - set(found.stores) == {f"{name}.sqlite" for name in left}
+    assert again.check != found.check
+    assert measurement(tmp_path).identified().check == found.check
 
 
 def test_a_folder_of_another_specimen_is_refused_before_the_head_is_opened(found, folder):

@@ -15,6 +15,7 @@ from minorloop.head.control.heating import (
     moving_levels,
 )
 from minorloop.head.procedures.identify import HeadExcitation
+from minorloop.identification import excitation
 from minorloop.lab.actuator import Actuator
 
 _HOW = HeadExcitation()
@@ -48,7 +49,7 @@ def _identified(head: Actuator, axis: int) -> tuple[HeatedWire, FloatArray]:
     angles = _settled(head, axis, loop)
     levels = moving_levels(loop, angles[axis], _HOW.bands)
     _settled(head, axis, np.zeros(1))
-    holds = _HOW.curves(levels)
+    holds = excitation.reversal_curves(levels)
     steady = _settled(head, axis, holds)
     _settled(head, axis, np.zeros(1))
     t = np.arange(0.0, 40.0, 0.08)

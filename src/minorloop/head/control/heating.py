@@ -128,12 +128,13 @@ def wire_holds(levels: npt.ArrayLike, *, minor_loops: bool = False) -> FloatArra
     Returns
     -------
     (T,) array
-        1 + L + L (L + 1) / 2 reversal curves, and 1 + L (L + 1) / 2 steps of the staircase.
+        1 + L + L (L + 1) / 2 reversal curves, and 2 + L (L + 1) / 2 steps of the staircase, the
+        last one cold, as the curves end.
     """
     curves = excitation.reversal_curves(levels)
     if not minor_loops:
         return curves
-    return np.concatenate([curves, excitation.decaying_staircase(levels)])
+    return np.concatenate([curves, excitation.decaying_staircase(levels), curves[:1]])
 
 
 def identify_heating(

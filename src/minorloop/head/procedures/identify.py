@@ -2,8 +2,9 @@
 
 Each axis is measured alone, the other current at zero. Four runs an axis are kept as stores: a step
 and a loop; the same inputs once more, with the sensor of the other axis; reversal curves on levels
-that are dense where the wire moves; and random inputs, for the check. A finished run is not
-repeated, and a stopped one continues after its last point.
+that are dense where the wire moves; and random inputs, for the check. A fifth, of minor loops, may
+be added, also later. A finished run is not repeated, and a stopped one continues after its last
+point.
 """
 
 from __future__ import annotations
@@ -17,21 +18,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_whole
-from minorloop.errors import ParameterError, StoreError
+from minorloop.errors import ParameterError
 from minorloop.head.control.controller import within
 from minorloop.head.control.heating import (
     HeatedIdentification,
     identify_coupling,
     identify_heating,
     moving_levels,
-    wire_holds,
 )
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.procedures.actuator_plant import check_axes
 from minorloop.head.procedures.head_file import CheckedAxis, IdentifiedWires
+from minorloop.identification import excitation
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import ResumeMode
@@ -41,6 +41,8 @@ from minorloop.lab.store import Setup, Store
 AXES = ("pan", "tilt")
 RUNS = ("loop", "coupling", "curves", "check")
 """Runs of an axis."""
+MINOR_LOOPS = "minor-loops"
+"""One more, where it is asked for."""
 _STEP_HOLDS = 3
 """Holds at the beginning of the loop that are the step: cold, hot, cold."""
 _SAMPLES = 250
@@ -69,7 +71,7 @@ class HeadExcitation:
     hold : float
         Longest hold in seconds, in which a wire settles.
     minor_loops : bool
-        Whether a decaying staircase follows the reversal curves, see `wire_holds`.
+        Whether a decaying staircase is measured too, see `wire_holds`.
 
     Raises
     ------
@@ -88,6 +90,11 @@ class HeadExcitation:
         within("hold", self.hold, 1.0, 3600.0, "s")
 
     @property
+    def runs(self) -> tuple[str, ...]:
+        """Names of the runs of an axis."""
+        return (*RUNS, MINOR_LOOPS) if self.minor_loops else RUNS
+
+    @property
     def loop(self) -> FloatArray:
         """A step up and down, then a loop in even steps, in A."""
         rise = np.linspace(0.0, 1.0, round(1.25 * self.bands) + 1)
@@ -99,14 +106,12 @@ class HeadExcitation:
         powers = np.random.default_rng(19).uniform(0.0, 1.0, 2 * self.bands)
         return self.highest * np.concatenate([[0.0], np.sqrt(powers)])
 
-    def curves(self, levels: npt.ArrayLike) -> FloatArray:
-        """Return the inputs that follow the loop, on the levels that are found in it, in A."""
-        return wire_holds(levels, minor_loops=self.minor_loops)
-
     def holds(self, run: str) -> int:
-        """Return the number of holds of a run, one of `RUNS`."""
+        """Return the number of holds of a run, one of `runs`."""
         if run == "curves":
-            return self.curves(np.arange(self.bands + 1.0)).size
+            return excitation.reversal_curves(np.arange(self.bands + 1.0)).size
+        if run == MINOR_LOOPS:
+            return excitation.decaying_staircase(np.arange(self.bands + 1.0)).size
         return self.check.size if run == "check" else self.loop.size
 
     def plan(self, levels: FloatArray, name: str) -> Plan:
@@ -152,7 +157,7 @@ class HeadMeasurement:
         how, left = self.excitation, {}
         known = {"loop": how.loop, "coupling": how.loop, "check": how.check}
         for axis, name in enumerate(AXES):
-            for run in RUNS:
+            for run in how.runs:
                 path, holds = self._path(axis, run), how.holds(run)
                 if path.exists():
                     with Store.open(path) as store:
@@ -160,12 +165,6 @@ class HeadMeasurement:
                         levels = known.get(run)
                         plan = store.plan if levels is None else how.plan(levels, names[0])
                         store.check_same(plan, self._setup(self._seed(axis, run), names))
-                        if len(plan) != holds:  # levels of curves are known after the loop only
-                            raise StoreError(
-                                f"{path} belongs to another run: it has {len(plan)} holds, and "
-                                f"{holds} are asked for; give the folder of this identification, "
-                                "or a new name"
-                            )
                         holds = 0 if store.finished else len(store.plan) - len(store)
                 if holds:
                     left[f"{name}-{run}"] = holds
@@ -207,7 +206,11 @@ class HeadMeasurement:
         u, y = self._measured(axis, "loop", how.loop)
         _, across = self._measured(axis, "coupling", how.loop, sensor=other)
         levels = moving_levels(u[_STEP_HOLDS - 1 :], y[_STEP_HOLDS - 1 :], how.bands)
-        holds, angles = self._measured(axis, "curves", how.curves(levels))
+        holds, angles = self._measured(axis, "curves", excitation.reversal_curves(levels))
+        if how.minor_loops:
+            staircase = excitation.decaying_staircase(levels)
+            more = self._measured(axis, MINOR_LOOPS, staircase)
+            holds, angles = np.append(holds, more[0]), np.append(angles, more[1])
         found = identify_heating(holds, angles, step=self._step(axis), levels=levels)
         moves = np.empty((2, y.size))
         moves[axis], moves[other] = y - y[0], across - across[0]
@@ -264,7 +267,10 @@ class HeadMeasurement:
 
     def _seed(self, axis: int, run: str) -> int:
         """Return the seed of a run: each of a twin has different noise."""
-        own = len(RUNS) * axis + RUNS.index(run) if self.simulated else 0
+        if not self.simulated:
+            return int(self.setup["seed"])
+        later = run == MINOR_LOOPS  # after all runs of both axes, which folders have had without it
+        own = len(AXES) * len(RUNS) + axis if later else len(RUNS) * axis + RUNS.index(run)
         return int(self.setup["seed"]) + own
 
     def _path(self, axis: int, run: str) -> Path:
@@ -276,7 +282,7 @@ class HeadMeasurement:
             return datetime.fromisoformat(store.sessions()[0].began)
 
     def _digests(self) -> dict[str, str]:
-        paths = [self._path(axis, run) for axis in range(len(AXES)) for run in RUNS]
+        paths = [self._path(axis, run) for axis in range(len(AXES)) for run in self.excitation.runs]
         return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
