@@ -134,6 +134,14 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
         (f"{IDENTIFY} --head head.json --serial H-07", "--serial is 'H-07'"),
         (f"{IDENTIFY} --head model.json", "not a valid file of a head"),
         ("head drive targets.csv --head none.json --actuator twin:head", "there is no file"),
+        (
+            "head drive targets.csv --head none.json --actuator twin:head --pan tilt",
+            "--pan and --tilt are both 'tilt'",
+        ),
+        (
+            "head identify --actuator twin:head --store other.json --head new.json",
+            "--store is other.json, a file; give the name of a folder",
+        ),
         (f"{IDENTIFY} --head other.json", "other.json is of head 'H-07'"),
         (
             "head identify --actuator twin:none --store runs --head other.json --serial H-08",

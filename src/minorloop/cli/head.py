@@ -54,7 +54,8 @@ _File = Annotated[
 
 
 @app.command(
-    epilog="Example: minorloop head identify --actuator twin:head --store runs --head head.json"
+    epilog="Example: minorloop head identify --actuator twin:head --noise 0.05 --store runs "
+    "--head head.json"
 )
 def identify(
     actuator: _Address,
@@ -102,6 +103,8 @@ def identify(
     from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
     from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 
+    if store.exists() and not store.is_dir():
+        raise OutputError(f"--store is {store}, a file; give the name of a folder")
     before = read_head(head) if head.exists() else None
     if serial is not None:
         replace(before or HeadFile(serial=serial), identified=None).check_fits(serial, head)
@@ -232,6 +235,8 @@ def drive(
     from minorloop.head.procedures.identify import check_head
     from minorloop.head.procedures.steer import check_targets, steer
 
+    if pan == tilt:
+        raise ParameterError(f"--pan and --tilt are both {pan!r}; name a column for each")
     _common.check_outputs([save], inputs=[file, head], force=force)
     known = read_head(head)
     columns = [_common.read_column(file, name, "deg", "a head is driven") for name in (pan, tilt)]

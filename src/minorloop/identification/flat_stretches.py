@@ -48,6 +48,7 @@ def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
         for begin, end in (_longest_run(values), _least_moving(record))
         if end - begin >= max(values.size // _FEWEST_SHARE, _SHORTEST - 1)
         and not clipped.issuperset(record.places[begin:end])
+        and not _before_it_moves(record, begin, end)
     ]
     changes = [(_usual_change(record, begin, end), begin, end) for begin, end in found]
     change, begin, end = next(
@@ -55,6 +56,16 @@ def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
     )
     if change:
         yield _stuck(record, [(change, begin, end)])
+
+
+def _before_it_moves(record: RoughRecord, begin: int, end: int) -> bool:
+    """Whether a stretch is the beginning, at an end of the outputs: small inputs move nothing.
+
+    Such is a cold wire below its transformation.
+    """
+    level = np.median(record.values[begin:end])
+    ends = record.values.min(), record.values.max()
+    return begin == 0 and min(abs(level - end) for end in ends) <= _MOVING * record.span
 
 
 def _stuck(record: RoughRecord, found: list[tuple[float, int, int]]) -> RecordFault:

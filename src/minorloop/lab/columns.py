@@ -256,7 +256,7 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
         header.casefold(): header for header in headers
     }
     close = difflib.get_close_matches(name.casefold(), list(known), n=1)
-    hint = f"; did you mean '{known[close[0]]}'?" if close else ""
+    hint = f"; did you mean '{known[close[0]]}'?" if close else "; name one of these"
     raise RecordError(f"{source} has no column '{name}', it has {_listed(headers)}{hint}")
 
 

@@ -65,6 +65,16 @@ def test_a_staircase_after_the_curves_lowers_the_error_in_minor_loops():
     assert errors[1] < 0.95 * errors[0]
 
 
+def test_cold_wires_at_the_beginning_are_not_called_a_stuck_sensor():
+    wire = Wire(noise=0.05)
+    loop = 0.4 * np.concatenate([np.linspace(0, 1, 25), np.linspace(1, 0, 25)])
+    levels = moving_levels(loop, settled(wire, loop), 12)
+    wire.reset()
+    holds = wire_holds(levels, minor_loops=True)
+    found = identify(holds**2, settled(wire, holds), levels=levels**2, smoothness=0.0)
+    assert found.warnings == ()
+
+
 def test_a_coupling_is_recovered():
     coupling = np.array([[1.0, 0.07], [0.05, 1.0]])
     angles = np.linspace(0, 60, 20)

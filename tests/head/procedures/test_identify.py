@@ -1,12 +1,12 @@
 import shutil
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.errors import ParameterError, StoreError
+from minorloop.errors import ParameterError, SignalError, StoreError
 from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
 from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 from minorloop.lab.run import run
@@ -109,6 +109,17 @@ def test_minor_loops_may_be_added_to_a_finished_identification(found, folder, tm
     assert set(again.stores) - set(found.stores) == {f"{name}.sqlite" for name in left}
     assert again.check != found.check
     assert measurement(tmp_path).identified().check == found.check
+
+
+@pytest.mark.parametrize("how", [{"hold": 2.0}, {"hold": 12.0, "highest": 0.05}])
+def test_a_wire_that_does_not_move_is_named_after_its_first_run(tmp_path, how):
+    quiet = replace(
+        measurement(tmp_path, how=replace(QUICK, **how)),
+        connect=lambda seed: nullcontext(connect("twin:head", specimen=1000, noise=0.0)),
+    )
+    with pytest.raises(SignalError, match=r"pan moves by 0 degrees in its first step .* longer"):
+        quiet.identified()
+    assert [path.name for path in tmp_path.iterdir()] == ["pan-loop.sqlite"]
 
 
 def test_a_folder_of_another_specimen_is_refused_before_the_head_is_opened(found, folder):

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray, as_whole
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, SignalError
 from minorloop.head.control.controller import within
 from minorloop.head.control.heating import (
     HeatedIdentification,
@@ -29,6 +29,7 @@ from minorloop.head.control.heating import (
     moving_levels,
 )
 from minorloop.head.control.limits import WireLimits
+from minorloop.head.control.transient import LEAST_MOTION
 from minorloop.head.procedures.actuator_plant import check_axes
 from minorloop.head.procedures.head_file import CheckedAxis, IdentifiedWires
 from minorloop.identification import excitation
@@ -204,6 +205,7 @@ class HeadMeasurement:
         """Return an identified wire, and the angles (2, T) of all sensors while it alone moved."""
         how, other = self.excitation, 1 - axis
         u, y = self._measured(axis, "loop", how.loop)
+        self._check_loop(axis, u, y)
         _, across = self._measured(axis, "coupling", how.loop, sensor=other)
         levels = moving_levels(u[_STEP_HOLDS - 1 :], y[_STEP_HOLDS - 1 :], how.bands)
         holds, angles = self._measured(axis, "curves", excitation.reversal_curves(levels))
@@ -215,6 +217,17 @@ class HeadMeasurement:
         moves = np.empty((2, y.size))
         moves[axis], moves[other] = y - y[0], across - across[0]
         return found, moves
+
+    def _check_loop(self, axis: int, u: FloatArray, y: FloatArray) -> None:
+        """Refuse a loop in which the wire does not move, or not in its step, before hours go by."""
+        width, moved = float(np.ptp(y)), float(np.ptp(self._step(axis)[2]))
+        if not moved >= LEAST_MOTION * width > 0:
+            raise SignalError(
+                f"{AXES[axis]} moves by {moved:.3g} degrees in its first step and by {width:.3g} "
+                f"in the loop, with currents up to {u.max():g} A, held for "
+                f"{self.excitation.hold:g} s at most; give longer holds or a larger current, in a "
+                "new folder, and check that the wire is connected"
+            )
 
     def _checked(self, axis: int, found: HeatedIdentification) -> CheckedAxis:
         u, y = self._measured(axis, "check", self.excitation.check)
