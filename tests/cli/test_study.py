@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from minorloop.cli import study
+from minorloop.errors import SignalError
 from minorloop.studies import claims, fibre
 
 
@@ -43,17 +44,23 @@ def test_figures_of_several_specimens_are_medians(run, monkeypatch):
 
 
 class Specimen:
-    """Of a study that ends the program from outside while it runs a specimen."""
+    """Of a study that ends the program from outside while it runs a specimen, or fails with one."""
 
     TITLE, CLAIMS = "A study", ()
 
-    def __init__(self, ends):
-        self.ends = ends
+    def __init__(self, ends, fails=None):
+        self.ends, self.fails = ends, fails
 
     def run_study(self, seed):
+        if seed == self.fails:
+            raise SignalError("no lag")
         if seed == self.ends:
             os.kill(os.getpid(), signal.SIGTERM)
         return SimpleNamespace(figures=lambda: {"seed_of": float(seed), "none": math.nan})
+
+
+def one_by_one(work, count, seed):
+    return nullcontext(work(seed + k) for k in range(count))
 
 
 @pytest.mark.parametrize(
@@ -67,7 +74,6 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
     made = Specimen(ends)
     monkeypatch.setitem(sys.modules, "made_study", made)
     monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
-    one_by_one = lambda work, count, seed: nullcontext(work(seed + k) for k in range(count))  # noqa: E731
     monkeypatch.setattr(claims, "begun", one_by_one)
     status, out, err = run("study made --specimens 4 --seed 7 --out made")
     assert (status, out) == (130, "")
@@ -79,6 +85,16 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
         figures = {"seed_of": 7.5, "none": None}
         counts = {"unfinished": True, "specimens": 2, "of": 4, "seed": 7}
         assert json.loads(files[0].read_text()) == figures | counts
+
+
+def test_a_specimen_that_cannot_be_done_is_named_and_the_others_are_kept(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "made_study", Specimen(None, fails=8))
+    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
+    monkeypatch.setattr(claims, "begun", one_by_one)
+    status, out, err = run("study made --specimens 4 --seed 7 --out made")
+    assert (status, out) == (2, "")
+    kept = f"1 of 4 specimens are done; their figures are in {Path('made', 'unfinished.json')}"
+    assert err.splitlines()[1:] == [f"! seed 8: {kept}", "error: no lag"]
 
 
 @pytest.mark.parametrize(

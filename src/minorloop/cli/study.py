@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
@@ -15,7 +16,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
-from minorloop.errors import MissingExtraError, ParameterError
+from minorloop.errors import MinorloopError, MissingExtraError, ParameterError
 from minorloop.files import write_atomically
 from minorloop.lab.signals import ended_by_signals
 from minorloop.threads import one_thread
@@ -116,6 +117,7 @@ def run(
     with (
         ended_by_signals(),
         _common.interruptible(found.kept),
+        found.failing(),
         _common.working(f"specimen 1 of {specimens}", logged=True) as now,
     ):
         study = import_module(module)
@@ -226,8 +228,17 @@ class _Specimens:
             content = {**self.gathered, **begun, "seed": self._seed}
             write_atomically(self._file, _common.json_text(content))
 
+    @contextmanager
+    def failing(self) -> Iterator[None]:
+        """Name the specimen that cannot be done, and say what is kept."""
+        try:
+            yield
+        except MinorloopError:
+            typer.echo(f"! seed {self._seed + len(self.runs)}: {self.kept()}", err=True)
+            raise
+
     def kept(self) -> str:
-        """Return in words what an interruption leaves."""
+        """Return in words what an interruption or an error leaves."""
         done = f"{len(self.runs)} of {self._wanted} specimens are done"
         if not self.runs:
             return f"{done}; nothing is kept"
