@@ -36,7 +36,7 @@ class BlankCamera:
 
 def see(handle):
     server, asked = NewestPipe(), NewestPipe()
-    over = handle.begin(server=server, loop=asked)
+    over = handle.begin(server=server, loop=asked, plant=NewestPipe())
     small = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
     pipe = camera_process._introduced(small.to_dict(), asked, over)
     camera_process._serve(BlankCamera(), pipe, server, handle, over)
@@ -65,10 +65,17 @@ class Console:
     def __init__(self, folder):
         self.pipe, theirs = multiprocessing.get_context("spawn").Pipe()
         settings = LoopSettings(folder=str(folder), timeout=5.0)
+        # On a loaded machine they may be slow: what hangs is not looked for here.
+        patience = 20.0
         self.supervisor = Supervisor(
             [
-                Part(name="plant", target=watchdog.run, args=(settings,)),
-                Part(name="loop", target=loop.run, args=(settings, None, control())),
+                Part(name="plant", target=watchdog.run, args=(settings,), patience=patience),
+                Part(
+                    name="loop",
+                    target=loop.run,
+                    args=(settings, None, control()),
+                    patience=patience,
+                ),
                 Part(name="camera", target=see),
                 Part(name="server", target=relay, args=(theirs,)),
             ],
