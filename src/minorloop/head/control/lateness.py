@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.head.control import _lateness_kernels as _kernels
 from minorloop.head.control.controller import Loop, within
 from minorloop.head.control.motion import WireWatch
 
@@ -153,9 +154,7 @@ class StopWatch(WireWatch):
         steps : int
             Number of these intervals.
         """
-        added = np.tile([[power], [np.nan]], steps)
-        added[1, -1] = reading
-        recent = np.concatenate([before.recent, added], axis=1)[:, -self._kept :]
+        recent = _kernels.added(before.recent, power, reading, steps, self._kept)
         late = self._late(recent)
         row = before.row + 1 if late else 0
         return Stop(recent, row, late if row >= _AGAIN else 0.0)
@@ -164,17 +163,12 @@ class StopWatch(WireWatch):
         """Return after how many seconds the rate follows the power, 0 if in time or not known."""
         count, last = self._window, self._lags[-1]
         power, reading = recent
-        known = np.isfinite(reading)
-        if len(reading) < self._kept or known[-count:].mean() < _SEEN:
+        if len(reading) < self._kept:
             return 0.0
-        if np.ptp(reading[known]) < (_SLOWER - _BACK) * _WINDOW / 4:  # too little to be a motion
-            return 0.0
-        at = np.arange(len(reading))
-        angle = np.interp(at, at[known], reading[known])
-        rate = (angle[_RATE:] - angle[:-_RATE])[-count:] / (_RATE * self.interval)
-        way, part = math.copysign(1.0, angle[-1] - angle[-count]), count // 4
-        slower = way * float(rate[:part].mean() - rate[-part:].mean())
-        if slower < _SLOWER or float((way * rate).min()) < -_BACK:
+        moved = (_SLOWER - _BACK) * _WINDOW / 4  # less cannot be such a motion
+        over = float(_RATE), _RATE * self.interval
+        rate = _kernels.slowing(reading, count, _SEEN, moved, over, _SLOWER, _BACK)
+        if not rate.size:
             return 0.0
         mean = np.convolve(power, np.full(_RATE, 1.0 / _RATE), "valid")
         before = np.lib.stride_tricks.sliding_window_view(mean, count)[::-1][: last + 1]
