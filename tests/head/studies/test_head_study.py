@@ -95,6 +95,23 @@ def test_no_limit_was_exceeded_and_no_alarm_was_false(figures):
     assert figures["unreachable"]["detected"] == 1.0
 
 
+def test_an_alarm_is_false_only_where_the_target_is_within_the_true_reach():
+    what = next(iter(head.IMPOSSIBLE))
+    alarm = SimpleNamespace(axis=0, t=9.0, verdict=SimpleNamespace(reason=""))
+    run = lambda *alarms: SimpleNamespace(wanted=np.array([[40.0, 0.0]]), alarms=alarms)  # noqa: E731
+    runs = {
+        (what, "observer"): run(alarm),
+        ("convection 90, step 40", "observer"): run(alarm),
+        ("convection 65, step 40", "observer"): run(alarm),
+        ("step 40", "observer"): run(alarm),
+    }
+    reach = {what: 30.0, "convection 90, step 40": 37.6, "convection 65, step 40": 42.0}
+    study = SimpleNamespace(runs=runs, reach=reach)
+    found = head.HeadStudy._unreachable(study)
+    assert (found["cases"], found["false_alarms"]) == (1, 2)
+    assert found["after_s"] == 9.0
+
+
 def test_the_inverse_operator_makes_control_better(figures):
     assert figures["steps"]["settle_s"] < 0.6 * figures["rivals"]["pi"]["settle_s"]
     assert figures["open_loop_plus_10K"]["rms_deg"] > 3 * figures["open_loop"]["rms_deg"]
