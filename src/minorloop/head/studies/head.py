@@ -283,7 +283,12 @@ CLAIMS = (
         "left open",
         percent=True,
     ),
-    Claim("false alarms where the target is within reach", "unreachable.false_alarms", "left open", most=0),
+    Claim(
+        "false alarms where the target is within reach",
+        "unreachable.false_alarms",
+        "left open",
+        most=0,
+    ),
     Claim("limits exceeded, all runs", "limits.violations", "not studied", most=0),
     *SIGHT_CLAIMS,
     *servo_integral.CLAIMS,
