@@ -32,7 +32,7 @@ def test_a_motion_that_gets_slower_is_found_as_numpy_finds_it(missing):
         readings = rng.uniform(-30, 30) * -np.expm1(-np.maximum(t, 0.0) / lag)
         readings += rng.normal(0.0, 0.01, size)
         readings[rng.random(size) < missing] = np.nan
-        over = float(STEPS), STEPS * INTERVAL
+        over = STEPS, STEPS * INTERVAL
         rates = kernels.slowing(
             readings, count, LIMITS["seen"], LIMITS["moved"], over, LIMITS["slower"], LIMITS["back"]
         )

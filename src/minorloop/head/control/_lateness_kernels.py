@@ -63,7 +63,7 @@ def slowing(readings, count, seen, moved, over, slower, back):
     rates, first = np.empty(count), readings.size - count
     way = 1.0 if angles[-1] >= angles[first] else -1.0
     for k in range(count):
-        rates[k] = (angles[first + k] - angles[first + k - int(steps)]) / seconds
+        rates[k] = (angles[first + k] - angles[first + k - steps]) / seconds
         if way * rates[k] < -back:
             return none
     part = count // 4

@@ -166,7 +166,7 @@ class StopWatch(WireWatch):
         if len(reading) < self._kept:
             return 0.0
         moved = (_SLOWER - _BACK) * _WINDOW / 4  # less cannot be such a motion
-        over = float(_RATE), _RATE * self.interval
+        over = _RATE, _RATE * self.interval
         rate = _kernels.slowing(reading, count, _SEEN, moved, over, _SLOWER, _BACK)
         if not rate.size:
             return 0.0

@@ -29,7 +29,7 @@ _TOLERANCE = 0.01
 _LEAST_SPAN = 0.5
 """Least part of the range of the levels that the holds cover, by trial: outside of the holds, the
 weights are guesses."""
-LEAST_MOTION = 0.25
+_LEAST_MOTION = 0.25
 """Least movement in the step, over that in the holds; by trial."""
 _AT_BOUND = 0.02
 """Relative distance from an end of `LAGS` within which a lag is the bound, by trial."""
@@ -137,13 +137,18 @@ def as_transient(
     return Transient(times, currents, y)
 
 
+def moves_enough(angle: FloatArray, width: float) -> bool:
+    """Return whether the angles of a step move by enough of the range of a wire, in degrees."""
+    return bool(np.ptp(angle) >= _LEAST_MOTION * width > 0)
+
+
 def check_motion(step: Transient, width: float) -> None:
     """Refuse a step that moves the wire by too little of its range, in degrees."""
-    moved = float(np.ptp(step.angle))
-    if not moved >= LEAST_MOTION * width:
+    if not moves_enough(step.angle, width):
+        moved = float(np.ptp(step.angle))
         raise SignalError(
             f"the angle moves by {moved:.3g} degrees in the step and by {width:.3g} in the "
-            f"holds; give a step, in degrees, over at least {LEAST_MOTION:.0%} of the range"
+            f"holds; give a step, in degrees, over at least {_LEAST_MOTION:.0%} of the range"
         )
 
 

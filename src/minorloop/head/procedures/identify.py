@@ -29,7 +29,7 @@ from minorloop.head.control.heating import (
     moving_levels,
 )
 from minorloop.head.control.limits import WireLimits
-from minorloop.head.control.transient import LEAST_MOTION
+from minorloop.head.control.transient import moves_enough
 from minorloop.head.procedures.actuator_plant import check_axes
 from minorloop.head.procedures.head_file import CheckedAxis, IdentifiedWires
 from minorloop.identification import excitation
@@ -44,6 +44,11 @@ RUNS = ("loop", "coupling", "curves", "check")
 """Runs of an axis."""
 MINOR_LOOPS = "minor-loops"
 """One more, where it is asked for."""
+_SEEDED = (
+    *((axis, run) for axis in range(len(AXES)) for run in RUNS),
+    *((axis, MINOR_LOOPS) for axis in range(len(AXES))),
+)
+"""Axis and run in the order of their seeds: what is added to a folder comes last."""
 _STEP_HOLDS = 3
 """Holds at the beginning of the loop that are the step: cold, hot, cold."""
 _SAMPLES = 250
@@ -220,11 +225,11 @@ class HeadMeasurement:
 
     def _check_loop(self, axis: int, u: FloatArray, y: FloatArray) -> None:
         """Refuse a loop in which the wire does not move, or not in its step, before hours go by."""
-        width, moved = float(np.ptp(y)), float(np.ptp(self._step(axis)[2]))
-        if not moved >= LEAST_MOTION * width > 0:
+        width, step = float(np.ptp(y)), self._step(axis)[2]
+        if not moves_enough(step, width):
             raise SignalError(
-                f"{AXES[axis]} moves by {moved:.3g} degrees in its first step and by {width:.3g} "
-                f"in the loop, with currents up to {u.max():g} A, held for "
+                f"{AXES[axis]} moves by {np.ptp(step):.3g} degrees in its first step and by "
+                f"{width:.3g} in the loop, with currents up to {u.max():g} A, held for "
                 f"{self.excitation.hold:g} s at most; give longer holds or a larger current, in a "
                 "new folder, and check that the wire is connected"
             )
@@ -282,9 +287,7 @@ class HeadMeasurement:
         """Return the seed of a run: each of a twin has different noise."""
         if not self.simulated:
             return int(self.setup["seed"])
-        later = run == MINOR_LOOPS  # after all runs of both axes, which folders have had without it
-        own = len(AXES) * len(RUNS) + axis if later else len(RUNS) * axis + RUNS.index(run)
-        return int(self.setup["seed"]) + own
+        return int(self.setup["seed"]) + _SEEDED.index((axis, run))
 
     def _path(self, axis: int, run: str) -> Path:
         return self.folder / f"{AXES[axis]}-{run}.sqlite"

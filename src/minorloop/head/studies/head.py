@@ -302,8 +302,8 @@ class HeadStudy:
     """Results of one specimen.
 
     ``facts`` are of the nominal twin; ``runs`` all closed and open loops by the name of the
-    experiment and the controller; ``reach`` the true angle under full current, in degrees, for
-    impossible targets; ``ramps`` those of Fig 8 by case; ``plan`` the planned and the inverse
+    experiment and the controller; ``reach`` the true angle under full current, in degrees, in those
+    in other surroundings; ``ramps`` those of Fig 8 by case; ``plan`` the planned and the inverse
     sequence for the same targets, with ``planned`` (2, N) the true angles of a wire that is driven
     by them; ``margins`` the predicted edges of stability of the internal model;
     ``longest_delay`` of the sensor in s with which it was found to be stable; ``sight`` what its
@@ -385,7 +385,7 @@ class HeadStudy:
     def _unreachable(self) -> dict[str, Any]:
         found, causes, false = [], [], 0
         for (what, _), run in self.runs.items():
-            short = run.wanted[-1, 0] - self.reach[what] if what in self.reach else 0.0
+            short = run.wanted[-1, 0] - self.reach.get(what, np.inf)
             alarms = [alarm for alarm in run.alarms if alarm.axis == 0]
             if short > CLEARLY and what in IMPOSSIBLE:
                 found.append(alarms[0].t if alarms else np.inf)
