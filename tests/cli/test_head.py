@@ -1094,6 +1094,16 @@ def test_an_inspection_refuses_what_it_cannot_open_in_one_sentence(run, options,
     assert not Path("s1").exists()
 
 
+def test_an_inspection_that_was_begun_with_a_calibration_is_not_resumed_without(run):
+    calibrated = datetime(2026, 3, 1, tzinfo=UTC)
+    about = {"head": "twin-head-nominal", "calibrated": calibrated.isoformat()}
+    Path("s1").mkdir()
+    Path("s1/journal.jsonl").write_text(json.dumps({"what": "begin", "t": 0.0, **about}) + "\n")
+    status, _, error = run("head inspect --actuator twin:pipe --out s1 --resume")
+    assert status == 2
+    assert f"calibrated was '{calibrated.isoformat()}' and is left out now" in error
+
+
 @pytest.mark.parametrize(
     ("error", "status", "said"),
     [

@@ -109,6 +109,7 @@ def _simulated(
     """Return the simulated head in its pipe, as the console has it."""
     from minorloop.head.console.identified_head import head_of
     from minorloop.head.console.plant import head_at, open_plant, open_tip
+    from minorloop.head.procedures.head_file import HeadFile
     from minorloop.head.procedures.probing import Probing
     from minorloop.head.procedures.rig import InspectionRig
     from minorloop.head.procedures.seen_base import SeenBase
@@ -121,7 +122,7 @@ def _simulated(
     flow = getattr(plant, "flood", None)
     tip, own = open_tip(address, specimen=specimen, seed=seed, flow=flow, water=filling)
     view = own if known is None or known.calibration is None else known.calibration
-    about = {"head": Head(specimen).serial} if known is None else _about(known)
+    about = _about(HeadFile(serial=Head(specimen).serial) if known is None else known)
 
     @contextmanager
     def opened(told: Told) -> Iterator[InspectionRig]:

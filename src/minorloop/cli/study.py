@@ -94,7 +94,7 @@ def run(
     """Carry out a whole experiment on simulated specimens, and compare it with its claims.
 
     One specimen takes fifteen seconds to a minute, for head and inspection three to fifteen
-    minutes; stderr has a line for each, and for each part of the first one of inspection. Until the
+    minutes; stderr has a line for each, and for each part of the first one of these two. Until the
     last is done, unfinished.json in the folder has the figures of those before, also after an
     interruption.
     """

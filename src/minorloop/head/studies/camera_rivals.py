@@ -7,7 +7,7 @@ picture, and every controller has the wires that were identified by pictures.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,13 +78,15 @@ class CameraRivals:
         return {**figures, "circle_rms_mm": self.circles[law].rms}
 
 
-def run_study(seed: int) -> CameraRivals:
+def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> CameraRivals:
     """Identify a specimen from pictures, and run every controller on pictures.
 
     Parameters
     ----------
     seed : int
         Draws specimen, pipe, camera and errors of its calibration.
+    told : callable
+        Is given the name of each controller that is done.
     """
     began = time.perf_counter()
     seen, circle = identify_seen(seed), CIRCLES[CIRCLE]
@@ -97,4 +99,5 @@ def run_study(seed: int) -> CameraRivals:
             disturbed[law, where] = run_step(seed, law, control, STEPS[-1], camera, around)
         by_hole = given_camera(seed, seen.view, bores=(circle.hole,))
         circles[law] = run_circle(seed, control, circle, by_hole)
+        told(law)
     return CameraRivals(steps, disturbed, circles, time.perf_counter() - began)

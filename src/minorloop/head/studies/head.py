@@ -11,7 +11,7 @@ targets that it cannot reach; then its camera tracks, and its tool marks what wa
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -413,36 +413,48 @@ class HeadStudy:
         }
 
 
-def run_study(seed: int) -> HeadStudy:
+def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> HeadStudy:
     """Run the whole study on one specimen.
 
     Parameters
     ----------
     seed : int
         Draws specimen, noise and targets.
+    told : callable
+        Is given the name of each part that is done.
     """
     began = time.perf_counter()
     static = run_static(seed)
+    told("identification")
     wires = (static.wires[0].model, static.wires[1].model)
     controls = every_control(wires, static.coupling)
     runs = {**run_steps(seed, controls), **_others(seed, controls), **_hard(seed, controls)}
     later, edges, longest = _later_sensors(seed, controls["internal_model"])
+    told("closed loops")
     plan, inverse = _plans(static)
     driven = [_driven(seed, each) for each in (plan, inverse)]
+    slow = run_ramps(seed)
+    told("ramps")
+    sight = run_sight(seed, controls[DEFAULT])
+    told("sight")
+    integral = servo_integral.run_study(seed)
+    told("integral")
+    camera = run_camera(seed, static.inputs, static.settled, static.arbitrary)
+    told("camera alone")
     return HeadStudy(
         seed=seed,
         facts=head_facts(),
         static=static,
         runs={**runs, **later},
         reach=_reaches(seed),
-        ramps=run_ramps(seed),
+        ramps=slow,
         plan=(plan, inverse),
         planned=np.array(driven),
         margins=edges,
         longest_delay=longest,
-        sight=run_sight(seed, controls[DEFAULT]),
-        integral=servo_integral.run_study(seed),
-        camera=run_camera(seed, static.inputs, static.settled, static.arbitrary),
+        sight=sight,
+        integral=integral,
+        camera=camera,
         seconds=time.perf_counter() - began,
     )
 

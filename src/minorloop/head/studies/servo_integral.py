@@ -6,7 +6,7 @@ Off and on target, on a base that stands still, turns slowly or sways, and with 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,22 +98,24 @@ class IntegralStudy:
         return self.runs[name].rms(after)
 
 
-def run_study(seed: int) -> IntegralStudy:
+def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> IntegralStudy:
     """Hold a point in all cases with one specimen.
 
     Parameters
     ----------
     seed : int
         Draws head, pipe and noise.
+    told : callable
+        Is given the name of each case that is done.
     """
     scene = Scene(seed)
-    runs = {
-        f"{case}{words}": run_servo(
-            scene, sensor=False, sway=sway, seconds=seconds, integral=not words
-        )
-        for case, (sway, seconds) in CASES.items()
-        for words in ("", WITHOUT)
-    }
+    runs: dict[str, ServoRun] = {}
+    for case, (sway, seconds) in CASES.items():
+        for words in ("", WITHOUT):
+            runs[f"{case}{words}"] = run_servo(
+                scene, sensor=False, sway=sway, seconds=seconds, integral=not words
+            )
+        told(case)
     return IntegralStudy({**runs, PRINTED: run_printed(scene)})
 
 
