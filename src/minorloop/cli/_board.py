@@ -13,8 +13,8 @@ from minorloop.cli import _common
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.errors import ModelFileError
 from minorloop.export.board import HEAD_LINES, BoardAxis, BoardSource, board_source
+from minorloop.head.geometry import AXES
 from minorloop.head.procedures.head_file import FORMAT, read_head
-from minorloop.head.procedures.identify import AXES
 from minorloop.lab.actuator import Channel
 from minorloop.operators.preisach import Preisach
 

@@ -18,6 +18,8 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 
+AXES = ("pan", "tilt")
+"""Names of the axes of the head, in the order of all arrays with one entry an axis."""
 REACH = float(np.radians(30.0))
 """Half-angle of the cone in which the head may look; beyond, the lens touches the wall."""
 WATER_INDEX = 1.333

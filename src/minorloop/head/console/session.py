@@ -38,6 +38,7 @@ from minorloop.head.console.scanning import Scanning
 from minorloop.head.console.sweep import ConsoleSweep
 from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
+from minorloop.head.geometry import AXES
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.seen_angles import unseen
@@ -579,7 +580,7 @@ class Session:
             return self.danger
         if self._no_pictures and self.camera.problem:
             return self.camera.problem
-        for name, axis in zip(("pan", "tilt"), self._control.axes, strict=True):
+        for name, axis in zip(AXES, self._control.axes, strict=True):
             if axis.fault:
                 return f"the sensor of {name} is {axis.fault}"
             if axis.unreachable is not None:

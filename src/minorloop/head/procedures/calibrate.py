@@ -14,7 +14,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.files import PathLike
-from minorloop.head.geometry import Pinhole
+from minorloop.head.geometry import AXES, Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.values import ALL_LIGHTS
@@ -480,7 +480,7 @@ def _angles_of_names(pictures: TargetPictures) -> dict[str, tuple[float, float]]
 def _angles_of_table(file: PathLike) -> dict[str, tuple[float, float]]:
     headers = read_headers(file)
     columns = []
-    for axis in ("pan", "tilt"):
+    for axis in AXES:
         header = find_column(axis, headers, source=file)
         unit = split_header(header)[1]
         if unit != "deg":

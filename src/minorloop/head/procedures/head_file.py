@@ -41,6 +41,7 @@ from minorloop.head.control.by_camera import LEAD, camera_control
 from minorloop.head.control.controller import within
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.limits import WireLimits
+from minorloop.head.geometry import AXES
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.values import ALL_LIGHTS
 from minorloop.head.vision.measured import Measured
@@ -120,7 +121,7 @@ class IdentifiedWires:
     def untrusted(self) -> tuple[str, ...]:
         """A sentence on each wire whose model is off by more than 5 % of its range in the check."""
         found = []
-        for axis, wire, check in zip(("pan", "tilt"), self.wires, self.check, strict=False):
+        for axis, wire, check in zip(AXES, self.wires, self.check, strict=False):
             low, high = wire.operator.range
             if check.rms > _TRUSTED * (high - low):
                 found.append(
@@ -381,7 +382,7 @@ def _decoded(data: bytes) -> Any:
 
 def _wires(part: _Identified) -> IdentifiedWires:
     wires = tuple(build(wire) for wire in part.wires)
-    for name, wire in zip(("pan", "tilt"), wires, strict=True):
+    for name, wire in zip(AXES, wires, strict=True):
         if not isinstance(wire, HeatedWire):
             raise ParameterError(f"a wire is of kind {kind_of(wire)!r}; it has to be heated-wire")
         within(f"the lag of {name}", wire.lag, *_LAGS, "s")

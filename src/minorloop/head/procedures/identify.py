@@ -30,6 +30,7 @@ from minorloop.head.control.heating import (
 )
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.transient import moves_enough
+from minorloop.head.geometry import AXES
 from minorloop.head.procedures.actuator_plant import check_axes
 from minorloop.head.procedures.head_file import CheckedAxis, IdentifiedWires
 from minorloop.identification import excitation
@@ -39,7 +40,6 @@ from minorloop.lab.run import ResumeMode
 from minorloop.lab.single_channel import single_channel
 from minorloop.lab.store import Setup, Store
 
-AXES = ("pan", "tilt")
 RUNS = ("loop", "coupling", "curves", "check")
 """Runs of an axis."""
 MINOR_LOOPS = "minor-loops"

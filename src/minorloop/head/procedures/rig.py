@@ -25,6 +25,7 @@ from minorloop.connect import connect
 from minorloop.errors import InstrumentError, ModelFileError, SafetyError
 from minorloop.files import PathLike
 from minorloop.head.control.head import HeadControl
+from minorloop.head.geometry import AXES
 from minorloop.head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.camera_tip import CameraTip
@@ -268,7 +269,7 @@ class InspectionRig:
     @property
     def trouble(self) -> str:
         """Why the wires do not reach their targets; empty if they do."""
-        found = zip(("pan", "tilt"), self._state.axes, strict=True)
+        found = zip(AXES, self._state.axes, strict=True)
         each = [f"{name}: {axis.unreachable}" for name, axis in found if axis.unreachable]
         return "; ".join(each)
 
@@ -282,7 +283,7 @@ class InspectionRig:
         """
         if self._seen is not None and any(axis.fault for axis in self._state.axes):
             raise InstrumentError(unseen(self._seen.why))
-        for name, axis in zip(("pan", "tilt"), self._state.axes, strict=True):
+        for name, axis in zip(AXES, self._state.axes, strict=True):
             if axis.fault:
                 raise InstrumentError(f"the sensor of {name} is {axis.fault}; check it")
 

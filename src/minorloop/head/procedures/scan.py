@@ -23,7 +23,7 @@ from minorloop.head.control.flooded_reach import (
     flooded_reach,
 )
 from minorloop.head.control.head import HeadControl
-from minorloop.head.geometry import REACH, wrapped
+from minorloop.head.geometry import AXES, REACH, wrapped
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.measure import burst_of, has_coupling
@@ -182,7 +182,7 @@ class RasterScan(Procedure[ScanState]):
                 (WATER_BAND, 1 - SLEEVE_BAND),
             )
         )
-        for axis, name in enumerate(("pan", "tilt")):
+        for axis, name in enumerate(AXES):
             for end, beyond in ((1, 1.0), (0, -1.0)):
                 need, mine = wanted[axis, end], has[axis, end]
                 if beyond * (need - mine) > 0:

@@ -16,13 +16,13 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError, SafetyError
 from minorloop.head.control.controller import within
 from minorloop.head.control.head import HeadControl, HeadState
+from minorloop.head.geometry import AXES
 from minorloop.head.procedures.drive_faults import DriveFault, FaultLog
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.run import left_safe
 
 TICK = 0.04
 """Seconds of a step, unless a head has others."""
-_AXES = "pan", "tilt"
 _STEADY = 0.2
 """Share of a hold, at its end, over which the angles are averaged."""
 _CHECK = (
@@ -200,7 +200,7 @@ def steer(
         If the head does not confirm at the end that it is safe.
     """
     wanted, hold = check_targets(control, targets, hold, head.tick)
-    faults = FaultLog(_AXES, head.tick, control.axes[0].observer.delay)
+    faults = FaultLog(AXES, head.tick, control.axes[0].observer.delay)
     drive = _Drive(head, control, wanted, faults)
     try:
         with left_safe(head):
@@ -303,7 +303,7 @@ class _Drive:
                 f"{rate:.2g} pictures a second came, and {_RATE:g} are needed{slower}; check the "
                 "camera, its network, and what else this computer does"
             )
-            yield DriveFault(" and ".join(_AXES), 0.0, self._t, what, over=False)
+            yield DriveFault(" and ".join(AXES), 0.0, self._t, what, over=False)
 
 
 def _judged(control: HeadControl, state: HeadState) -> tuple[BoolArray, FloatArray]:
@@ -321,7 +321,7 @@ def _check_reach(control: HeadControl, target: FloatArray, row: int) -> None:
     """Refuse a target that the wires cannot reach in any surroundings."""
     beyond = []
     for name, axis, wanted, (low, high) in zip(
-        _AXES, control.axes, target.tolist(), control.reach(target).tolist(), strict=True
+        AXES, control.axes, target.tolist(), control.reach(target).tolist(), strict=True
     ):
         # A cold wire goes no further down: the other axis compensates what it couples in.
         low, high = (round(end, 1) + 0.0 for end in (min(low, axis.reach[0]), high))
@@ -338,7 +338,7 @@ def _given_up(state: HeadState, row: int) -> dict[int, str]:
     """Return a sentence for each axis whose target is out of reach."""
     return {
         k: f"{name} did not reach target {row}: {axis.unreachable}"
-        for k, (name, axis) in enumerate(zip(_AXES, state.axes, strict=True))
+        for k, (name, axis) in enumerate(zip(AXES, state.axes, strict=True))
         if axis.unreachable is not None
     }
 
@@ -365,8 +365,8 @@ def _missed(
         where = _unread(found, (n, k)) if np.isnan(at) else f"it was at {at:.1f} degrees"
         where = f"it moved by {moved:.1f} degrees" if swings else where
         hold = found.t[found.row == n]
-        why = faults.during(_AXES[k], float(hold[0]), float(hold[-1])) or otherwise
-        said = f"{_AXES[k]} {what} target {n + 1}, {found.targets[n, k]:g} degrees: {where}"
+        why = faults.during(AXES[k], float(hold[0]), float(hold[-1])) or otherwise
+        said = f"{AXES[k]} {what} target {n + 1}, {found.targets[n, k]:g} degrees: {where}"
         every.setdefault((n, why), []).append(said)
     for (_, why), axes in every.items():
         yield f"{', and '.join(axes)} at the end of its hold{why and '; '}{why}"
@@ -380,7 +380,7 @@ def _unconfirmed(
         if (n, k) in given_up or not _doubted(control, found, (n, k)):
             continue
         yield (
-            f"{_AXES[k]} is not confirmed at target {n + 1}, {found.targets[n, k]:g} degrees: "
+            f"{AXES[k]} is not confirmed at target {n + 1}, {found.targets[n, k]:g} degrees: "
             f"{_unread(found, (n, k))} at the end of its hold; by its model it was at "
             f"{found.expected[n, k]:.1f} degrees"
         )

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.head.geometry import AXES
 from minorloop.head.twins.wire import HIGHEST_CURRENT, WIRE, HeatedWires
 from minorloop.lab.actuator import Channel
 
@@ -65,9 +66,7 @@ class Head(HeatedWires):
         return f"twin-head-{'nominal' if self.specimen is None else self.specimen}"
 
     def _wires(self) -> list[dict[str, float]]:
-        return [
-            {name: self._parameters[f"{axis}_{name}"] for name in WIRE} for axis in ("pan", "tilt")
-        ]
+        return [{name: self._parameters[f"{axis}_{name}"] for name in WIRE} for axis in AXES]
 
     def _coupling(self) -> FloatArray:
         return np.array([self._parameters[name] for name in _COUPLING])

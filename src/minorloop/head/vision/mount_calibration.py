@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError, counted
-from minorloop.head.geometry import pan_tilt, rotation_x, rotation_y, rotation_z
+from minorloop.head.geometry import AXES, pan_tilt, rotation_x, rotation_y, rotation_z
 from minorloop.head.vision.lens_calibration import TargetPose
 from minorloop.head.vision.measured import Measured
 
@@ -164,7 +164,7 @@ def _check(poses: Sequence[TargetPose], joints: FloatArray) -> None:
             f"the camera turned {ratio:.0f} times as far as the angles say, which seem to be in "
             "radians; give them in degrees"
         )
-    for axis, extent in zip(("pan", "tilt"), moved, strict=True):
+    for axis, extent in zip(AXES, moved, strict=True):
         if extent < _LEAST_RANGE:
             raise RecordError(
                 f"the {axis} of the pictures is within {extent:.2g} degrees; take pictures over "
