@@ -5,58 +5,23 @@ import math
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
 from minorloop.head.control.by_camera import LEAD, camera_control
 from minorloop.head.control.head import head_control
-from minorloop.head.control.lateness import Lateness, LatenessWatch, Stop, StopWatch
+from minorloop.head.control.lateness import Lateness, Stop, StopWatch
 from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.surroundings import Course, Surroundings
 from wires import TICK, Run, identified
 
-WATCH = LatenessWatch(interval=TICK, delay=1)
 
-
-def watched(late, *, periods=(4.0,), noise=0.0, seconds=40.0, amplitude=5.0):
-    """What is known after swings of a power, which an angle follows later by some seconds."""
-    rng, state = np.random.default_rng(3), Lateness()
-    wave = lambda t: sum(math.sin(2 * math.pi * t / p) for p in periods)  # noqa: E731
-    for k in range(round(seconds / TICK)):
-        t = k * TICK
-        reading = 30.0 + amplitude * wave(t - late) + noise * rng.normal()
-        state = WATCH.step(state, reading, 0.1 + 0.01 * wave(t))
-        if state.late:
-            return state
-    return state
-
-
-@pytest.mark.parametrize("late", [0.5, 0.7])
-def test_readings_that_turn_back_late_at_every_turn_are_late(late):
-    assert watched(late).late == pytest.approx(late, abs=0.15)
-    assert watched(late, noise=0.05).late == pytest.approx(late, abs=0.2)
-
-
-@pytest.mark.parametrize(
-    ("late", "options"),
-    [
-        (0.04, {"noise": 0.05}),
-        (0.04, {"noise": 0.5}),
-        (0.5, {"amplitude": 1.0}),
-        (1.5, {}),
-    ],
-)
-def test_other_readings_are_not(late, options):
-    assert watched(late, **options).late == 0.0
-
-
-def test_late_readings_are_tried_again_after_a_while_and_missing_ones_say_nothing():
-    state = watched(0.5)
-    for _ in range(round(29.9 / TICK)):
-        state = WATCH.step(state, 30.0, 0.1)
-    assert state.late > 0.0
-    for _ in range(10):
-        state = WATCH.step(state, 30.0, 0.1)
-    assert state == Lateness(power=0.1, before=state.before, age=state.age)
-    assert watched(math.nan).late == 0.0
+def test_readings_are_doubted_for_a_while_and_anew_where_they_are_late_again():
+    state = Lateness().later(TICK, 0.0)
+    assert (state.late, state.doubted) == (0.0, 0.0)
+    state = state.later(TICK, 0.5)
+    for _ in range(round(20.0 / TICK)):
+        state = state.later(TICK, 0.0)
+    assert (state.late, state.doubted) == (0.5, pytest.approx(10.0))
+    assert state.later(TICK, 0.7) == Lateness().later(TICK, 0.7)
+    assert state.later(10.1, 0.0) == Lateness()
 
 
 def test_a_loop_with_late_readings_stops_swinging_and_says_why():
@@ -90,7 +55,7 @@ def test_late_pictures_are_known_at_the_end_of_the_first_move(late):
     first = next(event for _, event in run.state.log if event.cause == "sensor")
     assert "they are late" in first.text
     assert first.step * TICK < 6.5
-    said = float(first.text.split("go on for ")[1].split(" s")[0])
+    said = float(first.text.split("where the wire was ")[1].split(" s")[0])
     assert said == pytest.approx(late + 0.06, abs=0.1)
     # From then on each wire goes by its current, whatever the readings had made of it.
     assert swing(run.true[run.t > 12.0]) < 1.0
@@ -149,8 +114,3 @@ def test_readings_in_time_are_never_late():
     for each in (Surroundings(), surroundings):
         run = Run(control, swing, 40.0, surroundings=each)
         assert not [event for _, event in run.state.log if event.cause == "sensor"]
-
-
-def test_options_out_of_range_are_refused():
-    with pytest.raises(ParameterError, match="jump"):
-        LatenessWatch(jump=0.0)

@@ -195,7 +195,7 @@ def test_pictures_that_are_late_by_their_content_alone_are_named_within_a_row():
     head = Head(noise=0.02, seed=3, delay=0.56)
     head.age = 0.04
     late = steer(head, control, [[40.0, 20.0]], 8.0).faults
-    assert all("the wire has turned back or stopped: they are late" in each.what for each in late)
+    assert all("readings show where the wire was 0." in each.what for each in late)
     assert late[0].began < 6.5
 
 

@@ -16,9 +16,10 @@ from functools import cached_property
 from minorloop.dynamics.heated_wire import HeatedState
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller, Loop
+from minorloop.head.control.delays import DelayWatch
 from minorloop.head.control.guard_log import ASTRAY, GuardLog
 from minorloop.head.control.guard_state import COOLED, Cause, GuardState, StepClock
-from minorloop.head.control.lateness import LatenessWatch, StopWatch, late_by
+from minorloop.head.control.lateness import StopWatch
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.motion import MotionWatch, SignWatch
 from minorloop.head.control.observer import Estimate, PowerObserver
@@ -156,13 +157,15 @@ class Guard:
             fault: Fault = "reversed" if sign.reversed else "unconfirmed"
             sensed = replace(sensed, value=math.nan, fault=fault)
         used = math.nan if sensed.fault or not belief.believed else angle
-        lateness = self._lateness.step(state.lateness, used, driven.power, steps=steps)
         stop = self._stop.step(state.stop, used, state.applied**2, steps=steps)
-        if stop.late:
-            if not lateness.doubted:  # the readings have led the estimate astray
-                past = (driven.angle,) * len(estimate.past)
-                estimate = Estimate(driven, state.bias, 0.0, past)
-            lateness = late_by(stop.late)
+        delays = self._delays.step(
+            state.delays, state.estimate, state.applied, used, expected=expected, steps=steps
+        )
+        late = stop.late or delays.late
+        if late and not state.lateness.doubted:  # the readings have led the estimate astray
+            past = (driven.angle,) * len(estimate.past)
+            estimate = Estimate(driven, state.bias, 0.0, past)
+        lateness = state.lateness.later(steps * self.observer.interval, late)
         if lateness.doubted > 0.0 and sensed.fault not in COOLED:
             sensed = replace(sensed, value=math.nan, fault="late")
         estimate = self.observer.corrected(estimate, sensed.value)
@@ -195,6 +198,7 @@ class Guard:
             sign=sign,
             lateness=lateness,
             stop=stop,
+            delays=delays,
             reach=reach,
             reference=wanted,
             asked=whole,
@@ -279,10 +283,8 @@ class Guard:
         )
 
     @cached_property
-    def _lateness(self) -> LatenessWatch:
-        return LatenessWatch(
-            jump=self.sensor.jump, interval=self.observer.interval, delay=self.observer.delay
-        )
+    def _delays(self) -> DelayWatch:
+        return DelayWatch(observer=self.observer)
 
     def _driven(self, state: GuardState, steps: int) -> HeatedState:
         """Return the wire by its current alone, some intervals later."""

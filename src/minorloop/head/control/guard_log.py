@@ -103,8 +103,8 @@ class GuardLog:
             )
         if state.fault == "late":
             return (
-                f"readings go on for {state.lateness.late:.1f} s after the wire has turned back or "
-                "stopped: they are late, or a load sways the wire; it goes by its model for a while"
+                f"readings show where the wire was {state.lateness.late:.1f} s before: they are "
+                "late, or a load sways the wire; it goes by its model for a while"
             )
         if state.fault == "reversed":
             return (

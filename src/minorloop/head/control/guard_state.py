@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from minorloop.dynamics.heated_wire import HeatedState
+from minorloop.head.control.delays import Delays
 from minorloop.head.control.lateness import Lateness, Stop
 from minorloop.head.control.motion import Belief, Sign
 from minorloop.head.control.observer import Estimate
@@ -97,6 +98,8 @@ class GuardState:
         What is known of how late they are.
     stop : Stop
         The same, where a motion gets slower.
+    delays : Delays
+        The same, by observers with other delays.
     reach : ReachState
         Of the target.
     reference : float
@@ -131,6 +134,7 @@ class GuardState:
     sign: Sign = field(default_factory=Sign)
     lateness: Lateness = field(default_factory=Lateness)
     stop: Stop = field(default_factory=Stop)
+    delays: Delays = field(default_factory=Delays)
     reach: ReachState = field(default_factory=ReachState)
     asked: float = math.nan
     steps: int = 0

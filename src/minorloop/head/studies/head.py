@@ -20,6 +20,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
+from minorloop.head.control.controller import Controller
 from minorloop.head.control.head import CONTROLLERS, HeadControl, head_control
 from minorloop.head.control.internal_model import InternalModel
 from minorloop.head.control.planning import PlannedPowers, Planner
@@ -28,6 +29,7 @@ from minorloop.head.studies import servo_integral
 from minorloop.head.studies.head_camera import CameraStudy, run_camera
 from minorloop.head.studies.head_loop import (
     DELAY,
+    NOISE,
     TICK,
     HeadRun,
     circle,
@@ -429,7 +431,7 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Hea
     wires = (static.wires[0].model, static.wires[1].model)
     controls = every_control(wires, static.coupling)
     runs = {**run_steps(seed, controls), **_others(seed, controls), **_hard(seed, controls)}
-    later, edges, longest = _later_sensors(seed, controls["internal_model"])
+    edges, longest = _later_sensors(seed, controls["internal_model"].axes[0].controller)
     told("closed loops")
     plan, inverse = _plans(static)
     driven = [_driven(seed, each) for each in (plan, inverse)]
@@ -445,7 +447,7 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Hea
         seed=seed,
         facts=head_facts(),
         static=static,
-        runs={**runs, **later},
+        runs=runs,
         reach=_reaches(seed),
         ramps=slow,
         plan=(plan, inverse),
@@ -609,34 +611,27 @@ def _nearly_all(control: HeadControl) -> list[float]:
     return [STROKE_SHARE * axis.observer.wire.operator.range[1] for axis in control.axes]
 
 
-def _later_sensors(
-    seed: int, control: HeadControl
-) -> tuple[dict[tuple[str, str], HeadRun], Margins, float]:
-    """Run the internal model with sensors that are later than it knows, until it is unstable.
+def _later_sensors(seed: int, law: Controller) -> tuple[Margins, float]:
+    """Drive a wire by the internal model with sensors that are later than it knows.
 
-    Returns the runs, the predicted edges, and the longest delay in s up to which it is stable.
+    It has no guard, which would find such readings late. Returns the predicted edges of stability,
+    and the longest delay in s up to which the loop is stable.
     """
-    law = control.axes[0].controller
     if not isinstance(law, InternalModel):
         raise TypeError("the delay is that of the internal model")
     edges = robust_margins(law)
-    predicted, runs, measured = DELAY + edges.delay, {}, DELAY
+    predicted, measured = DELAY + edges.delay, DELAY
     for share in LATER:
-        run = run_loop(
-            "internal_model",
-            control,
-            constant(LATER_TARGET),
-            LATER_SECONDS,
-            specimen=seed,
-            seed=seed,
-            delay=share * predicted,
-        )
-        runs[f"delay {share * predicted:.2f} s", "internal_model"] = run
-        end = run.truth.angle[run.t > LATER_SECONDS - LATER_END, 0]
+        head = Head(seed, NOISE, seed, tick=TICK, delay=share * predicted, log_truth=True)
+        state, read = law.begin(), 0.0
+        for _ in range(round(LATER_SECONDS / TICK)):
+            current, state = law.step(state, LATER_TARGET, read)
+            read = float(np.asarray(head.exchange(np.array([current, 0.0])))[0])
+        end = np.asarray(truth(head).angle)[-round(LATER_END / TICK) :, 0]
         if np.ptp(end) > OSCILLATES:
             break
         measured = share * predicted
-    return runs, edges, measured
+    return edges, measured
 
 
 def _plans(static: Static) -> tuple[PlannedPowers, PlannedPowers]:
