@@ -70,7 +70,9 @@ class UnfinishedDrive:
 
 def save_drive(found: SteeredHead, path: Path, force: bool) -> None:
     """Write what was measured in each tick, as a table."""
-    table = {"time [s]": found.t}
+    import numpy as np
+
+    table = {"time [s]": np.round(found.t, 6)}
     for k, axis in enumerate(("pan", "tilt")):
         table |= {f"wanted {axis} [deg]": found.wanted[:, k]}
         table |= {f"{axis} [deg]": found.read[:, k], f"{axis} [A]": found.current[:, k]}

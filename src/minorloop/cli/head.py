@@ -82,7 +82,8 @@ def identify(
         typer.Option(
             "--minor-loops",
             help="Measure a decaying staircase too, for inputs that turn back often: almost twice "
-            "the holds of the curves, and somewhat less error in wide loops; may be added later.",
+            "the holds of the curves, and somewhat less error in wide loops; may be added later, "
+            "with --force.",
         ),
     ] = False,
     camera: _Seeing = None,

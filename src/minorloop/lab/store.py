@@ -424,7 +424,7 @@ class Store:
             if isinstance(error, sqlite3.Error):
                 raise StoreError(
                     f"{self.path} cannot be written: {rows.reason(error)}; "
-                    "its points are kept, and resume continues from there"
+                    "its points are kept, and the run can be continued from there"
                 ) from None
             raise
 

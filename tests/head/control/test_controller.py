@@ -143,7 +143,6 @@ def test_clocks_and_limits_out_of_range_are_refused(option, message):
         ("internal_model", {"lag": 0.0}),
         ("pi", {"proportional": -0.1}),
         ("pi", {"integral": 2.0}),
-        ("pi", {"nonsense": 1.0}),
     ],
 )
 def test_gains_out_of_range_are_refused(name, option):
@@ -154,3 +153,12 @@ def test_gains_out_of_range_are_refused(name, option):
 def test_an_unknown_controller_is_refused():
     with pytest.raises(ParameterError, match="give one of 'observer'"):
         controller("best", made_up())
+
+
+@pytest.mark.parametrize(
+    ("name", "given"), [("pi", "proportional"), ("adaptive", "steepness"), ("observer", "response")]
+)
+def test_an_unknown_option_is_refused_with_those_that_there_are(name, given):
+    said = rf"controller '{name}' has no option 'gain'; give .*{given}"
+    with pytest.raises(ParameterError, match=said):
+        controller(name, made_up(), gain=1.0)

@@ -222,3 +222,8 @@ def test_invalid_numbers_of_bands_are_refused(bands):
 def test_invalid_holds_are_refused(current, angle, complaint):
     with pytest.raises(SignalError, match=complaint):
         moving_levels(current, angle, 3)
+
+
+def test_holds_of_negative_currents_are_refused():
+    with pytest.raises(ParameterError, match=r"levels begin at -0.1 A; give currents of 0 or more"):
+        wire_holds([-0.1, 0.2, 0.3])

@@ -86,3 +86,8 @@ def test_a_wire_is_stable_up_to_the_predicted_delay_and_not_far_beyond(share, mo
 def test_bad_plants_are_refused(plant):
     with pytest.raises(ParameterError, match=next(iter(plant))):
         poles(InternalModel(wire=made_up()), **plant)
+
+
+def test_margins_of_what_is_no_internal_model_are_refused():
+    with pytest.raises(ParameterError, match="give a InternalModel"):
+        robust_margins(made_up())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -27,17 +27,18 @@ from minorloop.head.control.pi import ProportionalIntegral
 from minorloop.head.control.sensing import Sensed, SensorWatch, as_number
 from minorloop.head.control.unread import Unread, UnreadWatch
 
-CONTROLLERS = (
-    "observer",
-    "feedforward",
-    "pi",
-    "internal_model",
-    "adaptive",
-    "feedforward_pi",
-    "model_reference",
-)
+_LAWS: dict[str, Any] = {
+    "observer": ObserverControl,
+    "feedforward": Feedforward,
+    "pi": ProportionalIntegral,
+    "internal_model": InternalModel,
+    "adaptive": ObserverControl,
+    "feedforward_pi": FeedforwardPI,
+    "model_reference": ModelReference,
+}
+"""Law of each; the adaptive one has its options from the observer that it adapts."""
+CONTROLLERS = tuple(_LAWS)
 """Names for `head_control`."""
-
 _LARGEST = 1e6
 """Angle in degrees from which a number counts as none."""
 
@@ -322,24 +323,21 @@ def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:
     """
     check_option("controller", name, CONTROLLERS)
     check_kind("the model of a wire", wire, HeatedWire)
-    try:
-        if name == "pi":
-            return ProportionalIntegral(**options)
-        if name == "adaptive":
-            from minorloop.head.control.adaptive import AdaptiveControl
+    kind = _LAWS[name]
+    known = {each.name for each in fields(kind)} - {"wire"}
+    for option in options.keys() - known:
+        raise ParameterError(
+            f"controller {name!r} has no option {option!r}; give {', '.join(sorted(known))}"
+        )
+    if name == "pi":
+        return ProportionalIntegral(**options)
+    law = kind(wire=wire, **options)
+    if name == "adaptive":
+        from minorloop.head.control.adaptive import AdaptiveControl
 
-            return AdaptiveControl(control=ObserverControl(wire=wire, **options))
-        kinds: dict[str, Any] = {
-            "observer": ObserverControl,
-            "feedforward": Feedforward,
-            "internal_model": InternalModel,
-            "feedforward_pi": FeedforwardPI,
-            "model_reference": ModelReference,
-        }
-        law: Controller = kinds[name](wire=wire, **options)
-    except TypeError as error:
-        raise ParameterError(f"options of controller {name!r}: {error}") from None
-    return law
+        law = AdaptiveControl(control=law)
+    found: Controller = law
+    return found
 
 
 def _bounding(sensed: Sensed) -> float:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Levels, as_levels, as_samples, as_whole
 from minorloop.dynamics.heated_wire import HeatedWire
-from minorloop.errors import SignalError
+from minorloop.errors import ParameterError, SignalError
 from minorloop.head.control.transient import (
     LAGS,
     Transient,
@@ -130,8 +130,15 @@ def wire_holds(levels: npt.ArrayLike, *, minor_loops: bool = False) -> FloatArra
     (T,) array
         1 + L + L (L + 1) / 2 reversal curves, and 2 + L (L + 1) / 2 steps of the staircase, the
         last one cold, as the curves end.
+
+    Raises
+    ------
+    ParameterError
+        If a level is negative: a current heats in both directions.
     """
     curves = excitation.reversal_curves(levels)
+    if curves.min() < 0:
+        raise ParameterError(f"levels begin at {curves.min():g} A; give currents of 0 or more")
     if not minor_loops:
         return curves
     return np.concatenate([curves, excitation.decaying_staircase(levels), curves[:1]])

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, check_kind
 from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.controller import MOST_DELAY, within
 from minorloop.head.control.internal_model import InternalModel
@@ -131,7 +131,14 @@ def robust_margins(law: InternalModel) -> Margins:
     Parameters
     ----------
     law : InternalModel
+        Such as ``head_control("internal_model", wires).axes[0].controller``.
+
+    Raises
+    ------
+    ParameterError
+        If it is another law.
     """
+    check_kind("law", law, InternalModel)
     cold = law.wire.lag / law.model_lag
     found = [margins(law, gain=slope_ratios(law.wire)[1]), margins(law, lag=cold)]
     return Margins(
