@@ -97,15 +97,16 @@ def test_no_limit_was_exceeded_and_no_alarm_was_false(figures):
 
 def test_an_alarm_is_false_only_where_the_target_is_within_the_true_reach():
     what = next(iter(head.IMPOSSIBLE))
-    alarm = SimpleNamespace(axis=0, t=9.0, verdict=SimpleNamespace(reason=""))
+    alarm = SimpleNamespace(axis=0, t=9.0, verdict=SimpleNamespace(reason="", reference=40.0))
     run = lambda *alarms: SimpleNamespace(wanted=np.array([[40.0, 0.0]]), alarms=alarms)  # noqa: E731
     runs = {
         (what, "observer"): run(alarm),
         ("convection 90, step 40", "observer"): run(alarm),
         ("convection 65, step 40", "observer"): run(alarm),
         ("step 40", "observer"): run(alarm),
+        ("aged", "observer"): SimpleNamespace(wanted=np.array([[20.0, 0.0]]), alarms=(alarm,)),
     }
-    reach = {what: 30.0, "convection 90, step 40": 37.6, "convection 65, step 40": 42.0}
+    reach = {what: 30.0, "convection 90, step 40": 37.6, "convection 65, step 40": 42.0, "aged": 39}
     study = SimpleNamespace(runs=runs, reach=reach)
     found = head.HeadStudy._unreachable(study)
     assert (found["cases"], found["false_alarms"]) == (1, 2)

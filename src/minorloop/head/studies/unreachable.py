@@ -168,9 +168,11 @@ def cause_found(verdict: Unreachable, cause: str) -> bool | None:
     return None if verdict.reason == BOTH else verdict.reason == cause
 
 
-def true_reach(seed: int, surroundings: Surroundings) -> float:
+def true_reach(
+    seed: int, surroundings: Surroundings | None = None, *, ageing: float = 0.0
+) -> float:
     """Return the true angle of the first axis under full current, in degrees."""
-    head = Head(seed, surroundings=surroundings, log_truth=True)
+    head = Head(seed, surroundings=surroundings, ageing=ageing, log_truth=True)
     head.apply(np.array([CURRENT, 0.0]), 4 * HOLD, HOLD)
     return float(truth(head).angle[-1, 0])
 
