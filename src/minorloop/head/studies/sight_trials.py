@@ -241,6 +241,7 @@ def sight_figures(picks: Sequence[Picked], insertions: Sequence[Insertion]) -> d
             "click_px": float(np.median([one.clicked for one in picks])),
             "outline_px": max(one.outlined for one in picks),
             "final_error_px": max(one.final for one in picks),
+            "final_median_px": float(np.median([one.final for one in picks])),
             "off_middle_px": max(one.off for one in picks),
             "focus_error_pct": 100 * max(known, default=math.nan),
             "focus_failed": len(picks) - len(known),
