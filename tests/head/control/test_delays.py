@@ -17,10 +17,13 @@ def currents(t):
     return math.sqrt(0.14 if t % 5.0 < 2.5 else 0.04)
 
 
-def watched(later=0.0, *, since=0.0, power=currents, colder=0.0, noise=0.0, lost=0, seconds=16.0):
+def watched(
+    later=0.0, *, since=0.0, held=0.0, power=currents, colder=0.0, noise=0.0, lost=0, seconds=16.0
+):
     """When readings of the wire of the observer are found to be late, and by how much; or None.
 
-    From ``since`` on they are older by ``later`` seconds; of ``lost``, one is missing.
+    From ``since`` on they are older by ``later`` seconds, after ``held`` seconds without any; of
+    ``lost``, one is missing.
     """
     rng, wire = np.random.default_rng(3), OBSERVER.wire
     watch, state = DelayWatch(observer=OBSERVER), Delays()
@@ -31,7 +34,7 @@ def watched(later=0.0, *, since=0.0, power=currents, colder=0.0, noise=0.0, lost
         angles.append(true.angle)
         older = OBSERVER.delay - 1 + (round(later / TICK) if k * TICK >= since else 0)
         reading = angles[-1 - older] + noise * rng.normal()
-        if lost and k % lost == 0:
+        if (lost and k % lost == 0) or since <= k * TICK < since + held:
             reading = math.nan
         before, estimate = estimate, OBSERVER.predicted(estimate, current)
         state = watch.step(state, before, current, reading, expected=estimate.expected)
@@ -56,10 +59,18 @@ def test_readings_that_become_late_are_found_soon():
     assert late == pytest.approx(0.56, abs=0.15)
 
 
+@pytest.mark.parametrize("since", [6.4, 6.8])
+def test_readings_that_were_held_back_in_a_motion_are_found_at_once(since):
+    when, late = watched(0.48, since=since, held=0.48, noise=0.02)
+    assert since + 0.48 < when < since + 1.5
+    assert late == pytest.approx(0.56, abs=0.15)
+
+
 @pytest.mark.parametrize(
     "options",
     [
         {},
+        {"since": 6.0, "held": 0.48, "noise": 0.02},
         {"noise": 0.3},
         {"later": 0.08},
         {"later": 0.32},  # a loop comes to rest with them

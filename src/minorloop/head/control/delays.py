@@ -125,10 +125,12 @@ class DelayWatch:
         new.append((estimate, current, reading))
         recent = (*before.recent, *new)[-self._kept :]
         error, found = abs(reading - expected), before.comparison
+        if not math.isnan(reading) and self._ended(before.recent):
+            found = None
         if found is None:
             if not error > _ERRS:
                 return Delays(recent)
-            first = max(len(recent) - self._count(_BACK), 0)
+            first = self._first(recent)
             found, new = self._begun(recent[: first + 1]), list(recent[first:])
         for moment in new:
             found = self._advanced(found, *moment[1:])
@@ -138,6 +140,19 @@ class DelayWatch:
         if calm >= self._count(_CALM) or found.steps >= self._count(_LONGEST):
             return Delays(recent)
         return Delays(recent, replace(found, calm=calm, row=row), late if row >= _ROW else 0.0)
+
+    def _ended(self, recent: tuple[_Moment, ...]) -> bool:
+        """Return whether the readings have ended: those that a network held back come late then."""
+        last = recent[-self._count(_ENDURED[0]) :]
+        return bool(last) and all(math.isnan(reading) for _, _, reading in last)
+
+    def _first(self, recent: tuple[_Moment, ...]) -> int:
+        """Return the moment at which a comparison begins: where readings ended, if they did so."""
+        first = max(len(recent) - self._count(_BACK), 0)
+        if self._ended(recent[:-1]):
+            while len(recent) > first + 1 and not math.isnan(recent[first][2]):
+                first += 1
+        return first
 
     def _begun(self, recent: tuple[_Moment, ...]) -> _Comparison:
         """Return the comparison that begins at the last of some moments."""
