@@ -121,8 +121,8 @@ class DelayWatch:
         steps : int
             Intervals since the last reading was due.
         """
-        new: list[_Moment] = [(estimate, current, math.nan)] * (steps - 1)
-        new.append((estimate, current, reading))
+        lost: _Moment = (estimate, current, math.nan)
+        new = [lost] * min(steps - 1, self._kept) + [(estimate, current, reading)]
         recent = (*before.recent, *new)[-self._kept :]
         error, found = abs(reading - expected), before.comparison
         if not math.isnan(reading) and self._ended(before.recent):
