@@ -55,14 +55,22 @@ WAYS: dict[str, Callable[[float], tuple[float, float]]] = {
 
 
 def called_late(
-    control: HeadControl, head: Head, way: Callable[[float], tuple[float, float]], later: Callable
+    control: HeadControl,
+    seed: int,
+    way: str,
+    *,
+    late: float = 0.0,
+    since: float = 0.0,
+    around: Surroundings | None = None,
 ) -> float:
     """Return when readings are first called late, in seconds; infinity if they are not."""
+    head = Head(seed, NOISE, seed, delay=AGE, surroundings=around)
     state, every = control.begin(), [np.zeros(2)]
     for k in range(round(SECONDS / TICK)):
         t = k * TICK
-        read = every[max(len(every) - 1 - round(later(t) / TICK), 0)]
-        current, state = control.step(state, way(t), read, t=t)
+        older = round(late / TICK) if t >= since else 0
+        read = every[max(len(every) - 1 - older, 0)]
+        current, state = control.step(state, WAYS[way](t), read, t=t)
         every.append(head.exchange(current))
         if any(axis.lateness.late for axis in state.axes):
             return t
@@ -83,15 +91,10 @@ def main() -> None:
     for seed in range(chosen.seed, chosen.seed + chosen.specimens):
         wires, coupling = identify_head(seed)
         control = camera_control("observer", wires, coupling=coupling, lead=LEAD)
-
-        def run(way: str, later: Callable, around: Surroundings | None = None) -> float:
-            head = Head(seed, NOISE, seed, delay=AGE, surroundings=around)  # noqa: B023
-            return called_late(control, head, WAYS[way], later)  # noqa: B023
-
         for name, around in AROUND.items():
-            in_time[name] += [run(way, lambda t: 0.0, around) for way in WAYS]
+            in_time[name] += [called_late(control, seed, way, around=around) for way in WAYS]
         for seconds, since in late:
-            when = run("steps", lambda t: seconds * (t >= since))  # noqa: B023
+            when = called_late(control, seed, "steps", late=seconds, since=since)
             late[seconds, since].append(when - since)
 
     table = Table("readings in time", "runs", "called late")

@@ -76,13 +76,11 @@ def test_readings_that_were_held_back_in_a_motion_are_found_at_once(since):
         {"later": 0.32},  # a loop comes to rest with them
         {"colder": -0.02},
         {"colder": 0.02, "noise": 0.05, "lost": 3},
-        {"later": 0.48, "power": lambda t: 0.05 * t},  # it never moves
+        {"later": 0.48, "power": lambda t: 0.05 * t, "seconds": 2.0},  # it never moves
         {"later": 4.0, "seconds": 12.0},
     ],
 )
 def test_others_are_not_late(options):
-    if "power" in options:
-        options = {**options, "seconds": 2.0}
     assert watched(**options) is None
 
 

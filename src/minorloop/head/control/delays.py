@@ -37,8 +37,8 @@ _WITHIN = 0.8
 """Time constant in seconds of the mean squares that are compared."""
 _LEAST, _BETTER, _ROW = 0.5, 2.2, 5
 """Rms error in degrees of all that are in time, how many times smaller that of a later one must be,
-and for how many readings in a row. On simulated heads with readings in time it is 1.8 times at
-most, on wires that sway (``python -m benchmarks.late_readings`` counts what is called late)."""
+and for how many readings in a row. By trial on simulated heads with late readings and such in time;
+``python -m benchmarks.late_readings`` counts how many of both are called late."""
 _MOVED = 3.0
 """Degrees by which the readings of the last `_BACK` must vary: noise has no delay."""
 

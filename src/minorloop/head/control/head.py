@@ -325,9 +325,10 @@ def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:
     check_kind("the model of a wire", wire, HeatedWire)
     kind = _LAWS[name]
     known = {each.name for each in fields(kind)} - {"wire"}
-    for option in options.keys() - known:
+    unknown = sorted(options.keys() - known)
+    if unknown:
         raise ParameterError(
-            f"controller {name!r} has no option {option!r}; give {', '.join(sorted(known))}"
+            f"controller {name!r} has no option {unknown[0]!r}; give {', '.join(sorted(known))}"
         )
     if name == "pi":
         return ProportionalIntegral(**options)
