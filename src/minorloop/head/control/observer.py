@@ -146,8 +146,8 @@ class PowerObserver(Loop):
     def predicted(self, estimate: Estimate, current: float) -> Estimate:
         """Return the estimate one interval later, under a current, before its reading."""
         wire = self.wire.step(estimate.wire, current**2, self.interval, ambient=estimate.ambient)
-        way = wire.power - estimate.wire.power
-        return replace(estimate, wire=wire, past=(wire.angle, *estimate.past), way=way)
+        way, past = wire.power - estimate.wire.power, (wire.angle, *estimate.past)
+        return Estimate(wire, estimate.ambient, estimate.error, past, estimate.offset, way)
 
     def corrected(self, predicted: Estimate, measurement: float) -> Estimate:
         """Return a predicted estimate after its reading, NaN where there is none."""
@@ -156,7 +156,7 @@ class PowerObserver(Loop):
             error = self._smoothed(predicted.error, measurement - predicted.expected)
             found = self._corrected(predicted, error)
         past = (found.wire.angle, *predicted.past[1:])[: self.delay]
-        return replace(found, error=error, past=past)
+        return Estimate(found.wire, found.ambient, error, past, found.offset, found.way)
 
     def _smoothed(self, before: float, now: float) -> float:
         keep = math.exp(-self.interval / self.smoothing) if self.smoothing > 0 else 0.0
@@ -180,9 +180,8 @@ class PowerObserver(Loop):
         ambient = estimate.ambient + share * self.learning * self.interval * learnt
         bound = _MOST_BIAS * self.highest**2
         offset = estimate.offset + (1.0 - share) * towards - share * rate * estimate.offset
-        return replace(
-            estimate, wire=moved, ambient=min(max(ambient, -bound), bound), offset=offset
-        )
+        ambient = min(max(ambient, -bound), bound)
+        return Estimate(moved, ambient, estimate.error, estimate.past, offset, estimate.way)
 
 
 @dataclass(frozen=True, eq=False)
