@@ -1,4 +1,4 @@
-"""Heated wires for tests: a made-up one, one identified on its twin, and a loop around a twin."""
+"""Heated wires for tests: made-up ones, some identified on twins, and a loop around a twin."""
 
 from functools import cache
 
@@ -56,6 +56,15 @@ def identified(bands=16, noise=0.05):
     current = np.where((t >= 0.16) & (t < 25.0), 0.4, 0.0)
     y = [0.0] + [twin.apply(u, 0.08, 0.08).y[-1] for u in current[:-1]]
     return identify_heating(holds, angles, step=(t, current, np.array(y)), levels=levels)
+
+
+@cache
+def identified_head(seed):
+    """Wires and coupling of one specimen, as its head is identified."""
+    # Imported here: the studies import cameras too, and most tests of wires need none.
+    from minorloop.head.studies.head_static import identify_head
+
+    return identify_head(seed)
 
 
 class Run:

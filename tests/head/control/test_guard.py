@@ -1,4 +1,6 @@
 import math
+from copy import deepcopy
+from functools import cache
 
 import numpy as np
 import pytest
@@ -48,6 +50,17 @@ def loop(guard, reference, seconds, *, spoil=lambda t, y: y, state=None, plant=N
     return np.array(currents), state, plant
 
 
+@cache
+def settled(name):
+    return loop(guarded(name), 30.0, 14.0)[1:]
+
+
+def held(name):
+    """State and plant of a guard after 14 s at 30 degrees."""
+    state, plant = settled(name)
+    return state, deepcopy(plant)
+
+
 @NAMES
 @given(
     ticks=st.lists(st.tuples(readings, references, gaps), min_size=1, max_size=50),
@@ -72,7 +85,7 @@ def test_the_limits_are_kept_for_any_readings_and_targets(name, ticks, hottest):
 @NAMES
 def test_a_long_heating_stops_short_of_the_limit(name):
     guard = guarded(name, limits=WireLimits(hottest=80.0))
-    _, state, _ = loop(guard, 55.0, 30.0)
+    _, state, _ = loop(guard, 55.0, 20.0)
     assert guard.temperature(state) <= 80.0 + 1e-9
     if name != "feedforward":
         assert "hot" in causes(state)
@@ -260,7 +273,7 @@ def test_readings_that_stay_while_the_wire_is_heated_are_no_sign_of_the_surround
 @pytest.mark.parametrize("off", [3.0, 25.0, -25.0])
 def test_readings_that_jump_are_not_followed_and_the_loop_goes_on_when_they_agree(name, off):
     guard = guarded(name)
-    _, state, plant = loop(guard, 30.0, 14.0)
+    state, plant = held(name)
     before = angle(plant)
     _, state, plant = loop(guard, 30.0, 8.0, state=state, plant=plant, spoil=lambda t, y: y + off)
     assert angle(plant) == pytest.approx(before, abs=2.0)
@@ -290,7 +303,7 @@ def test_right_readings_after_late_ones_are_believed_again_once_the_wire_is_cold
 
 def test_readings_that_contradict_the_model_for_long_let_the_wire_cool():
     guard = guarded()
-    _, state, plant = loop(guard, 30.0, 14.0)
+    state, plant = held("observer")
     _, state, plant = loop(guard, 30.0, 40.0, state=state, plant=plant, spoil=lambda t, y: y - 9)
     assert angle(plant) < 1.0
     assert state.fault == "unconfirmed"

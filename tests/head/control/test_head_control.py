@@ -22,7 +22,7 @@ def control(name="observer", **options):
 
 @pytest.mark.parametrize("target", [20.0, 30.0, 40.0])
 def test_the_default_settles_in_eight_seconds_with_little_overshoot(target):
-    run = Run(control(), (target, target), 25.0)
+    run = Run(control(), (target, target), 20.0)
     assert run.settling <= 8.0
     assert run.overshoot <= 3.0
     assert np.sqrt(np.mean(run.error(after=15.0) ** 2)) <= 0.15
@@ -33,16 +33,16 @@ def test_the_default_settles_in_eight_seconds_with_little_overshoot(target):
     "surroundings", [{"ambient": 10}, {"ambient": 30}, {"convection": 65}, {"convection": 90}]
 )
 def test_other_surroundings_only_make_it_slower(surroundings):
-    run = Run(control(), (40.0, 20.0), 25.0, surroundings=Surroundings(**surroundings))
+    run = Run(control(), (40.0, 20.0), 18.0, surroundings=Surroundings(**surroundings))
     assert run.settling <= 14.0
     assert run.overshoot <= 6.0
     assert run.unreachable == []
 
 
 def test_a_ramp_of_the_ambient_is_compensated():
-    ramp = Surroundings(ambient=Course(20.0, 30.0, at=20.0, duration=10.0))
-    run = Run(control(), (30.0, 30.0), 45.0, surroundings=ramp)
-    assert np.abs(run.error(after=19.0)).max() <= 1.2
+    ramp = Surroundings(ambient=Course(20.0, 30.0, at=15.0, duration=10.0))
+    run = Run(control(), (30.0, 30.0), 40.0, surroundings=ramp)
+    assert np.abs(run.error(after=14.0)).max() <= 1.2
 
 
 @pytest.mark.parametrize(("period", "most"), [(60.0, 0.7), (30.0, 1.8)])
@@ -51,8 +51,8 @@ def test_a_circle_is_followed(period, most):
         turn = 2 * math.pi * t / period
         return 25.0 + 10.0 * math.cos(turn), 25.0 + 10.0 * math.sin(turn)
 
-    run = Run(control(), circle, 1.5 * period)
-    error = np.hypot(*run.error(after=0.5 * period).T)
+    run = Run(control(), circle, 15.0 + period)
+    error = np.hypot(*run.error(after=15.0).T)
     assert np.sqrt(np.mean(error**2)) <= most
     assert run.unreachable == []
 
@@ -61,7 +61,7 @@ def test_a_circle_is_followed(period, most):
 @pytest.mark.parametrize("kind", ["stuck", "lost"])
 def test_no_fault_in_hot_surroundings_makes_a_wire_too_hot(name, kind):
     hot = Surroundings(ambient=40.0, convection=65.0)
-    run = Run(control(name), (50.0, 40.0), 15.0, surroundings=hot, faults=[Fault("pan", kind, 4.0)])
+    run = Run(control(name), (50.0, 40.0), 10.0, surroundings=hot, faults=[Fault("pan", kind, 4.0)])
     assert run.hottest.max() <= 150.0
     assert run.current.min() >= 0.0
     assert run.current.max() <= 0.4
@@ -80,7 +80,7 @@ def test_the_wire_is_never_hotter_than_its_estimate():
 def test_a_flooded_head_is_diagnosed_and_no_longer_heated(name):
     if name == "feedforward":
         pytest.skip("open loop does not try harder when nothing moves")
-    run = Run(control(name), (40.0, 0.0), 14.0, surroundings=Surroundings(convection=1000.0))
+    run = Run(control(name), (40.0, 0.0), 11.0, surroundings=Surroundings(convection=1000.0))
     at, axis, verdict = run.unreachable[0]
     assert at <= 10.0
     assert axis == 0
@@ -170,8 +170,12 @@ def test_the_other_axis_compensates_a_wire_at_the_end_of_its_stroke():
     [{"convection": 20}, {"convection": 30, "ambient": 30}, {"ambient": 60}, {"ambient": 90}],
 )
 def test_no_surroundings_and_no_controller_make_a_wire_too_hot(name, surroundings):
-    """At the end of its stroke the angle does not depend on the temperature."""
-    run = Run(control(name), (59.0, 59.0), 25.0, surroundings=Surroundings(**surroundings))
+    """At the end of its stroke the angle does not depend on the temperature.
+
+    A wire is hottest after 7 s at the latest, except where the law has an integral.
+    """
+    seconds = 25.0 if name in ("pi", "feedforward_pi") else 12.0
+    run = Run(control(name), (59.0, 59.0), seconds, surroundings=Surroundings(**surroundings))
     assert run.hottest.max() <= 150.0
 
 

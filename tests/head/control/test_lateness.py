@@ -8,9 +8,8 @@ import pytest
 from minorloop.head.control.by_camera import LEAD, camera_control
 from minorloop.head.control.head import head_control
 from minorloop.head.control.lateness import Lateness, Stop, StopWatch
-from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.surroundings import Course, Surroundings
-from wires import TICK, Run, identified
+from wires import TICK, Run, identified, identified_head
 
 
 def test_readings_are_doubted_for_a_while_and_anew_where_they_are_late_again():
@@ -25,7 +24,7 @@ def test_readings_are_doubted_for_a_while_and_anew_where_they_are_late_again():
 
 
 def test_a_loop_with_late_readings_stops_swinging_and_says_why():
-    wires, coupling = identify_head(1000)
+    wires, coupling = identified_head(1000)
     control = head_control("observer", wires, coupling=coupling)
     run = Run(control, [40.0, 10.0], 30.0, delay=0.5, specimen=1000, seed=1000)
     (said,) = (e for axis, e in run.state.log if (axis, e.cause) == (0, "sensor"))
@@ -49,7 +48,7 @@ def swing(angles):
 
 @pytest.mark.parametrize("late", [0.4, 0.5, 0.7])
 def test_late_pictures_are_known_at_the_end_of_the_first_move(late):
-    wires, coupling = identify_head(1000)
+    wires, coupling = identified_head(1000)
     control = camera_control("observer", wires, coupling=coupling, lead=LEAD)
     run = Run(control, [40.0, 20.0], 16.0, delay=0.06 + late, noise=0.02, specimen=1000)
     first = next(event for _, event in run.state.log if event.cause == "sensor")
@@ -63,7 +62,7 @@ def test_late_pictures_are_known_at_the_end_of_the_first_move(late):
 
 
 def test_readings_that_are_late_again_while_they_are_not_used_are_not_tried_meanwhile():
-    wires, coupling = identify_head(1000)
+    wires, coupling = identified_head(1000)
     control = camera_control("observer", wires, coupling=coupling, lead=LEAD)
     moves = lambda t: [(40.0, 20.0), (20.0, 40.0)][int(t / 8.0) % 2]  # noqa: E731
     run = Run(control, moves, 80.0, delay=0.56, noise=0.02, specimen=1000)

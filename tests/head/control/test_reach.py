@@ -9,10 +9,9 @@ from minorloop.head.control.head import head_control
 from minorloop.head.control.observer import PowerObserver
 from minorloop.head.control.reach import STROKE_SHARE, ReachState, ReachWatch, Trial, Unreachable
 from minorloop.head.studies.head_loop import constant, run_loop
-from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.surroundings import Surroundings
 from minorloop.head.twins.wire import Wire
-from wires import TICK, Run, angle, identified, made_up
+from wires import TICK, Run, angle, identified, identified_head, made_up
 
 
 def watched(
@@ -59,7 +58,7 @@ def test_a_target_that_is_a_little_out_of_reach_is_found_while_the_wire_still_mo
 
 def test_hypotheses_between_a_colder_ambient_and_a_stronger_cooling_are_not_left_out():
     # Along the surroundings that explain the readings alike, the reach varies by 15 degrees.
-    wire = identify_head(71016)[0][0]
+    wire = identified_head(71016)[0][0]
     verdict, _ = watched(35.08, cooling=1.4427, seconds=20.0, specimen=71016, wire=wire)
     assert verdict is None
 
@@ -75,13 +74,13 @@ def test_a_slow_wire_is_never_given_up(reference, surroundings):
 def test_a_wire_whose_resistance_changes_much_is_not_given_up():
     # Its cold resistance is 0.66 of the hot one, where 0.8 is usual; at -10 degrees it moves late
     # and slowly, and reaches 65.5 degrees in the end.
-    wire = identify_head(7003)[0][0]
+    wire = identified_head(7003)[0][0]
     assert watched(62.8, ambient=-10.0, seconds=30.0, specimen=7003, wire=wire)[0] is None
 
 
 def test_a_cold_head_whose_identified_branch_rises_too_late_is_not_given_up():
     # Its holds ended 3.5 degrees short where it turns most; it reaches 43.4 degrees in the end.
-    wires, coupling = identify_head(95544)
+    wires, coupling = identified_head(95544)
     run = run_loop(
         "observer",
         head_control("observer", wires, coupling=coupling),
@@ -242,7 +241,7 @@ def test_bad_options_are_refused(option):
 @pytest.mark.parametrize(("target", "ambient"), [(62.0, -20.0), (62.0, 0.0), (50.0, -30.0)])
 def test_a_law_in_open_loop_never_corrects_a_stated_reach_in_the_cold(target, ambient):
     # It heats less than fully, and the wire stays far short of its reach for that reason.
-    wires, coupling = identify_head(1000)
+    wires, coupling = identified_head(1000)
     control = head_control("feedforward", wires, coupling=coupling)
     surroundings = Surroundings(ambient=ambient)
     run = Run(control, [target, 0.0], 40.0, specimen=1000, surroundings=surroundings)

@@ -7,8 +7,8 @@ import pytest
 from minorloop.head.control.head import CONTROLLERS
 from minorloop.head.studies import camera_rivals, head
 from minorloop.head.studies.head_loop import constant, run_loop
-from minorloop.head.studies.head_static import identify_head
 from minorloop.studies.claims import claim_table
+from wires import identified_head
 
 SEED = 1001
 
@@ -25,7 +25,7 @@ def by_sensors(monkeypatch):
         )
 
     def identified(seed):
-        wires, coupling = identify_head(seed)
+        wires, coupling = identified_head(seed)
         return SimpleNamespace(wires=wires, coupling=coupling, view=None)
 
     circled = lambda seed, control, circle, camera: SimpleNamespace(rms=circle.period)  # noqa: E731

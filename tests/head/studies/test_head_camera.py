@@ -10,18 +10,18 @@ from minorloop.head.control import by_camera
 from minorloop.head.studies import head_camera
 from minorloop.head.studies.head_camera import HOLE, WAIT, Circle, run_circle, seen_control
 from minorloop.head.studies.head_loop import constant, run_loop
-from minorloop.head.studies.head_static import identify_head
 from minorloop.head.studies.picture_sensor import PictureSensor
 from minorloop.head.twins.head import Head
 from minorloop.head.vision.wall_patches import UNTURNED
 from minorloop.lab.actuator import Frame
+from wires import identified_head
 
 SEED = 1001
 
 
 @pytest.fixture(scope="module")
 def control():
-    wires, coupling = identify_head(SEED)
+    wires, coupling = identified_head(SEED)
     return seen_control("observer", SimpleNamespace(wires=wires, coupling=coupling))
 
 

@@ -12,6 +12,7 @@ from minorloop.head.studies import (
     head_report,
     head_static,
     servo_integral,
+    sight_trials,
     touch_trials,
     tracking_trials,
 )
@@ -28,12 +29,13 @@ from servo_runs import held_points
 @pytest.fixture(scope="module")
 def study():
     """The study on one specimen, with fewer targets and surroundings, and shorter runs."""
-    ramp = Surroundings(ambient=Course(20.0, 30.0, at=14.0, duration=10.0))
+    ramp = Surroundings(ambient=Course(20.0, 30.0, at=10.0, duration=10.0))
     shorter = {
-        "OPEN_TARGETS": 3, "OLD_TARGETS": 3, "FASTER": (), "STEP_SECONDS": 16.0,
-        "FAULT_SECONDS": 15.0, "RAMPS_SECONDS": 60.0, "RAMP_SECONDS": 30.0, "RAMP_AT": 14.0,
-        "RAMP": ramp, "LATER": (1.0,), "LATER_SECONDS": 40.0, "CIRCLE_WAIT": 8.0, "TURNS": 1,
-        "IMPOSSIBLE_SECONDS": 14.0, "TARGETS": (20.0, 40.0),
+        "OPEN_TARGETS": 2, "OLD_TARGETS": 2, "FASTER": (), "STEP_SECONDS": 16.0,
+        "FAULT_AT": 6.0, "FAULT_SECONDS": 9.0, "RAMPS_SECONDS": 40.0,
+        "RAMP_SECONDS": 22.0, "RAMP_AT": 10.0, "RAMP": ramp,
+        "LATER": (1.0,), "LATER_SECONDS": 40.0, "CIRCLE_WAIT": 8.0, "TURNS": 0.5,
+        "IMPOSSIBLE_SECONDS": 11.0, "HOT_SECONDS": 10.0, "TARGETS": (20.0, 40.0),
         "DISTURBED": {"ambient 10 C": head.DISTURBED["ambient 10 C"]},
         "HOT": {"hot": head.HOT["hot"]},
     }  # fmt: skip
@@ -49,8 +51,9 @@ def study():
         patch.setattr(tracking_trials, "WALLS", walls)
         patch.setattr(tracking_trials, "FRAMES", 16)
         patch.setattr(touch_trials, "TOUCHES", 1)
+        patch.setattr(sight_trials, "ATTITUDE_SECONDS", 3.0)
         by_camera = {
-            "LAWS": ("observer", "internal_model"), "STEPS": (20.0,), "STEP_SECONDS": 12.0,
+            "LAWS": ("observer", "internal_model"), "STEPS": (20.0,), "STEP_SECONDS": 10.0,
             "WAIT": 4.0, "identify_seen": seen_wires,
             "run_circle": circled,
         }  # fmt: skip

@@ -54,13 +54,13 @@ def found(bursts):
 
 def test_the_depth_is_measured_to_20_micrometres(found):
     assert found.verdict == "measured"
-    assert found.depth == pytest.approx(0.6e-3, abs=20e-6)
     assert found.diameter == pytest.approx(1.1e-3, rel=0.12)
     assert np.hypot(10e-3 * wrapped(found.phi - TRUE.phi), found.z - TRUE.z) < 0.1e-3
     assert 0 < found.depth_sd < 20e-6
+    assert found.depth == pytest.approx(0.6e-3, abs=min(1.645 * found.depth_sd, 8e-6))
 
 
-@pytest.mark.parametrize("assumed", [11.5, 20.0, 31.5])
+@pytest.mark.parametrize("assumed", [11.5, 31.5])
 def test_a_speed_of_sound_that_is_off_by_two_percent_makes_no_false_depth(bursts, assumed):
     probe = replace(PROBE, temperature=assumed)
     assert PROBE.speed / probe.speed == pytest.approx(1 + 0.02 * np.sign(20 - assumed), abs=1e-3)
