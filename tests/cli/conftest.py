@@ -9,35 +9,19 @@ import pytest
 from minorloop import modelfile
 from minorloop.cli import main
 from minorloop.operators.preisach import Preisach
-from minorloop.report import Picture
 
 LEVELS = np.linspace(-1, 1, 9)
 MODEL = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(size=(8, 8))), 0.4)
 
 
 @pytest.fixture(autouse=True)
-def _somewhere(tmp_path, monkeypatch):
+def _somewhere(tmp_path, monkeypatch, drawn_once):
     """A separate folder with a record, targets and a model."""
     monkeypatch.chdir(tmp_path)
     u = np.concatenate([[-1, 1], np.random.default_rng(1).uniform(-1, 1, 398)])
     write("good.csv", "voltage [V],length [um]", np.column_stack([u, MODEL.simulate(u)]))
     write("targets.csv", "length [um]", [[0.3], [1.5], [-2.0]])
     modelfile.save(MODEL, "model.json", input="voltage [V]", output="length [um]")
-
-
-@pytest.fixture(autouse=True)
-def _drawn_where_it_is(monkeypatch):
-    """Pictures of reports without a layout, which takes two thirds of a report.
-
-    The tests of reports and of the code blocks of the pages lay out the same figures.
-    """
-    address = Picture.address.fget
-
-    def drawn_once(picture):
-        picture.figure.set_layout_engine("none")
-        return address(picture)
-
-    monkeypatch.setattr(Picture, "address", property(drawn_once))
 
 
 def write(name, header, rows):
