@@ -126,3 +126,20 @@ def shared_data():
     if not SHARED_DATA.is_dir():
         pytest.skip("needs the measured records in ../shared/data, which are not here")
     return SHARED_DATA
+
+
+@pytest.fixture
+def drawn_once(monkeypatch):
+    """Pictures of reports without a layout, which takes two thirds of a report.
+
+    The tests of reports and of the code blocks of the pages lay out the same figures.
+    """
+    from minorloop.report import Picture
+
+    address = Picture.address.fget
+
+    def drawn(picture):
+        picture.figure.set_layout_engine("none")
+        return address(picture)
+
+    monkeypatch.setattr(Picture, "address", property(drawn))

@@ -32,6 +32,7 @@ PAGES = [
 SHOWN = {"text", "c", "csv"}  # not code that could be carried out
 NUMBER = re.compile(r"((?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w]|\.\d))")
 MARK = re.compile(r"<!-- parsed only: .{10,} -->")
+VERBS = typer.main.get_command(app)
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ def check_exists(command):
 
 def verb_of(words):
     """The verb that words begin with, and the words after it."""
-    verb, rest = typer.main.get_command(app), list(words)
+    verb, rest = VERBS, list(words)
     while hasattr(verb, "commands") and rest:
         verb = verb.commands[rest.pop(0)]
     return verb, rest

@@ -1569,6 +1569,12 @@ def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, t
 
 
 @pytest.fixture
+def unreported(monkeypatch):
+    """No report is written, where only its journal is looked at."""
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+
+
+@pytest.fixture
 def signals_as_before():
     """A command that a signal ends ignores later ones, as its process exits."""
     before = {each: signal.getsignal(each) for each in signal.valid_signals() if each < 30}
@@ -1627,7 +1633,7 @@ def test_a_sweep_without_an_echo_says_so():
 
 def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identified_at_once):
     """The pit of the pipe is on both sides of the cut."""
-    sweep = "head sweep --actuator twin:pipe --around 16,36 --along 19.3,20.5 --out"
+    sweep = "head sweep --actuator twin:pipe --around 20,32 --along 19.3,20.5 --out"
 
     def bursts(lines):
         return [each["trace"] for each in map(json.loads, lines) if each["what"] == "burst"]
@@ -1739,7 +1745,7 @@ def test_a_burst_that_is_twice_in_a_journal_is_refused(run):
     assert f"line 4 of {file} repeats the burst of line 3 of {file}; delete this line" in said
 
 
-@pytest.mark.usefixtures("identified_at_once")
+@pytest.mark.usefixtures("identified_at_once", "unreported")
 def test_the_same_height_of_the_water_in_other_digits_resumes_a_sweep(run, monkeypatch):
     monkeypatch.setattr(InspectionRig, "run", ended_at_once)
     file = made_up_journal()
@@ -1779,7 +1785,7 @@ def test_a_full_disk_ends_a_sweep_in_one_sentence_once_the_head_is_safe(
     assert lines == ["begin", *["burst"] * 3, "resume"]
 
 
-@pytest.mark.usefixtures("identified_at_once")
+@pytest.mark.usefixtures("identified_at_once", "unreported")
 def test_what_is_before_a_damaged_line_of_a_journal_is_kept_and_the_rest_is_fired_again(
     run, monkeypatch
 ):
@@ -1809,7 +1815,7 @@ def test_what_is_before_a_damaged_line_of_a_journal_is_kept_and_the_rest_is_fire
     assert "is not the journal" in run(f"{SWEPT} --resume")[2]
 
 
-@pytest.mark.usefixtures("identified_at_once")
+@pytest.mark.usefixtures("identified_at_once", "unreported")
 def test_a_second_damaged_journal_is_kept_beside_the_first(run, monkeypatch):
     monkeypatch.setattr(InspectionRig, "run", ended_at_once)
     file = made_up_journal()
@@ -1820,7 +1826,7 @@ def test_a_second_damaged_journal_is_kept_beside_the_first(run, monkeypatch):
         assert (file.parent / copy).read_bytes() == damaged
 
 
-@pytest.mark.usefixtures("identified_at_once")
+@pytest.mark.usefixtures("identified_at_once", "unreported")
 def test_a_burst_without_a_trace_is_resumed(run, monkeypatch):
     """Its numbers are not known, as `average` returns it."""
     monkeypatch.setattr(InspectionRig, "run", ended_at_once)
@@ -1831,7 +1837,7 @@ def test_a_burst_without_a_trace_is_resumed(run, monkeypatch):
     assert "in 3 bursts" in output
 
 
-@pytest.mark.usefixtures("identified_at_once")
+@pytest.mark.usefixtures("identified_at_once", "unreported")
 def test_a_sweep_says_its_stage_and_share_once_it_fires(run, monkeypatch):
     def swept(rig, procedure, state, told):
         told(replace(state, stage="run up"))

@@ -5,7 +5,6 @@ import re
 import signal
 import sys
 from contextlib import nullcontext
-from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,14 +31,12 @@ def test_prints_claim_run_and_verdict_and_writes_the_report(run):
 
 
 def test_figures_of_several_specimens_are_medians(run, monkeypatch):
-    monkeypatch.setattr(fibre, "run_study", cache(fibre.run_study))
-    status, out, err = run("study fibre --specimens 2 --seed 4 --json")
+    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
+    status, out, err = run("study made --specimens 2 --seed 4 --json")
     assert status == 0
     assert re.fullmatch(r"specimen 1 of 2, seed 4: \d+ s\nspecimen 2 of 2, seed 5: \d+ s\n", err)
     found = json.loads(out)
-    each = [fibre.run_study(seed).figures() for seed in (4, 5)]
-    expected = sum(one["steady"]["curves_nrmse"] for one in each) / 2
-    assert found["steady"]["curves_nrmse"] == pytest.approx(expected, rel=1e-9)
+    assert found["steady"] == {"square": (4**2 + 5**2) / 2}
     assert (found["specimens"], found["seed"]) == (2, 4)
 
 

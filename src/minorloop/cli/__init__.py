@@ -6,9 +6,11 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Annotated
+from functools import cache
+from typing import Annotated, Any
 
 import typer
+import typer.main
 
 from minorloop.cli import (
     _common,
@@ -81,6 +83,12 @@ def _options(
     pass
 
 
+@cache
+def _command() -> Any:
+    """Return all verbs as the parser has them; a program that runs several reads them once."""
+    return typer.main.get_command(app)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; an error is one line on stderr and exit status 2.
 
@@ -108,7 +116,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _common.expect_json("--json" in given)
     _completion.join_words()
     try:
-        status = int(app(given or ["--help"], prog_name="minorloop", standalone_mode=False) or 0)
+        command = _command()
+        status = int(
+            command(given or ["--help"], prog_name="minorloop", standalone_mode=False) or 0
+        )
         sys.stdout.flush()
     except MinorloopError as error:
         _refuse(type(error).__name__, str(error))

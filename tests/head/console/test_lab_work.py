@@ -13,6 +13,8 @@ from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
