@@ -794,7 +794,7 @@ def scripted(monkeypatch):
 
     rig_module = rig
     monkeypatch.setattr(rig, "rig_at", opened)
-    for name in ("_go", "pick", "centre"):
+    for name in ("_go", "look", "pick", "centre"):
         monkeypatch.setattr(inspection, name, lambda *_, **__: None)
     monkeypatch.setattr(inspection, "_seen", seen)
     monkeypatch.setattr(inspection, "views_of", lambda _: np.zeros((2, 2)))
@@ -806,7 +806,7 @@ def scripted(monkeypatch):
 def test_an_inspection_that_a_power_cut_ended_is_resumed_from_its_journal(run, scripted):
     def content():
         found = json.loads(Path("found/findings.json").read_text())
-        return {k: value for k, value in found.items() if k not in ("seconds", "resumed")}
+        return {k: value for k, value in found.items() if k not in ("seconds", "resumed", "log")}
 
     command = f"{INSPECT} --advances 0,5"
     assert run(command)[0] == 0
@@ -852,6 +852,29 @@ def test_an_inspection_that_a_power_cut_ended_is_resumed_from_its_journal(run, s
     assert run(f"{command} --resume")[0] == 0
     kinds = [row["kind"] for row in content()["findings"]]
     assert (scripted, sorted(kinds)) == (["hole 1"], ["crack", "hole or pit"])
+
+
+def test_a_direction_that_the_wires_did_not_reach_is_in_results_and_report(
+    run, scripted, monkeypatch
+):
+    from minorloop.head.procedures import inspection
+
+    def look(rig, name, angles):
+        if name == "view 2":
+            rig.say(name, "out of reach: pan needs 55 degrees, has 9", succeeded=False)
+
+    monkeypatch.setattr(inspection, "look", look)
+    status, _, error = run(INSPECT)
+    assert status == 0, error
+    content = json.loads(Path("found/findings.json").read_text())
+    why = "out of reach: pan needs 55 degrees, has 9"
+    assert content["out of reach"] == [{"view": "view 2", "why": why}]
+    steps = [(each["step"], each["succeeded"]) for each in content["log"]]
+    assert ("view 2", False) in steps
+    assert ("view 1", True) in steps
+    report = Path("found/report.html").read_text()
+    assert "Directions out of reach" in report
+    assert f"(view 2: {why})" in report
 
 
 def test_a_view_that_could_not_be_used_is_taken_again_by_a_resume(run, scripted, monkeypatch):
@@ -1235,6 +1258,7 @@ def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, mo
     assert wall["angles [deg]"][0] < math.degrees(0.45) < wall["angles [deg]"][1]
     assert wall["seen"] > wall["probed"] == 0.0
     report = Path("found/report.html").read_text()
+    assert "<td>level of the water</td><td>dry pipe</td>" in report
     assert "the pipe was dry, and the probe needs water" in report
     assert "90 at the bottom" in report
     Path("found/journal.jsonl").write_text(
@@ -1304,7 +1328,7 @@ def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(
 ):
     def content():
         found = json.loads(Path("found/findings.json").read_text())
-        return {k: value for k, value in found.items() if k not in ("seconds", "resumed")}
+        return {k: value for k, value in found.items() if k not in ("seconds", "resumed", "log")}
 
     command = f"{INSPECT} --advances 0,5"
     status, out, error = run(command)
@@ -1358,13 +1382,17 @@ def test_the_caption_of_a_map_has_its_marks_only():
 def test_the_report_says_what_the_edge_cuts_how_high_the_water_was_and_that_pictures_are_blurred():
     wall = {"z [mm]": [13.0, 22.0], "angles [deg]": [-180.0, 180.0], "seen": 0.9, "probed": 0.0}
     wall["pipe [mm]"] = 102.0
-    said = " ".join(
-        wall_words({"wall": wall, "water level": "4.0 mm above the axis", "lens": "pictures are x"})
-    )
+    content = {"wall": wall, "lens": "pictures are x", "views": 8, "out of reach": []}
+    said = " ".join(wall_words(content | {"water level": "4.0 mm above the axis"}))
     assert said.startswith("The camera searched 9.0 mm of the 102 mm of pipe: the inner wall from")
     assert "or one that the edge of each picture cuts, is not found; --advances" in said
     assert "Pictures are x." in said
     assert said.endswith("The water stood 4.0 mm above the axis.")
+    full = {"water level": "no surface: water at every place"}
+    beyond = {"out of reach": [{"view": "view 1", "why": "out of reach: pan needs 55"}]}
+    said = wall_words(content | full | beyond)
+    assert said[-2].startswith("The wires did not reach 1 direction in which to look (view 1: out")
+    assert said[-1] == "The level of the water: no surface: water at every place."
 
 
 def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monkeypatch):
@@ -1560,7 +1588,7 @@ def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, t
         ("--water dry", "a dry pipe cannot be swept"),
         ("--water 12", "--water is 12; give full, dry, or its height above the axis of the pipe"),
         ("--temperature 4", "--temperature is 4; give 5 to 60 degrees Celsius"),
-        ("--gas argon", "--gas is 'argon'; give one of air, forced gas"),
+        ("--gas neon", "--gas is 'neon'; give one of air, nitrogen, argon, helium, forced gas"),
         ("--pressure 0", "--pressure is 0; give 0.01 to 100 bar"),
     ):
         status, _, error = run(f"{SWEEP} {options}")

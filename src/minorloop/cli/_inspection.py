@@ -58,6 +58,8 @@ _VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measu
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
 of a device, and what the camera cannot do."""
 
+_STEP = ("t", "step", "outcome", "succeeded")
+
 
 def carried_out(
     head: InspectedHead, out: Path, advances: Sequence[float], *, resume: bool = False
@@ -304,10 +306,13 @@ class InspectionFolder:
     def _water_row(self) -> dict[str, Any]:
         """Return the level of the water with its standard deviation, if a sweep showed it."""
         water = self._water
-        if water is None or not water.seen:
+        if water is None:
             return {}
+        words = {"water level": water.words}
+        if not water.seen:
+            return words
         values = [round(-1e3 * water.height, 2), round(1e3 * water.sd, 2)]
-        return {"water above the axis [mm]": values, "water level": water.words}
+        return {"water above the axis [mm]": values, **words}
 
     @property
     def _water(self) -> WaterLine | None:
@@ -325,6 +330,7 @@ class InspectionFolder:
                     save_mesh(wall, self._folder / "models" / f"{name}.{suffix}")
 
     def _all(self) -> dict[str, Any]:
+        from minorloop.head.procedures.steps import REFUSED
         from minorloop.head.vision.frame_checks import GOOD
 
         views = self._views.values()
@@ -335,6 +341,11 @@ class InspectionFolder:
             for view in views
             if view.finding is not None
         ]
+        beyond = {
+            each["step"]: each["outcome"]
+            for each in self._log
+            if each["step"] in self._views and each["outcome"].startswith(REFUSED)
+        }
         return {
             **self._content,
             "views": len(self._views),
@@ -344,8 +355,10 @@ class InspectionFolder:
                 for view in views
                 if view.looks_round and view.picture.verdict != GOOD
             ],
+            "out of reach": [{"view": name, "why": why} for name, why in beyond.items()],
             "findings": found,
             "unconfirmed": self._lost(),
+            "log": [{name: each[name] for name in _STEP} for each in self._log],
         }
 
     def _lost(self) -> list[dict[str, Any]]:

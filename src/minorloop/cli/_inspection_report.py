@@ -38,6 +38,8 @@ LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
 """Of candidates that were not confirmed."""
 MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
 """Of directions that were not searched, as lines of sight, with the place of the catheter."""
+BEYOND_COLUMNS = ("view", "why")
+"""Of directions that the wires do not reach."""
 THROUGH = "hole"
 """Kind of a through-hole."""
 _DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
@@ -131,6 +133,9 @@ def inspection_report(
     if content["not searched"]:
         missed = table(content["not searched"], MISSED_COLUMNS)
         report.add("Not searched", table=Table(MISSED_COLUMNS, missed))
+    if content["out of reach"]:
+        beyond = table(content["out of reach"], BEYOND_COLUMNS)
+        report.add("Directions out of reach", table=Table(BEYOND_COLUMNS, beyond))
     if seen is not None:
         drawn = draw_wall(seen, found, lost, water)
         report.add(
@@ -186,6 +191,7 @@ def _facts(content: Mapping[str, Any]) -> list[list[str]]:
         "at": content["actuator"],
         "looked round from": f"{', '.join(f'{z:g}' for z in content['advances [mm]'])} mm",
         "temperature of the water": f"{content['water [C]']:g} C" if "water [C]" in content else "",
+        "level of the water": _level(content.get("water [mm above the axis]")),
         "gas": f"{content['gas']}, {content['gas [bar]']:g} bar" if "gas" in content else "",
     }
     return [[name, str(value)] for name, value in known.items() if value]
@@ -214,9 +220,25 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
         )
     else:
         said.append("Echoes gave no depth of any part of it.")
-    if "water level" in content:
-        said.append(f"The water stood {content['water level']}.")
+    if content["out of reach"]:
+        many, each = len(content["out of reach"]), content["out of reach"][0]
+        said.append(
+            f"The wires did not reach {counted(many, 'direction')} in which to look "
+            f"({each['view']}: {each['why']})."
+        )
+    level = content.get("water level", "")
+    if level.startswith("no"):
+        said.append(f"The level of the water: {level}.")
+    elif level:
+        said.append(f"The water stood {level}.")
     return said
+
+
+def _level(given: str | None) -> str:
+    """Return the level of the water as given to a simulated pipe; empty if none was."""
+    if given is None or not given[-1].isdigit():
+        return f"{given} pipe" if given else ""
+    return f"{given} mm above the axis"
 
 
 def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[list[str]]:

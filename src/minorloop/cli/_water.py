@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 FULL, DRY = "full", "dry"
 ROOM = 20.0
 AIR = "air"
-GASES = (AIR, "forced gas")
-"""Still air, and a gas that streams."""
+GASES = (AIR, "nitrogen", "argon", "helium", "forced gas")
+"""Those of `minorloop.head.twins.surroundings`, which is not imported for a help text."""
 ATMOSPHERE, _PASCAL = 1.01325, 1e5
 """Pressure of the gas in bar without an option, and a bar in Pa."""
 _THINNEST, _DENSEST = 0.01, 100.0
@@ -39,7 +39,7 @@ Gas = Annotated[
     str,
     typer.Option(
         help="With twin:pipe: gas in the drained pipe and above the water, which cools the wires: "
-        "air, which is still, or 'forced gas', which streams.",
+        "air, nitrogen, argon or helium, which are still, or 'forced gas', which streams.",
         autocompletion=one_of(GASES),
     ),
 ]
@@ -70,7 +70,7 @@ class GivenFilling:
     temperature : float
         Of the water, in degrees Celsius.
     gas : str
-        Above the water, and in the drained pipe: ``air`` or ``forced gas``.
+        Above the water, and in the drained pipe: one of `GASES`.
     pressure : float
         Of the gas, in bar.
     """

@@ -162,4 +162,11 @@ def test_a_part_that_is_pasted_keeps_its_texels():
 )
 def test_the_level_of_the_water_is_above_or_below_the_axis(height, words):
     assert WaterLine(height, 0.2e-3, 0.0).words == words
-    assert WaterLine(height, 0.2e-3, 0.0, seen=False).words == "not seen"
+
+
+def test_where_no_surface_was_seen_the_pipe_is_full_or_without_an_echo():
+    turns = np.linspace(-np.pi, np.pi, 25)[:-1]
+    full, dry = (find_water(turns, np.full(24, wet), 10e-3) for wet in (True, False))
+    assert (full.full, full.words) == (True, "no surface: water at every place")
+    assert (dry.full, dry.words) == (False, "no surface: no echo at any place")
+    assert find_water([], [], 10e-3).words == "not seen"

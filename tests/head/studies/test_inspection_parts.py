@@ -223,10 +223,21 @@ def test_only_pits_within_reach_count_and_others_must_be_refused(mission):
     assert found["refused_in_vain"] == 0
 
 
+def test_a_level_that_was_not_seen_has_no_error(mission):
+    unseen = replace(mission, water=WaterLine(-9e-3, 1e-3, 0.0, seen=False)).figures()
+    assert np.isnan(unseen["water_error_mm"])
+    seen = mission.figures()["water_error_mm"]
+    assert mission_figures([mission.figures(), unseen])["water_error_mm"] == seen
+
+
 def test_missions_alone_have_the_figures_of_the_whole_study(mission):
     figures = mission.figures()
     assert figures["processor_s"] > 0
-    assert gather([figures]) == {"mission": mission_figures([figures])}
+    found = gather([figures])
+    assert found["mission"] == mission_figures([figures])
+    assert found["touch"] == {"of": 1, "within_bound": 1.0}
+    far, never = figures | {"touched": False}, figures | {"touched": False, "touch_mm": np.nan}
+    assert gather([figures, far, never])["touch"] == {"of": 2, "within_bound": 0.5}
 
 
 def test_a_pit_out_of_reach_is_reported_as_such_and_not_scanned(monkeypatch):

@@ -3,8 +3,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from minorloop.cli import _water
 from minorloop.errors import ParameterError
-from minorloop.head.twins.surroundings import Cooling, Course, Filling, Surroundings, convection
+from minorloop.head.twins.surroundings import (
+    GASES,
+    Cooling,
+    Course,
+    Filling,
+    Surroundings,
+    convection,
+)
 
 
 @pytest.mark.parametrize(
@@ -90,6 +98,24 @@ def test_media_cool_in_the_order_they_should():
     assert films == sorted(films)
     assert films[0] == 75.0
     assert 1000.0 <= films[-1] <= 3000.0
+
+
+def test_still_gases_cool_by_their_properties():
+    properties = {  # conductivity, density, heat capacity and viscosity at 300 K
+        "air": (0.0263, 1.161, 1007.0, 184.6e-7),
+        "nitrogen": (0.0259, 1.123, 1041.0, 178.2e-7),
+        "argon": (0.0177, 1.603, 520.0, 227e-7),
+        "helium": (0.152, 0.1625, 5193.0, 199e-7),
+    }
+
+    def film(k, density, capacity, viscosity):
+        return k * (density**2 * capacity / (k * viscosity)) ** 0.148
+
+    for gas, values in properties.items():
+        ratio = film(*values) / film(*properties["air"])
+        assert convection(gas) / convection("air") == pytest.approx(ratio, rel=0.01)
+    assert {*properties, "forced gas"} == set(GASES)
+    assert GASES == _water.GASES
 
 
 def test_a_dense_gas_cools_better_and_a_dense_liquid_does_not():

@@ -42,6 +42,7 @@ from minorloop.head.procedures.steps import (
     acquire,
     centre,
     go,
+    look,
     meter,
     pick,
     place_words,
@@ -283,8 +284,8 @@ def _looked_round(
             if name not in known:
                 if not there:
                     _go(rig, place=(advance, 0.0))
-                there = True
-                _go(rig, angles=angles)
+                there = look(rig, name, angles)
+                rig.check_sensors()
                 known[name] = _searched(rig, name)
                 yield known[name]
             views.append(known[name])

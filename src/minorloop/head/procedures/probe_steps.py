@@ -14,6 +14,7 @@ from minorloop.head.procedures.measure import NO_COUPLING, has_coupling, wall_ab
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.scan import RasterScan, ScanState
+from minorloop.head.procedures.steps import REFUSED
 from minorloop.head.procedures.trace import widest
 from minorloop.head.procedures.values import Request
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
@@ -35,8 +36,6 @@ from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Hole
 from minorloop.head.vision.reflectance_map import ReflectanceMap
 
-REFUSED = "out of reach"
-"""Verdict of a place that the probe does not reach in the water."""
 SEEN_BEFORE = 2
 """Views on the way round that show a crack which counts without an echo of its depth."""
 AGAIN = (DISTURBED, SILENT, ASTRAY)

@@ -17,7 +17,6 @@ from minorloop.head.procedures.inspected_view import (
     with_finding,
 )
 from minorloop.head.procedures.probe_steps import (
-    REFUSED,
     Scan,
     ScannedRaster,
     drain,
@@ -29,7 +28,7 @@ from minorloop.head.procedures.probe_steps import (
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.ring import Ring, ring_sweep
 from minorloop.head.procedures.scan import RasterScan
-from minorloop.head.procedures.steps import approach, go, meter, touch
+from minorloop.head.procedures.steps import REFUSED, approach, go, meter, touch
 from minorloop.head.procedures.values import Request
 from minorloop.head.ultrasound.crack_depth import CrackDepth
 from minorloop.head.ultrasound.pits import PitDepth

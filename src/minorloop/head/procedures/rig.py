@@ -102,6 +102,14 @@ class InspectionRig:
         Runs long computations while the loop goes on; without it, they take no time of the loop.
     told : callable, optional
         Is given each entry of the log.
+
+    Attributes
+    ----------
+    gain : float
+        Of the camera.
+    most : (2,) array
+        Largest angles in degrees to which the joints were seen to come where they should go
+        farther; infinite where that is not known.
     """
 
     def __init__(
@@ -125,6 +133,7 @@ class InspectionRig:
         self._tool = cast(ToolTip, tip) if has_tool else None
         self.log: list[LogEntry] = []
         self.gain = 1.0
+        self.most = np.full(2, np.inf)
         self._gyroscope, self._base, self._sensors = gyroscope, base, sensors
         self._seen = seen
         self._picture: Image | None = None

@@ -68,7 +68,7 @@ def ring_sweep(rig: InspectionRig) -> Ring:
     words = f"{profile.detected.sum()} of {len(profiles)} places answer"
     skipped = TURNS - len(profiles)
     words += f"; {skipped} more not used: no view of the turn of the base" if skipped else ""
-    rig.say("water line", f"{water.words}; {words}", succeeded=water.seen)
+    rig.say("water line", f"{water.words}; {words}", succeeded=water.seen or water.full)
     return Ring(profile, water)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.geometry import wall_distance, wrapped
+from minorloop.head.geometry import AXES, wall_distance, wrapped
 from minorloop.head.procedures.centre import TWO_TICKS, CentreState, Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
@@ -33,6 +33,10 @@ metres: drawn back further, its tip sticks."""
 COLD, SPARE = np.radians(135.0), 2.0
 """Direction in the image of what is on the cold side of both wires, in radians from its x to its y
 axis; and degrees by which a wire must reach farther than a place needs, for tool and overshoot."""
+SHORT = 3.0
+"""Degrees from which a joint has not arrived: friction leaves it less far off."""
+REFUSED = "out of reach"
+"""Verdict of a place that the head or its probe does not reach."""
 CENTRED_PX, WITHIN = 2.0, 0.3e-3
 """Farthest distance of a centred point from the middle of the image in pixels, and of a touch from
 its place in metres."""
@@ -75,6 +79,32 @@ def go(rig: InspectionRig, **where: npt.ArrayLike) -> None:
         where.pop("place", None)
     if where:
         rig.run(GO, GO.begin(**where))
+
+
+def look(rig: InspectionRig, name: str, angles: FloatArray) -> bool:
+    """Turn the head to angles (2,) from a roll of 0; return whether it arrives.
+
+    If it does not, the log says so under a name. The catheter then rolls until the head, where its
+    wires leave it, looks the same way round the pipe.
+    """
+    go(rig, angles=angles)
+    need, has = (rig.calibration.joints(each) for each in (angles, rig.angles))
+    short = np.abs(need - has) > SHORT
+    if not short.any():
+        return True
+    rig.most = np.where(short & (has < need), np.minimum(rig.most, has), rig.most)
+    each = [
+        f"{AXES[axis]} needs {need[axis]:.0f} degrees, has {has[axis]:.0f}"
+        for axis in np.flatnonzero(short)
+    ]
+    said = f"{REFUSED}: {', '.join(each)}"
+    if rig.travels:
+        wanted, now = (math.atan2(tilt, pan) for pan, tilt in (angles, rig.angles))
+        roll = float(wrapped(wanted - now))
+        said += f"; rolled by {math.degrees(roll):.0f} degrees instead"
+        go(rig, place=(rig.place[0], roll))
+    rig.say(name, said, succeeded=False)
+    return False
 
 
 def meter(rig: InspectionRig, place: FloatArray | None = None) -> None:
@@ -133,6 +163,7 @@ def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
     there = np.array([max(ahead, FIRST), 0.0])
     wanted = view.joints(aim_at(view, place, there))
     least, most = rig.control.reach(wanted).T
+    most = np.minimum(most, rig.most)
     if (wanted > most - SPARE).any() or (wanted < least).any():
         there[1] = float(wrapped(place[0] - COLD - view.roll))
     return there

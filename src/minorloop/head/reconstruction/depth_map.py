@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -279,10 +280,17 @@ class WaterLine:
     @property
     def words(self) -> str:
         """The height with its 90 % band, above or below the axis; or that it was not seen."""
-        if not self.seen:
+        if math.isnan(self.height):
             return "not seen"
+        if not self.seen:
+            return f"no surface: {'water at every' if self.full else 'no echo at any'} place"
         side, band = "above" if self.height < 0 else "below", PER_DEVIATION * self.sd
         return f"{1e3 * abs(self.height):.1f} ± {1e3 * band:.1f} mm (90 %) {side} the axis"
+
+    @property
+    def full(self) -> bool:
+        """Whether every place is below it."""
+        return not self.seen and self.height < 0
 
     def wet(self, phi: npt.ArrayLike, radius: float, *, margin: float = 0.0) -> BoolArray:
         """Return whether the wall at phi is under water, by a margin in metres."""

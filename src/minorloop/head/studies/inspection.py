@@ -31,7 +31,7 @@ from minorloop.head.studies.flooded import TEMPERATURES, reach_figures
 from minorloop.head.studies.inspection_servo import Scene, ServoRun, servo_figures
 from minorloop.head.studies.mission import Mission, run_mission
 from minorloop.head.studies.missions import CLAIMS as MISSION_CLAIMS
-from minorloop.head.studies.missions import mission_figures
+from minorloop.head.studies.missions import mission_figures, touch_figures
 from minorloop.head.studies.scan_trials import ScoredScan
 from minorloop.head.studies.sweep_trials import ScoredSweep, c_scan_figures, run_sweep
 from minorloop.head.studies.sweeps import CLAIMS as SWEEP_CLAIMS
@@ -439,6 +439,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "scans": len(kinds["hole"]) + len(kinds["dry"]),
         },
         "mission": mission_figures([run["mission"] for run in runs]),
+        "touch": touch_figures([run["mission"] for run in runs]),
         "cscan": c_scan_figures([run["sweep"] for run in runs]),
         "reach": {
             key: float(np.mean([run["reach"][key] for run in runs])) for key in runs[0]["reach"]

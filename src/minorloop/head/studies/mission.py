@@ -18,7 +18,6 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.probe_steps import (
-    REFUSED,
     SEEN_BEFORE,
     drain,
     fused_wall,
@@ -31,11 +30,13 @@ from minorloop.head.procedures.ring import ring_of, ring_sweep
 from minorloop.head.procedures.steps import (
     CENTRED_PX,
     CLAIMED,
+    REFUSED,
     WITHIN,
     centre,
     extract,
     focus,
     go,
+    look,
     meter,
     photo,
     pick,
@@ -202,7 +203,7 @@ class Mission:
             "diameter_error_pct": width,
             "depth_error_mm": depth,
             "water_error_mm": np.nan
-            if self.water is None
+            if self.water is None or not self.water.seen
             else 1e3 * abs(self.water.height - self.truth_water),
             **mission_cracks.crack_figures(self.cracks, self.truth_crack),
         }
@@ -348,13 +349,14 @@ def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
 
 def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hole]:
     """Return the candidates seen from one place, the likeliest first; add views and traces."""
-    go(rig, place=(advance, 0.0))
     seen.places.append(advance)
     holes: list[Hole] = []
-    lines = 0
+    lines, there = 0, False
     for k in range(VIEWS):
         way = 2 * np.pi * k / VIEWS
-        go(rig, angles=RING * np.array([np.cos(way), np.sin(way)]))
+        if not there:
+            go(rig, place=(advance, 0.0))
+        there = look(rig, f"view {k + 1}", RING * np.array([np.cos(way), np.sin(way)]))
         meter(rig)
         found = search(rig)
         holes += found.holes

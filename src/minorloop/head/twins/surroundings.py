@@ -18,14 +18,21 @@ ATMOSPHERE = 101_325.0
 
 # Film coefficient in W/(m^2 K) of a 0.2 mm wire, and how it grows with the pressure. The
 # exponents are those of Morgan, The overall convective heat transfer from smooth circular
-# cylinders, 1975: Nu ~ Ra^0.148 in still gas (Ra ~ p^2), Nu ~ Re^0.384 in a stream. Liquids
-# do not get thinner; a sleeve keeps them off.
+# cylinders, 1975: Nu ~ Ra^0.148 in still gas (Ra ~ p^2), Nu ~ Re^0.384 in a stream. Other still
+# gases differ from air by their conductivity k, and by their density, heat capacity and viscosity
+# in Ra: k and density at 300 K are 0.0259, 0.0177, 0.152 W/(m K) and 1.12, 1.60, 0.163 kg/m^3, for
+# air 0.0263 and 1.16. Liquids do not get thinner; a sleeve keeps them off.
 _MEDIA = {
     "air": (75.0, 0.296),
+    "nitrogen": (74.0, 0.296),
+    "argon": (52.0, 0.296),
+    "helium": (235.0, 0.296),
     "forced gas": (150.0, 0.384),
     "flooded": (2000.0, 0.0),
     "flooded, sleeved": (100.0, 0.0),
 }
+GASES = ("air", "nitrogen", "argon", "helium", "forced gas")
+"""Media of `convection` that may fill a pipe above the water."""
 _GIVEN_RISE = 50.0
 """Rise of the temperature of a wire, in K, at which its convection is given: it then moves."""
 MOST_LOAD = 4e-3
@@ -260,7 +267,7 @@ class Filling:
     temperature : float
         Of water and gas, in degrees Celsius, from 0 to 95.
     gas : str
-        ``air`` (still) or ``forced gas``.
+        One of `GASES`: still, but for ``forced gas``.
     pressure : float
         Of the gas, in Pa, as in `convection`.
     sleeve : float
@@ -285,7 +292,7 @@ class Filling:
     def __post_init__(self) -> None:
         _check("temperature of the filling", self.temperature, 0.0, 95.0, "degrees Celsius")
         _check("convection of the sleeve", self.sleeve, 0.5, 2.0, "")
-        check_option("gas", self.gas, ("air", "forced gas"))
+        check_option("gas", self.gas, GASES)
         convection(self.gas, pressure=self.pressure)
         if self.level is not None:
             as_finite("level of the water", self.level)
@@ -310,8 +317,8 @@ def convection(medium: str, *, pressure: float = ATMOSPHERE) -> float:
     Parameters
     ----------
     medium : str
-        ``air`` (still), ``forced gas``, ``flooded``, or ``flooded, sleeved``: a wire in a
-        sleeve that keeps the liquid off.
+        One of `GASES`, ``flooded``, or ``flooded, sleeved``: a wire in a sleeve that keeps the
+        liquid off.
     pressure : float
         Of the medium, in Pa, from 1 kPa to 10 MPa; gases cool better when they are dense.
 
