@@ -1686,8 +1686,8 @@ def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identif
     assert whole["water line below the axis [mm]"] is None  # all of it is under water
     (one,), (other,) = whole["findings"], cut["findings"]
     assert one["find"] == other["find"] == "pit"
-    assert other["depth, mm"] == pytest.approx(one["depth, mm"], abs=0.02)
-    assert other["z, mm"] == pytest.approx(one["z, mm"], abs=0.15)
+    assert other["depth [mm]"] == pytest.approx(one["depth [mm]"], abs=0.02)
+    assert other["z [mm]"] == pytest.approx(one["z [mm]"], abs=0.15)
     assert "the sweep in cut is finished" in run(f"{sweep} cut --resume")[2]
     Path("cut/journal.jsonl").write_text("\n".join(lines[:half]))
     assert "along [mm] was [19.3, 20.5] and is" in run(f"{sweep} cut --along 19,20 --resume")[2]

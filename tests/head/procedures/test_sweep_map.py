@@ -36,9 +36,9 @@ def swept(*around, finds=(PIT, CRACK), water=None):
 def test_findings_are_numbers_and_null_where_they_are_not_known():
     (pit, crack), table = find_rows(swept(-0.3, 0.3)), finds_table(swept(-0.3, 0.3))
     assert pit["find"] == "pit"
-    assert pit["z, mm"] == 21.04
+    assert pit["z [mm]"] == 21.04
     assert all(isinstance(value, float) for name, value in pit.items() if name != "find")
-    assert json.loads(json.dumps(crack))["depth, mm"] is None
+    assert json.loads(json.dumps(crack))["depth [mm]"] is None
     assert table.rows[0][1:3] == ("-5.7", "21.04")
     assert table.rows[1][5:] == ("-", "-")
 

@@ -27,12 +27,12 @@ _MARGIN = 1e-3
 """Wall in metres that is drawn beyond a find outside the area."""
 _MARKS = {PIT: "o", CRACK: "s", NO_ECHO: "^"}
 _DIGITS = {
-    "phi, degrees": 1,
-    "z, mm": 2,
-    "width, mm": 2,
-    "length, mm": 2,
-    "depth, mm": 3,
-    "90 % band, mm": 3,
+    "phi [deg]": 1,
+    "z [mm]": 2,
+    "width [mm]": 2,
+    "length [mm]": 2,
+    "depth [mm]": 3,
+    "90 % band [mm]": 3,
 }
 
 
