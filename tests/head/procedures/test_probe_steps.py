@@ -65,7 +65,8 @@ def test_a_scan_that_gives_no_depth_is_repeated_beside_the_first(monkeypatch, fi
     assert [shift for _, shift in scanner.made] == [0.0, 0.5]
     assert pit.measured
     assert scanned.reference is not None
-    assert [step.what for step in rig.log] == ["measure", "measure again"]
+    steps = [(step.what, step.succeeded) for step in rig.log]
+    assert steps == [("measure", False), ("measure again", True)]
 
 
 def test_the_first_scan_counts_if_the_second_gives_no_depth_either(monkeypatch):
@@ -96,5 +97,6 @@ def test_a_crack_is_scanned_where_it_is_widest_and_the_pipe_is_drained(monkeypat
 
 
 def test_a_crack_above_the_water_has_no_depth():
-    scanner = Scanner([burst("no coupling")] * 3)
-    assert scanned_crack(Rig(), TRACED, scanner)[0].verdict == "no coupling"
+    rig, scanner = Rig(), Scanner([burst("no coupling")] * 3)
+    assert scanned_crack(rig, TRACED, scanner)[0].verdict == "no coupling"
+    assert not rig.log[-1].succeeded

@@ -27,6 +27,7 @@ from minorloop.head.ultrasound.pits import (
     DISTURBED,
     HOLE,
     MEASURED,
+    NO_PIT,
     SILENT,
     UNEVEN,
     PitDepth,
@@ -199,7 +200,8 @@ def _measured(rig: InspectionRig, scanned: ScannedRaster, hole: Hole, step: str)
     place = (float(hole.place[0]), float(hole.place[1]))
     probe = probe_of(rig, scanned)
     pit = rig.compute(lambda: measure_pit(scanned.bursts, probe, place, hole.diameter))
-    rig.say(step, f"{pit.bursts} of {len(scanned.bursts)} places; {pit.verdict}")
+    said = f"{pit.bursts} of {len(scanned.bursts)} places; {pit.verdict}"
+    rig.say(step, said, succeeded=shown_by_echoes(pit) or pit.verdict == NO_PIT)
     return pit
 
 
@@ -226,7 +228,7 @@ def scanned_crack(
         bursts, probe = scanned.bursts, probe_of(rig, scanned)
         found = rig.compute(lambda: crack_depth(bursts, probe, traced.places, width))
     deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
-    rig.say("measure", f"{found.verdict}{deep}")
+    rig.say("measure", f"{found.verdict}{deep}", succeeded=shown_by_echoes(found))
     return found, scanned
 
 
