@@ -270,6 +270,17 @@ def test_a_small_hole_of_which_most_bursts_have_a_faint_echo_of_the_rim_is_found
     assert find.diameter == pytest.approx(0.9e-3, abs=0.2e-3)
 
 
+@pytest.mark.parametrize(("height", "kinds"), [(0.0, [NO_ECHO]), (0.03e-3, [])])
+def test_a_place_without_an_echo_whose_edge_rises_is_a_bead(height, kinds):
+    bursts = swept(lambda x, y: -height if math.hypot(x, y) < 0.7e-3 else 0.0)
+    bursts = silenced(bursts, lambda x, y: math.hypot(x, y) < 0.45e-3)
+    for one in bursts:
+        off = math.hypot(10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z)
+        if 0.45e-3 <= off < 0.7e-3:
+            one.burst.trace[:] *= 0.4
+    assert [find.kind for find in c_scan(bursts, PROBE, PATCH).finds] == kinds
+
+
 def test_a_hole_on_a_gentle_slope_is_found():
     dent = swept(lambda x, y: 0.2e-3 * math.exp(-0.5 * ((x - 1e-3) ** 2 + y * y) / 1e-3**2))
     holed = silenced(dent, lambda x, y: math.hypot(x, y) < 0.5e-3)

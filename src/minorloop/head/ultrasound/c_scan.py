@@ -62,6 +62,9 @@ _CLOSED, _SMOOTH, _GENTLE = 0.6 * np.pi, 0.04e-3, 0.75
 """Of the echoes around a place without any: largest angle between two of them as seen from its
 middle; largest root mean square of their depths about a plane, in metres; and largest slope of the
 plane over that of a wall without an echo."""
+_TOLD, _RAISED = 2, 10e-6
+"""Fewest faint echoes at the edge of a place without any that tell a bead from a hole, and least
+height of their median over the wall in metres: that of a depth by the envelope is off by less."""
 _NEAR = 2.0
 """Widths of the beam within which bursts are at the edge of what was swept."""
 _PLACE_SD, _SIZE_SD = 0.1e-3, 0.12e-3
@@ -290,10 +293,22 @@ class _Bursts:
 
     def plane(self, members: Indices, depth: FloatArray) -> tuple[float, float]:
         """Return slope and root mean square of depths (N,) of some bursts about their plane."""
+        plane = self._plane(members, depth[members])
+        return float(np.hypot(*plane[:2])), float(self._off(plane, members, depth).std())
+
+    def raised(self, members: Indices, around: Indices, depth: FloatArray) -> float:
+        """Return the median height of some bursts over the plane through others, in metres."""
+        plane = self._plane(around, depth[around])
+        return -float(np.median(self._off(plane, members, depth)))
+
+    def _plane(self, members: Indices, depth: FloatArray) -> FloatArray:
+        """Return the slopes and the constant (3,) of the plane through depths (N,)."""
         places = np.column_stack([self.points[members], np.ones(len(members))])
-        plane, *_ = np.linalg.lstsq(places, depth)
-        off = depth - places @ plane
-        return float(np.hypot(*plane[:2])), float(np.sqrt(np.mean(off**2)))
+        return np.asarray(np.linalg.lstsq(places, depth)[0])
+
+    def _off(self, plane: FloatArray, members: Indices, depth: FloatArray) -> FloatArray:
+        """Return how much deeper than a plane some bursts are, in metres."""
+        return np.asarray(depth[members] - self.points[members] @ plane[:2] - plane[2])
 
     def from_edge(self, members: Indices) -> FloatArray:
         """Return the distances (N,) of some bursts from the edge of what was swept, in metres."""
@@ -450,12 +465,29 @@ def _silent(echoes: WallEchoes, used: Indices, on: _Bursts, steepest: float) -> 
         for k in np.unique(group[inner]):
             members = np.flatnonzero(group == k)
             rim = np.unique(both[(group[both[:, 0]] == k) & ~quiet[both[:, 1]], 1])
+            near = np.union1d(members, rim)
             new = not any(np.isin(one, members).any() for one in found)
             if new and min(rim.size, members.size) >= _FEWEST and on.closed(members, rim):
-                slope, rough = on.plane(rim, echoes.depth[rim])
-                if slope < _GENTLE * steepest and rough < _SMOOTH:
+                slope, rough = on.plane(rim, echoes.depth)
+                if slope < _GENTLE * steepest and rough < _SMOOTH and not _bead(echoes, near, on):
                     found.append(members)
     return found
+
+
+def _bead(echoes: WallEchoes, members: Indices, on: _Bursts) -> bool:
+    """Return whether faint echoes at the edge of a place without any are from above the wall.
+
+    That is the foot of a bead, whose flanks send the beam elsewhere. Of a hole the wall beside it
+    echoes there.
+    """
+    heard = np.isfinite(echoes.depth)
+    faint = heard & (echoes.strongest < _FAINT)
+    foot = members[faint[members]]
+    around = on.within(members, _BRIDGED * on.width) & heard & ~faint
+    around[members] = False
+    if foot.size < _TOLD or around.sum() < _FEWEST:
+        return False
+    return on.raised(foot, np.flatnonzero(around), echoes.depth) > _RAISED
 
 
 def _finds(
