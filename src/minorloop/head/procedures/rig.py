@@ -103,13 +103,10 @@ class InspectionRig:
     told : callable, optional
         Is given each entry of the log.
 
-    Attributes
-    ----------
-    gain : float
-        Of the camera.
-    most : (2,) array
-        Largest angles in degrees to which the joints were seen to come where they should go
-        farther; infinite where that is not known.
+    Notes
+    -----
+    ``most`` (2,) are the largest angles in degrees to which the joints were seen to come where they
+    should go farther, infinite where that is not known; ``gain`` is that of the camera.
     """
 
     def __init__(
