@@ -18,7 +18,7 @@ import pytest
 
 from minorloop.cli import _calibration
 from minorloop.cli._compilation import COMPILES
-from minorloop.cli._inspection_report import _map_caption, wall_words
+from minorloop.cli._inspection_report import _map_caption, _odds, wall_words
 from minorloop.cli._journal import Journal, outcomes
 from minorloop.cli._seen import kept_view, seen_head, swept_view
 from minorloop.cli._sweep import summary as sweep_summary
@@ -1369,6 +1369,19 @@ def test_a_place_without_an_echo_is_not_scanned_and_not_known_to_be_within_reach
     assert (silent["scanned"], silent["reached"]) == (False, None)
     heard = steps(("scan", True), ("modality", True))
     assert (heard["scanned"], heard["reached"]) == (True, True)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "words"),
+    [
+        (12.3, "more than 1000 to 1"),
+        (2.3, "10 to 1"),
+        (-1.2, "3 to 1 against it"),
+        (-9.0, "more than 1000 to 1 against it"),
+    ],
+)
+def test_the_report_has_odds_for_evidence(evidence, words):
+    assert _odds(evidence) == words
 
 
 def test_the_caption_of_a_map_has_its_marks_only():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +41,7 @@ MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", 
 """Of directions that were not searched, as lines of sight, with the place of the catheter."""
 BEYOND_COLUMNS = ("view", "why")
 """Of directions that the wires do not reach."""
+_MOST_ODDS = 1000
 THROUGH = "hole"
 """Kind of a through-hole."""
 _DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
@@ -289,7 +291,18 @@ def _sentence(row: Mapping[str, Any]) -> str:
     said += f" It was not {', not '.join(no)}." if no else ""
     if row["evidence"] is None:
         return f"{said} Its line was traced again from another place."
-    return f"{said} The logarithm of the odds that it is a hole or a pit is {row['evidence']:+.1f}."
+    return (
+        f"{said} By its pictures the odds that it is a hole or a pit are {_odds(row['evidence'])}."
+    )
+
+
+def _odds(evidence: float) -> str:
+    """Return odds by their logarithm; they are not known beyond the number of fitted scenes."""
+    if abs(evidence) > math.log(_MOST_ODDS):
+        words = f"more than {_MOST_ODDS} to 1"
+    else:
+        words = f"{math.exp(abs(evidence)):.0f} to 1"
+    return words if evidence >= 0 else f"{words} against it"
 
 
 def _outcome(step: Mapping[str, Any]) -> str:
