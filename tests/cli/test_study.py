@@ -103,7 +103,8 @@ def test_a_specimen_that_cannot_be_done_is_named_and_the_others_are_kept(run, mo
         ("study fibre --out good.csv", "good.csv is a file"),
         ("study fibre --only unreachable", "--only is 'unreachable'; fibre has no parts"),
         ("study head --only all", "--only is 'all'; give integral, rivals, unreachable"),
-        ("study inspection --only all", "--only is 'all'; give missions, sweeps"),
+        ("study inspection --only all", "--only is 'all'; give missions, scans, sweeps"),
+        ("study inspection --only missions --scans 9", "--scans is not for --only missions"),
     ],
 )
 def test_refuses_in_one_line(line, says, refused):

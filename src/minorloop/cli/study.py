@@ -86,7 +86,7 @@ def run(
         str | None,
         typer.Option(
             help="Only this part: integral, rivals (by the camera alone) or unreachable (with "
-            "more cases) of head, missions or sweeps of inspection."
+            "more cases) of head, missions, scans or sweeps of inspection."
         ),
     ] = None,
     as_json: _common.Json = False,
@@ -106,7 +106,7 @@ def run(
     counts = {"scenes": scenes, "scans": scans}
     options = _shared_out(name, counts, specimens)
     if only is not None:
-        module = _part_of(name, module, only)
+        module = _part_of(name, module, only, options)
     if out is not None:
         from minorloop.files import make_folder
 
@@ -163,12 +163,16 @@ def _module_of(name: str) -> str:
     return studies[name].value
 
 
-def _part_of(name: str, module: str, only: str) -> str:
-    """Return the module of a part of a study, which has no report."""
+def _part_of(name: str, module: str, only: str, options: Mapping[str, int]) -> str:
+    """Return the module of a part of a study, which has no report and takes these options."""
     parts: Mapping[str, str] = getattr(import_module(module), "PARTS", {})
     if only not in parts:
         known = f"give {', '.join(parts)}" if parts else f"{name} has no parts"
         raise ParameterError(f"--only is {only!r}; {known}")
+    taken = inspect.signature(import_module(parts[only]).run_study).parameters
+    for option in options:
+        if option not in taken:
+            raise ParameterError(f"--{option} is not for --only {only}; leave it out")
     return parts[only]
 
 

@@ -33,6 +33,7 @@ from minorloop.head.studies import (
     mission_cracks,
     mission_scene,
     scan_trials,
+    scans,
     scoring,
 )
 from minorloop.head.studies import mission as missions
@@ -561,6 +562,9 @@ def test_everything_is_gathered_and_reported(mission):
     found = inspection.gather(runs)
     assert len(claim_table(inspection.CLAIMS, found).rows) == len(inspection.CLAIMS)
     assert found["modality"]["wrong"] == 0
+    alone = scans.gather([scans.ScanStudy(kinds).figures()] * 2)
+    assert all(found[name] == alone[name] for name in ("depth", "fusion", "modality"))
+    assert all(figure(alone, claim.key) is not None for claim in scans.CLAIMS)
     assert found["cracks"]["recall_100um"] == found["cracks"]["recall_50um"] == 1.0
     assert figure(found, "mission.measured") == figure(found, "mission.cracks_found") == 1.0
     assert figure(found, "mission.false_cracks") == 0

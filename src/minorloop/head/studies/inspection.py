@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.head.studies import scan_trials
 from minorloop.head.studies.crack_trials import CrackOutcome, crack_figures, score_cracks
 from minorloop.head.studies.detection import (
     SceneOutcome,
@@ -33,23 +32,23 @@ from minorloop.head.studies.mission import Mission, run_mission
 from minorloop.head.studies.missions import CLAIMS as MISSION_CLAIMS
 from minorloop.head.studies.missions import mission_figures, touch_figures
 from minorloop.head.studies.scan_trials import ScoredScan
+from minorloop.head.studies.scans import CLAIMS as SCAN_CLAIMS
+from minorloop.head.studies.scans import SCANS, scan_figures, scored_scans
 from minorloop.head.studies.sweep_trials import ScoredSweep, c_scan_figures, run_sweep
 from minorloop.head.studies.sweeps import CLAIMS as SWEEP_CLAIMS
-from minorloop.head.twins.pipe import Bore
 from minorloop.studies.claims import Claim, for_each, medians
 from minorloop.threads import one_thread
 
 TITLE = "In-pipe inspection with a catheter head"
 PARTS = {
     "missions": "minorloop.head.studies.missions",
+    "scans": "minorloop.head.studies.scans",
     "sweeps": "minorloop.head.studies.sweeps",
 }
-FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
 FIRST_SCENE, SCENES, FIRST_PLAIN, FIRST_CRACK = 50_000, 4, 2_000_000, 3_000_000
 FIRST_FLOODED, FIRST_SIZED = 4_000_000, 5_000_000
-FIRST_SCAN, SCANS = 60_000, 6
-"""Seeds of the scored scenes; numbers of scenes with and without a hole or a crack, and of
-flat pits, for each specimen."""
+"""Seeds of the scored scenes, and number of scenes with and without a hole or a crack for each
+specimen."""
 _PLAIN_SHARE, _SCANNED = 4, 4
 """Scenes with a hole for each plain scene, and cracks for each one that is scanned: by trial. A
 scan takes five times as long as a scene."""
@@ -174,91 +173,7 @@ CLAIMS = (
     ),
     Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
     Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
-    Claim(
-        "depth by visual tracking in a sway of 1 degree: bias [um]",
-        "depth.bias_um",
-        "announced",
-        least=-10,
-        most=10,
-    ),
-    Claim(
-        "depth by visual tracking: deviation [um]",
-        "depth.sd_um",
-        "announced",
-        most=20,
-        count="depth.measured",
-        enough=2,
-    ),
-    Claim(
-        "pits measured by visual tracking",
-        "depth.measured_fraction",
-        "announced",
-        least=0.95,
-        percent=True,
-        count="depth.scans",
-    ),
-    *(
-        claim
-        for pose, words in (("gyroscope", "with a gyroscope"), ("joints", "by joint angles alone"))
-        for claim in (
-            Claim(f"the same {words}: bias [um]", f"depth.{pose}_bias_um", "-"),
-            Claim(
-                f"the same {words}: deviation [um]",
-                f"depth.{pose}_sd_um",
-                "-",
-                count=f"depth.{pose}_measured",
-                enough=2,
-            ),
-            Claim(
-                f"the same {words}: pits measured",
-                f"depth.{pose}_measured_fraction",
-                "-",
-                percent=True,
-                count=f"depth.{pose}_scans",
-            ),
-        )
-    ),
-    Claim(
-        "unfocused probe: deviation [um]",
-        "depth.unfocused_sd_um",
-        "-",
-        count="depth.unfocused_measured",
-        enough=2,
-    ),
-    Claim(
-        "unfocused probe: pits measured",
-        "depth.unfocused_measured_fraction",
-        "-",
-        percent=True,
-        count="depth.unfocused_scans",
-    ),
-    Claim(
-        "pits in and beside dents measured",
-        "depth.dented_measured_fraction",
-        "-",
-        percent=True,
-        count="depth.dented_scans",
-    ),
-    Claim("the same: largest error [um]", "depth.dented_worst_um", "-"),
-    Claim("dished floors: worst error [mm]", "depth.dished_error_mm", "-", most=0.1),
-    Claim("slowest scan of any kind [s, one core]", "depth.seconds_worst", "-", most=5),
-    Claim("finding: position [mm]", "fusion.position_mm", "announced", most=0.3),
-    Claim("finding: diameter [%]", "fusion.diameter_error_pct", "announced", most=15),
-    Claim("finding: depth [mm]", "fusion.depth_error_mm", "announced", most=0.1),
-    Claim(
-        "bands of 90 % cover",
-        "fusion.coverage",
-        "-",
-        least=0.85,
-        most=0.95,
-        percent=True,
-        count="fusion.scans",
-        enough=100,
-    ),
-    Claim("scans that the bands were scored on", "fusion.scans", "-"),
-    Claim("half the 90 % band of a depth, median [mm]", "fusion.band_mm", "-"),
-    Claim("wrong modality or depth made up", "modality.wrong", "-", most=0),
-    Claim("scans that this was tried on", "modality.scans", "-"),
+    *SCAN_CLAIMS,
     *(
         Claim(
             f"heads that reach a raster in water of {temperature:.0f} C",
@@ -381,7 +296,7 @@ def _cracks(seed: int, scenes: int, scans: int) -> dict[str, Any]:
 
 
 def _depths(seed: int, scenes: int, scans: int) -> dict[str, Any]:
-    return {"scored": _scored_scans(FIRST_SCAN + (scans + 4) * seed, scans)}
+    return {"scored": scored_scans(seed, scans)}
 
 
 def _mission(seed: int, scenes: int, scans: int) -> dict[str, Any]:
@@ -409,35 +324,13 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     found = medians([{k: v for k, v in run.items() if k != "mission"} for run in plain])
     every = [outcome for run in runs for outcome in run["outcomes"]]
     edges = np.concatenate([run["edges"] for run in runs])
-    kinds = {
-        kind: [one for run in runs for one in run["scored"][kind]] for kind in runs[0]["scored"]
-    }
-    depth = scan_trials.depth_figures(kinds["pit"])
     found |= {
         "detection": {
             **detection_figures(every),
             "plain_edge_px_p90": float(np.quantile(edges, 0.9, method="higher")),
         },
         "cracks": crack_figures([one for run in runs for one in run["cracks"]]),
-        "depth": {
-            **depth,
-            **{
-                f"{kind}_{key}": value
-                for kind in ("gyroscope", "joints", "unfocused", "dented")
-                for key, value in scan_trials.depth_figures(kinds[kind]).items()
-            },
-            "dished_error_mm": scan_trials.dished_figure(kinds["dished"]),
-            "seconds_worst": max(one.seconds for each in kinds.values() for one in each),
-        },
-        "fusion": {
-            **scan_trials.fusion_figures(kinds["fused"]),
-            **scan_trials.band_figures([*kinds["pit"], *kinds["fused"]]),
-        },
-        "modality": {
-            "wrong": sum(bool(np.isfinite(one.found.depth)) for one in kinds["hole"])
-            + scan_trials.modality_wrong(kinds["dry"]),
-            "scans": len(kinds["hole"]) + len(kinds["dry"]),
-        },
+        **scan_figures([run["scored"] for run in runs]),
         "mission": mission_figures([run["mission"] for run in runs]),
         "touch": touch_figures([run["mission"] for run in runs]),
         "cscan": c_scan_figures([run["sweep"] for run in runs]),
@@ -446,18 +339,3 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         },
     }
     return found
-
-
-def _scored_scans(seed: int, pits: int) -> dict[str, tuple[ScoredScan, ...]]:
-    drawn = {
-        "pit": [scan_trials.draw_trial(seed + 4 + k) for k in range(max(pits - 1, 1))],
-        "fused": [scan_trials.draw_trial(seed, bore=FUSED)],
-        "gyroscope": [scan_trials.draw_trial(seed + 4, pose="gyroscope")],
-        "joints": [scan_trials.draw_trial(seed + 4, pose="joints")],
-        "unfocused": [scan_trials.draw_trial(seed + 4, lens=False)],
-        "dished": [scan_trials.draw_trial(seed + 1, kind="dished")],
-        "dented": [scan_trials.draw_trial(seed + 1, kind="dented")],
-        "hole": [scan_trials.draw_trial(seed + 2, kind="hole")],
-        "dry": [scan_trials.draw_trial(seed + 3, kind="dry")],
-    }
-    return {kind: tuple(scan_trials.run_trial(one) for one in each) for kind, each in drawn.items()}
