@@ -53,7 +53,7 @@ _OPEN, _UNEVEN = 0.1, 0.6
 # Errors that the curvature of the cost does not contain, calibrated on separate scans: chamfered
 # mouths and waves outside of the modes, the aim of the beam, the size of the spot. That of the
 # speed of sound is added to them.
-_WIDER, _UNMODELLED = 2.0, 2.8e-6
+_WIDER, _UNMODELLED = 2.0, 2.5e-6
 _FLAT = 0.02e-3
 _POINTING, _SIZE = 34e-6, 0.018
 _STRAINED = 2.5
