@@ -33,8 +33,8 @@ metres: drawn back further, its tip sticks."""
 COLD, SPARE = np.radians(135.0), 2.0
 """Direction in the image of what is on the cold side of both wires, in radians from its x to its y
 axis; and degrees by which a wire must reach farther than a place needs, for tool and overshoot."""
-SHORT = 3.0
-"""Degrees from which a joint has not arrived: friction leaves it less far off."""
+SHORT = 8.0
+"""Degrees from which a joint is too far off to look in a direction: views overlap by more."""
 REFUSED = "out of reach"
 """Verdict of a place that the head or its probe does not reach."""
 CENTRED_PX, WITHIN = 2.0, 0.3e-3
@@ -98,9 +98,9 @@ def look(rig: InspectionRig, name: str, angles: FloatArray) -> bool:
         for axis in np.flatnonzero(short)
     ]
     said = f"{REFUSED}: {', '.join(each)}"
-    if rig.travels:
-        wanted, now = (math.atan2(tilt, pan) for pan, tilt in (angles, rig.angles))
-        roll = float(wrapped(wanted - now))
+    wanted, now = (math.atan2(tilt, pan) for pan, tilt in (angles, rig.angles))
+    roll = float(wrapped(wanted - now))
+    if rig.travels and abs(roll) > math.radians(SHORT):
         said += f"; rolled by {math.degrees(roll):.0f} degrees instead"
         go(rig, place=(rig.place[0], roll))
     rig.say(name, said, succeeded=False)
