@@ -129,12 +129,20 @@ def shared_data():
 
 
 @pytest.fixture
-def drawn_once(monkeypatch):
+def laid_out():
+    """Pictures of reports with their layout, where all others are without."""
+
+
+@pytest.fixture
+def without_layout(request, monkeypatch):
     """Pictures of reports without a layout, which takes two thirds of a report.
 
-    The tests of reports and of the code blocks of the pages lay out the same figures.
+    The tests of reports, those with `laid_out` and the code blocks of the pages lay them out.
     """
     from minorloop.report import Picture
+
+    if "laid_out" in request.fixturenames:
+        return
 
     address = Picture.address.fget
 

@@ -1237,6 +1237,7 @@ def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch,
     assert error.startswith("the drive has not begun, and nothing is kept")
 
 
+@pytest.mark.usefixtures("laid_out")
 def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, monkeypatch):
     pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
     from minorloop.head.procedures import inspection, probing
@@ -1323,6 +1324,7 @@ def probed(scripted, monkeypatch):
     return made
 
 
+@pytest.mark.usefixtures("laid_out")
 def test_scans_that_a_power_cut_ended_are_resumed_from_the_journal(
     run, scripted, probed, monkeypatch
 ):
@@ -1672,6 +1674,7 @@ def test_a_sweep_without_an_echo_says_so():
     )
 
 
+@pytest.mark.usefixtures("laid_out")
 def test_a_sweep_that_a_power_cut_ended_is_resumed_from_its_journal(run, identified_at_once):
     """The pit of the pipe is on both sides of the cut."""
     sweep = "head sweep --actuator twin:pipe --around 20,32 --along 19.3,20.5 --out"

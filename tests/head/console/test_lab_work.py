@@ -13,7 +13,7 @@ from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
+pytestmark = pytest.mark.usefixtures("without_layout")
 
 
 @pytest.fixture
