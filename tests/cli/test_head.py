@@ -1398,7 +1398,8 @@ def test_the_report_says_what_the_edge_cuts_how_high_the_water_was_and_that_pict
     wall = {"z [mm]": [13.0, 22.0], "angles [deg]": [-180.0, 180.0], "seen": 0.9, "probed": 0.0}
     wall["pipe [mm]"] = 102.0
     content = {"wall": wall, "lens": "pictures are x", "views": 8, "out of reach": []}
-    said = " ".join(wall_words(content | {"water level": "4.0 mm above the axis"}))
+    water = {"water above the axis [mm]": [4.0, 0.2], "water level": "4.0 mm above the axis"}
+    said = " ".join(wall_words(content | water))
     assert said.startswith("The camera searched 9.0 mm of the 102 mm of pipe: the inner wall from")
     assert "or one that the edge of each picture cuts, is not found; --advances" in said
     assert "Pictures are x." in said

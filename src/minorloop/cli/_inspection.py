@@ -57,8 +57,8 @@ if TYPE_CHECKING:
 _VISITS = ("hole", "crack", "device", "camera", "lens", "reach", "touch", "measure", "water line")
 """Steps whose outcome stays on the terminal: visits of candidates, results of the probe, failures
 of a device, and what the camera cannot do."""
-
 _STEP = ("t", "step", "outcome", "succeeded")
+"""What the results have of a line of the journal."""
 
 
 def carried_out(

@@ -228,11 +228,10 @@ def wall_words(content: Mapping[str, Any]) -> list[str]:
             f"The wires did not reach {counted(many, 'direction')} in which to look "
             f"({each['view']}: {each['why']})."
         )
-    level = content.get("water level", "")
-    if level.startswith("no"):
-        said.append(f"The level of the water: {level}.")
-    elif level:
-        said.append(f"The water stood {level}.")
+    if "water above the axis [mm]" in content:
+        said.append(f"The water stood {content['water level']}.")
+    elif "water level" in content:
+        said.append(f"The level of the water: {content['water level']}.")
     return said
 
 

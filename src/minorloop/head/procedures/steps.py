@@ -33,7 +33,7 @@ metres: drawn back further, its tip sticks."""
 COLD, SPARE = np.radians(135.0), 2.0
 """Direction in the image of what is on the cold side of both wires, in radians from its x to its y
 axis; and degrees by which a wire must reach farther than a place needs, for tool and overshoot."""
-SHORT = 8.0
+_SHORT = 8.0
 """Degrees from which a joint is too far off to look in a direction: views overlap by more."""
 REFUSED = "out of reach"
 """Verdict of a place that the head or its probe does not reach."""
@@ -89,7 +89,7 @@ def look(rig: InspectionRig, name: str, angles: FloatArray) -> bool:
     """
     go(rig, angles=angles)
     need, has = (rig.calibration.joints(each) for each in (angles, rig.angles))
-    short = np.abs(need - has) > SHORT
+    short = np.abs(need - has) > _SHORT
     if not short.any():
         return True
     rig.most = np.where(short & (has < need), np.minimum(rig.most, has), rig.most)
@@ -100,7 +100,7 @@ def look(rig: InspectionRig, name: str, angles: FloatArray) -> bool:
     said = f"{REFUSED}: {', '.join(each)}"
     wanted, now = (math.atan2(tilt, pan) for pan, tilt in (angles, rig.angles))
     roll = float(wrapped(wanted - now))
-    if rig.travels and abs(roll) > math.radians(SHORT):
+    if rig.travels and abs(roll) > math.radians(_SHORT):
         said += f"; rolled by {math.degrees(roll):.0f} degrees instead"
         go(rig, place=(rig.place[0], roll))
     rig.say(name, said, succeeded=False)
