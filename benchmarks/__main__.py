@@ -34,6 +34,7 @@ PARTS = (
     "data_sheets",
     "faults",
     "connections",
+    "uploads",
 )
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 

@@ -14,6 +14,15 @@ def refuse():
     raise ParameterError("this is always refused")
 
 
+def take(size):
+    yield {"taken": len(bytearray(size))}
+
+
+def write(path, size):
+    with open(path, "wb") as file:
+        yield {"written": file.write(bytes(size))}
+
+
 def endless():
     yield {"stage": "waiting"}
     threading.Event().wait()

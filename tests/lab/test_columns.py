@@ -294,11 +294,14 @@ def test_floods_are_refused_before_they_are_kept(content, complaint, table):
             read(table(content))
 
 
-def test_wide_rows_are_kept_a_few_at_a_time(table, monkeypatch):
-    monkeypatch.setattr(text_tables, "_CELLS", 250)
-    text = "u,y\n" + "".join(f"{k},{2 * k}\n" for k in range(50))
-    found = read_columns(table(text.encode()), ["u", "y"])
-    np.testing.assert_array_equal(found["y"], 2.0 * np.arange(50))
+def test_rows_are_kept_a_few_characters_at_a_time(table, monkeypatch):
+    monkeypatch.setattr(text_tables, "BLOCK", 250)
+    text = 'u,y\n"0","0"\n' + "".join(f"{k},{2 * k:9d}\n" for k in range(1, 100))
+    file = table(text.encode())
+    with text_tables.opened(file) as found:
+        for rows, _ in found.blocks():
+            assert sum(len(cell) for row in rows for cell in row) < 250 + 12
+    np.testing.assert_array_equal(read_columns(file, ["y"])["y"], np.arange(0.0, 200, 2))
 
 
 def test_empty_cells_are_named_and_a_few_rows_are_no_table_of_two_loggers(table):

@@ -17,7 +17,7 @@ def test_vectors_of_a_matlab_file_are_columns(tmp_path):
     record = Record.from_csv(file, input="u", output="y", gaps=True)
     np.testing.assert_array_equal(record.u, [1, 2, 3])
     np.testing.assert_array_equal(record.y, [4, np.nan, 6])
-    np.testing.assert_array_equal(read_each(file)[1], [4, np.nan, 6])
+    np.testing.assert_array_equal(read_each(file)[1][1], [4, np.nan, 6])
     with pytest.raises(RecordError, match=r"run.mat has no column 'v', it has 'u', 'y'"):
         read_columns(file, ["v"])
     with pytest.raises(RecordError, match=r"column 'y' of .* has 'nan' in row 2"):

@@ -150,14 +150,15 @@ def identified(
     A lag in seconds and dynamics need a column of time.
     """
     from minorloop.arrays import check_option
-    from minorloop.identification import identify
-    from minorloop.modelfile import Provenance
 
     check_option("--dynamics", dynamics, DYNAMICS)
 
     with _common.working(f"reading {file.name}") as now:
         columns = columns.with_deviation(file, options["noise"], dynamics)
         record, run_by, log = _record(file, columns, now)
+        from minorloop.identification import identify  # slow: a refused file does not wait for it
+        from minorloop.modelfile import Provenance
+
         beside = columns.beside(log)
         provenance = Provenance.of(file)
         began = time.perf_counter()

@@ -15,6 +15,7 @@ from urllib.parse import quote
 
 from minorloop.errors import RecordError
 from minorloop.files import PathLike, check_name, unquoted
+from minorloop.lab.text_tables import MAX_BYTES
 
 __all__ = ["Specimen", "read_manifest"]
 
@@ -79,10 +80,12 @@ class Specimen:
         Raises
         ------
         OSError, ValueError
-            If it cannot be opened, or is not a regular file: a pipe may never end.
+            If it cannot be opened, is too large, or is not a regular file: a pipe may never end.
         """
         if self.file.exists() and not self.file.is_file():
             raise OSError(errno.EINVAL, "it is not a regular file")
+        if self.file.exists() and self.file.stat().st_size > MAX_BYTES:
+            raise ValueError(f"it has more than {MAX_BYTES} bytes; split it")
         return self.file.open("rb")
 
     def read(self) -> bytes:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError, counted
 from minorloop.files import PathLike, check_name
+from minorloop.lab.bounds import LARGEST, Bounds
 from minorloop.lab.sheets import Sheet, is_sheet, read_sheet
 from minorloop.lab.text_tables import UNITS, Rows, TextTable, is_number, opened
 
@@ -154,24 +155,33 @@ def row_number(path: PathLike, index: int) -> int:
         return table.number(index)
 
 
-def read_each(path: PathLike) -> list[FloatArray | RecordError]:
-    """Return all columns of a file, gaps allowed; in place of unusable ones, the error.
+def read_each(
+    path: PathLike, bounds: Bounds = LARGEST
+) -> list[tuple[str, FloatArray | RecordError]]:
+    """Return headers and columns of a file, gaps allowed; in place of unusable ones, the error.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    bounds : Bounds, optional
+        Of the table.
 
     Raises
     ------
     RecordError
-        If the file cannot be read, is not such a table, or has no rows.
+        If the file cannot be read, is not such a table, has no rows, or is larger than the bounds.
     """
     if is_sheet(path):
-        sheet = read_sheet(path)
-        found: list[FloatArray | RecordError] = []
+        sheet = read_sheet(path, bounds)
+        found: list[tuple[str, FloatArray | RecordError]] = []
         for header in sheet.headers:
             try:
-                found.append(_of_sheet(sheet, [header], [header], ())[header])
+                found.append((header, _of_sheet(sheet, [header], [header], ())[header]))
             except RecordError as error:
-                found.append(error)
+                found.append((header, error))
         return found
-    with opened(path) as table:
+    with opened(path, bounds=bounds) as table:
         pieces: list[list[FloatArray]] = [[] for _ in table.headers]
         troubles: dict[int, RecordError] = {}
         empty = True
@@ -187,8 +197,8 @@ def read_each(path: PathLike) -> list[FloatArray | RecordError]:
     if empty:
         raise RecordError(f"{table.file} has a header and no rows; there is nothing to read")
     return [
-        troubles.get(index) or np.concatenate(parts or [np.empty(0)])
-        for index, parts in enumerate(pieces)
+        (header, troubles.get(index) or np.concatenate(pieces[index] or [np.empty(0)]))
+        for index, header in enumerate(table.headers)
     ]
 
 

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import MissingExtraError, RecordError
+from minorloop.errors import MinorloopError, RecordError
 from minorloop.files import PathLike
-from minorloop.lab.text_tables import MAX_COLUMNS, check_file, check_headers, with_units
+from minorloop.lab._matlab import matlab_columns
+from minorloop.lab._workbook import Workbook
+from minorloop.lab.bounds import LARGEST, NUMBER, Bounds
+from minorloop.lab.text_tables import check_file, check_headers, with_units
 
-MAX_ROWS = 20_000_000
-"""Most rows that are read."""
 _FEWEST_NUMBERS = 2
 """Numbers in the first row of data, and texts in a row of headers, at least; a title has one."""
+_SHOWN = 12
+"""Variables that a message names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,55 +71,38 @@ def is_sheet(path: PathLike) -> bool:
     return Path(path).suffix.casefold() in (".mat", ".xlsx", ".xlsm")
 
 
-def read_sheet(path: PathLike) -> Sheet:
+def read_sheet(path: PathLike, bounds: Bounds = LARGEST) -> Sheet:
     """Return the table of a MATLAB file (versions 4 to 7.2) or a workbook: its first with numbers.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    bounds : Bounds, optional
+        Of the table; they are checked before anything of its size is allocated.
 
     Raises
     ------
     RecordError
-        If the file cannot be read or has no table.
+        If the file cannot be read, has no table, or one that is larger than the bounds.
     MissingExtraError
         If a workbook is given and openpyxl is not installed.
     """
     file = Path(path)
     check_file(file)
-    found = _mat(file) if file.suffix.casefold() == ".mat" else _workbook(file)
+    found = (_mat if file.suffix.casefold() == ".mat" else _workbook)(file, bounds)
     if not found.headers:
         raise RecordError(f"{file} has no table; it needs columns of numbers")
-    if len(found.headers) > MAX_COLUMNS:
-        raise RecordError(
-            f"{file} has {len(found.headers)} columns or more; give at most {MAX_COLUMNS}"
-        )
+    bounds.check(file, rows=len(found.numbers), columns=len(found.headers))
     check_headers(found.headers, file)
     return found
 
 
-def _mat(file: Path) -> Sheet:
-    from scipy.io import loadmat
-
-    try:
-        content = loadmat(file, squeeze_me=False)
-    except NotImplementedError:
-        raise RecordError(
-            f"{file} has MATLAB format 7.3, which is not read; save it with the option -v7"
-        ) from None
-    except Exception as error:
-        raise RecordError(f"{file} is not a MATLAB file: {error}") from None
-    columns: dict[str, FloatArray] = {}
-    for name, value in content.items():
-        if name.startswith("__") or not isinstance(value, np.ndarray):
-            continue
-        if value.dtype.kind not in "fiub" or value.ndim != 2 or value.size < 2:
-            continue
-        if 1 in value.shape:
-            columns[name] = value.ravel().astype(np.float64)
-        else:
-            tall = value if value.shape[0] >= value.shape[1] else value.T
-            parts = tall.T.astype(np.float64)
-            columns |= {f"{name}_{k}": part for k, part in enumerate(parts, 1)}
+def _mat(file: Path, bounds: Bounds) -> Sheet:
+    columns, others = matlab_columns(file, bounds)
     if not columns:
-        known = (name for name in content if not name.startswith("__"))
-        shown = ", ".join(f"{name} ({_kind(content[name])})" for name in known) or "none"
+        more = [f"and {len(others) - _SHOWN} more"] if len(others) > _SHOWN else []
+        shown = ", ".join(others[:_SHOWN] + more) or "none"
         raise RecordError(
             f"{file} has no variable that is a vector or a matrix of real numbers, its variables "
             f"are {shown}; save each column as a variable, such as voltage"
@@ -126,32 +111,18 @@ def _mat(file: Path) -> Sheet:
     return Sheet(file, tuple(columns), tuple(columns.values()), range(1, longest + 1))
 
 
-def _kind(value: Any) -> str:
-    """Return shape and type of a MATLAB variable in words."""
-    if not isinstance(value, np.ndarray):
-        return type(value).__name__
-    if value.dtype.names:
-        return "struct"
-    names = {"O": "cell", "U": "text", "c": "complex"}
-    return f"{'x'.join(map(str, value.shape))} {names.get(value.dtype.kind, 'numbers')}"
-
-
-def _workbook(file: Path) -> Sheet:
+def _workbook(file: Path, bounds: Bounds) -> Sheet:
     try:
-        from openpyxl import load_workbook
-    except ImportError:
-        raise MissingExtraError("openpyxl", "excel") from None
-    try:
-        book = load_workbook(file, read_only=True, data_only=True)
+        book = Workbook(file, bounds)
         try:
-            name, rows = _first_table(book)
-            others = tuple(one for one in book.sheetnames if one != name)
+            name, numbers, rows = _first_table(book, file, bounds)
+            others = tuple(one for one in book.sheets if one != name)
         finally:
             book.close()
+    except (MinorloopError, MemoryError):
+        raise
     except Exception as error:
         raise RecordError(f"{file} is not an Excel workbook: {error}") from None
-    numbers = [k for k, row in enumerate(rows, 1) if any(cell is not None for cell in row)]
-    rows = [rows[k - 1] for k in numbers]
     if not rows:
         return Sheet(file, (), (), ())
     first = _header_row(rows)
@@ -164,17 +135,37 @@ def _workbook(file: Path) -> Sheet:
     body, numbers = rows[1:], numbers[1:]
     if body and (units := with_units(headers, list(map(_as_text, body[0][: len(headers)])))):
         headers, body, numbers = units, body[1:], numbers[1:]
-    columns = tuple([row[k] for row in body] for k in range(len(headers)))
+    book.hold(NUMBER * len(body) * len(headers))
+    columns = tuple(_column(body, k) for k in range(len(headers)))
     return Sheet(file, tuple(headers), columns, numbers, name, others)
 
 
-def _first_table(book: Any) -> tuple[str, list[tuple[Any, ...]]]:
-    """Return name and rows of the first sheet with a row of numbers; of the first without one."""
-    found: list[tuple[str, list[tuple[Any, ...]]]] = []
-    for sheet in book.worksheets:
-        rows = list(islice(sheet.iter_rows(values_only=True), MAX_ROWS))
-        found.append((sheet.title, rows))
-        if any(sum(map(_is_number, row)) >= _FEWEST_NUMBERS for row in rows):
+def _column(rows: Sequence[Sequence[Any]], index: int) -> list[Any] | FloatArray:
+    cells = [row[index] if index < len(row) else None for row in rows]
+    return np.array(cells, np.float64) if cells and all(map(_is_number, cells)) else cells
+
+
+def _first_table(
+    book: Workbook, file: Path, bounds: Bounds
+) -> tuple[str, list[int], list[tuple[Any, ...]]]:
+    """Return name, row numbers and rows of the first sheet with a row of numbers.
+
+    Without one, it is the first sheet. No row is longer than the longest down to the first with
+    numbers, among which the headers are.
+    """
+    found: list[tuple[str, list[int], list[tuple[Any, ...]]]] = []
+    for sheet in book.sheets:
+        numbers: list[int] = []
+        rows: list[tuple[Any, ...]] = []
+        width, begun = 0, False
+        for number, row in book.rows(sheet):
+            if not begun:
+                width, begun = max(width, len(row)), _has_numbers(row)
+            bounds.check(file, rows=len(rows))
+            numbers.append(number)
+            rows.append(row[:width])
+        found.append((sheet, numbers, rows))
+        if begun:
             return found[-1]
     return found[0]
 
@@ -182,13 +173,17 @@ def _first_table(book: Any) -> tuple[str, list[tuple[Any, ...]]]:
 def _header_row(rows: Sequence[Sequence[Any]]) -> int:
     """Return the last row of texts above the first row of numbers, or the row of units' above."""
     for number, row in enumerate(rows):
-        if sum(map(_is_number, row)) < _FEWEST_NUMBERS:
+        if not _has_numbers(row):
             continue
         above = [k for k in range(number) if _is_text(rows[k])]
         if len(above) > 1 and with_units(*(list(map(_as_text, rows[k])) for k in above[-2:])):
             above.pop()
         return above[-1] if above else 0
     return 0
+
+
+def _has_numbers(row: Sequence[Any]) -> bool:
+    return sum(map(_is_number, row)) >= _FEWEST_NUMBERS
 
 
 def _is_number(cell: Any) -> bool:

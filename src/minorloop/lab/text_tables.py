@@ -20,7 +20,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import TextIO
 
@@ -29,17 +28,14 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError, counted
 from minorloop.files import PathLike, check_name, kind_of_file, unquoted
+from minorloop.lab.bounds import LARGEST, Bounds
 
 MAX_BYTES = 4 * 1024**3
 """Largest file that is read: 4 GiB."""
 MAX_LINE = 1024**2
 """Longest line that is read, in characters."""
-MAX_COLUMNS = 10_000
-"""Most columns that are read."""
-CHUNK = 50_000
-"""Rows that are converted to numbers at a time, if they are short."""
-BLOCK = 8 * 1024**2
-"""Characters that are converted to numbers at once."""
+CHUNK, BLOCK = 50_000, 8 * 1024**2
+"""Rows and characters that are converted to numbers at once."""
 LATIN = "cp1252"
 """Encoding of a file that is not UTF-8: that of Windows, which contains Latin-1."""
 DELIMITERS = ",;\t"
@@ -51,8 +47,8 @@ J mJ Ohm ohm Ω kg g mg % ppm dB a.u. arb. counts
 """
 UNITS = frozenset(_UNITS.split())
 """Units that are recognised in a row of their own, and in round brackets."""
-_SLACK, _CELLS = 100, 10_000_000
-"""Separators that quoted texts may add to a line; cells kept at a time."""
+_SLACK = 100
+"""Separators that quoted texts may add to a line."""
 _LONGEST_CELL = 1000
 """Most lines of a quoted cell; more mean a missing quotation mark."""
 _MOST_COMMENTS = 1000
@@ -89,6 +85,8 @@ class TextTable:
         Of numbers: a point or a comma.
     first : int
         Line of the first row of data, counted from 1.
+    bounds : Bounds
+        Of the table.
     progress : callable
         Called with the share that has been read, as text.
     """
@@ -99,10 +97,18 @@ class TextTable:
     delimiter: str
     decimal: str
     first: int
+    bounds: Bounds = LARGEST
     progress: Callable[[str], None] = field(default=lambda share: None)
 
     def blocks(self) -> Iterator[FloatArray | Rows]:
         """Yield blocks: arrays (rows, columns) of numbers, or rows of cells."""
+        rows = 0
+        for block in self._blocks():
+            rows += len(block if isinstance(block, np.ndarray) else block[0])
+            self.bounds.check(self.file, rows=rows)
+            yield block
+
+    def _blocks(self) -> Iterator[FloatArray | Rows]:
         row, read, size = self.first, 0, max(self.file.stat().st_size, 1)
         while True:
             place = self.text.tell()
@@ -168,21 +174,31 @@ class TextTable:
 
     def _rows(self, text: TextIO, first: int) -> Iterator[Rows]:
         lines = _lines(text, self.file, self.delimiter, len(self.headers) + _SLACK, first)
-        rows = csv.reader(lines, delimiter=self.delimiter, strict=True)
-        while chunk := list(islice(rows, _at_once(self.headers))):
+        chunk: list[list[str]] = []
+        size = 0
+        for row in csv.reader(lines, delimiter=self.delimiter, strict=True):
+            chunk.append(row)
+            size += len(row) + sum(map(len, row))
+            if size >= BLOCK or len(chunk) == CHUNK:
+                yield _full_rows(chunk, first, len(self.headers), self.file)
+                first, chunk, size = first + len(chunk), [], 0
+        if chunk:
             yield _full_rows(chunk, first, len(self.headers), self.file)
-            first += len(chunk)
 
 
 @contextmanager
-def opened(path: PathLike, progress: Callable[[str], None] | None = None) -> Iterator[TextTable]:
+def opened(
+    path: PathLike,
+    progress: Callable[[str], None] | None = None,
+    bounds: Bounds = LARGEST,
+) -> Iterator[TextTable]:
     """Open a table; errors of reading it become a ``RecordError``."""
     file = Path(path)
     check_file(file)
     try:
         _check_begin(file)
         with file.open(encoding=encoding_of(file), newline="") as text:
-            yield _begin(text, file, progress or (lambda share: None))
+            yield _begin(text, file, bounds, progress or (lambda share: None))
     except UnicodeError:
         raise RecordError(
             f"{file} is neither UTF-8 nor Windows-1252 text; save it as CSV in UTF-8"
@@ -288,7 +304,7 @@ def encoding_of(path: PathLike) -> str:
     return "utf-8-sig"
 
 
-def _begin(text: TextIO, file: Path, progress: Callable[[str], None]) -> TextTable:
+def _begin(text: TextIO, file: Path, bounds: Bounds, progress: Callable[[str], None]) -> TextTable:
     """Read up to the first row of data."""
     comment, number, place = "", 1, text.tell()
     line = text.readline(MAX_LINE)
@@ -301,7 +317,7 @@ def _begin(text: TextIO, file: Path, progress: Callable[[str], None]) -> TextTab
     if not line.strip():
         raise RecordError(f"{file} is empty or begins with an empty line; it needs a header line")
     delimiter = max(DELIMITERS, key=line.count)
-    _check_header_line(line, delimiter, file)
+    _check_header_line(line, delimiter, file, bounds)
     headers = _cells(line, delimiter)
     first = number + 1
     if all(_is_any_number(header) for header in headers):
@@ -324,15 +340,13 @@ def _begin(text: TextIO, file: Path, progress: Callable[[str], None]) -> TextTab
         check_headers(headers, file)
         text.readline(MAX_LINE)
     decimal = _decimal(following, delimiter)
-    return TextTable(file, text, headers, delimiter, decimal, first, progress)
+    return TextTable(file, text, headers, delimiter, decimal, first, bounds, progress)
 
 
-def _check_header_line(line: str, delimiter: str, file: Path) -> None:
-    count = line.count(delimiter)
-    if "\0" in line or (len(line) == MAX_LINE and count < MAX_COLUMNS):
+def _check_header_line(line: str, delimiter: str, file: Path, bounds: Bounds) -> None:
+    if "\0" in line or (len(line) == MAX_LINE and line.count(delimiter) < LARGEST.columns):
         raise RecordError(f"{file} looks like a binary file; give a CSV file")
-    if count >= MAX_COLUMNS:
-        raise RecordError(f"{file} has {count + 1} columns or more; give at most {MAX_COLUMNS}")
+    bounds.check(file, columns=line.count(delimiter) + 1)
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
@@ -369,11 +383,6 @@ def _lines(text: TextIO, file: Path, delimiter: str, most: int, first: int) -> I
                     f"up to line {number}; close the quotation mark"
                 )
         yield line
-
-
-def _at_once(headers: Sequence[str]) -> int:
-    """Return how many rows are converted to numbers at a time."""
-    return max(1, min(CHUNK, _CELLS // (len(headers) + _SLACK)))
 
 
 def _full_rows(chunk: list[list[str]], first: int, width: int, file: Path) -> Rows:

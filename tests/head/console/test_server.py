@@ -313,8 +313,8 @@ def test_no_worker_takes_time_and_memory_before_it_is_needed(tmp_path, monkeypat
     begun = []
 
     class Idle:
-        def __init__(self, tasks, nice):
-            begun.append(tasks.rpartition(".")[2])
+        def __init__(self, work):
+            begun.append(work.tasks.rpartition(".")[2])
 
         def end(self):
             pass

@@ -8,6 +8,7 @@ from unittest.mock import Mock
 
 import pytest
 import uvicorn
+from websockets.exceptions import ConnectionClosed
 from websockets.protocol import State
 from websockets.sync.client import connect
 
@@ -171,6 +172,14 @@ def test_a_websocket_that_is_closing_does_not_disturb_the_end(running):
         return protocol.transport.close.called
 
     assert asyncio.run(end())
+
+
+def test_a_text_that_is_not_utf_8_is_refused_with_a_reason_and_no_traceback(running, caplog):
+    with running.page() as page:
+        page.send(b'{"type":"\xff"}', text=True)
+        with pytest.raises(ConnectionClosed, match="not UTF-8; send JSON texts"):
+            told(page, "never")
+    assert caplog.records == []
 
 
 def test_few_messages_are_logged_in_a_time(monkeypatch):

@@ -72,6 +72,42 @@ def test_a_process_that_ended_or_hangs_is_restarted_and_meets_the_other(watched,
         os.kill(before, 0)
 
 
+def leading(handle):
+    """Have a pipe to the other process; for a process of its own."""
+    handle.begin(b=NewestPipe()).wait()
+
+
+def following(handle, met):
+    """End when the other process does; for a process of its own."""
+    channel = NewestPipe()
+    handle.begin(a=channel)
+    pipe = channel.next()
+    Path(met).touch()
+    with contextlib.suppress(EOFError, OSError):
+        pipe.recv_bytes()
+
+
+def test_of_a_process_that_ends_because_another_did_nothing_is_said(tmp_path):
+    said, met = [], tmp_path / "met"
+    parts = [
+        Part(name="a", target=leading),
+        Part(name="b", target=following, args=(str(met),)),
+    ]
+    supervisor = Supervisor(parts, [("a", "b")], notify=said.append)
+    supervisor.start()
+    try:
+        before, deadline = [supervisor.pid(name) for name in "ab"], time.monotonic() + 60
+        while not met.exists() and time.monotonic() < deadline:
+            supervisor.check()
+        os.kill(before[0], signal.SIGKILL)
+        while {supervisor.pid(name) for name in "ab"} & {*before} and time.monotonic() < deadline:
+            supervisor.check()
+        assert not {supervisor.pid(name) for name in "ab"} & {*before}
+        assert said == ["the a process has ended; it is restarted"]
+    finally:
+        supervisor.end()
+
+
 def waiting(handle):
     """Begin, and never give a heartbeat; for a process of its own."""
     handle.begin().wait()

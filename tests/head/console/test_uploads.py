@@ -6,6 +6,7 @@ import time
 import pytest
 
 from minorloop.head.console import uploads
+from minorloop.head.console.lab import LabPage
 from minorloop.head.console.uploads import FullError, Quota, Uploads, remove_orphans
 
 MIB = 1024**2
@@ -56,6 +57,16 @@ def test_unfinished_uploads_count(monkeypatch):
         await found.add("small.csv", 1000)  # a part is kept free for small files
 
     kept(work)
+
+
+def test_results_count_as_large_as_a_worker_may_write_them(scratch):
+    async def work(found):
+        return (await found.add("run.csv", 7)).size
+
+    assert kept(work) == 7 + 3 * QUOTA.result
+    page = LabPage(workers=1, quota=QUOTA)
+    for pool in (page._workers, page._quick):
+        assert (pool._work.file, pool._work.memory) == (QUOTA.result, QUOTA.memory)
 
 
 def test_unused_uploads_make_room(monkeypatch):

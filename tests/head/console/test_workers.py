@@ -2,6 +2,7 @@ import asyncio
 import multiprocessing
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -12,11 +13,11 @@ from minorloop.head.console import workers
 QUICK = "worker_tasks"
 
 
-def told(task, *, longest=60.0, times=1, tasks=QUICK, **options):
+def told(task, *, longest=60.0, times=1, tasks=QUICK, limits=None, **options):
     """Reports of tasks, one after the other, on one worker."""
 
     async def ask():
-        pool = workers.Workers(1, longest=longest, tasks=tasks)
+        pool = workers.Workers(1, longest=longest, tasks=tasks, **limits or {})
         pool.start()
         try:
             return [[each async for each in pool.run(task, **options)] for _ in range(times)]
@@ -36,6 +37,17 @@ def test_what_a_process_takes_to_begin_is_not_what_a_task_takes(tmp_path):
     tasks = workers.TASKS  # it imports for longer than the task may take
     ((answer,),) = told("look", longest=0.5, tasks=tasks, folder=str(tmp_path), name="none.csv")
     assert "none.csv" in answer["error"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system does not enforce the limits")
+def test_memory_and_files_beyond_the_limit_are_refused_and_the_worker_continues(tmp_path):
+    limits = {"memory": 2**29, "file": 2**20}
+    for (answer,) in told("take", times=2, limits=limits, size=2**29):
+        assert "needs more than the 0.5 GiB of memory" in answer["error"]
+    assert told("take", limits=limits, size=2**24) == [[{"taken": 2**24}]]
+    path = str(tmp_path / "large")
+    (answers,) = told("write", limits=limits, path=path, size=2**20 + 1)
+    assert answers[-1]["error"].startswith("this cannot be done")
 
 
 def test_what_takes_too_long_is_ended_and_the_next_is_served():

@@ -7,12 +7,13 @@ import contextlib
 import re
 import time
 from collections.abc import AsyncIterator, Coroutine, Iterator
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import msgspec
 
 from minorloop.errors import MissingExtraError
-from minorloop.head.console.uploads import INPUTS, MODEL, REPORT, FullError, Quota, Upload, Uploads
+from minorloop.head.console.uploads import RESULTS, FullError, Quota, Upload, Uploads
 from minorloop.head.console.workers import Workers
 
 try:
@@ -30,7 +31,6 @@ _MOST_JOBS = 32
 """Requests that may compute or wait at once."""
 _AT_ONCE = 4
 """Large files that may be received at once."""
-_RESULTS = (MODEL, REPORT, INPUTS)
 _PAUSE, _WHOLE = 10.0, 600.0
 """Most seconds without a byte, and for a whole body."""
 
@@ -93,8 +93,9 @@ class LabPage:
     """
 
     def __init__(self, *, workers: int = 2, quota: Quota | None = None) -> None:
-        self._workers, self._quick = Workers(workers), Workers(1, longest=20.0)
-        self._quota = quota or Quota()
+        self._quota = quota = quota or Quota()
+        limited = partial(Workers, memory=quota.memory, file=quota.result)
+        self._workers, self._quick = limited(workers), limited(1, longest=20.0)
         self._uploads = Uploads(self._quota)
         self._jobs, self._large = 0, 0
         self._reading = asyncio.Semaphore(_AT_ONCE)
@@ -228,7 +229,7 @@ class LabPage:
             return _refusal(str(error), 404)
         name = request.path_params["file"]
         file = upload.folder / name
-        if name not in _RESULTS or not file.is_file():
+        if name not in RESULTS or not file.is_file():
             return _refusal("there is no such file yet", 404)
         return FileResponse(file, filename=name, headers={"Cache-Control": "no-store"})
 
@@ -344,4 +345,4 @@ def _name(given: str) -> str:
     while len(plain.encode()) > _LONGEST_NAME:
         plain = plain[1:]
     plain = plain.strip(" .")
-    return plain if plain and plain not in _RESULTS else "data.csv"
+    return plain if plain and plain not in RESULTS else "data.csv"

@@ -33,6 +33,7 @@ from minorloop.identification import (
 )
 from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
 from minorloop.identification.scores import OF_OPERATOR, score_rows
+from minorloop.lab.bounds import Bounds
 from minorloop.lab.columns import (
     deviation_column,
     find_column,
@@ -54,7 +55,13 @@ _SHOWN, _PREVIEWED = 2500, 400
 _WITH_TIME = ("diagonal", "spacing", "start", "start_of_curve", "skip")
 """Options of the page that models with time in the plane have too."""
 # Limits that keep a task within the time and memory of a worker.
-_MOST_LEVELS, _MOST_ROWS, _MOST_COLUMNS, _MOST_TARGETS = 100, 500_000, 100, 10_000
+_MOST_LEVELS, _MOST_TARGETS = 100, 10_000
+BOUNDS = Bounds(
+    rows=500_000,
+    columns=100,
+    advice=" here, or use 'minorloop identify' on the command line",
+)
+"""The largest table that the page reads."""
 
 
 def warm_up() -> None:
@@ -69,19 +76,12 @@ def warm_up() -> None:
 def look(folder: str, name: str) -> Reports:
     """Describe the columns of a CSV file: unit, rows, range, and whether it looks like time."""
     os.chdir(folder)
-    headers = read_headers(name)
-    if len(headers) > _MOST_COLUMNS:
-        raise RecordError(
-            f"{name} has {len(headers)} columns; give at most {_MOST_COLUMNS} here, or use "
-            "'minorloop identify' on the command line"
-        )
     columns: list[dict[str, Any]] = []
-    for index, (header, values) in enumerate(zip(headers, read_each(name), strict=True)):
+    found = read_each(name, BOUNDS)
+    for index, (header, values) in enumerate(found):
         if isinstance(values, RecordError):
             columns.append({"header": header, "trouble": str(values)})
             continue
-        if values.size > _MOST_ROWS:
-            raise RecordError(f"{name} has {values.size} rows; give at most {_MOST_ROWS} here")
         finite = values[np.isfinite(values)]
         columns.append(
             {
@@ -101,7 +101,7 @@ def look(folder: str, name: str) -> Reports:
         raise RecordError(trouble or f"{name} has one column; give an input and an output")
     time = None
     with suppress(RecordError):  # two columns could be time
-        time = time_column(headers)
+        time = time_column([header for header, _ in found])
     yield {"name": name, "columns": columns, "time": time}
 
 

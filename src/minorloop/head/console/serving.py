@@ -170,7 +170,22 @@ class ConsoleHttp(H11Protocol):
 
 
 class Sockets(WebSocketsSansIOProtocol):
-    """Websocket protocol that may already be closing when the server ends."""
+    """Websocket protocol that may already be closing when the server ends.
+
+    A text that is not UTF-8 closes the connection with a reason, instead of a traceback in the log.
+    """
+
+    def send_receive_event_to_app(self) -> None:
+        """Pass on a whole message."""
+        try:
+            if self.curr_msg_data_type == "text":
+                b"".join(self.frames).decode()
+        except UnicodeDecodeError:
+            self.frames = []
+            self.conn.send_close(1007, "the message is not UTF-8; send JSON texts")
+            self.handle_parser_exception()
+        else:
+            super().send_receive_event_to_app()
 
     def shutdown(self) -> None:
         """Close the connection."""

@@ -179,7 +179,10 @@ class Supervisor:
             self.check()
 
     def check(self) -> None:
-        """Wait a moment, then restart processes that have ended, and kill those that hang."""
+        """Wait a moment, then restart processes that have ended, and kill those that hang.
+
+        One that ends with status 0 does so because another did: only of the other is the user told.
+        """
         before = time.monotonic()
         alive = {p.sentinel: p for p in (r.process for r in self._running.values()) if p.is_alive()}
         for ended in connection.wait(list(alive), timeout=_POLL):
@@ -193,7 +196,7 @@ class Supervisor:
                     running.killed = True
                     running.process.kill()
             elif now - running.began > _LEAST_INTERVAL:
-                if not running.killed:
+                if not running.killed and running.process.exitcode != 0:
                     self._notify(f"the {name} process has ended; it is restarted")
                 running.control.close()
                 running.process.close()
@@ -245,6 +248,22 @@ def be_nice(by: int) -> None:
     """Change the niceness of this process; few systems allow less of it."""
     with contextlib.suppress(OSError, AttributeError):
         os.nice(by)
+
+
+def limit_resources(memory: int, file: int) -> None:
+    """Limit this process to bytes of memory for data, and of each file that it writes.
+
+    An allocation beyond the limit then raises `MemoryError`, and a write `OSError`. Address space
+    is no measure: libraries reserve more of it than they use. Windows has no such limits, and
+    macOS does not enforce that of memory.
+    """
+    with contextlib.suppress(ImportError):
+        import resource
+
+        for kind, most in ((resource.RLIMIT_DATA, memory), (resource.RLIMIT_FSIZE, file)):
+            _, hard = resource.getrlimit(kind)
+            lower = most if hard == resource.RLIM_INFINITY else min(most, hard)
+            resource.setrlimit(kind, (lower, hard))
 
 
 def is_stopped(child: int) -> bool:

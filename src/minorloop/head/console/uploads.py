@@ -24,13 +24,11 @@ from minorloop.errors import OutputError
 from minorloop.files import lock_path
 
 PREFIX = "minorloop-lab-"
-MODEL, REPORT, INPUTS = "model.json", "report.html", "inputs.csv"
+MODEL, REPORT, INPUTS = RESULTS = "model.json", "report.html", "inputs.csv"
 """Results in the folder of a file."""
 _LOCK = ".lock"
 _BLOCK = 1 << 18
 """Bytes that are written at once."""
-_RESULTS = 8 * 1024**2
-"""Bytes reserved for the model, the report and the inputs of a file."""
 _T = TypeVar("_T")
 
 
@@ -47,12 +45,16 @@ class Quota:
     file : int
         Bytes of a file.
     disk : int
-        Bytes of all, with those reserved for results.
+        Bytes of all, with those that their results may have.
     files : int
         Number of all.
     small : int
         Bytes up to which a file is small; a quarter of the disk and of the number is kept free for
         small files, and large ones do not delay them.
+    result : int
+        Bytes of each result of a file, which a worker cannot exceed.
+    memory : int
+        Bytes of memory of each worker, which it cannot exceed.
     large : int
         Large files that may be received, read or identified at the same time.
     kept : float
@@ -65,6 +67,8 @@ class Quota:
     disk: int = 1024**3
     files: int = 64
     small: int = 1024**2
+    result: int = 5 * 1024**2 // 2
+    memory: int = 2 * 1024**3
     large: int = 16
     kept: float = 4 * 3600.0
     spared: float = 60.0
@@ -78,13 +82,14 @@ class Upload:
     folder: Path
     name: str
     length: int
+    reserved: int
     used: float = field(default_factory=time.monotonic)
     users: int = 0
 
     @property
     def size(self) -> int:
         """Bytes of the file, with those reserved for its results."""
-        return self.length + _RESULTS
+        return self.length + self.reserved
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[None]:
@@ -107,6 +112,7 @@ class Uploads:
 
     def __init__(self, quota: Quota) -> None:
         self.quota = quota
+        self._reserved = len(RESULTS) * quota.result
         self._all: dict[str, Upload] = {}
         self._leaving: set[Upload] = set()
         # A disk may take seconds to write; the event loop must not wait for it.
@@ -153,7 +159,7 @@ class Uploads:
                 )
             await self.remove(min(idle, key=lambda each: each.used))
         key = secrets.token_urlsafe(16)
-        upload = Upload(key, self.root / key, name, size)
+        upload = Upload(key, self.root / key, name, size, self._reserved)
         self._all[key] = upload
         try:
             await self._on_disk(upload.folder.mkdir)
@@ -207,7 +213,7 @@ class Uploads:
         quota, counted = self.quota, [*self._all.values(), *self._leaving]
         taken, count = sum(each.size for each in counted), len(counted)
         share = 1.0 if size <= quota.small else 0.75
-        return taken + size + _RESULTS <= share * quota.disk and count < share * quota.files
+        return taken + size + self._reserved <= share * quota.disk and count < share * quota.files
 
     async def _on_disk(self, work: Callable[..., _T], *options: Any) -> _T:
         return await asyncio.get_running_loop().run_in_executor(self._disk, work, *options)

@@ -14,6 +14,7 @@ import os
 import signal
 import threading
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
@@ -23,10 +24,21 @@ from minorloop.head.console.supervisor import (
     be_nice,
     bind_to_parent,
     is_stopped,
+    limit_resources,
 )
 
 TASKS = "minorloop.head.console.lab_work"
 _POLL = 0.01
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a worker does, as `Workers` has it."""
+
+    tasks: str
+    nice: int
+    memory: int
+    file: int
 
 
 class Workers:
@@ -41,12 +53,23 @@ class Workers:
         Module of the tasks, with a function ``warm_up``.
     nice : int
         Niceness of the workers: the processes that steer run first.
+    memory, file : int
+        Bytes of memory that a worker may take, and of a file that it may write, on systems that
+        have such limits.
     """
 
     def __init__(
-        self, count: int, *, longest: float = 180.0, tasks: str = TASKS, nice: int = 10
+        self,
+        count: int,
+        *,
+        longest: float = 180.0,
+        tasks: str = TASKS,
+        nice: int = 10,
+        memory: int = 4 * 1024**3,
+        file: int = 64 * 1024**2,
     ) -> None:
-        self._count, self._longest, self._work = count, longest, (tasks, nice)
+        self._count, self._longest = count, longest
+        self._work = Work(tasks, nice, memory, file)
         self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
         self._all: set[_Worker] = set()
 
@@ -108,16 +131,16 @@ class Workers:
         self._add()
 
     def _add(self) -> None:
-        worker = _Worker(*self._work)
+        worker = _Worker(self._work)
         self._all.add(worker)
         self._idle.put_nowait(worker)
 
 
 class _Worker:
-    def __init__(self, tasks: str, nice: int) -> None:
+    def __init__(self, work: Work) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs, tasks, nice), daemon=True)
+        self._process = context.Process(target=serve, args=(theirs, work), daemon=True)
         self._process.start()
         self._ready = False
         theirs.close()
@@ -157,13 +180,14 @@ class _Worker:
         self._process.kill()  # a stopped process reacts to nothing else
 
 
-def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
+def serve(pipe: Connection, work: Work) -> None:
     """Do tasks until the pipe closes; for a process of its own."""
-    be_nice(nice)
+    be_nice(work.nice)
     bind_to_parent("console-worker", signal.SIGKILL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    tasks = importlib.import_module(module)
+    tasks = importlib.import_module(work.tasks)
     tasks.warm_up()
+    limit_resources(work.memory, work.file)
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
         pipe.send(None)  # ready
         while True:
@@ -174,7 +198,11 @@ def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
             except MinorloopError as error:
                 pipe.send({"error": str(error)})
             except MemoryError:
-                pipe.send({"error": "there is not enough memory for this; use fewer levels"})
+                most = f"{work.memory / 1024**3:.3g} GiB of memory"
+                sentence = (
+                    f"this needs more than the {most} that it may use; use fewer rows or levels"
+                )
+                pipe.send({"error": sentence})
             except (OSError, ValueError) as error:
                 pipe.send({"error": f"this cannot be done: {error}"})
             pipe.send(None)
