@@ -27,6 +27,7 @@ PARTS = (
     "console_depth",
     "console_devices",
     "meter",
+    "long_run",
     "raw_logs",
     "fast_stage",
     "after_effect",

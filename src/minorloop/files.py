@@ -12,6 +12,7 @@ import errno
 import io
 import os
 import re
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -266,17 +267,23 @@ def refusal(path: Path, error: OSError) -> OutputError:
     return OutputError(f"{path} cannot be written: {error.strerror or error}{advice}")
 
 
-def lock_path(path: PathLike, flags: int = os.O_RDONLY) -> int | None:
+def lock_path(path: PathLike, flags: int = os.O_RDONLY, *, shared: bool = False) -> int | None:
     """Open a file or a folder and lock it; return None if another process has the lock.
 
-    It is free when what is returned is closed, at the latest when the process ends. Windows has no
-    such locks.
+    It is free when what is returned is closed, at the latest when the process ends. Several
+    processes may have a ``shared`` lock. Windows locks files only, and none is shared.
     """
-    import fcntl
-
     descriptor = os.open(path, flags, 0o600)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            how = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+            fcntl.flock(descriptor, how | fcntl.LOCK_NB)
     except OSError:
         os.close(descriptor)
         return None

@@ -1,4 +1,5 @@
 import csv
+import json
 import shlex
 from pathlib import Path
 
@@ -65,6 +66,7 @@ def test_readings_are_converted_as_by_reduce_and_resume_continues_so(run, answer
         ("resume --store none", "none does not exist"),
         ("runs list --store .", "there is no experiment store in ."),
         ("runs sing --store a", "there is no action 'sing'"),
+        (f"{RUN} --store {'a' * 251}", "give a shorter name"),
         ("runs list --store a --save b", "--save is for export"),
         ("identify good.csv --input voltage", "--output is missing"),
     ],
@@ -72,6 +74,53 @@ def test_readings_are_converted_as_by_reduce_and_resume_continues_so(run, answer
 def test_refuses_in_one_line(line, says, refused):
     assert says in refused(line)
     assert not Path("a").exists()
+
+
+DEAD = """
+import numpy as np
+import minorloop as ml
+from minorloop.lab.actuator import Channel
+
+class Bench:
+    inputs, outputs = (Channel("voltage", "V", -2.0, 2.0),), (Channel("tip", "mm"),)
+    tick = 0.1
+
+    def apply(self, u, duration, sample_interval):
+        t = np.arange(1, round(duration / sample_interval) + 1) * sample_interval
+        return ml.Record(t, np.full(t.size, u), np.full(t.size, 0.25), "voltage [V]", "tip [mm]")
+
+    def exchange(self, u):
+        return 0.25
+
+    def safe(self):
+        print("switched off")
+"""
+
+
+def test_a_dead_meter_is_warned_of_and_ends_a_run_that_is_safe(run):
+    Path("dead_meter.py").write_text(DEAD)
+    Path("swing.csv").write_text("voltage [V],hold [s]\n" + "-1,0.4\n1,0.4\n" * 4)
+    line = "run --actuator module:dead_meter.Bench --plan swing.csv --store a.sqlite"
+    status, out, err = run(line)
+    assert status == 2
+    assert "switched off" in out
+    measured, warning, error = err.splitlines()[:2], err.splitlines()[2], err.splitlines()[-1]
+    assert [row.split()[0] for row in measured] == ["1/8", "2/8"]
+    assert warning.startswith("! tip is 0.25 mm in every reading of holds 1 to 2, while voltage")
+    assert "holds 1 to 3" in error
+    assert "3 of 8 levels are kept; continue with minorloop resume" in error
+    with Store.open("a.sqlite") as store:
+        assert len(store) == 3
+
+
+def test_a_warning_of_a_finished_run_is_in_its_answer(run):
+    Path("dead_meter.py").write_text(DEAD)
+    Path("swing.csv").write_text("voltage [V],hold [s]\n-1,0.4\n1,0.4\n")
+    line = "run --actuator module:dead_meter.Bench --plan swing.csv --store a.sqlite --json"
+    status, out, _ = run(line)
+    assert status == 0
+    (warning,) = json.loads(out.splitlines()[-1])["warnings"]
+    assert "in every reading of holds 1 to 2" in warning
 
 
 def test_a_store_knows_its_columns(run, refused):

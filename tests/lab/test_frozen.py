@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from minorloop.lab.frozen import frozen
+from minorloop.connect import connect
+from minorloop.lab.frozen import RepeatedReadings, frozen
 
 RNG = np.random.default_rng(1000)
 NOISE = RNG.normal(size=4000)
@@ -49,3 +50,77 @@ def test_short_records_are_not_searched():
     assert frozen(np.ones(30)).runs == ()
     assert frozen(np.zeros(0)).runs == ()
     assert frozen(np.ones(300)).runs == ()
+
+
+def _verdicts(levels, readings):
+    repeated = RepeatedReadings(np.asarray(levels))
+    said = []
+    for level, y in zip(levels, readings, strict=True):
+        repeated.add(level, np.asarray(y))
+        said.append(repeated.verdict)
+    return said
+
+
+def _held(twin, levels, step):
+    """Readings of a twin, ten a hold, by a sensor whose resolution is this share of its range."""
+    y = [np.asarray(twin.apply(float(u), 60.0, 6.0).y) for u in levels]
+    digit = step * np.ptp(np.concatenate(y))
+    return [np.round(one / digit) * digit if step else one for one in y]
+
+
+STAIRS = [*np.linspace(0, 1, 11), *np.linspace(0.9, 0, 10)]
+
+
+class TestRepeatedReadings:
+    def test_a_dead_sensor_is_faulty_as_soon_as_the_input_has_crossed_its_range(self):
+        dead = np.full(20, 0.1)
+        assert _verdicts([-1, 1, -1, 1], [dead] * 4) == ["", *["faulty"] * 3]
+        said = _verdicts(STAIRS, [dead] * len(STAIRS))
+        assert said[:10] == [*[""] * 5, *["suspect"] * 4, "faulty"]
+
+    def test_a_noisy_sensor_that_stops_is_faulty_wherever_the_input_is(self):
+        y = [0.3 * u + 0.01 * RNG.normal(size=20) for u in STAIRS]
+        y[14:] = [np.full(20, y[14][0])] * len(y[14:])
+        assert _verdicts(STAIRS, y)[13:] == ["", "", *["faulty"] * 6]
+
+    def test_a_saturated_sensor_is_not_faulty(self):
+        y = [np.minimum(u + 0.01 * RNG.normal(size=20), 0.65) for u in STAIRS]
+        assert _verdicts(STAIRS, y) == [""] * len(y)
+
+    def test_unmeasured_readings_are_neither(self):
+        assert _verdicts([-1, 1, -1], [np.full(5, np.nan)] * 3) == [""] * 3
+        gaps = np.array([0.5, np.nan, 0.5])
+        assert _verdicts([-1, 1, -1], [gaps] * 3)[1:] == ["faulty"] * 2
+
+    def test_an_input_that_stays_says_nothing(self):
+        assert _verdicts([0.5] * 5, [np.zeros(9)] * 5) == [""] * 5
+
+    @pytest.mark.parametrize("noise", [0.0, 0.01])
+    @pytest.mark.parametrize("codes", [3, 8, 30, 1000])
+    def test_a_play_that_is_read_coarsely_is_not_faulty(self, codes, noise):
+        """It stays where it is over 60 % of the range after each reversal."""
+        place, y = -0.7, []
+        levels = [*np.linspace(-1, 1, 41), *np.linspace(0.95, -1, 40), *np.linspace(-0.95, 1, 40)]
+        for u in levels:
+            place = min(max(place, u - 0.6), u + 0.6)
+            y.append(np.round(codes * (place + noise * RNG.normal(size=20))))
+        assert "faulty" not in _verdicts(levels, y)
+
+    @pytest.mark.parametrize("step", [0.0, 1e-3, 0.02, 0.1])
+    @pytest.mark.parametrize("address", ["twin:ipmc", "twin:fibre"])
+    def test_a_twin_is_not_faulty_by_any_sensor(self, address, step):
+        low, high = {"twin:ipmc": (-1.2, 1.2), "twin:fibre": (0.2, 0.65)}[address]
+        chance = np.random.default_rng(1000)
+        for levels in (
+            chance.uniform(low, high, 15),
+            low + (high - low) * np.array(STAIRS),
+            low + 0.1 * (high - low) * chance.random(10),
+        ):
+            y = _held(connect(address, specimen=1000), levels, step)
+            assert "faulty" not in _verdicts([low, high, *levels], [[0, 1], [0, 1], *y])
+
+    def test_a_wire_below_its_threshold_is_not_faulty(self):
+        levels = 0.3 * np.array(STAIRS)
+        said = _verdicts(levels, _held(connect("twin:wire", specimen=1000), levels, 1e-3))
+        assert "suspect" in said
+        assert "faulty" not in said

@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.errors import LimitError, ParameterError, SafetyError, StoreError
+from minorloop.errors import (
+    InstrumentError,
+    LimitError,
+    ParameterError,
+    SafetyError,
+    StoreError,
+)
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
-from minorloop.lab.run import Stopped, run
+from minorloop.lab.run import Stopped, long_enough, run
 from minorloop.lab.store import Setup, Store
 
 LEVELS = [-1.2, 0.3, -0.6, 1.2, 0.0, 0.7]
@@ -112,6 +118,50 @@ def test_an_output_that_is_not_measured_is_a_verdict_too(tmp_path):
         run(Blind(), PLAN, store)
         assert {point.verdict for point in store.points()} == {"unsettled"}
         assert np.isnan(store.points()[0].value)
+
+
+class Dead(Bench):
+    """Its meter repeats a reading from some hold on."""
+
+    def __init__(self, since):
+        super().__init__()
+        self.levels, self.since, self.reading = [], since, None
+
+    def apply(self, u, duration, sample_interval):
+        record = super().apply(u, duration, sample_interval)
+        if not self.levels or u != self.levels[-1]:
+            self.levels.append(u)
+        if len(self.levels) <= self.since:
+            self.reading = record.y[-1]
+            return record
+        repeated = np.full(record.y.size, self.reading or 0.25)
+        return Record(record.t, record.u, repeated, "voltage [V]", "curvature [1/m]")
+
+
+@pytest.mark.parametrize("since", [0, 4])
+def test_a_dead_meter_is_warned_of_and_then_ends_the_run(tmp_path, since):
+    plan = Plan([-1.0, 1.0] * 5, 40.0, sample_interval=0.5, input="voltage [V]")
+    bench, warnings = Dead(since), []
+    with Store.create(tmp_path / "dead.sqlite", plan, SETUP) as store:
+        with pytest.raises(InstrumentError, match=r"in every reading of holds \d to \d, while vol"):
+            run(bench, plan, store, watch=lambda now: warnings.append(now.warning))
+        assert len(store) == since + 3
+        assert store.points()[-1].value == bench.reading or 0.25
+        assert "check the meter and its range" in store.sessions()[0].end
+        run(Bench(), plan, store)
+        assert store.finished
+    assert bench.sent[-1] == "safe"
+    (warning,) = filter(None, warnings)
+    assert f"holds {since + 1} to {since + 2}, while voltage went from -1 to 1 V" in warning
+
+
+def test_an_actuator_that_does_not_move_within_a_small_part_of_its_limits_is_only_warned_of(store):
+    plan = Plan([-0.4, 0.4] * 3, 40.0, sample_interval=0.5, input="voltage [V]")
+    warnings = []
+    with Store.create(store.path.with_name("small.sqlite"), plan, SETUP) as other:
+        run(Dead(0), plan, other, watch=lambda now: warnings.append(now.warning))
+        assert other.finished
+    assert len([*filter(None, warnings)]) == 1
 
 
 class Pulled(Exception):
@@ -360,3 +410,19 @@ def test_a_store_of_another_actuator_is_refused(store):
         pytest.raises(StoreError, match=r"the actuator has .* 'length change \[um\]'"),
     ):
         run(fibre, plan, other)
+
+
+def test_it_says_how_long_holds_must_be_where_they_were_extrapolated(tmp_path):
+    found = []
+    levels = np.random.default_rng(1000).uniform(-1.2, 1.2, 12)
+    for seconds in (80.0, None):
+        hold = seconds or found[0][1]
+        plan = Plan(levels, hold, input="voltage [V]")
+        with Store.create(tmp_path / f"{hold}.sqlite", plan, SETUP) as store:
+            run(connect("twin:ipmc", specimen=1000, noise=0.05, seed=1000), plan, store)
+            found.append((store.totals()["settled"], long_enough(store)))
+    assert found[0][0] < 6 < 9 <= found[1][0]
+
+
+def test_it_does_not_say_how_long_holds_must_be_before_there_are_any(store):
+    assert np.isnan(long_enough(store))

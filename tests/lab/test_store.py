@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import OutputError, ParameterError, RecordError, StoreError
+from minorloop.files import lock_path
 from minorloop.lab import store as store_module
 from minorloop.lab._store_rows import sealed
 from minorloop.lab.plan import Plan
@@ -130,6 +131,42 @@ class TestKeeping:
             assert np.isnan(store.points()[0].value)
             assert np.isnan(store.record().y).all()
             assert np.isnan(store.trace(0)[1]).all()
+
+    @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
+    @given(data=st.data())
+    def test_its_totals_are_those_of_the_points(self, tmp_path, data):
+        numbers = st.floats(-1e6, 1e6) | st.just(np.nan)
+        positive = st.floats(1e-6, 1e6)
+        count = data.draw(st.integers(0, 6))
+        path = tmp_path / os.urandom(8).hex()
+        with Store.create(path, Plan(np.zeros(7), 40.0), SETUP) as store:
+            for k in range(count):
+                changed = {
+                    "input": 0.0,
+                    "value": data.draw(numbers),
+                    "verdict": data.draw(st.sampled_from(["settled", "extrapolated", "unsettled"])),
+                    "held": data.draw(positive),
+                    "sample_interval": data.draw(positive | st.just(np.nan)),
+                }
+                store.add(_point(0, index=k, **changed), *_trace(0))
+            points, totals = store.points(), store.totals()
+        values, intervals = (
+            np.array([getattr(p, name) for p in points if np.isfinite(getattr(p, name))])
+            for name in ("value", "sample_interval")
+        )
+        assert totals["points"] == count
+        assert totals["held"] == pytest.approx(sum(point.held for point in points))
+        for verdict in ("settled", "extrapolated", "unsettled"):
+            assert totals[verdict] == sum(point.verdict == verdict for point in points)
+        assert (totals["lowest"], totals["highest"]) == (
+            (values.min(), values.max()) if values.size else (None, None)
+        )
+        assert (totals["median_interval"], totals["longest_interval"]) == (
+            (pytest.approx(np.median(intervals)), intervals.max())
+            if intervals.size
+            else (None,) * 2
+        )
+        assert totals["time_uncertainty"] == (0.05 if count else None)
 
     def test_it_is_a_record_and_a_table(self, tmp_path):
         with Store.open(_filled(tmp_path / "a")) as store:
@@ -247,6 +284,16 @@ class TestRefusals:
             monkeypatch.setattr(os, "link", refuse)
         _filled(tmp_path / "a")
         assert _folder_is_clean(tmp_path, "a")
+
+    @pytest.mark.parametrize(("length", "fits"), [(247, True), (248, False), (251, False)])
+    def test_a_name_leaves_room_for_those_beside_it(self, tmp_path, length, fits):
+        path = tmp_path / ("n" * length)
+        if fits:
+            assert len(_content(_filled(path), write=True)) > 100
+            return
+        with pytest.raises(OutputError, match=r"up to 8 more characters .*; give a shorter name"):
+            Store.create(path, PLAN, SETUP)
+        assert _folder_is_clean(tmp_path)
 
     def test_a_setup_that_is_no_json_leaves_nothing_behind(self, tmp_path):
         with pytest.raises(ParameterError, match="cannot be written as JSON"):
@@ -414,6 +461,9 @@ class TestFormat1:
                 np.testing.assert_array_equal(store.trace(k)[1], _trace(k)[1])
             assert store.last().index == 2
             assert store.columns()["held [s]"] == [40.0] * 3
+            totals = store.totals()
+            assert (totals["points"], totals["held"], totals["settled"]) == (3, 120.0, 3)
+            assert totals["median_interval"] is totals["time_uncertainty"] is None
 
     def test_it_is_gone_on_with_and_stays_what_it_is(self, tmp_path):
         path = _as_format_1(_filled(tmp_path / "a"))
@@ -448,33 +498,95 @@ class TestFormat1:
         hand = sqlite3.connect(path, isolation_level=None)
         hand.execute(f"UPDATE point SET {column} = 0.0 WHERE id = 1")
         hand.close()
-        with pytest.raises(StoreError, match="row 1 was altered"):
-            Store.open(path)
+        for write in (False, True):
+            with pytest.raises(StoreError, match="row 1 was altered"):
+                _content(path, write=write)
 
 
-class TestOneAtATime:
-    def test_while_another_process_writes_nobody_else_gets_in(self, tmp_path):
+class TestOneWriterAndManyReaders:
+    def test_while_a_process_writes_others_read_and_nobody_else_writes(self, tmp_path):
         path = _filled(tmp_path / "a")
+        before = _content(path)
         with _other_process(path, "write") as says:
             assert says == "opened"
-            for write in (False, True):
-                with pytest.raises(StoreError, match="another process has it open; wait"):
-                    Store.open(path, write=write)
-        assert "interrupted" in _content(path, write=True)
+            assert _content(path) == before
+            with Store.open(path) as store:
+                assert store.running
+            with pytest.raises(StoreError, match="another process has it open; wait"):
+                Store.open(path, write=True)
+        assert _content(path, write=True) == before
+        assert _folder_is_clean(tmp_path, "a")
 
     def test_a_process_that_looks_again_does_not_give_its_store_away(self, tmp_path):
         path = _filled(tmp_path / "a")
         with Store.open(path, write=True) as store:
+            assert store.running
             with pytest.raises(StoreError, match="another process has it open"):
-                Store.open(path)
+                Store.open(path, write=True)
+            with Store.open(path) as reader:
+                assert reader.running
             with _other_process(path, "write") as says:
                 assert "another process has it open" in says
             store.add(_point(3), *_trace(3))
 
     def test_many_may_read(self, tmp_path):
         path = _filled(tmp_path / "a")
-        with Store.open(path), _other_process(path, "read") as says, Store.open(path):
+        with Store.open(path) as store, _other_process(path, "read") as says, Store.open(path):
             assert says == "opened"
+            assert not store.running
+
+    def test_a_writer_does_not_wait_for_readers(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        with Store.open(path, write=True) as store:
+            store._execute("PRAGMA busy_timeout = 0")
+            store.begin_session("restored")
+            with Store.open(path) as reader:
+                cursor = reader._execute("SELECT * FROM point")  # in the middle of reading
+                cursor.fetchone()
+                store.add(_point(3), *_trace(3))
+                store.end_session(2, "finished")
+                assert len(cursor.fetchall()) == 2
+
+    def test_a_reader_has_the_points_that_were_there_when_it_was_opened(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        with Store.open(path, write=True) as store, Store.open(path) as reader:
+            store.add(_point(3), *_trace(3))
+            assert len(reader) == len(reader.points()) == reader.record().y.size == 3
+            assert reader.totals()["points"] == reader.last().index + 1 == 3
+            with pytest.raises(ParameterError, match="there is no point 3"):
+                reader.trace(3)
+            with Store.open(path) as later:
+                assert len(later) == len(later.points()) == 4
+                assert len(later.trace(3)[0]) == 5
+        assert _folder_is_clean(tmp_path, "a")
+
+    def test_a_reader_that_is_open_when_the_writer_ends_keeps_what_it_reads(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        with Store.open(path) as reader:
+            with Store.open(path, write=True) as store:
+                store.add(_point(3), *_trace(3))
+            assert reader.points() == [_point(k) for k in range(3)]
+            assert not reader.running
+        assert _folder_is_clean(tmp_path, "a")
+        with Store.open(path) as store:
+            assert len(store) == 4
+
+    def test_a_lock_that_was_just_removed_is_taken_anew(self, tmp_path, monkeypatch):
+        """Another process may open the lock before, and lock it after the writer removes it."""
+        path, locked = _filled(tmp_path / "a"), []
+
+        def late(lock, flags=os.O_RDONLY, **how):
+            locked.append(lock_path(lock, flags, **how))
+            if len(locked) == 1:
+                os.unlink(lock)
+            return locked[-1]
+
+        monkeypatch.setattr(store_module, "lock_path", late)
+        with Store.open(path, write=True) as store:
+            assert len(locked) == 2
+            with _other_process(path, "write") as says:
+                assert "another process has it open" in says
+            store.add(_point(3), *_trace(3))
 
 
 class TestDamage:
@@ -560,8 +672,11 @@ class TestDamage:
         hand = sqlite3.connect(path, isolation_level=None)
         hand.execute(statement)
         hand.close()
-        with pytest.raises(StoreError, match=r"is damaged|cannot be used|cannot be read"):
-            Store.open(path)
+        says = r"is damaged|cannot be used|cannot be read"
+        with pytest.raises(StoreError, match=says):
+            _content(path)
+        with pytest.raises(StoreError, match=says):
+            Store.open(path, write=True)
 
     def test_points_of_another_plan(self, tmp_path):
         path = _filled(tmp_path / "a")
@@ -571,8 +686,9 @@ class TestDamage:
         hand.execute("ATTACH ? AS other", (str(tmp_path / "b"),))
         hand.execute("REPLACE INTO about SELECT * FROM other.about WHERE name = 'plan'")
         hand.close()
-        with pytest.raises(StoreError, match="point 1 is missing or is not that of the plan"):
-            Store.open(path)
+        for write in (False, True):
+            with pytest.raises(StoreError, match=r"point \d is missing or is not that of the plan"):
+                Store.open(path, write=write)
 
 
 @contextmanager
@@ -679,6 +795,18 @@ class TestKilled:
                     for k in range(found):
                         np.testing.assert_array_equal(store.trace(k)[1], np.full(60_000, float(k)))
             settled = found
+
+    def test_what_a_killed_process_wrote_is_read_and_it_does_not_run(self, tmp_path):
+        path = tmp_path / "a"
+        Store.create(path, Plan(np.arange(10_000.0), 40.0), SETUP).close()
+        told = _killed_after(2, WRITE, path)
+        assert (tmp_path / "a-lock").exists()
+        with Store.open(path) as store:
+            assert not store.running
+            assert len(told) <= len(store) <= len(told) + 1
+        with Store.open(path, write=True) as store:
+            assert store.running
+        assert _folder_is_clean(tmp_path, "a")
 
     def test_a_store_that_can_be_seen_is_whole(self, tmp_path):
         told = _killed_after(5, CREATE, tmp_path)

@@ -27,17 +27,17 @@ def scatter(
     xs, ys = zip(*points, strict=True)
     cells = [[_BLANK] * width for _ in range(height)]
     across, down = 2 * width - 1, 4 * height - 1
+    (left, right), (low, high) = ((min(each), max(each)) for each in (xs, ys))
     for one in known:
         placed = [
-            (_place(a, min(xs), max(xs)) * across, (1 - _place(b, min(ys), max(ys))) * down)
-            for a, b in one
+            (_place(a, left, right) * across, (1 - _place(b, low, high)) * down) for a, b in one
         ]
         _join(cells, placed)
-    labels = {0: f"{max(ys):.4g}", height - 1: f"{min(ys):.4g}"}
+    labels = {0: f"{high:.4g}", height - 1: f"{low:.4g}"}
     wide = max(map(len, labels.values()))
     rows = ["".join(map(chr, row)) for row in cells]
     lines = [f"{labels.get(k, ''):>{wide}} {row}" for k, row in enumerate(rows)]
-    ends = f"{min(xs):.4g}", f"{max(xs):.4g}"
+    ends = f"{left:.4g}", f"{right:.4g}"
     gap = max(1, width - len(ends[0]) - len(ends[1]))
     return [*lines, f"{'':>{wide}} {ends[0]}{'':>{gap}}{ends[1]}"]
 

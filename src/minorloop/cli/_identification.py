@@ -313,7 +313,11 @@ def _record(
             chose = is_adaptive(store.setup)
             chooser = chooser_of(store.setup, store.points()) if chose else None
             sd = [point.sd for point in store.points()] if columns.sd is None else None
-            return store.record(), chooser, Log.of_points(store.record(), sd)
+            log = Log.of_points(store.record(), sd)
+            if store.running:
+                note = f"the run goes on, and has {len(store)} of {len(store.plan)} points so far"
+                log = replace(log, of_file=(note,))
+            return log.record, chooser, log
     if input is None or output is None:
         if not os.path.exists(file):
             raise RecordError(f"{file} does not exist; give a CSV file or an experiment store")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,14 @@ from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
     from minorloop.identification.adaptive import Adaptive
+    from minorloop.lab.plan import Plan
     from minorloop.lab.run import RunProgress
     from minorloop.lab.store import Store
 
 _WIDTH, _HEIGHT = 48, 10
 """Characters of the drawing: it fits into a terminal of 80 columns and 24 lines with its labels."""
+DRAWN = 1000
+"""Latest points that are drawn, so that a drawing of a long run takes no longer."""
 _ENOUGH, _LOOP = 4, 20
 """Points from which bands are drawn; inputs of each branch of the loop drawn with them."""
 
@@ -42,6 +46,8 @@ def watching(
         if progress.point is not None or _repeats(progress):
             with suppress(OSError):  # the reader of the log may end; the run continues
                 print(_line(progress, units[0], units[1], what), file=sys.stderr, flush=True)
+                if progress.warning:
+                    print(f"! {progress.warning}", file=sys.stderr, flush=True)
 
     yield log
 
@@ -79,12 +85,16 @@ def _live(
 
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     bar = Progress(*columns, TextColumn("{task.fields[left]}"))
-    task = bar.add_task("measuring", total=len(store.plan), completed=len(store), left="")
-    points = store.points()
-    u, y = [point.input for point in points], [point.value for point in points]
-    clock, shown = _Clock(store), [""]
+    begun = len(store)
+    task = bar.add_task("measuring", total=len(store.plan), completed=begun, left="")
+    points = store.points(max(begun - DRAWN, 0) if chooser is None else 0)
+    most = DRAWN if chooser is None else None
+    u = deque([point.input for point in points], most)
+    y = deque([point.value for point in points], most)
+    began, left, shown = time.monotonic(), "", ""
 
     def show(progress: RunProgress) -> None:
+        nonlocal left, shown
         level = f"{progress.input:.5g} {store.outputs[0].unit}"
         doing = f"{what[progress.index] if what else level} for {progress.held:.0f} s"
         if _repeats(progress):
@@ -92,48 +102,62 @@ def _live(
         if progress.point is not None:
             u.append(progress.point.input)
             y.append(progress.point.value)
-        left = clock.left(progress)
-        bar.update(task, description=doing, completed=len(u), left=left)
-        if progress.point is not None or progress.index == len(u):
-            picture = _drawn(store, u, y) if chooser is None else _banded(store, chooser, u, y)
-            shown[:] = [picture]
-        live.update(Group(bar, Text(shown[0])))
+            seconds = time.monotonic() - began
+            left = said_left(time_left(store.plan, begun, progress.index + 1, seconds))
+        done = progress.index + (progress.point is not None)
+        bar.update(task, description=doing, completed=max(done, begun), left=left)
+        if progress.point is not None or not shown:
+            shown = drawn(store, u, y) if chooser is None else _banded(store, chooser, u, y)
+        live.update(Group(bar, Text(shown)))
+        if progress.warning:
+            live.console.print(f"! {progress.warning}", markup=False, highlight=False)
 
     with Live(bar, console=Console(stderr=True), refresh_per_second=8) as live:
         yield show
 
 
-class _Clock:
-    """Time left, estimated from how long each second of holding has taken so far."""
+def time_left(plan: Plan, first: int, count: int, seconds: float) -> float:
+    """Return the time left of a run, in seconds; NaN if it is not known.
 
-    def __init__(self, store: Store) -> None:
-        self._longest = store.plan.longest
-        self._began = time.monotonic()
-        self._held = 0.0
-        self._shares: list[float] = []
-        self._said = ""
+    Holds to come are expected to take as large a share of the longest as those so far.
 
-    def left(self, progress: RunProgress) -> str:
-        if progress.point is None:
-            return self._said
-        self._held += progress.held
-        self._shares.append(progress.held / float(self._longest[progress.index]))
-        share = sum(self._shares) / len(self._shares)
-        to_hold = share * float(self._longest[progress.index + 1 :].sum())
-        seconds = (time.monotonic() - self._began) * to_hold / self._held
-        self._said = "" if seconds < 1 else f"{as_duration(seconds)} left"
-        return self._said
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    first, count : int
+        How many levels were measured when the time began to count, and are now.
+    seconds : float
+        How long the levels from ``first`` to ``count`` took.
+    """
+    so_far = float(plan.longest[first:count].sum())
+    return seconds * float(plan.longest[count:].sum()) / so_far if so_far else math.nan
 
 
-def _drawn(store: Store, u: Sequence[float], y: Sequence[float]) -> str:
+def said_left(seconds: float) -> str:
+    """Return a time left in words; empty if it is not known, or less than a second."""
+    return f"{as_duration(seconds)} left" if seconds >= 1 else ""
+
+
+def drawn(store: Store, u: Iterable[float], y: Iterable[float]) -> str:
+    """Return a drawing of points of a store, and what is drawn.
+
+    Parameters
+    ----------
+    store : Store
+        The store.
+    u, y : iterable of float
+        Inputs and outputs, as many.
+    """
     x, output = store.outputs
-    return "\n".join([f"{output} against {x}", *scatter([(u, y)], _WIDTH, _HEIGHT)])
+    return "\n".join([f"{output} against {x}", *scatter([([*u], [*y])], _WIDTH, _HEIGHT)])
 
 
-def _banded(store: Store, chooser: Adaptive, u: list[float], y: list[float]) -> str:
+def _banded(store: Store, chooser: Adaptive, u: Iterable[float], y: Iterable[float]) -> str:
     """Return a drawing of the points, and of the bands along the major loop."""
+    u, y = [*u], [*y]
     if len(u) < _ENOUGH:
-        return _drawn(store, u, y)
+        return drawn(store, u, y)
     ends = [chooser.low, chooser.high]
     rising = [chooser.low + (chooser.high - chooser.low) * k / _LOOP for k in range(_LOOP + 1)]
     loop = [ends[0], *rising, *rising[::-1]]

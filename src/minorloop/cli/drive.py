@@ -194,9 +194,9 @@ def _carried(
         chosen = Delivery.from_json(fields, written)
     else:
         chosen = TargetDrive.from_json(fields, written, getattr(plant, "covered", ""))
-    mode = carry_out_levels(plant, store, chosen.choose, None)
+    mode, faults = carry_out_levels(plant, store, chosen.choose, None)
     result, figures = chosen.result(store.points()), summary(store)
-    warnings = [*result.advice, *run_warnings(plant, figures)]
+    warnings = [*result.advice, *run_warnings(plant, figures), *faults]
     if report is not None:
         drive_report(result, figures, warnings).write(report, force=force)
     if as_json:

@@ -6,7 +6,6 @@ import shlex
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from minorloop.identification.adaptive import Adaptive
     from minorloop.lab.actuator import Actuator
     from minorloop.lab.plan import Plan
-    from minorloop.lab.run import Choose, ResumeMode
+    from minorloop.lab.run import Choose, ResumeMode, RunProgress
     from minorloop.lab.store import Setup, Store
 
 NAME = "run"
@@ -187,12 +186,12 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         None if store.setup.design is None else _adaptive.chooser_of(store.setup, store.points())
     )
     choose = None if chooser is None else partial(_adaptive.next_level, chooser)
-    mode = carry_out_levels(plant, store, choose, chooser)
+    mode, faults = carry_out_levels(plant, store, choose, chooser)
     figures = summary(store)
     found = None if chooser is None else _adaptive.findings_of(chooser, store)
     if found is not None:
         figures |= _adaptive.as_json(found)
-    figures["warnings"] = [*figures.get("warnings", []), *run_warnings(plant, figures)]
+    figures["warnings"] = [*figures.get("warnings", []), *run_warnings(plant, figures), *faults]
     if as_json:
         _common.print_json({**figures, "mode": mode})
         return
@@ -217,19 +216,27 @@ def carry_out_levels(
     choose: Choose | None,
     chooser: Adaptive | None,
     again: str | None = None,
-) -> ResumeMode:
+) -> tuple[ResumeMode, list[str]]:
     """Carry out the rest of a run and show its progress; if it ends, it says how to continue.
 
-    ``again`` says how, if not with resume.
+    ``again`` says how, if not with resume. Returns the mode, and what was wrong with points.
     """
     if again is None:
         again = f"continue with minorloop resume --store {shlex.quote(str(store.path))}"
     from minorloop.drive import MismatchError
     from minorloop.lab.run import run as carry
 
+    warnings = []
+
     try:
         with watching(store, chooser) as watch:
-            return carry(plant, store.plan, store, choose=choose, watch=watch)
+
+            def noted(progress: RunProgress) -> None:
+                watch(progress)
+                if progress.warning:
+                    warnings.append(progress.warning)
+
+            return carry(plant, store.plan, store, choose=choose, watch=noted), warnings
     except KeyboardInterrupt:
         if not store.finished:
             safe = "the actuator has confirmed that it is safe"  # or another error comes here
@@ -308,10 +315,7 @@ def sampling(figures: dict[str, Any]) -> str:
 
 def summary(store: Store) -> dict[str, Any]:
     """Return the actuator, the specimen and the progress of a store, by name."""
-    points = store.points()
-    verdicts = [point.verdict for point in points]
-    intervals = [p.sample_interval for p in points if p.sample_interval > 0]
-    doubts = [p.time_uncertainty for p in points if p.time_uncertainty >= 0]
+    totals = store.totals()
     return {
         "store": str(store.path),
         "actuator": store.setup.address,
@@ -321,12 +325,12 @@ def summary(store: Store) -> dict[str, Any]:
         "input": store.setup.input,
         "output": store.setup.output,
         "levels": len(store.plan),
-        "points": len(points),
+        "points": totals["points"],
         "finished": store.finished,
-        **{name: verdicts.count(name) for name in ("settled", "extrapolated", "unsettled")},
-        "held_s": sum(point.held for point in points),
+        **{name: totals[name] for name in ("settled", "extrapolated", "unsettled")},
+        "held_s": totals["held"],
         "sample_interval_s": store.plan.sample_interval,
-        "median_interval_s": median(intervals) if intervals else None,
-        "longest_interval_s": max(intervals, default=None),
-        "time_uncertainty_s": max(doubts, default=None),
+        "median_interval_s": totals["median_interval"],
+        "longest_interval_s": totals["longest_interval"],
+        "time_uncertainty_s": totals["time_uncertainty"],
     }

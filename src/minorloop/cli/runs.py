@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._braille import scatter
 from minorloop.cli._completion import one_of
+from minorloop.cli._watch import DRAWN, drawn, said_left, time_left
 from minorloop.cli.run import sampling, summary
 from minorloop.errors import ParameterError, StoreError
 from minorloop.files import table_text
@@ -21,6 +27,8 @@ if TYPE_CHECKING:
 NAME = "runs"
 EXAMPLE = "minorloop runs export --store runs.sqlite --save points.csv"
 _ACTIONS = ("list", "show", "export")
+_EVERY = 1.0
+"""Seconds between two looks at a run that is followed."""
 
 
 def run(
@@ -40,18 +48,25 @@ def run(
         ),
     ],
     save: _common.Save = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="With show: show the points of a run as they come.")
+    ] = False,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """List or show experiment stores, or export their settled points."""
+    """List or show experiment stores, or export their points, also while they are written."""
     if action not in _ACTIONS:
         known = ", ".join(_ACTIONS)
         raise ParameterError(f"there is no action {action!r}; give one of {known}")
     if save is not None and action != "export":
         raise ParameterError(f"--save is for export, not for {action}; leave it out")
+    if follow and (action != "show" or as_json):
+        raise ParameterError("--follow is for show, without --json; leave it out")
     if action == "list":
         _list(store, as_json)
     elif action == "show":
+        if follow:
+            _follow(store)
         _show(store, as_json)
     else:
         _export(store, save, force, as_json)
@@ -67,7 +82,7 @@ def _list(place: Path, as_json: bool) -> None:
     for file in files:
         try:
             with Store.open(file) as opened:
-                found.append(summary(opened))
+                found.append({**summary(opened), "running": opened.running})
         except StoreError as error:
             if len(files) == 1:
                 raise
@@ -81,7 +96,7 @@ def _list(place: Path, as_json: bool) -> None:
             str(figures["actuator"]),
             "nominal" if figures["specimen"] is None else str(figures["specimen"]),
             f"{figures['points']} of {figures['levels']}",
-            "finished" if figures["finished"] else "not finished",
+            _state(figures),
         )
         for figures in found
     ]
@@ -96,15 +111,93 @@ def _show(file: Path, as_json: bool) -> None:
     with Store.open(file) as opened:
         if as_json:
             sessions = [vars(session).copy() for session in opened.sessions()]
-            _common.print_json(
-                {**summary(opened), "sessions": sessions, "columns": opened.columns()}
-            )
+            content = {"sessions": sessions, "columns": opened.columns()}
+            _common.print_json({**_figures(opened), **content})
             return
         _print(opened)
 
 
+def _figures(store: Store) -> dict[str, Any]:
+    """Return the summary of a store, and what helps to decide whether its run should go on.
+
+    The time left and the hold that would settle are NaN where they are not known.
+    """
+    figures, sessions = summary(store), store.sessions()
+    left = enough = math.nan
+    if store.running and sessions:
+        began = datetime.fromisoformat(sessions[-1].began)
+        seconds = (datetime.now(UTC) - began).total_seconds()
+        left = time_left(store.plan, sessions[-1].first, figures["points"], seconds)
+    if 2 * figures["extrapolated"] > figures["points"]:
+        from minorloop.lab.run import long_enough
+
+        enough = long_enough(store)
+    return {**figures, "running": store.running, "left_s": left, "enough_hold_s": enough}
+
+
+def _state(figures: dict[str, Any]) -> str:
+    if figures["finished"]:
+        return "finished"
+    return "running" if figures["running"] else "not finished"
+
+
+def _progress(figures: dict[str, Any]) -> str:
+    """Return in a line how far a run is, and how long a hold should be."""
+    parts = [f"{figures['points']} of {figures['levels']} points", said_left(figures["left_s"])]
+    if enough := _enough(figures):
+        parts.append(f"{figures['extrapolated']} extrapolated; holds of {enough} would settle")
+    return ", ".join(filter(None, parts))
+
+
+def _enough(figures: dict[str, Any]) -> str:
+    seconds = figures["enough_hold_s"]
+    return f"about {as_duration(seconds)}" if math.isfinite(seconds) else ""
+
+
+def _follow(file: Path) -> None:
+    """Show the points of a store as they come, until no process writes it any more."""
+    from minorloop.lab.store import Store
+
+    with _shown() as show:
+        while True:
+            with Store.open(file) as opened:
+                figures = _figures(opened)
+                show(_progress(figures), opened)
+            if not figures["running"]:
+                return
+            time.sleep(_EVERY)
+
+
+@contextmanager
+def _shown() -> Iterator[Callable[[str, Store], None]]:
+    """Yield a function that shows a line and a drawing; without a terminal, lines that change."""
+    if not sys.stdout.isatty():
+        before = ""
+
+        def log(line: str, store: Store) -> None:
+            nonlocal before
+            if line != before:
+                typer.echo(line)
+                before = line
+
+        yield log
+        return
+    from rich.console import Console
+    from rich.live import Live
+    from rich.text import Text
+
+    with Live(console=Console(), auto_refresh=False, transient=True) as live:
+        yield lambda line, store: live.update(Text(f"{line}\n{_drawing(store)}"), refresh=True)
+
+
+def _drawing(store: Store) -> str:
+    """Return a drawing of the latest points."""
+    points = store.points(max(len(store) - DRAWN, 0))
+    return drawn(store, [point.input for point in points], [point.value for point in points])
+
+
 def _print(store: Store) -> None:
-    figures = summary(store)
+    figures = _figures(store)
     rows = [
         ("actuator", str(figures["actuator"])),
         ("specimen", "nominal" if figures["specimen"] is None else str(figures["specimen"])),
@@ -113,18 +206,20 @@ def _print(store: Store) -> None:
         ("points", f"{figures['points']} of {figures['levels']}"),
         *((name, str(figures[name])) for name in ("settled", "extrapolated", "unsettled")),
         ("held", as_duration(figures["held_s"])),
+        ("state", ", ".join(filter(None, [_state(figures), said_left(figures["left_s"])]))),
     ]
+    if enough := _enough(figures):
+        rows.append(("holds that would settle", enough))
     if said := sampling(figures):
         rows.append(("sampling", said))
     _common.print_table(("", ""), rows, str(store.path))
+    unended = "still running" if figures["running"] else "killed"
     for session in store.sessions():
-        end = session.end or "killed, or still running"
+        end = session.end or unended
         typer.echo(f"{session.began}: {session.mode}, from point {session.first} on; {end}")
-    points, (u, y) = store.points(), store.outputs
-    if points:
-        typer.echo(f"\n{y} against {u}")
-        for line in scatter([([p.input for p in points], [p.value for p in points])], 60, 14):
-            typer.echo(line)
+    if figures["points"]:
+        latest = f"the latest {DRAWN} points: " if figures["points"] > DRAWN else ""
+        typer.echo(f"\n{latest}{_drawing(store)}")
 
 
 def _export(file: Path, save: Path | None, force: bool, as_json: bool) -> None:
@@ -132,13 +227,14 @@ def _export(file: Path, save: Path | None, force: bool, as_json: bool) -> None:
 
     _common.check_outputs([save], inputs=[file], force=force)
     with Store.open(file) as opened:
-        columns = opened.columns()
+        columns, running = opened.columns(), opened.running
     rows = len(columns["index"])
     if save is not None:
         _common.write_csv(save, columns, force=force)
     if as_json:
         _common.print_json({"rows": rows, "columns": columns})
     elif save is not None:
-        typer.echo(f"{rows} settled points written to {save}")
+        more = "; the run goes on" if running else ""
+        typer.echo(f"{rows} settled points written to {save}{more}")
     else:
         typer.echo(table_text(columns, zip(*columns.values(), strict=True)), nl=False)

@@ -19,6 +19,7 @@ from minorloop.errors import OutputError, ParameterError
 from minorloop.files import first_difference
 
 MAGIC = b"SQLite format 3\0"
+IN_USE = "another process has it open; wait until that one has ended"
 SCHEMA = (
     "CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL, digest TEXT NOT NULL)",
     "CREATE TABLE sitting (id INTEGER PRIMARY KEY, began TEXT NOT NULL, ended TEXT, "
@@ -36,11 +37,41 @@ _KNOWN_OF_POINT = {
     2: "id, input, value, sd, verdict, t, held, checkpoint, sample_interval, time_uncertainty",
 }
 """Columns of a point, by the format of the store."""
+COUNTS = (
+    "SELECT (SELECT coalesce(max(id) + 1, 0) FROM point WHERE id < ?1), "
+    "(SELECT coalesce(max(id) + 1, 0) FROM trace WHERE id < ?1)"
+)
 POINTS = {
-    version: f"SELECT {columns}, digest FROM point ORDER BY id"
+    version: f"SELECT {columns}, digest FROM point WHERE id >= ? AND id < ? ORDER BY id"
     for version, columns in _KNOWN_OF_POINT.items()
 }
-TRACES = "SELECT id, t, y, digest FROM trace ORDER BY id"
+_MEDIAN = (
+    "(SELECT avg(x) FROM (SELECT sample_interval AS x, count(*) OVER () AS n, row_number() OVER "
+    "(ORDER BY sample_interval) AS k FROM point WHERE id < ?1 AND sample_interval > 0) "
+    "WHERE k IN ((n + 1) / 2, n / 2 + 1))"
+)
+_TOTALS = {
+    "points": "count(*)",
+    "settled": "count(*) FILTER (WHERE verdict = 'settled')",
+    "extrapolated": "count(*) FILTER (WHERE verdict = 'extrapolated')",
+    "unsettled": "count(*) FILTER (WHERE verdict = 'unsettled')",
+    "held": "total(held)",
+    "lowest": "min(value)",
+    "highest": "max(value)",
+    "median_interval": _MEDIAN,
+    "longest_interval": "max(sample_interval)",
+    "time_uncertainty": "max(time_uncertainty)",
+}
+"""Figures of all points, by name; the last three are not in a store of format 1."""
+TOTAL_NAMES = tuple(_TOTALS)
+TOTALS = {
+    version: f"SELECT {', '.join(columns)} FROM point WHERE id < ?1"
+    for version, columns in (
+        (1, [*list(_TOTALS.values())[:-3], *["NULL"] * 3]),
+        (2, _TOTALS.values()),
+    )
+}
+TRACES = "SELECT id, t, y, digest FROM trace"
 INSERT_ABOUT = "INSERT OR IGNORE INTO about VALUES (?, ?, ?)"
 REPLACE_SESSION = "REPLACE INTO sitting VALUES (?, ?, ?, ?, ?, ?, ?)"
 INSERT_POINT = {
@@ -226,13 +257,33 @@ def as_session(row: tuple[Any, ...]) -> RunSession:
     return RunSession(*unsealed(row)[1:])
 
 
+def with_room_beside(target: Path) -> Path:
+    """Return the name of a new store; refuse one that leaves no room for those beside it.
+
+    Raises
+    ------
+    OutputError
+        If ``NAME-journal``, the longest of them, is too long for the file system.
+    """
+    try:
+        os.lstat(f"{target}-journal")
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise OutputError(
+            f"{target} cannot be a store, because files beside it have the same name with up to 8 "
+            f"more characters ({error.strerror}); give a shorter name"
+        ) from None
+    return target
+
+
 def reason(error: sqlite3.Error) -> str:
     """Return the error of SQLite in words."""
     name = getattr(error, "sqlite_errorname", "")
     for begin, words in (
         ("SQLITE_FULL", "the disk is full; make room"),
-        ("SQLITE_BUSY", "another process has it open; wait until that one has ended"),
-        ("SQLITE_LOCKED", "another process has it open; wait until that one has ended"),
+        ("SQLITE_BUSY", IN_USE),
+        ("SQLITE_LOCKED", IN_USE),
         ("SQLITE_READONLY", "it is protected against writing"),
         ("SQLITE_CORRUPT", "it is damaged; restore a copy of it"),
         ("SQLITE_NOTADB", "it is not an experiment store, or damaged; run makes a new one"),

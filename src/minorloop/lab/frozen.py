@@ -1,15 +1,18 @@
-"""Find the stretches in which a noisy sensor repeats one reading exactly."""
+"""Find the readings that a faulty sensor repeats exactly: in a record, and during a run."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.lab.noise import noise_of
 
-__all__ = ["FrozenReadings", "frozen"]
+__all__ = ["FrozenReadings", "RepeatedReadings", "frozen"]
 
 _FEWEST = 20
 """Equal readings in a row below which a sensor is not called stuck: they do little harm."""
@@ -21,6 +24,15 @@ independent noise (the correlation of neighbours is -2/3), and near 0 for a smoo
 _FINE = 0.01
 """Quantile of the steps between readings that stands for the resolution of the sensor. The least
 step would be too small where the format rounds small numbers more finely."""
+_SUSPECT, _ACROSS = 0.5, 0.9
+"""Shares of the range of the inputs over which all readings may be the same by a play, a plateau or
+a threshold, as that of a heated wire, and over which no working actuator leaves them the same."""
+_BEYOND = 1.5
+"""How many times the widest change of the input that left them the same before."""
+_STEPS = 16
+"""Resolution of a sensor, in steps of the range of its readings, from which it is not coarse."""
+_LATEST = 4
+"""Holds before the repeated reading that show the noise and the resolution."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +77,92 @@ def frozen(values: FloatArray) -> FrozenReadings:
     least = max(_FEWEST, 1 + np.log(values.size / _CHANCE) / -np.log(equal))
     long = np.flatnonzero(counts >= least)
     return FrozenReadings(tuple((int(edges[k]), int(edges[k + 1])) for k in long), noise)
+
+
+class RepeatedReadings:
+    """The reading that a sensor repeats exactly from hold to hold, while the input changes.
+
+    A sensor that works may do so too: it is coarse, or the actuator has a threshold or is
+    saturated. So it counts as faulty only
+
+    - where the inputs of these holds reach across nearly the whole range of the run, and farther
+      than any that left the readings the same before, unless the readings show that it is coarse;
+    - or where it is `frozen`, and not at an extreme of its readings, as a saturated one is.
+
+    Parameters
+    ----------
+    levels : (N,) array
+        Inputs of the run; NaN where they are not known yet.
+
+    Attributes
+    ----------
+    reading : float
+        The reading, in the unit of the output; NaN where the latest hold has several.
+    holds : int
+        How many holds in a row repeat it.
+    inputs : (float, float)
+        Lowest and highest input of these holds, in its unit; zeros before the first.
+    verdict : str
+        ``faulty``, ``suspect`` where the inputs reach across half of the range only, or empty.
+    """
+
+    def __init__(self, levels: FloatArray) -> None:
+        self._range = _widened((math.nan, math.nan), levels)
+        self._latest: deque[FloatArray] = deque(maxlen=_LATEST)
+        self._repeated = 0  # readings beside those of the first of the holds
+        self._quiet = 0.0  # widest change of the input that left the readings the same
+        self._extremes = (math.nan, math.nan)
+        self.reading, self.holds, self.inputs = math.nan, 0, (0.0, 0.0)
+        self.verdict: Literal["faulty", "suspect", ""] = ""
+
+    def add(self, level: float, readings: FloatArray) -> None:
+        """Add a finished hold.
+
+        Parameters
+        ----------
+        level : float
+            Its input.
+        readings : (T,) array
+            Its readings; NaN where nothing was measured.
+        """
+        known = readings[np.isfinite(readings)]
+        self._range = _widened(self._range, level)
+        first = float(known[0]) if known.size and (known == known[0]).all() else math.nan
+        if first == self.reading:
+            self.holds, self.inputs = self.holds + 1, _widened(self.inputs, level)
+            self._repeated += known.size
+            faulty = self._is_across(_ACROSS) or self._is_frozen()
+            self.verdict = "faulty" if faulty else "suspect" if self._is_across(_SUSPECT) else ""
+        else:
+            self._quiet = max(self._quiet, self.inputs[1] - self.inputs[0])
+            self.reading, self.holds, self.inputs = first, 1, (level, level)
+            self._repeated, self.verdict = 0, ""
+            self._latest.append(known)
+            self._extremes = _widened(self._extremes, known)
+
+    def _is_across(self, share: float) -> bool:
+        change = self.inputs[1] - self.inputs[0]
+        least = share * (self._range[1] - self._range[0])
+        if not change or change < max(least, _BEYOND * self._quiet):
+            return False
+        before = np.concatenate(self._latest)
+        steps = np.abs(np.diff(before))
+        steps = steps[steps > 0]
+        return bool(not steps.size or np.ptp(before) >= _STEPS * np.quantile(steps, _FINE))
+
+    def _is_frozen(self) -> bool:
+        before = np.concatenate(self._latest)
+        repeated = min(self._repeated, before.size)  # more of them show no more
+        values = np.append(before, np.full(repeated, self.reading))
+        runs = frozen(values).runs
+        inside = self._extremes[0] < self.reading < self._extremes[1]
+        return bool(inside and runs and runs[-1][1] == values.size and np.ptp(self.inputs))
+
+
+def _widened(ends: tuple[float, float], values: FloatArray | float) -> tuple[float, float]:
+    """Return the lowest and the highest with more values; NaN does not count."""
+    all_of_them = np.append(ends, values)
+    return float(np.fmin.reduce(all_of_them)), float(np.fmax.reduce(all_of_them))
 
 
 def _noise(values: FloatArray) -> float:

@@ -14,14 +14,23 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import MinorloopError, ParameterError, SafetyError, StoreError, counted
-from minorloop.lab.actuator import SIX_DIGITS, Actuator, Rounding, Timed, check_input
+from minorloop.errors import (
+    InstrumentError,
+    MinorloopError,
+    ParameterError,
+    SafetyError,
+    StoreError,
+    counted,
+)
+from minorloop.lab.actuator import ROUNDING, SIX_DIGITS, Actuator, Rounding, Timed, check_input
+from minorloop.lab.frozen import RepeatedReadings
 from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity
-from minorloop.lab.settling import SPAN_SHARE, judge, trend
+from minorloop.lab.settling import SPAN_SHARE, judge, settled_after, trend
 from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
 from minorloop.lab.spikes import spikes
 from minorloop.lab.store import Point, Store
@@ -34,6 +43,7 @@ __all__ = [
     "RunProgress",
     "Stopped",
     "check_plan",
+    "long_enough",
     "run",
 ]
 
@@ -42,6 +52,13 @@ ResumeMode: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
 Choose: TypeAlias = Callable[[Sequence[Point]], float | None]
 """Maps the points so far to the next level, or to None where they are enough. The same points must
 give the same level, so that a stopped run continues as it would have."""
+
+
+_JUDGED, _MOST = 30, 90.0
+"""Latest holds that say how long a hold must be, and the percentage of them that then settle."""
+_FAR = 0.5
+"""Share of the range of the limits over which the input must go before a repeated reading ends a
+run: within less, an actuator may be below its threshold."""
 
 
 @runtime_checkable
@@ -80,6 +97,8 @@ class RunProgress:
         How long the level has been held, in seconds.
     point : Point, optional
         The settled point, once it is in the store.
+    warning : str
+        What is wrong with this point and those before it, as far as it shows; empty if nothing.
     """
 
     index: int
@@ -88,6 +107,7 @@ class RunProgress:
     output: float
     held: float
     point: Point | None = None
+    warning: str = ""
 
 
 def run(
@@ -130,6 +150,8 @@ def run(
     StoreError
         If the store belongs to another plan, was measured on another bench, or cannot be written;
         its points are kept.
+    InstrumentError
+        If the sensor repeats one reading exactly, whatever the input is; the points are kept.
     SafetyError
         If the actuator does not confirm at the end that it is safe; the points are kept.
     """
@@ -275,26 +297,64 @@ def _measure_rest(
     ended: float | None,
 ) -> None:
     """Measure level after level; ``ended`` is when the last hold ended, if known."""
-    points = store.points()
+    points = [] if choose is None else store.points()
+    last, totals = store.last(), store.totals()
+    seen = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)
+    repeated = RepeatedReadings(store.plan.inputs)
     while not store.finished:
-        level = _level(actuator, store.plan, points, choose)
+        index = 0 if last is None else last.index + 1
+        level = _level(actuator, store.plan, index, points, choose)
         if level is None:
             store.set_enough()
             continue
-        hold, tolerance = _hold(actuator, store.plan, level, points, watch)
+        hold, tolerance = _hold(actuator, store.plan, level, index, seen, watch)
         # A clock that begins anew with each call does not say how long that took.
         gap = max(hold.began - ended, 0.0) if hold.timed and ended is not None else 0.0
         ended = hold.ended if hold.timed else None
-        points.append(_stored_point(actuator, store, level, hold, tolerance, points, gap))
-        point = points[-1]
-        watch(RunProgress(point.index, len(store.plan), level, point.value, point.held, point))
+        last = _stored_point(actuator, store, level, hold, tolerance, last, gap)
+        if choose is not None:
+            points.append(last)
+        seen = _seen(seen, last.value)
+        warning = _checked(repeated, actuator, last, hold.trace[1])
+        watch(RunProgress(index, len(store.plan), level, last.value, last.held, last, warning))
+
+
+def _checked(repeated: RepeatedReadings, actuator: Actuator, point: Point, y: FloatArray) -> str:
+    """Add a hold; return a warning if the sensor begins to look faulty, and stop if it did before.
+
+    The first hold at an end of the range may be the one before the actuator moves.
+    """
+    before = repeated.verdict
+    repeated.add(point.input, y)
+    if not repeated.verdict:
+        return ""
+    channel, output = actuator.inputs[0], actuator.outputs[0]
+    low, high = repeated.inputs
+    first = point.index + 2 - repeated.holds
+    said = (
+        f"{output.name} is {repeated.reading:.9g} {output.unit} in every reading of holds {first} "
+        f"to {point.index + 1}, while {channel.name} went from {low:g} to {high:g} {channel.unit}; "
+        "check the meter and its range, and that the actuator is connected, or hold longer: if it "
+        "moved, these points are wrong"
+    )
+    width = channel.high - channel.low
+    far = not math.isfinite(width) or high - low >= _FAR * width * (1 - ROUNDING)
+    if before == repeated.verdict == "faulty" and far:
+        raise InstrumentError(said)
+    return "" if before else said
+
+
+def _seen(seen: FloatArray, outputs: npt.ArrayLike) -> FloatArray:
+    """Return the lowest and the highest output (2,) with some more; NaN does not count."""
+    values = np.append(seen, outputs)
+    return np.array([np.fmin.reduce(values), np.fmax.reduce(values)])
 
 
 def _level(
-    actuator: Actuator, plan: Plan, points: Sequence[Point], choose: Choose | None
+    actuator: Actuator, plan: Plan, index: int, points: Sequence[Point], choose: Choose | None
 ) -> float | None:
     """Return the level to hold next; None where the points are enough."""
-    level = float(plan.inputs[len(points)])
+    level = float(plan.inputs[index])
     if choose is None or not math.isnan(level):
         return level
     chosen = choose(points)
@@ -307,17 +367,20 @@ def _hold(
     actuator: Actuator,
     plan: Plan,
     level: float,
-    points: Sequence[Point],
+    index: int,
+    seen: FloatArray,
     watch: Callable[[RunProgress], None],
 ) -> tuple[Hold, float]:
-    """Hold one level until it has settled; return the hold and the slope of a settled output."""
-    index, values = len(points), [point.value for point in points]
+    """Hold one level until it has settled; return the hold and the slope of a settled output.
+
+    ``seen`` (2,) are the lowest and the highest output before.
+    """
     hold, tolerance = Hold(plan, index, answer_time(actuator)), 0.0
     for length in hold.stretches():
         hold.add(actuator.apply(level, length, plan.sample_interval), length)
         watch(RunProgress(index, len(plan), level, hold.latest, hold.held))
         t, y = hold.trace
-        tolerance = _tolerance(plan, index, values, y)
+        tolerance = _tolerance(plan, index, _seen(seen, y))
         line = trend(t, y, plan.window)
         if line is not None and line.is_below(tolerance):
             break
@@ -330,7 +393,7 @@ def _stored_point(
     level: float,
     hold: Hold,
     tolerance: float,
-    points: Sequence[Point],
+    before: Point | None,
     gap: float,
 ) -> Point:
     """Judge a finished hold, and write its point to the store."""
@@ -338,12 +401,12 @@ def _stored_point(
     sound = np.where(spikes(y), np.nan, y)
     end = judge(t, sound, tolerance=tolerance, window=store.plan.window)
     point = Point(
-        index=len(points),
+        index=0 if before is None else before.index + 1,
         input=level,
         value=end.value,
         sd=end.sd,
         verdict=end.verdict,
-        t=hold.held + (points[-1].t if points else 0.0) + gap,
+        t=hold.held + (0.0 if before is None else before.t) + gap,
         held=hold.held,
         checkpoint=actuator.checkpoint() if isinstance(actuator, Restorable) else None,
         sample_interval=hold.sample_interval,
@@ -353,13 +416,34 @@ def _stored_point(
     return point
 
 
-def _tolerance(plan: Plan, index: int, values: list[float], y: FloatArray) -> float:
+def _tolerance(plan: Plan, index: int, seen: FloatArray) -> float:
     if plan.tolerance is not None:
         return plan.tolerance
-    seen = np.concatenate([values, y])
-    seen = seen[np.isfinite(seen)]
-    span = float(np.ptp(seen)) if seen.size else 0.0
-    return SPAN_SHARE * span / float(plan.longest[index])
+    span = float(np.ptp(seen))
+    return SPAN_SHARE * span / float(plan.longest[index]) if math.isfinite(span) else 0.0
+
+
+def long_enough(store: Store) -> float:
+    """Return how long holds would have to be for most outputs to settle, in seconds.
+
+    It follows from the latest holds that were extrapolated; NaN if they do not tell.
+
+    Parameters
+    ----------
+    store : Store
+        The store of a run.
+    """
+    plan, totals = store.plan, store.totals()
+    seen = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)
+    found = []
+    for point in store.points(max(len(store) - _JUDGED, 0)):
+        if point.verdict == "extrapolated":
+            longest = float(plan.longest[point.index])
+            change = _tolerance(plan, point.index, seen) * longest
+            t, y = store.trace(point.index)
+            found.append(settled_after(t, y, change=change, window=plan.window))
+    known = [seconds for seconds in found if math.isfinite(seconds)]
+    return float(np.percentile(known, _MOST)) if known else math.nan
 
 
 def _reason(error: BaseException) -> str:

@@ -59,6 +59,8 @@ ENOUGH = math.ceil(_FEWEST_TAIL / TAIL)
 the output has settled."""
 _MOST = 2000
 """Samples of a tail that are fitted, by trial; of more, neighbours are averaged first."""
+_ROUNDS = 20
+"""Iterations of a fixed point that converges by half or faster in each."""
 _ROUNDING = 1e-14
 """Residual, over the output, that is rounding: some fifty times the precision of float64."""
 
@@ -332,6 +334,38 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
         way = max(way, abs(end.value - line.value))
     sd = math.hypot(line.sd, way)
     return Settling(line.value, sd, "settled" if known or still else "unsettled", *slopes)
+
+
+def settled_after(t: npt.ArrayLike, y: npt.ArrayLike, *, change: float, window: float) -> float:
+    """Return how long a hold would have to be for its output to settle, in seconds.
+
+    What remains at its end is taken to decay with the time constant that the slope there has.
+
+    Parameters
+    ----------
+    t : (T,) array_like
+        Times of the hold in seconds, increasing, from its beginning.
+    y : (T,) array_like
+        Outputs; NaN where nothing was measured.
+    change : float
+        By how much a settled output may move in another hold as long, in its unit.
+    window : float
+        Trailing time over which the slope is taken, in seconds.
+
+    Returns
+    -------
+    float
+        NaN if that is not known: too few samples, or the output goes away from its limit.
+    """
+    line, end = trend(t, y, window), extrapolate(t, y)
+    if line is None or end is None or change <= 0 or not line.slope * end.remaining > 0:
+        return math.nan
+    held = enough = float(np.ptp(_measured(t, y)[0]))
+    decay = end.remaining / line.slope
+    for _ in range(_ROUNDS):
+        moves = abs(line.slope) * enough  # in another hold, if the slope stayed as it is now
+        enough = held + decay * max(math.log(moves / change), 0.0)
+    return enough
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,12 @@
 
 A store is an SQLite database. It is written under another name and renamed in one step, so that it
 has the plan, the actuator, the specimen and the seed as soon as it exists. A settled point and its
-raw trace are written in one transaction, with a rollback journal and full synchronisation. A
-process that opens a store to write has exclusive access.
+raw trace are written in one transaction, with full synchronisation.
+
+One process at a time can write: it locks a file beside the store. Meanwhile points go to a
+write-ahead log beside the store, so that any number of processes can read, and neither side waits
+for the other. The log is copied into the store when the writer closes it, or after a crash when the
+store is opened next.
 """
 
 from __future__ import annotations
@@ -12,6 +16,8 @@ import json
 import os
 import sqlite3
 import stat
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
@@ -23,7 +29,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError, StoreError, counted
-from minorloop.files import PathLike, check_writable, first_difference
+from minorloop.files import PathLike, check_writable, first_difference, lock_path
 from minorloop.lab import _store_rows as rows
 from minorloop.lab._store_rows import Point, RunSession, Setup
 from minorloop.lab.plan import Plan
@@ -38,6 +44,8 @@ VERSION = 2
 """Format 1 has no sample interval and no time uncertainty; it can be read and continued."""
 _LOCK_WAIT = 1.0
 """Seconds to wait for another process that is just finishing."""
+_LOCK_EVERY = 0.02
+"""Seconds between two attempts to lock."""
 
 
 def is_store(path: PathLike) -> bool:
@@ -54,7 +62,8 @@ def is_store(path: PathLike) -> bool:
 class Store:
     """A plan, its actuator, and the points that have settled so far.
 
-    Use ``Store.create`` or ``Store.open``, as a context manager.
+    Use ``Store.create`` or ``Store.open``, as a context manager. A store that is opened to read has
+    the points that were there when it was opened.
 
     Parameters
     ----------
@@ -62,20 +71,27 @@ class Store:
         The file.
     connection : sqlite3.Connection
         A connection to it, as ``create`` and ``open`` make it.
+    lock : int, optional
+        Descriptor of the locked file beside it, if it is open to write.
     """
 
     path: Path
     plan: Plan
     setup: Setup
 
-    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None = None) -> None:
         self.path = path
-        self._connection = connection
+        self._connection, self._lock = connection, lock
         (self._version,) = connection.execute("PRAGMA user_version").fetchone()
         about = dict(rows.unsealed(row) for row in self._select(rows.ABOUT))
         self.plan = Plan.from_json(about["plan"])
         self.setup = Setup(**json.loads(about["setup"]))
-        self._check_points()
+        self._end = sys.maxsize
+        if lock is None:
+            self._end = len(self)
+            self.last()
+        else:
+            self._check_points()
         self.sessions()
 
     @classmethod
@@ -94,11 +110,11 @@ class Store:
         Raises
         ------
         OutputError
-            If the file exists already or cannot be written.
+            If the file exists already or cannot be written, or its name is too long.
         StoreError
             If the disk is full.
         """
-        target = check_writable(path)
+        target = rows.with_room_beside(check_writable(path))
         scratch = target.with_name(f".minorloop-{os.urandom(6).hex()}.tmp")
         try:
             _write_header(scratch, plan, setup)
@@ -113,20 +129,23 @@ class Store:
 
     @classmethod
     def open(cls, path: PathLike, *, write: bool = False) -> Store:
-        """Open an existing store, after checking all of it.
+        """Open an existing store.
+
+        It is checked as a whole if it is opened to write; otherwise points and traces are checked
+        when they are read.
 
         Parameters
         ----------
         path : str or path
             The file.
         write : bool
-            Whether points are to be added. No other process can open the store meanwhile.
+            Whether points are to be added. Others can only read the store meanwhile.
 
         Raises
         ------
         StoreError
-            If there is no store, it is damaged or of a newer version, or another process has it
-            open.
+            If there is no store, it is damaged or of a newer version, or another process writes
+            to it and ``write`` is true.
         """
         file = _existing(path)
         if write and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
@@ -134,18 +153,30 @@ class Store:
         # Only SQLite opens the file: closing another handle on it would give up the lock of a
         # connection that this process may have already.
         uri = f"{file.absolute().as_uri()}?mode=rw"
-        with _explained(file):
-            connection = sqlite3.connect(uri, uri=True, timeout=_LOCK_WAIT, isolation_level=None)
-            try:
-                _prepare(connection, write)
-                return cls(file, connection)
-            except BaseException:
-                connection.close()
-                raise
+        lock = _locked(file) if write else None
+        try:
+            with _explained(file):
+                connection = sqlite3.connect(
+                    uri, uri=True, timeout=_LOCK_WAIT, isolation_level=None
+                )
+                try:
+                    _prepare(connection, write)
+                    return cls(file, connection, lock)
+                except BaseException:
+                    connection.close()
+                    raise
+        except BaseException:
+            _unlock(file, lock)
+            raise
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; the points in the log beside it are copied into it."""
+        with suppress(sqlite3.Error):  # of a reader, which then copies them when it closes
+            if self._lock is not None:
+                self._execute("PRAGMA journal_mode = DELETE")
         self._connection.close()
+        _unlock(self.path, self._lock)
+        self._lock = None
 
     def __enter__(self) -> Store:
         return self
@@ -160,8 +191,10 @@ class Store:
 
     def __len__(self) -> int:
         with _explained(self.path):
-            count: int = self._select("SELECT coalesce(max(id) + 1, 0) FROM point")[0][0]
-        return count
+            count, traces = self._select(rows.COUNTS, self._end)[0]
+            if count != traces:
+                raise ValueError(f"it has {counted(count, 'point')} and {counted(traces, 'trace')}")
+        return int(count)
 
     @property
     def finished(self) -> bool:
@@ -169,6 +202,21 @@ class Store:
         with _explained(self.path):
             enough = self._select("SELECT 1 FROM about WHERE name = 'enough'")
         return bool(enough) or len(self) == len(self.plan)
+
+    @property
+    def running(self) -> bool:
+        """Whether a process has the store open to write."""
+        if self._lock is not None:
+            return True
+        try:
+            lock = lock_path(_beside(self.path), shared=True)
+        except FileNotFoundError:
+            return False
+        except OSError:  # the file of another user
+            return True
+        if lock is not None:
+            os.close(lock)
+        return lock is None
 
     @property
     def outputs(self) -> tuple[Quantity, Quantity]:
@@ -199,16 +247,39 @@ class Store:
                 "give the store of this run, or a new name"
             )
 
-    def points(self) -> list[Point]:
-        """Return the points in the order in which they were measured."""
+    def points(self, first: int = 0) -> list[Point]:
+        """Return the points in the order in which they were measured.
+
+        Parameters
+        ----------
+        first : int
+            Index of the first point to return.
+        """
         with _explained(self.path):
-            return [rows.as_point(row) for row in self._select(self._points)]
+            found = self._select(rows.POINTS[self._version], first, self._end)
+            points = [rows.as_point(row) for row in found]
+            for index, point in enumerate(points, first):
+                if point.index != index or not self._is_level(index, point.input):
+                    raise ValueError(f"point {index} is missing or is not that of the plan")
+        return points
 
     def last(self) -> Point | None:
         """Return the last point; None if there is none."""
+        count = len(self)
+        return self.points(count - 1)[0] if count else None
+
+    def totals(self) -> dict[str, Any]:
+        """Return figures of all points, by name, without reading and checking each of them.
+
+        ``points``, and how many are ``settled``, ``extrapolated`` and ``unsettled``; ``held``,
+        seconds in all; ``lowest`` and ``highest`` value; ``median_interval`` and
+        ``longest_interval`` between samples and the largest ``time_uncertainty``, in seconds. None
+        where nothing is known.
+        """
         with _explained(self.path):
-            found = self._select(f"{self._points} DESC LIMIT 1")
-            return rows.as_point(found[0]) if found else None
+            known = rows.TOTALS[self._version]
+            figures = self._select(known, self._end)[0]
+            return dict(zip(rows.TOTAL_NAMES, figures, strict=True))
 
     def trace(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Return times and outputs of the whole hold of a point, (T,) each.
@@ -224,8 +295,8 @@ class Store:
             If there is no such point.
         """
         with _explained(self.path):
-            found = self._select(f"SELECT * FROM ({rows.TRACES}) WHERE id = ?", index)
-            if found:
+            if index in range(len(self)):
+                found = self._select(f"{rows.TRACES} WHERE id = ?", index)
                 return rows.as_trace(found[0])
         raise ParameterError(f"there is no point {index}; {self.path} has the first {len(self)}")
 
@@ -378,13 +449,10 @@ class Store:
 
     def _check_points(self) -> None:
         """Check that all points and traces are there and unchanged."""
-        points = [rows.as_point(row) for row in self._connection.execute(self._points)]
-        for count, point in enumerate(points):
-            if point.index != count or not self._is_level(count, point.input):
-                raise ValueError(f"point {count} is missing or is not that of the plan")
-        traces = [rows.unsealed(row)[0] for row in self._connection.execute(rows.TRACES)]
-        if traces != list(range(len(points))):
-            raise ValueError(f"it has {counted(len(points), 'point')}, and traces of others")
+        count = len(self.points())
+        traces = [rows.unsealed(row)[0] for row in self._execute(f"{rows.TRACES} ORDER BY id")]
+        if traces != list(range(count)):
+            raise ValueError(f"it has {counted(count, 'point')}, and traces of others")
 
     def _is_level(self, index: int, level: float) -> bool:
         planned = self.plan.inputs[index : index + 1]
@@ -396,13 +464,8 @@ class Store:
             found = self._select(f"{rows.ABOUT} WHERE name = ?", name)
             return json.loads(rows.unsealed(found[0])[1]) if found else None
 
-    @property
-    def _points(self) -> str:
-        """Query for the points of a store of this format."""
-        return rows.POINTS[self._version]
-
     def _select(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
-        return self._connection.execute(statement, values).fetchall()
+        return self._execute(statement, *values).fetchall()
 
     def _execute(self, statement: str, *values: object) -> sqlite3.Cursor:
         return self._connection.execute(statement, values)
@@ -414,13 +477,15 @@ class Store:
 
     def _committed(self) -> Iterator[None]:
         try:
-            self._connection.execute("BEGIN IMMEDIATE")
+            if self._lock is not None:
+                self._execute("PRAGMA journal_mode = WAL")
+            self._execute("BEGIN IMMEDIATE")
             yield
-            self._connection.execute("COMMIT")
+            self._execute("COMMIT")
         except BaseException as error:
             with suppress(sqlite3.Error):
                 if self._connection.in_transaction:
-                    self._connection.execute("ROLLBACK")
+                    self._execute("ROLLBACK")
             if isinstance(error, sqlite3.Error):
                 raise StoreError(
                     f"{self.path} cannot be written: {rows.reason(error)}; "
@@ -453,8 +518,36 @@ def _existing(path: PathLike) -> Path:
     return file
 
 
+def _beside(file: Path) -> str:
+    """Return the file that whoever writes to a store locks."""
+    return f"{file}-lock"
+
+
+def _locked(file: Path) -> int:
+    """Return the descriptor of the lock beside a store; refuse if another process has it."""
+    deadline = time.monotonic() + _LOCK_WAIT
+    while True:
+        lock = lock_path(_beside(file), os.O_RDWR | os.O_CREAT)
+        if lock is not None:
+            if os.fstat(lock).st_nlink:
+                return lock
+            os.close(lock)  # the process before has just removed it
+        elif time.monotonic() < deadline:
+            time.sleep(_LOCK_EVERY)
+        else:
+            raise StoreError(f"{file} cannot be used: {rows.IN_USE}")
+
+
+def _unlock(file: Path, lock: int | None) -> None:
+    """Remove the file of a lock, and then give the lock up."""
+    if lock is not None:
+        with suppress(OSError):
+            os.unlink(_beside(file))
+        os.close(lock)
+
+
 def _prepare(connection: sqlite3.Connection, write: bool) -> None:
-    """Check the database, and lock it if it is to be written."""
+    """Check the database, and make it durable if it is to be written."""
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != APPLICATION:
@@ -463,14 +556,10 @@ def _prepare(connection: sqlite3.Connection, write: bool) -> None:
         raise sqlite3.DatabaseError(
             f"it has format {version} and this minorloop reads {VERSION}; install a newer one"
         )
-    if write:
-        # In this mode the lock that the first transaction takes is held until the end.
-        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
-        connection.execute("BEGIN EXCLUSIVE")
-        connection.execute("COMMIT")
-        connection.execute("PRAGMA synchronous = FULL")
-    else:
+    if not write:
         connection.execute("PRAGMA query_only = ON")
+        return
+    connection.execute("PRAGMA synchronous = FULL")
     (found,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
     if found != "ok":
         raise sqlite3.DatabaseError(f"it is damaged ({found}); restore a copy of it")

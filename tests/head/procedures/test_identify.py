@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.errors import ParameterError, SignalError, StoreError
+from minorloop.errors import InstrumentError, ParameterError, SignalError, StoreError
 from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
 from minorloop.head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
 from minorloop.lab.run import run
@@ -111,13 +111,23 @@ def test_minor_loops_may_be_added_to_a_finished_identification(found, folder, tm
     assert measurement(tmp_path).identified().check == found.check
 
 
-@pytest.mark.parametrize("how", [{"hold": 2.0}, {"hold": 12.0, "highest": 0.05}])
-def test_a_wire_that_does_not_move_is_named_after_its_first_run(tmp_path, how):
+@pytest.mark.parametrize(
+    ("how", "error", "says"),
+    [
+        ({"hold": 2.0}, InstrumentError, "in every reading of holds 1 to 3, .* or hold longer"),
+        (
+            {"hold": 12.0, "highest": 0.05},
+            SignalError,
+            r"pan moves by 0 degrees in its first step .* longer",
+        ),
+    ],
+)
+def test_a_wire_that_does_not_move_is_named_in_its_first_run(tmp_path, how, error, says):
     quiet = replace(
         measurement(tmp_path, how=replace(QUICK, **how)),
         connect=lambda seed: nullcontext(connect("twin:head", specimen=1000, noise=0.0)),
     )
-    with pytest.raises(SignalError, match=r"pan moves by 0 degrees in its first step .* longer"):
+    with pytest.raises(error, match=says):
         quiet.identified()
     assert [path.name for path in tmp_path.iterdir()] == ["pan-loop.sqlite"]
 
