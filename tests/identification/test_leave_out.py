@@ -6,7 +6,7 @@ import pytest
 from minorloop.identification import identify
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
-from minorloop.identification.leave_out import GroupScatter, left_out
+from minorloop.identification.leave_out import left_out
 from minorloop.lab.columns import read_columns
 from plane_records import a_plane
 
@@ -24,7 +24,7 @@ def specimens(seed=1000, scatter=0.05):
 
 def inside(found, u, y, labels):
     band = found.predict(u, bands=0.9, curves=labels)
-    if found.scatter is None:
+    if not found.grouped:
         band = band.without_noise()
     return (y >= band.lower) & (y <= band.upper)
 
@@ -72,7 +72,8 @@ def test_bands_hold_between_levels_that_no_group_was_measured_at():
         u = np.append([-1.0, 1.0], chance.uniform(-1, 1, 20))
         other = [_play(u, gain) + 0.002 * chance.normal(size=u.size) for gain in gains[8:]]
         shares += [inside(found, u, one, np.zeros(u.size)) for one in other]
-    assert 0.85 <= np.mean(shares) <= 0.95
+        assert found.predict(u, bands=0.9).half_width.max() < 0.05 * np.ptp(y)
+    assert np.mean(shares) >= 0.85
 
 
 def test_bands_without_groups_are_too_narrow_for_other_groups():
@@ -80,9 +81,9 @@ def test_bands_without_groups_are_too_narrow_for_other_groups():
     seen, other = (np.arange(u.size) % 40 < 8) & (LABELS < 8), LABELS >= 8
     options = {"levels": 4, "prior": "gaussian", "curves": LABELS[seen]}
     grouped = identify(u[seen], y[seen], **options)
-    alone = replace(grouped, scatter=None)
+    alone = replace(grouped, groups=None, left_out=None)
     shares = [inside(one, u[other], y[other], LABELS[other]).mean() for one in (alone, grouped)]
-    assert shares[0] < 0.8 < shares[1]
+    assert shares[0] < 0.85 < shares[1]
 
 
 def test_each_group_is_predicted_by_a_fit_to_the_others():
@@ -94,15 +95,7 @@ def test_each_group_is_predicted_by_a_fit_to_the_others():
     )
     np.testing.assert_allclose(found.left_out[out], others.predict(u[out]), atol=1e-6)
     assert found.nrmse < found.groups_nrmse < 0.1
-    assert found.scatter.nrmse == found.groups_nrmse
     assert "error on left-out groups" in str(found)
-
-
-def test_few_groups_have_wider_bands():
-    scores = np.linspace(0, 2, 100)
-    few, many = (GroupScatter(n, np.array([0.0]), np.array([1.0]), scores, 0.0) for n in (3, 30))
-    at = np.zeros(1)
-    assert few.deviation(at, at, 0.9) > 1.4 * many.deviation(at, at, 0.9)
 
 
 def test_reversal_curves_of_a_magnet_lie_in_their_bands(shared_data):
@@ -174,5 +167,5 @@ def test_a_condensed_record_with_a_prior_has_the_scatter_of_its_groups():
     y = np.concatenate([a_plane().simulate(u[labels == k]) for k in range(4)])
     y = y * (1 + 0.03 * rng.normal(size=4))[labels] + 0.01 * rng.normal(size=y.size)
     found = identify(u, y, levels=4, curves=labels, prior="gaussian")
-    assert found.scatter is not None
+    assert found.grouped
     assert inside(found, u, y, labels).mean() > 0.7

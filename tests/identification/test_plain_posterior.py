@@ -33,7 +33,7 @@ def test_bands_of_long_branches_cover_held_out_ones():
     for seed in range(1000, 1006):
         model, u, y = a_record_with_long_branches(seed, each=40)
         shares.append(covered(identify(u, y, levels=model.levels, holdout=1 / 3, prior="none")))
-    assert 0.85 <= np.mean(shares) <= 0.95
+    assert 0.85 <= np.mean(shares) <= 0.97
 
 
 def test_bands_are_wide_where_nothing_was_measured():

@@ -108,3 +108,25 @@ def overshoot(u, low, high, out):
             below, above = 0.0, max(above, u[t] - high)
         inside = min(max(u[t], low), high)
         out[t] = (below * (high - inside) + above * (inside - low)) / (high - low)
+
+
+@njit(cache=True, nogil=True)
+def closed_travel(u, near, farthest, out):
+    """Length of the way (T,) since the input was last farther than ``near`` away, in closed loops.
+
+    It is the length less that of the shortest way through the same inputs, at most ``farthest``.
+    """
+    places = np.empty(u.size, np.int64)  # of the inputs that differ from the one before
+    count = 0
+    for t in range(u.size):
+        if t == 0 or u[t] != u[places[count - 1]]:
+            places[count] = t
+            count += 1
+        way, low, high = 0.0, u[t], u[t]
+        k = count - 1
+        while k > 0 and abs(u[places[k - 1]] - u[t]) <= near and way < 2.0 * farthest:
+            way += abs(u[places[k]] - u[places[k - 1]])
+            k -= 1
+            low, high = min(low, u[places[k]]), max(high, u[places[k]])
+        shortest = 2.0 * (high - low) - abs(u[places[k]] - u[t])
+        out[t] = min(max(way - shortest, 0.0), farthest)

@@ -15,8 +15,8 @@ from minorloop.errors import counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
-from minorloop.identification.leave_out import NORMAL_GROUPS
 from minorloop.identification.long_intervals import isolated_long
+from minorloop.identification.model_error import NORMAL_PARTS
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators.after_effect import AfterEffect, State
 from minorloop.operators.inversion import Inversion, Unreachable
@@ -322,7 +322,7 @@ class AfterEffectIdentification(NotebookView):
         runs = 1 if self.groups is None else np.unique(self.groups[self.fitted]).size
         if runs < 2:
             return found
-        share = runs / (runs + NORMAL_GROUPS)
+        share = runs / (runs + NORMAL_PARTS)
         return float(stdtrit(runs - 1, side)) / normal * (share * found + 1 - share)
 
 

@@ -191,9 +191,7 @@ def identify(
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
     options = FitOptions(smoothness, prior, sensor, mean, grouped=group is not None)
     found = fit_plane(spec, record, delay, options, group, say)
-    left_out, scatter = None, None
-    if group is not None:
-        left_out, scatter = validate(record, found, delay, group, say)
+    left_out = None if group is None else validate(record, found, delay, group, say)
     return Identification(
         model=spec.model(found.x),
         lag=delay,
@@ -211,7 +209,6 @@ def identify(
         codes=coded,
         searched=lag == "auto",
         left_out=left_out,
-        scatter=scatter,
         groups=group,
         interval=interval,
         skipped=int(np.count_nonzero(skipped)),

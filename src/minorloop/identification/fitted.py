@@ -22,7 +22,8 @@ from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.identification.fitting import Regression
 from minorloop.identification.jumps import Jump
-from minorloop.identification.leave_out import GroupScatter
+from minorloop.identification.leave_out import FEWEST_GROUPS, folds
+from minorloop.identification.model_error import FEWEST, ModelError, contiguous_parts, learn
 from minorloop.identification.plain_posterior import plain_posterior
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.residuals import ResidualSummary
@@ -66,8 +67,6 @@ class Fit:
         Whether the lag was searched.
     left_out : (T,) array, optional
         Output of each fitted row, predicted by a fit without its group; None without groups.
-    scatter : GroupScatter, optional
-        Scatter of left-out groups; None for fewer than three.
     groups : (T,) array of int, optional
         Number of the group of each row; None without groups.
     measured : (T,) array, optional
@@ -102,7 +101,6 @@ class Fit:
     searched: bool = False
     converged: bool = True
     left_out: FloatArray | None = None
-    scatter: GroupScatter | None = None
     groups: IntArray | None = None
     measured: FloatArray | None = None
     interval: float | None = None
@@ -124,6 +122,23 @@ class Fit:
         determined = 0.0 if self.smoothness else float(self.free_parameters)
         x = self.matrix.spec.unknowns_of(self.model)
         return plain_posterior(self.regression, x, determined)
+
+    @property
+    def grouped(self) -> bool:
+        """Whether bands are for another group: the record has three or more."""
+        return self.groups is not None and np.unique(self.groups[self.fitted]).size >= FEWEST_GROUPS
+
+    @cached_property
+    def model_error(self) -> ModelError | None:
+        """Error beyond the posterior, from parts left out; None for fewer than 50 samples."""
+        regression, rows = self.regression, self.regression.rows
+        known, model = self.uncertainty, self.model
+        if self.grouped and self.groups is not None and self.left_out is not None:
+            part, errors = folds(self.groups, rows)[rows], (self.left_out - self.y)[rows]
+            return learn(regression, known, model, part, errors, np.unique(self.groups[rows]).size)
+        if rows.size < FEWEST:
+            return None
+        return learn(regression, known, model, contiguous_parts(rows.size))
 
     @property
     def start(self) -> Start:

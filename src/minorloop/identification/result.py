@@ -120,7 +120,7 @@ class Identification(Fit, NotebookView):
     @property
     def _noise(self) -> float:
         """Standard deviation of the sensor, as far as it is told from other errors."""
-        if self.scatter is not None:
+        if self.grouped:
             return 0.0
         return self.uncertainty.hyperparameters.noise * self.uncertainty.unit
 
@@ -134,33 +134,33 @@ class Identification(Fit, NotebookView):
     ) -> FloatArray:
         """Standard deviation of readings at some samples of an input, in increasing order."""
         inputs, places = curves.driven(u, self.model.levels, self.lag if lag is None else lag)
-        known = np.zeros(samples.size)
-        if self.posterior is not None or self.scatter is None:
-            wanted = np.zeros(inputs.size, dtype=np.bool_)
-            wanted[places[samples]] = True
-            known = self.uncertainty.deviation(inputs, curves.start, wanted)
-        if self.scatter is None:
-            beyond = np.hypot(self._beyond(inputs)[places[samples]], self._noise)
-            return np.hypot(known, beyond)
-        # A left-out group may reach beyond the others, so that its errors count this.
-        sd = self.scatter.deviation(inputs[places[samples]], known, probability)
-        return np.sqrt(sd**2 + self._within_cells(inputs, curves.start)[places[samples]])
+        places = places[samples]
+        wanted = np.zeros(inputs.size, dtype=np.bool_)
+        wanted[places] = True
+        sd = np.hypot(self.uncertainty.deviation(inputs, curves.start, wanted), self._noise)
+        if self.model_error is not None:
+            sd = self.model_error.deviation(inputs, wanted, curves.start, sd, probability)
+        if not self.grouped:  # a left-out group may reach beyond the others, and errors count this
+            sd = np.hypot(sd, self._beyond(inputs)[places])
+        return np.sqrt(sd**2 + self._within_cells(inputs, curves.start)[places])
 
     def _within_cells(self, u: FloatArray, start: Start) -> FloatArray:
         """Variance from where the weight of the smallest loops is within their cells.
 
-        Inputs at the levels do not show it. Both kinds of diagonal are the same there, and the
-        output may be anywhere between theirs. What the fitted rows show of it is in their errors.
+        Inputs at the levels do not show it. Both kinds of diagonal are the same there, and either
+        may hold between them. What the fitted rows show of it is in their errors.
         """
         other: Diagonal = "reversible" if self.model.diagonal == "uniform" else "uniform"
         model = replace(self.model, diagonal=other)
 
         def apart(inputs: FloatArray, begin: Start) -> FloatArray:
-            return np.square(self.model.simulate(inputs, begin) - model.simulate(inputs, begin)) / 3
+            return np.square(self.model.simulate(inputs, begin) - model.simulate(inputs, begin))
 
         inputs, places = self.curves.driven(self.u, self.model.levels, self.lag)
         shown = float(apart(inputs, self.curves.start)[places[self.fitted]].mean())
-        return np.maximum(apart(u, start) - shown, 0.0)
+        found = apart(u, start)
+        mean = float(found.mean()) if found.size else 0.0
+        return found * max(1.0 - shown / mean, 0.0) if mean > 0 else found
 
     def _beyond(self, u: FloatArray) -> FloatArray:
         """Standard deviation from relays beyond the levels, of which nothing is known.
@@ -181,8 +181,7 @@ class Identification(Fit, NotebookView):
     @cached_property
     def band_sd(self) -> float:
         """Mean standard deviation of up to 800 predicted readings."""
-        grouped = self.scatter is not None
-        samples = np.flatnonzero(self.fitted) if grouped else np.arange(self.u.size)
+        samples = np.flatnonzero(self.fitted) if self.grouped else np.arange(self.u.size)
         return float(self._deviation(self.u, self.curves, few(samples)).mean())
 
     @cached_property

@@ -1,0 +1,291 @@
+"""Error of a model beyond its posterior, learnt from parts of the record that were left out.
+
+No actuator is a Preisach operator, and the residual of a fit does not show how far from one it
+is on other inputs. Parts of the record are left out, groups where there are some, and predicted by
+fits to the others. The variance of their errors has three components: that of the posterior; one
+that grows with the closed travel of the input, because loops of actuators creep a little whenever
+they are closed; and one that grows with the distance in the memory plane from what the other parts
+reached. Each begins at a value of its own, which counts as a few samples, and stays there where the
+record shows nothing of it.
+
+References
+----------
+Fevotte and Idier, Algorithms for nonnegative matrix factorization with the beta-divergence, Neural
+Computation 23, 2011: the iteration, for the likelihood of variances (Itakura and Saito).
+Papadopoulos, Vovk and Gammerman, Regression conformal prediction with nearest neighbours, JAIR 40,
+2011: bands from quantiles of errors over their predicted size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray, IntArray, uniform_levels
+from minorloop.identification import _prior_kernels as _kernels
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.fitting import Regression
+from minorloop.identification.likelihood import Evidence
+from minorloop.identification.posterior import Posterior
+from minorloop.identification.prior import PlanePrior
+from minorloop.identification.prior_fit import on_finer_plane, scale_outputs
+from minorloop.identification.prior_system import dense_system
+from minorloop.operators.memory import Start
+from minorloop.operators.preisach import Preisach
+from minorloop.threads import one_thread
+
+PARTS, SEGMENTS = 5, 3
+"""Parts of a record without groups, and contiguous segments of each."""
+FEWEST = 50
+"""Samples of a record without groups below which nothing is left out."""
+MOST_BANDS = 50
+"""Bands of the plane at most; the outputs hardly depend on what is finer."""
+NORMAL_PARTS = 8
+"""Independent parts whose weight the normal distribution has against the errors found."""
+_CELLS = 25
+"""Bands of the plane on which cells count as reached."""
+_NEAR, _FARTHEST = 0.25, 3.0
+"""Distance, in ranges of the input, within which travel counts as closed, and its largest value."""
+_LOOP = 0.1
+"""Largest scale of the components, in ranges of the output."""
+_BEGIN = np.array([1.0, 0.18, 1.2])
+"""Standard deviations of the components to begin with: of the posterior in its own; of a closed
+travel and of a distance of one range in that scale."""
+_WEIGHT = np.array([20.0, 5.0, 5.0])
+"""Samples that these count as."""
+_STEPS = 40
+_WIDTH = 0.06
+"""Width of the average of squared errors along the input, in ranges."""
+_BINS = 60
+_TINY = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Distance in the memory plane from what a record reached.
+
+    Parameters
+    ----------
+    spec : PlaneSpec
+        Plane of even cells.
+    distance : (K + 1,) array
+        Distance of each cell, in ranges of the input, from the nearest in which a measured sample
+        evaluates the Everett function. The last one, zero, stands for saturation.
+    """
+
+    spec: PlaneSpec
+    distance: FloatArray
+
+    @classmethod
+    def of(cls, matrix: DesignMatrix, kept: BoolArray) -> Reach:
+        """Return what some of the samples of a matrix reach."""
+        bands, corner = matrix.spec.bands, matrix.corner[kept]
+        places = np.stack(np.tril_indices(bands), axis=1) / bands
+        reached = places[np.unique(corner[corner >= 0])]
+        distance = np.zeros(len(places) + 1)
+        if len(reached):
+            away = np.linalg.norm(places[:, None] - reached, axis=2)
+            distance[:-1] = away.min(axis=1)
+        return cls(matrix.spec, distance)
+
+    def covariates(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
+        """(M, 2) closed travel and squared distance of measured samples, in ranges of the input.
+
+        Closed travel is the length of the way of the input since it was last a quarter of its
+        range away, less that of the shortest way through the same inputs.
+        """
+        span = float(self.spec.levels[-1] - self.spec.levels[0])
+        travel = np.zeros(u.size)
+        _kernels.closed_travel(u / span, _NEAR, _FARTHEST, travel)
+        corner = DesignMatrix(self.spec, u, measured, start).corner
+        return np.column_stack([travel[measured], self.distance[corner] ** 2])
+
+
+@dataclass(frozen=True, eq=False)
+class ModelError:
+    """Variance of the outputs of a model in addition to that of its posterior.
+
+    Parameters
+    ----------
+    parts : int
+        Number of parts of the record whose errors are independent.
+    reach : Reach
+        Cells that the record reached.
+    factors : (3,) array
+        Factors of the components.
+    scores : (M,) array
+        Errors of left-out samples over their standard deviations, in increasing order.
+    inputs, variance : (B,) arrays
+        Variance of other groups, by input; zero without groups.
+    """
+
+    parts: int
+    reach: Reach
+    factors: FloatArray
+    scores: FloatArray
+    inputs: FloatArray
+    variance: FloatArray
+
+    def deviation(
+        self,
+        u: FloatArray,
+        measured: BoolArray,
+        start: Start,
+        known: FloatArray,
+        probability: float,
+    ) -> FloatArray:
+        """Standard deviation (M,) of readings after some inputs.
+
+        Half a normal band of this probability is as wide as the errors on left-out parts were,
+        and wider for few parts.
+
+        Parameters
+        ----------
+        u : (T,) array
+            Inputs, delayed as the output is.
+        measured : (T,) array of bool
+            After which of them.
+        start : start state
+            Memory before the first.
+        known : (M,) array
+            Standard deviation by the posterior, noise included.
+        probability : float
+            Probability of the band.
+        """
+        from scipy.special import ndtri, stdtrit
+
+        normal = float(ndtri((1 + probability) / 2))
+        found = float(np.quantile(self.scores, probability)) / normal
+        share = self.parts / (self.parts + NORMAL_PARTS)
+        few = float(stdtrit(max(self.parts - 1, 1), (1 + probability) / 2)) / normal
+        own = known**2 + np.interp(u[measured], self.inputs, self.variance)
+        rows = np.column_stack([own, self.reach.covariates(u, measured, start)])
+        return np.asarray(
+            few * (share * max(found, 1.0) + 1 - share) * np.sqrt(rows @ self.factors)
+        )
+
+
+def learn(
+    regression: Regression,
+    posterior: Posterior,
+    model: Preisach,
+    part: IntArray,
+    errors: FloatArray | None = None,
+    groups: int | None = None,
+) -> ModelError:
+    """Learn the model error from the parts of a record.
+
+    Parameters
+    ----------
+    regression : Regression
+        What the model was fitted to, of M outputs.
+    posterior : Posterior
+        Posterior distribution of its unknowns.
+    model : Preisach
+        The model.
+    part : (M,) array of int
+        Number of the part of each output.
+    errors : (M,) array, optional
+        Errors of outputs that were predicted without their group. Those of contiguous parts are
+        predicted here, with the prior and its hyperparameters.
+    groups : int, optional
+        Number of groups; without them, outputs of one visit to a cell of the plane count as one.
+    """
+    matrix, h, weight = regression.matrix, posterior.hyperparameters, regression.weight
+    inputs, variance = matrix.u[[0]], np.zeros(1)
+    if errors is None:
+        signed = bool((model.weights < 0).any())
+        square, known = _left_out(regression, posterior, part, signed)
+        known += (h.discrepancy**2 + h.noise**2) * posterior.unit**2
+    else:
+        sd = posterior.deviation(regression.inputs, matrix.start, regression.measured)
+        square, known = errors**2, sd**2
+        inputs, variance = _by_input(matrix.u, square - known, float(np.mean(square)))
+        known += np.interp(matrix.u, inputs, variance)
+    low, high = matrix.spec.levels[[0, -1]]
+    spec = PlaneSpec(uniform_levels(low, high, _CELLS))
+    coarse = DesignMatrix(spec, regression.inputs, regression.measured, matrix.start)
+    covariates = np.empty((part.size, 2))
+    for k in np.unique(part):
+        reach = Reach.of(coarse, part != k)
+        found = reach.covariates(regression.inputs, regression.measured, matrix.start)
+        covariates[part == k] = found[part == k]
+    parts = 1 + int(np.count_nonzero(np.diff(coarse.corner))) if groups is None else groups
+    scale = _scale(model, float(np.ptp(regression.y)))
+    components = np.column_stack([known, scale**2 * covariates])
+    factors = _factors(components, square, weight * min(parts / weight.sum(), 1.0), scale)
+    scores = np.sort(np.sqrt(square / (components @ factors)))
+    factors = factors * np.array([1.0, scale**2, scale**2])
+    reach = Reach.of(coarse, part >= 0)
+    return ModelError(parts, reach, factors, scores, inputs, variance)
+
+
+def contiguous_parts(samples: int) -> IntArray:
+    """(M,) number of the part of each sample."""
+    return np.arange(samples) * PARTS * SEGMENTS // samples % PARTS
+
+
+def _left_out(
+    regression: Regression, posterior: Posterior, part: IntArray, signed: bool
+) -> tuple[FloatArray, FloatArray]:
+    """(M,) squared errors and variances of the outputs of each part by the others."""
+    matrix = regression.matrix.at_most(MOST_BANDS)
+    spec, weight = matrix.spec, regression.weight
+    scaled, unit, _ = scale_outputs(spec, regression.y)
+    plane, h = PlanePrior(spec), posterior.hyperparameters
+    h = on_finer_plane(h, posterior.spec, spec)
+    square, known = np.empty(part.size), np.empty(part.size)
+    places = np.flatnonzero(regression.measured)
+    with one_thread():
+        for k in np.unique(part):
+            left = part == k
+            evidence = Evidence.of_many(matrix, scaled, weight * ~left)
+            system = dense_system(plane, evidence, h, signed)
+            x, _ = system.bounded()
+            square[left] = unit**2 * ((matrix.forward(x) - scaled)[left] ** 2)
+            wanted = np.zeros(regression.inputs.size, dtype=np.bool_)
+            wanted[places[left]] = True
+            one = system.posterior(unit, part.size, 0.0)
+            known[left] = one.variances(regression.inputs, wanted, matrix.start)
+    return square + regression.within, known
+
+
+def _scale(model: Preisach, span: float) -> float:
+    """Opening of the major loop, at most a tenth of the range of the output."""
+    up = np.linspace(model.levels[0], model.levels[-1], 101)
+    branches = model.simulate(np.concatenate([up, up[::-1]]))
+    opening = float(np.abs(branches[101:][::-1] - branches[:101]).max())
+    return max(min(opening, _LOOP * span), _TINY * span)
+
+
+def _factors(
+    components: FloatArray, square: FloatArray, weight: FloatArray, scale: float
+) -> FloatArray:
+    """(3,) factors of the components (M, 3) of greatest likelihood of squared errors (M,)."""
+    unit = np.array([float(np.mean(components[:, 0])), scale**2, scale**2])
+    rows = np.vstack([components, np.diag(unit)])
+    seen = np.append(square, _BEGIN**2 * unit)
+    counts, factors = np.append(weight, _WEIGHT), _BEGIN**2
+    for _ in range(_STEPS):
+        variance = rows @ factors
+        factors = factors * np.sqrt(
+            (counts * seen / variance**2) @ rows / ((counts / variance) @ rows)
+        )
+    return factors
+
+
+def _by_input(u: FloatArray, excess: FloatArray, square: float) -> tuple[FloatArray, FloatArray]:
+    """Inputs (B,) and average excess (M,) of squared errors about them, at least a hundredth.
+
+    A mean of few rows is drawn towards that of all.
+    """
+    low, high = float(u.min()), float(u.max())
+    edges = np.linspace(low, high, _BINS + 1)
+    inputs = (edges[1:] + edges[:-1]) / 2
+    place = np.clip(np.searchsorted(edges, u, side="right") - 1, 0, _BINS - 1)
+    count = np.bincount(place, minlength=_BINS).astype(float)
+    sums = np.bincount(place, excess, _BINS)
+    kernel = np.exp(-0.5 * ((inputs[:, None] - inputs) / (_WIDTH * (high - low) or 1.0)) ** 2)
+    smooth = (kernel @ sums + float(sums.sum() / count.sum())) / (kernel @ count + 1)
+    return inputs, np.maximum(smooth, 0.01 * square)
