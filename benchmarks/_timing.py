@@ -9,6 +9,10 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from typing import Any
+
+FIXED: dict[str, Any] = {"diagonal": "uniform", "slope": False, "lag": 0}
+"""Options of `identify` with which nothing is compared: one fit is timed."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks._plants import Array, Case, a_case
-from benchmarks._timing import Row, seconds
+from benchmarks._timing import FIXED, Row, seconds
 from minorloop import identify
 from minorloop.errors import SignalError
 
@@ -72,7 +72,7 @@ def judged(seed: int, defect: str | None) -> Verdict:
     case = a_case(seed)
     y = case.y if defect is None else damaged(case, defect, seed)
     try:
-        result = identify(case.u, y, levels=case.levels, holdout=case.holdout)
+        result = identify(case.u, y, levels=case.levels, holdout=case.holdout, **FIXED)
     except SignalError as error:  # Refused, which is advice.
         return Verdict(seed, case, np.inf, (str(error),), (str(error),))
     residual = result.model.simulate(case.unseen) - case.truth

@@ -105,7 +105,13 @@ def _fitted(name: str, material: Material) -> Row:
 
 
 def _fit(u: Array, y: Array, mean: str) -> ml.Identification:
-    options = {"levels": BANDS, "spacing": "adaptive", "diagonal": "reversible"}
+    options = {
+        "levels": BANDS,
+        "spacing": "adaptive",
+        "diagonal": "reversible",
+        "slope": False,
+        "lag": 0,
+    }
     return ml.identify(u, y, prior="gaussian", mean=mean, start="positive", **options)
 
 

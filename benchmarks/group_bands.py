@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks._timing import Row
+from benchmarks._timing import FIXED, Row
 from minorloop import excitation, identify
 from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.lab.columns import read_columns
@@ -79,7 +79,7 @@ def _inside(u: FloatArray, y: FloatArray, labels: Labels) -> float:
     names, within = np.unique(labels), []
     for k in range(FOLDS):
         out = np.isin(labels, names[k::FOLDS])
-        found = identify(u[~out], y[~out], curves=labels[~out], **OPTIONS)
+        found = identify(u[~out], y[~out], curves=labels[~out], **OPTIONS, **FIXED)
         band = found.predict(u[out], bands=0.9, curves=labels[out])
         within.append((y[out] >= band.lower) & (y[out] <= band.upper))
     return float(np.concatenate(within).mean())
@@ -102,7 +102,7 @@ def _of_specimens(
 
     y = np.concatenate([measured(specimen, stairs) for specimen in seen])
     labels = np.repeat(np.arange(groups), stairs.size)
-    found = identify(np.tile(stairs, groups), y, levels=levels, curves=labels)
+    found = identify(np.tile(stairs, groups), y, levels=levels, curves=labels, **FIXED)
     inputs = np.concatenate([[low, high], chance.uniform(low, high, 30)])
     band = found.predict(inputs, bands=0.9)
     inside = []

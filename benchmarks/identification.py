@@ -7,7 +7,7 @@ import json
 import numpy as np
 from scipy.optimize import nnls
 
-from benchmarks._timing import Row, best, dearer, faster, in_child, within
+from benchmarks._timing import FIXED, Row, best, dearer, faster, in_child, within
 from benchmarks.one_fit import a_record
 from minorloop import identify
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
@@ -37,7 +37,7 @@ def _against_nnls(kind: str, bands: int, samples: int) -> Row:
     dense = np.column_stack([plain, -plain[:, -1]])  # the offset may have either sign
     fits, norms = [], []
     ours, theirs = best(
-        lambda: fits.append(identify(u, y, levels=model.levels, smoothness=0.0)),
+        lambda: fits.append(identify(u, y, levels=model.levels, smoothness=0.0, **FIXED)),
         lambda: norms.append(nnls(dense, y)[1]),
         rounds=7,
     )

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import psutil
 
+from benchmarks._timing import FIXED
 from minorloop.fleet import identify_fleet, read_manifest
 
-OPTIONS = {"levels": 20, "prior": "none"}
+OPTIONS = {"levels": 20, "prior": "none", **FIXED}
 
 
 def main(folder: str, workers: str, kill: str, began: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks._plants import Array
-from benchmarks._timing import Row, best, dearer, seconds, within
+from benchmarks._timing import FIXED, Row, best, dearer, seconds, within
 from benchmarks.one_fit import a_record
 from benchmarks.real_records import LEAST, MOST, NOT_WORSE
 from benchmarks.real_records import a_record as like_real
@@ -65,8 +65,9 @@ def _planes(kind: str, seeds: int, sizes: tuple[tuple[int, int], ...]) -> Row:
             spread = NOISE * float(np.ptp(plant.simulate(u)))
             y = plant.simulate(u) + spread * rng.normal(size=u.size)
             truth, fits = plant.simulate(others), []
-            took += seconds(lambda: fits.append(identify(u, y, levels=plant.levels)))  # noqa: B023
-            fits.append(identify(u, y, levels=plant.levels, smoothness=0.0))
+            options = {"levels": plant.levels, **FIXED}
+            took += seconds(lambda: fits.append(identify(u, y, **options)))  # noqa: B023
+            fits.append(identify(u, y, levels=plant.levels, smoothness=0.0, **FIXED))
             ours, plain = (np.sqrt(np.mean((fit.predict(others) - truth) ** 2)) for fit in fits)
             ratios.append(ours / plain)
             readings = truth + spread * rng.normal(size=truth.size)
@@ -93,7 +94,8 @@ def _last_third(seeds: int) -> Row:
         y = a_plane("uniform", 100, rng).simulate(u)
         y += 1e-3 * np.ptp(y) * rng.normal(size=y.size)
         fits: list[Identification] = []
-        took += seconds(lambda: fits.append(identify(u, y, holdout=1 / 3)))  # noqa: B023
+        options = {"levels": 25, "holdout": 1 / 3, **FIXED}
+        took += seconds(lambda: fits.append(identify(u, y, **options)))  # noqa: B023
         off = np.abs(fits[0].predict(u) - y)
         half = fits[0].predict(u, bands=0.9).half_width
         inside.append(np.mean((off <= half)[fits[0].held_out]))
@@ -122,9 +124,9 @@ def _few() -> list[Row]:
     y = model.simulate(stairs) + noise * np.random.default_rng(1).normal(size=stairs.size)
 
     def fit() -> object:
-        return identify(stairs, y, levels=model.levels, prior="gaussian", noise=noise)
+        return identify(stairs, y, levels=model.levels, prior="gaussian", noise=noise, **FIXED)
 
-    found = identify(stairs, y, levels=model.levels, prior="gaussian", noise=noise)
+    found = identify(stairs, y, levels=model.levels, prior="gaussian", noise=noise, **FIXED)
     memory = Memory.after(stairs, low=-1.0, high=1.0)
     choice, refit = best(lambda: next_input(found, memory), fit, rounds=3)
     return [
@@ -137,8 +139,8 @@ def _many(bands: int, samples: int) -> Row:
     model, u, y = a_record(bands, samples)
     fits = []
     ours, theirs = best(
-        lambda: fits.append(identify(u, y, levels=model.levels, prior="gaussian")),
-        lambda: identify(u, y, levels=model.levels, prior="none"),
+        lambda: fits.append(identify(u, y, levels=model.levels, prior="gaussian", **FIXED)),
+        lambda: identify(u, y, levels=model.levels, prior="none", **FIXED),
         rounds=2,
     )
     what = f"identify with the prior, L = {bands}, N = {samples:,}"

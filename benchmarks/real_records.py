@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 from scipy.sparse import coo_array, csc_array, diags_array, eye_array, hstack, vstack
 
 from benchmarks._plants import Array
-from benchmarks._timing import Row, best, in_child, seconds, within
+from benchmarks._timing import FIXED, Row, best, in_child, seconds, within
 from benchmarks.one_fit import peak_gigabytes
 from minorloop import Preisach, identify
 from minorloop.identification.bands import PER_DEVIATION
@@ -146,7 +146,7 @@ def _compared(bands: int, samples: int, most: float, times: float) -> Row:
     """A fit within so many seconds, and so many times those of the sparse programme."""
     model, u, y = a_record(bands, samples)
     fits, squares = [], []
-    ours = [lambda: fits.append(identify(u, y, levels=model.levels, smoothness=0.0))]
+    ours = [lambda: fits.append(identify(u, y, levels=model.levels, smoothness=0.0, **FIXED))]
     theirs = [lambda: squares.append(programme(bands, u, y))] * bool(find_spec(PROGRAMME))
     ours[0]()  # loads the kernels
     rounds = 9 if samples < 10_000 else 3
@@ -171,7 +171,7 @@ def _against_nnls(bands: int, samples: int) -> Row:
     ).dense()
     dense, norms = np.column_stack([plain, -plain[:, -1]]), []
     elapsed = seconds(lambda: norms.append(nnls(dense, y, maxiter=100_000)[1]))
-    fit = identify(u, y, levels=model.levels, smoothness=0.0)
+    fit = identify(u, y, levels=model.levels, smoothness=0.0, **FIXED)
     excess = u.size * fit.rmse**2 / norms[0] ** 2 - 1
     what = f"nnls L = {bands}, N = {samples:,}, like real, matrix given"
     accuracy = f"our objective {excess:+.0e} of its"
@@ -198,7 +198,8 @@ def _defaults() -> list[Row]:
     found = []
     for inputs, outputs, bands, most in cases:
         fits = []
-        took = best(lambda: fits.append(identify(inputs, outputs, levels=bands)), rounds=5)[0]  # noqa: B023
+        options = {"levels": bands, **FIXED}
+        took = best(lambda: fits.append(identify(inputs, outputs, **options)), rounds=5)[0]  # noqa: B023
         what = f"identify L = {bands}, N = {inputs.size:,}, like real, default"
         banded = fits[-1].posterior is not None
         found.append(within(what, took, most, f"kkt {fits[-1].kkt:.0e}", banded))
@@ -249,7 +250,7 @@ def _piezo() -> Row:
 def _magnet(words: str, name: str, field: str, moment: str, most: float) -> Row:
     """Every other reversal curve is fitted, the others are predicted."""
     u, y = _curves(name, field, moment, 0)
-    options = {"levels": 51, "spacing": "adaptive", "start": "positive"}
+    options = {"levels": 51, "spacing": "adaptive", "start": "positive", **FIXED}
     plain = identify(u, y, **options, prior="none")
     found = []
     took = seconds(lambda: found.append(identify(u, y, **options, prior="gaussian")))
@@ -274,7 +275,7 @@ def _deeper(words: str, name: str, field: str, moment: str) -> Row:
     levels = np.unique(np.append(u.min(), np.quantile(u, np.linspace(0, 1, 26))))
     fits = []
     took = seconds(
-        lambda: fits.append(identify(u[~deep], y[~deep], levels=levels, start="positive"))
+        lambda: fits.append(identify(u[~deep], y[~deep], levels=levels, start="positive", **FIXED))
     )
     bands, seen = fits[0].predict(u[deep], bands=0.9), y[deep]
     inside = bands.covers(seen)
@@ -296,9 +297,9 @@ def _between() -> list[Row]:
     errors, took = {}, 0.0
     for prior in ("gaussian", "none", "auto"):
         fits = []
-        options = {"levels": 51, "spacing": "adaptive", "start": "positive", "prior": prior}
+        options = {"levels": 51, "spacing": "adaptive", "start": "positive", **FIXED}
         known = np.where(out, np.nan, y)
-        took = seconds(lambda: fits.append(identify(u, known, **options)))  # noqa: B023
+        took = seconds(lambda: fits.append(identify(u, known, prior=prior, **options)))  # noqa: B023
         off = (fits[0].prediction - y)[out & np.isfinite(y)]
         errors[prior] = float(np.sqrt(np.mean(off**2)) / np.ptp(y[out & np.isfinite(y)]))
     return [_default(f"{words}, every fifth curve without outputs, default", took, errors)]
@@ -358,6 +359,8 @@ def _ferrite() -> list[Row]:
                         curves=loop[kept],  # noqa: B023
                         start_of_curve="demagnetised",
                         prior=prior,  # noqa: B023
+                        levels=25,
+                        **FIXED,
                     )
                 )
             )
@@ -370,12 +373,12 @@ def _ferrite() -> list[Row]:
 
 def main(bands: int, samples: int, banded: bool) -> None:
     """``python -m benchmarks.real_records BANDS SAMPLES [bands]``: seconds, memory and accuracy."""
-    options = {"holdout": 1 / 3} if banded else {"smoothness": 0.0}
+    options = FIXED | ({"holdout": 1 / 3} if banded else {"smoothness": 0.0})
     for sizes in ((10, 500), (50, 2_000), (20, 30_000)):
         small, u, y = a_record(*sizes)
         found = identify(u, y, levels=small.levels, **options)  # loads the kernels
     if banded:
-        identify(u[:500], y[:500], levels=30, prior="gaussian").predict(u[:9], bands=0.9)
+        identify(u[:500], y[:500], levels=30, prior="gaussian", **FIXED).predict(u[:9], bands=0.9)
     model, u, y = a_record(bands, samples)
     fits = []
 

@@ -20,8 +20,6 @@ with TemporaryDirectory() as folder:
         200.0 * np.arange(voltages.size), voltages, curvatures, "voltage [V]", "curvature [1/m]"
     ).to_csv(path)
 
-    record = ml.Record.from_csv(path, input="voltage", output="curvature")
-    found = ml.identify(
-        record.u, record.y, levels=levels, diagonal="reversible", holdout=20 / voltages.size
-    )
+    record = ml.read(path, input="voltage", output="curvature")
+    found = ml.identify(record, levels=levels, diagonal="reversible", holdout=20 / voltages.size)
     print(found)

@@ -493,7 +493,7 @@ def test_the_message_names_a_key_that_is_there_twice(tmp_path):
 
 def test_an_identification_with_an_interval_is_saved_with_its_lag_in_seconds(tmp_path):
     u = np.sin(np.arange(60) / 4)
-    found = minorloop.identify(u, u, levels=3, prior="none", lag=2, interval=0.01)
+    found = minorloop.identify(u, u, levels=3, prior="none", slope=False, lag=2, interval=0.01)
     minorloop.save(found, tmp_path / "m.json")
     assert read(tmp_path / "m.json").lag_seconds == pytest.approx(0.02)
     with pytest.raises(minorloop.errors.ParameterError, match=r"interval is 0; give a time > 0"):

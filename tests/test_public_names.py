@@ -19,7 +19,7 @@ NAMES = {
     *("Actuator", "Adaptive", "Channel", "Prediction", "NextInput", "next_input", "design"),
     *("arx", "step_response", "frequency_response", "Preamble", "describing_function"),
     *("fit_response", "Recursive", "representability", "Plan", "Store", "Setup", "run", "reduce"),
-    *("Record", "curvature_from_displacement", "displacement_from_curvature"),
+    *("Record", "Log", "read", "curvature_from_displacement", "displacement_from_curvature"),
     *("save", "load", "connect", "ModelWarning", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),

@@ -6,9 +6,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from tests.fixed_options import identify
 
 from minorloop.errors import OutputError
-from minorloop.identification import identify
 from minorloop.report import Picture, Report, Table, identification_report
 
 

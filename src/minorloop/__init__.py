@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         identify,
         identify_after_effect,
         identify_dynamics,
+        read,
     )
     from minorloop.identification.adaptive import Adaptive
     from minorloop.identification.arx import arx, step_response
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from minorloop.identification.representability import representability
     from minorloop.lab.actuator import Actuator, Channel
     from minorloop.lab.curvature import curvature_from_displacement, displacement_from_curvature
+    from minorloop.lab.logs import Log
     from minorloop.lab.plan import Plan
     from minorloop.lab.records import Record
     from minorloop.lab.reduction import reduce
@@ -96,6 +98,7 @@ __all__ = [
     "Inversion",
     "LimitError",
     "Linear",
+    "Log",
     "Memory",
     "MinorloopError",
     "MissingExtraError",
@@ -144,6 +147,7 @@ __all__ = [
     "identify_oscillator",
     "load",
     "next_input",
+    "read",
     "reduce",
     "representability",
     "run",
@@ -210,8 +214,10 @@ _HOMES = {
         "identify",
         "identify_after_effect",
         "identify_dynamics",
+        "read",
     ),
     "minorloop.lab.curvature": ("curvature_from_displacement", "displacement_from_curvature"),
+    "minorloop.lab.logs": ("Log",),
     "minorloop.lab.records": ("Record",),
     "minorloop.lab.reduction": ("reduce",),
     "minorloop.modelfile": ("ModelWarning", "load", "save"),
@@ -234,7 +240,7 @@ _MEANT = {
     **dict.fromkeys(("fit", "train", "calibrate", "learn"), "identify"),
     **dict.fromkeys(("predict", "forward"), "identify(...).predict, or simulate of a model"),
     **dict.fromkeys(("simulate", "invert", "inverse"), "the method of a model, such as Preisach"),
-    **dict.fromkeys(("read", "read_csv", "open"), "Record.from_csv, or load for a model file"),
+    **dict.fromkeys(("read_csv", "open"), "read, or load for a model file"),
     "plot": "the method plot of a model or result",
     "measure": "run",
 }

@@ -274,7 +274,7 @@ def save(
     target = check_writable(path, force=force)
     complete = _complete(provenance)
     if isinstance(model, Identified):
-        lag = model.lag if lag is None else lag
+        lag = getattr(model, "lag_of_model", model.lag) if lag is None else lag
         lag_seconds = model.lag_seconds if lag_seconds is None else lag_seconds
         warnings = model.warnings if warnings is None else warnings
         complete = {**complete, "scores": {**model.scores, **complete["scores"]}}

@@ -57,7 +57,7 @@ def test_identify_prints_json(creeping, run):
 
 def test_what_cannot_be_combined_is_refused(creeping, refused):
     line = "identify holds.csv --input voltage --output length --creep spectrum"
-    assert "--time is missing" in refused(line)
+    assert "--time is missing" in refused(f"{line} --time none")
     line += " --time time --levels 4"
     assert "--holdout cannot be combined with --creep" in refused(f"{line} --holdout 0.3")
     assert "--dynamics cannot be combined" in refused(f"{line} --dynamics auto")

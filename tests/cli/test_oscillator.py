@@ -59,7 +59,7 @@ def test_what_cannot_be_used_is_refused(record, refused):
     assert "not a whole number of periods of 200" in refused(f"{line} unknown --period 200")
     assert "between is 'flat'" in refused(f"{line} unknown --between flat")
     assert "--time is missing; --oscillator needs" in refused(
-        "identify record.csv --input force --output displacement --oscillator unknown"
+        f"{line.replace('--time time', '--time none')} unknown"
     )
     assert "--period is given without --oscillator" in refused(
         f"identify record.csv {COLUMNS} --period 256"

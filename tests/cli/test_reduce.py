@@ -32,7 +32,7 @@ def test_a_log_becomes_points_that_identify_takes(run):
     assert "Settled points of curvature" in Path("r.html").read_text()
     status, out, _ = run("identify points.csv --input voltage --output curvature --levels 4")
     assert "curvature [1/m] against voltage [V]" in out
-    assert "each sample counts by its standard deviation, column 'sd [1/m]'" in out
+    assert "weights: by the standard deviations in the column sd [1/m]" in out
 
 
 def test_the_standard_deviation_of_a_point_is_its_weight(answer, refused, model):

@@ -17,18 +17,20 @@ def _log(t, u, y, columns=COLUMNS):
     write("log.csv", columns, np.column_stack([t, u, y]))
 
 
-def test_missing_rows_are_said_and_with_time_not_fitted(run, answer):
+def test_missing_rows_are_said_and_not_fitted(run, answer):
     kept = np.delete(np.arange(900), slice(150, 450))
     _log(T[kept], U[kept], MODEL.simulate(U)[kept])
-    said = answer(f"{LINE} --lag 0")["advice"][0]
-    assert "1 gap in column 'time [s]': about 300 samples are missing" in said
-    assert "name the column with --time" in said
-    status, out, _ = run(f"{LINE} --lag 0 --time time --json")
+    status, out, _ = run(f"{LINE} --lag 0 --json")
     found = json.loads(out)
     assert found["samples"] < 300
-    assert "name the column" not in found["advice"][0]
+    assert found["chosen"][0].startswith("time: column 'time [s]'")
+    assert "1 gap in column 'time [s]': about 300 samples are missing" in found["advice"][1]
     assert status == 1  # more than half of the rows are lost
     assert "not fitted, because the memory is unknown after a gap" in found["warnings"][0]
+    assert "read the record without time (--time none)" in found["warnings"][0]
+    found = answer(f"{LINE} --lag 0 --time none")
+    assert (found["samples"], found["chosen"]) == (600, [])
+    assert not any("gap" in said for said in found["advice"])
 
 
 def test_with_dynamics_the_advice_on_lost_rows_can_be_followed(run):
@@ -50,16 +52,14 @@ def test_rows_after_a_clock_was_set_back_are_said_to_be_left_out(answer):
     assert found["samples"] < 500
     said = next(advice for advice in found["advice"] if "measured rows" in advice)
     assert f"{900 - found['samples']} of 900 measured rows are not fitted, because" in said
-    assert "leave --time out" in said
+    assert "(--time none)" in said
 
 
-def test_uneven_samples_are_said_without_time_too(answer):
+def test_uneven_samples_are_said_where_a_lag_needs_even_ones(answer):
     t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 900))
     _log(t, U, MODEL.simulate(U), COLUMNS.replace("time [s]", "clock [ms]"))
-    said = answer(f"{LINE} --lag 0")["advice"][0]
-    assert "samples are uneven" in said
-    assert "name the column with --time" in said
-    assert "uneven" not in " ".join(answer(f"{LINE} --lag 0 --time clock")["advice"][1:])
+    assert "uneven" not in " ".join(answer(f"{LINE} --lag 0")["advice"])
+    assert "samples are uneven" in answer(f"{LINE} --lag 3")["advice"][0]
 
 
 def test_curves_whose_memory_is_reset_have_no_gaps(answer):
@@ -79,7 +79,9 @@ def test_a_lag_in_seconds_needs_time(answer, refused):
     right = answer(f"{LINE} --time time --lag '25 ms'")["nrmse_train"]
     wrong = answer(f"{LINE} --time time --lag '0 s'")["nrmse_train"]
     assert right < 0.65 * wrong
-    assert "--lag is 0.025 s and the column of time is not named" in refused(f"{LINE} --lag 25ms")
+    assert "the lag is 0.025 s and the record has no time; name its column (--time)" in refused(
+        f"{LINE} --time none --lag 25ms"
+    )
     assert "--lag is '3 rows'; give it in one of s, ms" in refused(f"{LINE} --lag '3 rows'")
 
 

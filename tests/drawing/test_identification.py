@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.drawing import identification
-from minorloop.identification import identify
 from minorloop.operators.preisach import Preisach
 
 TRUTH = Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))

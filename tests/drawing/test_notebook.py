@@ -7,12 +7,12 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.drawing import _FUNCTIONS, notebook
 from minorloop.drawing.layout import new_figure
 from minorloop.dynamics.linear import Linear
 from minorloop.figures import NotebookView
-from minorloop.identification import identify
 from minorloop.identification.bands import Prediction
 from minorloop.identification.excitation import report
 from minorloop.identification.frequency import FrequencyResponse

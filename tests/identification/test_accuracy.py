@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop.identification import identify
 from minorloop.identification.accuracy import accuracy, by_curve, scores_of
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.operators.preisach import Preisach

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from benchmarks import optima
 from scipy.optimize import nnls
+from tests.fixed_options import identify
 
-from minorloop import identify
 from minorloop.identification import active_set, least_squares
 from plane_problems import a_problem, objective
 

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from fault_records import INPUTS, record
-from minorloop.identification import excitation, identify
+from minorloop.identification import excitation
 from minorloop.lab.columns import read_columns
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record

@@ -1,4 +1,5 @@
 import numpy as np
+from tests.fixed_options import identify
 
 import minorloop as ml
 from minorloop.identification.alternation import alternate, earlier, without
@@ -13,7 +14,7 @@ RECORD = DynamicRecord.of(T, U, TRUE.cascade(PLANE).simulate(T, U), {})
 
 
 def static(u, y):
-    return ml.identify(u, y, levels=PLANE.levels, prior="none", smoothness=0.0)
+    return identify(u, y, levels=PLANE.levels, prior="none", smoothness=0.0)
 
 
 def test_the_record_without_its_dynamics_is_that_of_the_operator():

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.errors import ParameterError
-from minorloop.identification import identify, likelihood, prior_fit
+from minorloop.identification import likelihood, prior_fit
 from minorloop.identification.bands import Prediction
 from minorloop.operators.preisach import Preisach
 

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from fault_records import record
 from minorloop.errors import ParameterError
-from minorloop.identification import choosing, identify
+from minorloop.identification import choosing
 from minorloop.lab.columns import read_columns
 from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach

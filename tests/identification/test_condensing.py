@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop.identification import condensing, fitting, identify
+from minorloop.identification import condensing, fitting
 from minorloop.identification.condensing import condense
 from plane_records import LEVELS, a_plane
 

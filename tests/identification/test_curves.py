@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification import identify
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.operators.memory import Memory
 from plane_records import LEVELS, a_plane

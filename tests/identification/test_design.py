@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.errors import ParameterError
-from minorloop.identification import identify
 from minorloop.identification.design import budget, design, next_input
 from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.identification.likelihood import regressors

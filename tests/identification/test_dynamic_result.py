@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 import minorloop as ml
 from minorloop.dynamics.cascade import Cascade
@@ -19,7 +20,7 @@ CHOSEN = TriedDynamics(1, 0, 0.01, True, 0.002, True)
 def result(linear, first="operator", creep=None, off=0.0):
     model = Cascade(PLANE, linear, first, creep, 0.01)
     y = model.simulate(T, U) + off * np.sin(50 * T)
-    static = ml.identify(U, PLANE.simulate(U), levels=4)
+    static = identify(U, PLANE.simulate(U), levels=4)
     fitted = T < 1.5
     return DynamicIdentification(model, static, T, U, y, fitted, ~fitted, (CHOSEN,))
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop.identification import identify
 from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop.identification import identify
 from plane_records import a_record
 
 

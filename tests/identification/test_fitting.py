@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop.identification import excitation, identify
+from minorloop.identification import excitation
 from minorloop.identification.curves import Curves
 from minorloop.identification.fitting import FitRecord, on_steep_branch
 

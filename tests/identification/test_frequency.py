@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.fixed_options import identify
 
 from minorloop.arrays import uniform_levels
 from minorloop.connect import connect
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification import excitation, identify
+from minorloop.identification import excitation
 from minorloop.identification.frequency import (
     FrequencyResponse,
     Preamble,

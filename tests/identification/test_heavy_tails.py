@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop import Preisach, identify
+from minorloop import Preisach
 from minorloop.identification import heavy_tails
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.field_prior import FieldPrior

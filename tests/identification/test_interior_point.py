@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from benchmarks import real_records
 from scipy.optimize import nnls
+from tests.fixed_options import identify
 
 from minorloop.errors import ParameterError
-from minorloop.identification import identify, least_squares
+from minorloop.identification import least_squares
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import Problem
 from plane_problems import a_problem, objective

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop.identification import identify
 from minorloop.identification.curves import Curves
 from minorloop.identification.jumps import Jump, find_jumps, with_jumps
 from minorloop.identification.scores import score_rows

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop.identification import identify
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
 from minorloop.identification.leave_out import left_out

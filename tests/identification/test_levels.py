@@ -1,6 +1,5 @@
 import numpy as np
-
-from minorloop.identification import identify
+from tests.fixed_options import identify
 
 
 def test_adaptive_levels_crowd_where_the_output_is_steep():

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.identification import _prior_kernels as kernels
-from minorloop.identification import identify
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.model_error import Reach, contiguous_parts
 from plane_records import a_plane

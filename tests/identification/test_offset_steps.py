@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.arrays import uniform_levels
-from minorloop.identification import identify
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.identification.offset_steps import find_drift, find_offset_step
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from long_branches import a_record_with_long_branches
-from minorloop.identification import identify
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.operators.preisach import Preisach

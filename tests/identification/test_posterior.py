@@ -2,9 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from long_branches import a_record_with_long_branches
-from minorloop.identification import identify, likelihood, posterior, prior_system
+from minorloop.identification import likelihood, posterior, prior_system
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.posterior import SparsePosterior
 from minorloop.identification.prior import Hyperparameters, PlanePrior

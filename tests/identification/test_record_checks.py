@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification import identify
 from plane_records import a_record
 
 

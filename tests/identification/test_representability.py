@@ -48,7 +48,7 @@ def test_a_loop_that_depends_on_its_past_shows_as_congruency_that_fails():
 
 
 def test_the_floor_is_below_what_a_fit_leaves():
-    from minorloop.identification import identify
+    from tests.fixed_options import identify
 
     rng = np.random.default_rng(1)
     y = a_plane().simulate(INPUTS)

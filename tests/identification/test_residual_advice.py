@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from fault_records import record, sine
-from minorloop.identification import identify
 from minorloop.identification.curves import Curves
 from minorloop.lab.columns import read_columns
 from minorloop.operators.densities import GaussianDensity

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from fault_records import record
-from minorloop.identification import identify
 from minorloop.identification.residuals import amplitudes, find_startup
 from minorloop.identification.rough_model import one_of_each
 

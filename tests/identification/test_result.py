@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop.identification import identify
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_record
 

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.errors import SignalError
-from minorloop.identification import excitation, identify
+from minorloop.identification import excitation
 from minorloop.identification.reversal_curves import identify_reversal_curves
 from plane_records import LEVELS, a_plane
 

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from tests.fixed_options import identify
 
 from long_branches import a_record_with_long_branches
 from minorloop.errors import SignalError
-from minorloop.identification import identify, prior_system
+from minorloop.identification import prior_system
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.field_prior import FieldPrior
 from minorloop.identification.likelihood import Evidence

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
-from minorloop.identification import identify
 from minorloop.identification.scores import (
     CURVE_COLUMNS,
     MOST_CURVES,

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from fault_records import INPUTS, SIZE, kinds, plant, record, sine
 from minorloop.errors import SignalError
-from minorloop.identification import identify
 from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
 from minorloop.operators.relays import RelayModel

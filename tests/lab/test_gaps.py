@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.fixed_options import identify
 
-from minorloop.identification import identify
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.lab.gaps import between, bridged, known_memory, with_lost_rows
 from minorloop.lab.logs import Log

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.errors import ParameterError, RecordError
-from minorloop.identification import identify
 from minorloop.lab.columns import read_headers
 from minorloop.lab.logs import read_log
 from minorloop.lab.timebase import time_column
@@ -68,7 +68,7 @@ def test_dates_and_units_give_seconds(file):
 
 
 def test_without_time_samples_are_counted(file):
-    log = read_log(write(file, T, U, U), input="u", output="y")
+    log = read_log(write(file, T, U, U), input="u", output="y", time=None)
     assert not log.record.timed
     assert log.notes == ()
     assert log.evenly_sampled() is log.with_known_memory() is log.record
@@ -87,10 +87,11 @@ def test_a_column_cannot_be_used_twice_or_have_another_unit(file):
 def test_labels_are_read_with_the_rest(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("t [s],u,y,run,wire\n0,1,2,1,a\n1,2,,1,b\n2,3,4,2,7\n")
-    log = read_log(file, input="u", output="y", time="t", labels=["run", "wire", "run"])
-    np.testing.assert_array_equal(log.record.y, [2, np.nan, 4])
-    np.testing.assert_array_equal(log.labels["run"], [1.0, 1.0, 2.0])
-    assert log.labels["wire"].tolist() == ["a", "b", "7"]
+    for groups in ("wire", "run"):
+        log = read_log(file, input="u", output="y", time="t", curves="run", groups=groups)
+        np.testing.assert_array_equal(log.record.y, [2, np.nan, 4])
+        np.testing.assert_array_equal(log.curves, [1.0, 1.0, 2.0])
+        assert log.groups.tolist() == (["a", "b", "7"] if groups == "wire" else [1.0, 1.0, 2.0])
 
 
 def test_a_file_in_another_encoding_is_read_and_said(tmp_path):
@@ -147,7 +148,7 @@ def test_the_input_of_another_logger_is_interpolated_at_the_times_of_the_output(
     assert "u [V] is empty in 198 of 378 rows, as where two loggers were merged" in found.notes[0]
     assert "21 rows without readings near are left out" in found.notes[0]
     with pytest.raises(RecordError, match=r"name the column of time \(--time\)"):
-        read_log(path, input="u", output="y")
+        read_log(path, input="u", output="y", time=None)
     path.write_text("time [s],u [V],y\n" + "\n".join(rows[::-1]) + "\n")
     with pytest.raises(RecordError, match="order of time: sort them"):
         read_log(path, input="u", output="y", time="time")

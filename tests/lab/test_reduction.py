@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.fixed_options import identify
 
 from minorloop.arrays import uniform_levels
 from minorloop.errors import OutputError, ParameterError, RecordError, SignalError
-from minorloop.identification import identify
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.lab.conversion import LaserCurvature, linear
 from minorloop.lab.curvature import displacement_from_curvature

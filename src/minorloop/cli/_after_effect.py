@@ -27,12 +27,11 @@ def run(data: TimedData, options: dict[str, Any], outputs: Outputs) -> None:
     """Identify, write the model and the report, and print what time explains."""
     from minorloop.identification import identify_after_effect
 
-    record, labels = data.read("a fit with --creep or --rate")
+    log = data.read("a fit with --creep or --rate")
+    record = log.record
     began = time.perf_counter()
     with _common.working("identifying") as now:
-        found = identify_after_effect(
-            record.t, record.u, record.y, curves=labels, progress=now, **options
-        )
+        found = identify_after_effect(log, progress=now, **options)
     figures = _figures(found, time.perf_counter() - began)
     bands = found.model.plane.bands
     title = f"{record.output} against {record.input} and time: Preisach, {bands} bands"

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
@@ -35,6 +34,8 @@ if TYPE_CHECKING:
     from minorloop.report import Report
 
 
+NONE = "none"
+"""Takes the place of the name of a column that is not to be used."""
 HOLD = 200.0
 """Seconds to hold each input if no option says otherwise: a polymer strip settles in that."""
 _EVERY = 10.0
@@ -314,74 +315,48 @@ def connected(address: str, **options: Any) -> Iterator[Actuator]:
                 getattr(plant, "close", lambda: None)()
 
 
-def read_log(
-    file: Path,
-    input: str,
-    output: str,
-    time: str | None,
-    now: Callable[[str], None],
-    *,
-    labels: Sequence[str] = (),
-    sd: str | None = None,
-    needed: bool = False,
-) -> Log:
-    """Return a log; its column of time is found by its name or unit if it is not given.
+def read_record(file: Path, columns: Mapping[str, Any], now: Callable[[str], None]) -> Log:
+    """Return a record to be identified.
 
     Parameters
     ----------
     file : path
-        The file.
-    input, output, time : str
-        Columns.
+        A table or an experiment store.
+    columns : mapping
+        Of `minorloop.read`, as the command line has them; time and standard deviations are found if
+        they are None, and not read if they are ``none``.
     now : callable
         Shows progress, as `working` yields it.
-    labels : sequence of str
-        Columns of labels.
-    sd : str, optional
-        Column of the standard deviation of the output.
-    needed : bool
-        Whether a column of time that was found must be usable; it is left out otherwise.
     """
     from minorloop.lab.columns import read_headers
+    from minorloop.lab.store import is_store
+
+    if columns["input"] and columns["output"] and not is_store(file):
+        read_headers(file)  # a refused file does not wait for the imports
+    from minorloop.identification import read
+
+    found = {name: _named(columns.get(name)) for name in ("time", "sd")}
+    return read(file, **{**columns, **found}, progress=_reading(file, now))
+
+
+def read_log(
+    file: Path, input: str, output: str, time: str | None, now: Callable[[str], None]
+) -> Log:
+    """Return a log; its column of time, found by its name or unit if not given, must be usable."""
     from minorloop.lab.logs import read_log
-    from minorloop.lab.timebase import other_clocks, time_column
 
-    def progress(share: str) -> None:
-        now(f"reading {file.name}: {share}")
-
-    def read(time: str | None) -> Log:
-        return read_log(
-            file, input=input, output=output, time=time, labels=labels, sd=sd, progress=progress
-        )
-
-    if time is not None:
-        return read(time)
-    headers = read_headers(file)
-    try:
-        found = time_column(headers, source=file, but=(input, output))
-        log = read(found)
-    except RecordError:
-        if needed:
-            raise
-        return read(None)
-    others = [] if found is None else other_clocks(headers, found, but=(input, output))
-    clocks = [header for header in others if _is_clock(file, header)]
-    if not clocks:
-        return log
-    named = ", ".join(f"'{header}'" for header in clocks)
-    note = f"'{found}' is the time; {named} could be too: name the right one with --time"
-    return replace(log, of_file=(*log.of_file, note))
+    columns: dict[str, Any] = {"input": input, "output": output, "time": _named(time), "sd": None}
+    return read_log(file, **columns, strict=True, progress=_reading(file, now))
 
 
-def _is_clock(file: Path, header: str) -> bool:
-    """Whether a column has a time in every row, and never runs backwards."""
-    from minorloop.lab.columns import read_columns
+def _named(column: str | None) -> str | None:
+    from minorloop.lab.logs import AUTO
 
-    try:
-        values = read_columns(file, [header])[header]
-    except RecordError:
-        return False
-    return bool(values.size > 1 and values[0] < values[-1] and (values[1:] >= values[:-1]).all())
+    return AUTO if column is None else None if column == NONE else column
+
+
+def _reading(file: Path, now: Callable[[str], None]) -> Callable[[str], None]:
+    return lambda share: now(f"reading {file.name}: {share}")
 
 
 def read_column(file: Path, column: str, unit: str = "", of: str = "the model") -> FloatArray:

@@ -26,18 +26,14 @@ def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
     from minorloop import modelfile
 
     dynamic = done.dynamic if done.dynamic is not None and done.dynamic.dynamic else None
-    lag: dict[str, Any] = {}
-    if dynamic is None and done.lag_given is not None:
-        lag = {"lag": done.lag, "lag_seconds": done.lag_given}
     modelfile.save(
         done.result if dynamic is None else dynamic,
         path,
         provenance=done.provenance,
-        input=done.record.input,
-        output=done.record.output,
-        warnings=done.warnings,
+        input=done.log.record.input,
+        output=done.log.record.output,
+        warnings=done.found.warnings,
         force=force,
-        **lag,
     )
     if not as_json:
         typer.echo(f"model written to {path}")
@@ -46,14 +42,16 @@ def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
 def show(done: Done, rank: bool, as_json: bool) -> None:
     """Print the scores and the advice, as a table or as JSON."""
     with _common.working("scoring"):
-        figures = _figures(done.result, done.seconds, rank)
-        figures["advice"] = done.advice
-        figures["warnings"] = list(done.warnings)
-        figures["codes"] = [code.sample for code in done.result.codes]
-        figures["sd"] = done.sd
-        figures["lag_samples"], figures["lag_s"] = done.lag, done.lag_seconds or None
-        figures["held_out"] = int(done.result.held_out.sum())
-        figures["left_out"] = list(done.left_out)
+        result = done.result
+        figures = _figures(result, done.seconds, rank)
+        figures["advice"] = list(done.found.advice)
+        figures["warnings"] = list(done.found.warnings)
+        figures["chosen"] = list(done.found.chosen)
+        figures["codes"] = [code.sample for code in result.codes]
+        figures["sd"] = result.of_record.sd
+        figures["lag_samples"], figures["lag_s"] = result.lag_of_model, result.lag_seconds or None
+        figures["held_out"] = int(result.held_out.sum())
+        figures["left_out"] = list(result.of_record.left_out)
         if done.dynamic is not None:
             figures |= _dynamic_figures(done.dynamic)
     if as_json:
@@ -129,41 +127,37 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
 
     rank = figures["rank"]
     rows = score_rows(done.result, rank="not computed (--rank)" if rank is None else f"{rank}")
-    if done.lag_seconds:
-        lag = f"{counted(done.lag, 'sample')}, {done.lag_seconds:.4g} s"
+    result = done.result
+    if result.lag_seconds:
+        lag = f"{counted(result.lag_of_model, 'sample')}, {result.lag_seconds:.4g} s"
         rows = [(name, lag if name == "lag" else value) for name, value in rows]
     if done.dynamic is not None:
         rows = [*done.dynamic.rows, *(row for row in rows if row[0] in OF_OPERATOR)]
-    if done.left_out:
-        rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
+    if left_out := result.of_record.left_out:
+        rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in left_out)))
     rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
     rows.append(("time", f"{figures['seconds']:.2f} s"))
-    record = done.record
+    record = done.log.record
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
     _common.print_table(("", ""), rows, title)
-    if done.sd is not None:
-        typer.echo(f"each sample counts by its standard deviation, column '{done.sd}'")
     if done.result.curve_accuracy:
         _common.print_table(CURVE_COLUMNS, curve_rows(done.result), curve_title(done.result))
     for one in () if done.dynamic is None else done.dynamic.tried:
         typer.echo(f"tried {one}")
-    for choice in done.result.choices:
-        typer.echo(f"chosen {choice}")
-    _common.print_advice(done.advice)
-    if done.warnings:
-        count = len(done.warnings)
+    for text in done.found.chosen:
+        typer.echo(f"chosen {text}")
+    _common.print_advice(done.found.advice)
+    if done.found.warnings:
+        count = len(done.found.warnings)
         which = "the first of these says" if count == 1 else f"the first {count} of these say"
         typer.echo(f"warning: this model is not to be trusted: {which} why", err=True)
 
 
 def write_report(done: Done, path: Path, force: bool, as_json: bool) -> None:
     """Write the HTML report."""
-    import numpy as np
-
     from minorloop.report import identification_report
 
-    record, rows = done.record, slice(done.first, done.first + done.result.u.size)
-    timed = record.timed and np.array_equal(record.u[rows], done.result.u)
+    record = done.log.record
     draw = partial(
         identification_report,
         done.result,
@@ -171,7 +165,7 @@ def write_report(done: Done, path: Path, force: bool, as_json: bool) -> None:
         source=str(done.provenance.data),
         input_label=str(record.input),
         output_label=str(record.output),
-        time=record.t[rows] if timed else None,
+        time=done.result.t,
     )
     with _common.working("drawing the report"):
         _common.write_report(draw, path, force=force)

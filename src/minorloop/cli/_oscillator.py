@@ -39,11 +39,18 @@ def run(data: TimedData, start: str, options: dict[str, Any], outputs: Outputs) 
     from minorloop.identification.oscillator import identify_oscillator
 
     rough = UNKNOWN if start == UNKNOWN else _read_start(start)
-    record, _ = data.read("--oscillator")
+    log = data.read("--oscillator")
+    record, part = log.record, log.part
     _check_units(record)
     began = time.perf_counter()
     with _common.working("identifying"):
-        found = identify_oscillator(record.t, record.u, record.y, rough, **options)  # type: ignore[arg-type]
+        found = identify_oscillator(
+            record.t[part],
+            record.u[part],
+            record.y[part],
+            rough,  # type: ignore[arg-type]
+            **options,
+        )
     figures = _figures(found, time.perf_counter() - began)
     title = f"{record.output} of an oscillator with hysteresis, driven by {record.input}"
     finish(found, record, data.file, outputs, figures, title, report_of)
@@ -104,8 +111,8 @@ def report_of(found: OscillatorIdentification, record: Record, source: Path) -> 
 
     report = Report(
         f"{record.output} of an oscillator, driven by {record.input}",
-        f"Identified from {record.u.size} rows of {source.name} by the error of the simulation, "
-        f"which is {found.error:.3g} m rms, {found.scores['nrmse']:.3%} of the range.",
+        f"Identified from {found.record.u.size} rows of {source.name} by the error of the "
+        f"simulation, which is {found.error:.3g} m rms, {found.scores['nrmse']:.3%} of the range.",
     )
     report.add(
         "Result",

@@ -13,18 +13,18 @@ from minorloop.cli import _common
 from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
+    from minorloop.lab.logs import Log
     from minorloop.lab.records import Record
     from minorloop.report import Report
 
-NONE = "none"
 _DEFAULTS: dict[str, Any] = {
     "levels": None,
     "spacing": "uniform",
     "relay": "bipolar",
     "diagonal": None,
     "lag": None,
-    "dynamics": NONE,
-    "creep": NONE,
+    "dynamics": _common.NONE,
+    "creep": _common.NONE,
     "rate": False,
     "slope": None,
     "signed": False,
@@ -59,39 +59,26 @@ class TimedData:
     curves: str | None
     rows: str | None
 
-    def read(self, options: str) -> tuple[Record, Any]:
-        """Return the rows to be fitted, and the label of the curve of each.
+    def read(self, options: str) -> Log:
+        """Return the record, with the rows to be fitted.
 
         Raises
         ------
         ParameterError
-            If a column is not given, which ``options`` of the command line need.
+            If the record has no times, which ``options`` of the command line need.
+        RecordError
+            If the times of these rows do not increase.
         """
-        columns = {"--input": self.input, "--output": self.output, "--time": self.time}
-        if missing := next((name for name, value in columns.items() if value is None), None):
-            raise ParameterError(
-                f"{missing} is missing; {options} needs the columns of input, output and time"
-            )
-        from minorloop.lab.records import Record
-
-        labels = [] if self.curves is None else [self.curves]
+        columns = {name: getattr(self, name) for name in ("input", "output", "time", "curves")}
         with _common.working(f"reading {self.file.name}") as now:
-            log = _common.read_log(
-                self.file,
-                str(self.input),
-                str(self.output),
-                self.time,
-                now,
-                labels=labels,
-                needed=True,
+            log = _common.read_record(self.file, columns, now)
+        if log.check is None:
+            raise ParameterError(
+                f"--time is missing; {options} needs the columns of input, output and time"
             )
-        record = log.record
-        part = _common.as_rows(self.rows, len(record))
-        assert log.check is not None
-        _common.check_order(self.file, str(self.time), log.check, part=part, rows=log.rows)
-        chosen = None if self.curves is None else log.labels[self.curves][part]
-        rows = record.t[part], record.u[part], record.y[part]
-        return Record(*rows, record.input, record.output), chosen
+        part = _common.as_rows(self.rows, len(log))
+        _common.check_order(self.file, str(log.time_column), log.check, part=part, rows=log.rows)
+        return log.only(part.start, part.stop)
 
 
 def refuse_others(given: Mapping[str, Any], taken: Sequence[str], options: str) -> None:

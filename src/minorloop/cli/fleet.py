@@ -25,7 +25,8 @@ def run(
     manifest: Annotated[
         Path,
         typer.Argument(
-            help="CSV file with columns specimen, file, input, output; one row for each specimen.",
+            help="CSV file with columns specimen, file, input, output; and time, curves, groups, "
+            "sd, where records have them; one row for each specimen.",
             show_default=False,
         ),
     ],
@@ -42,11 +43,31 @@ def run(
     output: Annotated[
         str | None, typer.Option(help="Column of the output, where the manifest names none.")
     ] = None,
-    levels: Annotated[int, _common.whole_option("Bands of each model, 250 at most.")] = 25,
+    levels: Annotated[
+        int | None,
+        _common.whole_option(
+            "Bands of each model, 250 at most; 25 or 50 by left-out error if not given."
+        ),
+    ] = None,
     relay: Annotated[str, typer.Option(help="Relays: bipolar or unipolar.")] = "bipolar",
     diagonal: Annotated[
-        str, typer.Option(help="Smallest loops: uniform or reversible.")
-    ] = "uniform",
+        str | None,
+        typer.Option(
+            help="Smallest loops: uniform or reversible.", show_default="by left-out error"
+        ),
+    ] = None,
+    lag: Annotated[
+        int | None,
+        _common.whole_option(
+            "Rows by which the output follows the input; by left-out error if not given."
+        ),
+    ] = None,
+    slope: Annotated[
+        bool | None,
+        typer.Option(
+            "--slope/--no-slope", help="Fit a linear part too.", show_default="by left-out error"
+        ),
+    ] = None,
     smoothness: Annotated[
         str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")
     ] = "auto",
@@ -94,10 +115,9 @@ def run(
     from minorloop.fleet import identify_fleet, read_manifest
 
     specimens = read_manifest(manifest, input=input, output=output)
-    options: dict[str, Any] = {"levels": levels, "relay": relay, "diagonal": diagonal}
-    options |= {"prior": prior, "start": start}
-    if holdout != 0:  # folders made without it have none among their options
-        options["holdout"] = holdout
+    options: dict[str, Any] = {"relay": relay, "prior": prior, "start": start, "holdout": holdout}
+    given = {"levels": levels, "diagonal": diagonal, "lag": lag, "slope": slope}
+    options |= {name: value for name, value in given.items() if value is not None}
     options["smoothness"] = smoothness if smoothness == "auto" else _common.number(smoothness)
     with _common.working(
         f"identifying {counted(len(specimens), 'specimen')}", logged=not as_json

@@ -12,9 +12,9 @@ import typer
 from minorloop.cli import _after_effect, _common, _oscillator
 from minorloop.cli._completion import one_of
 from minorloop.cli._data_sheet import DataSheet, numbers_of, write_model
-from minorloop.cli._identification import DYNAMICS, Columns, identified
+from minorloop.cli._identification import DYNAMICS, identified
 from minorloop.cli._identification_output import save_model, show, write_report
-from minorloop.cli._timed import NONE, Outputs, TimedData, refuse_others
+from minorloop.cli._timed import Outputs, TimedData, refuse_others
 from minorloop.errors import ParameterError
 
 NAME = "identify"
@@ -234,8 +234,6 @@ def run(
 
     If the model is not to be trusted, it is written with warnings, and the exit status is 1.
     """
-    from minorloop.lab.timebase import parse_lag
-
     if from_loop is not None:
         loop = numbers_of(from_loop)
         sheet = DataSheet(loop, field, input or "input", output or "output")
@@ -258,7 +256,7 @@ def run(
     for name, value in (("period", period), ("between", between)):
         if value is not None:
             raise ParameterError(f"--{name} is given without --oscillator; leave it out")
-    if creep != NONE or rate:
+    if creep != _common.NONE or rate:
         refuse_others(context.params, _after_effect.TAKEN, "--creep or --rate")
         timed = {
             "creep": creep,
@@ -273,7 +271,6 @@ def run(
         }
         _after_effect.run(data, timed, outputs)
         return
-    lag_seconds = None if lag is None else parse_lag(lag)
     options = {
         "levels": levels,
         "spacing": spacing,
@@ -285,14 +282,15 @@ def run(
         "prior": prior,
         "noise": noise,
         "mean": mean,
-        "lag": _rows_of_lag(lag, lag_seconds),
+        "lag": _lag(lag),
         "start": start,
         "holdout": holdout,
         "start_of_curve": start_of_curve,
         "skip": skip,
     }
-    columns = Columns(input, output, curves, groups, time, sd)
-    done = identified(file, columns, rows, options, lag_seconds, dynamics)
+    columns = {"input": input, "output": output, "time": time, "sd": sd}
+    columns |= {"curves": curves, "groups": groups}
+    done = identified(file, columns, rows, options, dynamics)
     steps: list[Callable[[], None]] = [partial(show, done, rank, as_json)]
     # Files first: the reader of the output may end.
     if report is not None:
@@ -300,15 +298,17 @@ def run(
     if save is not None:
         steps.insert(0, partial(save_model, done, save, force, as_json))
     _common.do_all(steps)
-    if done.warnings:
+    if done.found.warnings:
         raise typer.Exit(_DISTRUSTED)
 
 
-def _rows_of_lag(lag: str | None, seconds: float | None) -> Any:
-    """Return the lag in rows, "auto" or None; 0 where it is given in seconds."""
-    if lag is None:
-        return None
-    return 0 if seconds is not None else _number_or_auto("lag", lag, int)
+def _lag(text: str | None) -> Any:
+    """Return the lag in rows, "auto", or a text with a unit of time; None if it is not given."""
+    from minorloop.lab.timebase import parse_lag
+
+    if text is None or parse_lag(text) is not None:
+        return text
+    return _number_or_auto("lag", text, int)
 
 
 def _number_or_auto(name: str, text: str, kind: type[int] | type[float]) -> Any:

@@ -87,7 +87,7 @@ def run(
     )
     limits = _limits(range)
     with _common.working(f"reading {file.name}") as now:
-        log = _common.read_log(file, input, output, time, now, needed=True)
+        log = _common.read_log(file, input, output, time, now)
         record = log.record
         now(f"reducing {len(record)} samples")
         reduction = reduce(

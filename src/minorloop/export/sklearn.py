@@ -116,6 +116,7 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             diagonal=self.diagonal,
             smoothness=self.smoothness,
             slope=self.slope,
+            lag=0,
             signed=self.signed,
             prior=self.prior,
             start=self.start,

@@ -13,7 +13,7 @@ import numpy as np
 from minorloop.errors import MinorloopError, RecordError
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.results import one_line
-from minorloop.lab.records import Record
+from minorloop.lab.logs import Log
 from minorloop.operators.preisach import Preisach
 
 Found = Mapping[str, Any]
@@ -53,20 +53,23 @@ def identify_one(task: Task, scratch: Path) -> Found:
 
     began = time.perf_counter()
     try:
-        record = _record(task, scratch)
-        result = identify(record.u, record.y, **task.options)
+        log = _log(task, scratch)
+        result = identify(log, **task.options)
         model = result.model
         return {
             "model": model,
-            "input": str(record.input),
-            "output": str(record.output),
-            "lag": result.lag,
+            "input": str(log.record.input),
+            "output": str(log.record.output),
+            "lag": result.lag_of_model,
+            "lag_seconds": result.lag_seconds,
             "nrmse": float(result.nrmse),
             "nrmse_holdout": result.holdout_nrmse,
             "excited": result.excited_fraction,
             "opening": opening(model),
             "samples": int(result.samples),
             "warnings": result.warnings,
+            "advice": result.advice,
+            "chosen": result.chosen,
             "seconds": time.perf_counter() - began,
         }
     except Exception as error:
@@ -90,12 +93,14 @@ def load_kernels() -> None:
     identify(u, u + 0.1 * (np.arange(60) % 2), levels=2, prior="none")
 
 
-def _record(task: Task, scratch: Path) -> Record:
+def _log(task: Task, scratch: Path) -> Log:
+    from minorloop.identification import read
+
     one = task.specimen
     try:
         with scratch.open("xb") as file:
             file.write(task.data)
-        return Record.from_csv(scratch, input=one.input, output=one.output, gaps=True)
+        return read(scratch, **one.columns)
     except RecordError as error:
         text = one.shown_error(error).replace(str(scratch), str(one.file))
         raise RecordError(text) from None

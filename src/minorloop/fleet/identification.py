@@ -35,7 +35,7 @@ __all__ = ["identify_fleet"]
 
 OPTIONS = frozenset(
     ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
-) | {"lag", "start", "offset", "holdout"}
+) | {"lag", "start", "offset", "holdout", "mean", "skip", "start_of_curve"}
 LIMIT = 3600.0
 """Default time limit for a specimen in seconds; the slowest valid fits take minutes."""
 _AT_ONCE, _MOST_WRITTEN = 16, 64
@@ -256,6 +256,7 @@ def try_options(options: Mapping[str, Any]) -> None:
     from minorloop.identification.design_matrix import MOST_BANDS
 
     levels, lag = options.get("levels", 1), options.get("lag", 0)
+    levels = 1 if isinstance(levels, str) and levels == "auto" else levels
     if np.isscalar(levels):
         as_whole("levels", levels, 1, MOST_BANDS)  # type: ignore[arg-type]
     else:
@@ -263,4 +264,6 @@ def try_options(options: Mapping[str, Any]) -> None:
     if lag != "auto":
         as_whole("lag", lag, 0, 10**9)
     u = np.resize([0.0, 1.0, 0.25, 0.75, 0.5], 60)
-    identify(u, u + 0.1 * (np.arange(60) % 2), **{**options, "levels": 2, "lag": 0})
+    curves = np.arange(60) // 30 if "start_of_curve" in options else None
+    small = {**options, "levels": 2, "lag": 0, "curves": curves}
+    identify(u, u + 0.1 * (np.arange(60) % 2), **small)

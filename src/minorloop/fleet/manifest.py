@@ -20,6 +20,8 @@ from minorloop.lab.text_tables import MAX_BYTES
 __all__ = ["Specimen", "read_manifest"]
 
 COLUMNS = ("specimen", "file", "input", "output")
+OPTIONAL = ("time", "curves", "groups", "sd")
+"""Columns of a record, as `minorloop.read` takes them, that a manifest may name too."""
 LARGEST = 64 * 2**20
 """Bytes of the largest manifest."""
 _MOST_COLUMNS, _MOST_LINES = 1000, 1_000_000
@@ -40,6 +42,9 @@ class Specimen:
         CSV file of its record.
     input, output : str
         Columns of the record.
+    time, curves, groups, sd : str, optional
+        Other columns of it, as for `minorloop.read`; time and standard deviations are found if they
+        are not given.
     listed : str, optional
         The file as the manifest names it.
     outside : bool
@@ -53,6 +58,16 @@ class Specimen:
     output: str
     listed: str | None = None
     outside: bool = False
+    time: str | None = None
+    curves: str | None = None
+    groups: str | None = None
+    sd: str | None = None
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """Columns of the record that are named."""
+        named = {name: getattr(self, name) for name in ("input", "output", *OPTIONAL)}
+        return {name: column for name, column in named.items() if column is not None}
 
     def shown_error(self, error: object) -> str:
         """Return why its record cannot be used, without content that must not be shown."""
@@ -105,8 +120,9 @@ def read_manifest(
 ) -> list[Specimen]:
     """Read the specimens that a CSV file lists.
 
-    The columns are ``specimen`` and ``file``, optionally ``input`` and ``output``, separated by
-    commas, semicolons or tabs. Paths of files are relative to the manifest.
+    The columns are ``specimen`` and ``file``, optionally ``input``, ``output``, ``time``,
+    ``curves``, ``groups`` and ``sd``, separated by commas, semicolons or tabs. Paths of files are
+    relative to the manifest.
 
     Parameters
     ----------
@@ -174,7 +190,7 @@ def _rows(path: PathLike, text: str) -> list[dict[str | None, Any]]:
         io.StringIO(text), strict=True, restval="", delimiter=delimiter, skipinitialspace=True
     )
     reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
-    for name in COLUMNS:
+    for name in (*COLUMNS, *OPTIONAL):
         if reader.fieldnames.count(name) > 1:
             raise RecordError(f"{path} has two columns {name}; name each column once")
     return list(reader)
@@ -189,7 +205,8 @@ def _cells(row: Mapping[str | None, Any]) -> list[str]:
 def _specimen(
     path: Path, line: int, row: Mapping[str | None, Any], input: str | None, output: str | None
 ) -> Specimen:
-    cells = {name: unquoted(str(row.get(name) or "").strip()) for name in COLUMNS}
+    names = (*COLUMNS, *OPTIONAL)
+    cells = {name: unquoted(str(row.get(name) or "").strip()) for name in names}
     columns = cells["input"] or input, cells["output"] or output
     for what, value in zip(COLUMNS, (cells["specimen"], cells["file"], *columns), strict=True):
         if not value:
@@ -204,6 +221,17 @@ def _specimen(
     file = path.parent / cells["file"]
     # `Path.resolve` raises an error for a loop of links, which is the failure of one specimen.
     outside = not Path(os.path.realpath(file)).is_relative_to(os.path.realpath(path.parent))
+    others = {
+        name: check_name(f"line {line} of {path}: the {name}", cells[name], RecordError)
+        for name in OPTIONAL
+        if cells[name]
+    }
     return Specimen(
-        cells["specimen"], file, str(columns[0]), str(columns[1]), cells["file"], outside
+        cells["specimen"],
+        file,
+        str(columns[0]),
+        str(columns[1]),
+        cells["file"],
+        outside,
+        **others,
     )

@@ -21,6 +21,8 @@ from minorloop.fleet._reading import read_within
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.summary import Outcome, Summary
 
+VERSION = 2
+"""Format of the folder; another one has models of other defaults."""
 _LONGEST = 400
 """Characters of a reason or a warning."""
 _READING = 5.0
@@ -46,6 +48,8 @@ def write_result(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcom
         seconds=found["seconds"],
         sha256=digest,
         warning=one_line("; ".join(found["warnings"])) or None,
+        advice=one_line("; ".join(found["advice"])) or None,
+        chosen=one_line("; ".join(found["chosen"])) or None,
         **_origin(one),
     )
     path = _model(place, one)
@@ -56,6 +60,7 @@ def write_result(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcom
             input=found["input"],
             output=found["output"],
             lag=found["lag"],
+            lag_seconds=found["lag_seconds"],
             provenance={
                 "data": one.file.name,
                 "sha256": digest,
@@ -99,7 +104,7 @@ def _digest(path: Path) -> str:
 
 
 def _origin(one: Specimen) -> dict[str, Any]:
-    return {"file": one.listed or str(one.file), "input": one.input, "output": one.output}
+    return {"file": one.listed or str(one.file), **one.columns}
 
 
 def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
@@ -147,7 +152,7 @@ def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str
     """Make the folder, or continue one with the same options; return its path."""
     content = {
         "format": "minorloop fleet",
-        "version": 1,
+        "version": VERSION,
         "specimens": len(specimens),
         "options": dict(options),
     }
@@ -160,6 +165,11 @@ def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str
                 found = None
             if not isinstance(found, dict) or found.get("format") != content["format"]:
                 raise OutputError(f"{header} does not belong to a fleet; give another folder")
+            if found.get("version") != VERSION:
+                raise OutputError(
+                    f"{place} holds a fleet identified with the defaults of another version; give "
+                    "another folder"
+                )
             before, now = found.get("options"), json.loads(json.dumps(content["options"]))
             difference = first_difference({"options": before}, {"options": now})
             if difference:

@@ -47,12 +47,14 @@ class Outcome:
         Time of the fit.
     sha256 : str, optional
         Digest of the record.
-    file, input, output : str, optional
-        File of the record, as the manifest names it, and the columns identified.
+    file, input, output, time, curves, groups, sd : str, optional
+        File of the record, and its columns, as the manifest names them.
     model : str, optional
         Digest of the file of the model.
     warning : str, optional
         Why the model is not to be trusted; None if there is no warning.
+    advice, chosen : str, optional
+        What is weak and what to do; and what was chosen and not given.
     """
 
     specimen: str
@@ -71,6 +73,12 @@ class Outcome:
     nrmse_holdout: float | None = None
     excited: float | None = None
     warning: str | None = None
+    advice: str | None = None
+    chosen: str | None = None
+    time: str | None = None
+    curves: str | None = None
+    groups: str | None = None
+    sd: str | None = None
 
     def plain(self) -> dict[str, Any]:
         """As a mapping, for files."""

@@ -5,6 +5,7 @@ from minorloop.identification.after_effect_result import AfterEffectIdentificati
 from minorloop.identification.dynamic_result import DynamicIdentification
 from minorloop.identification.dynamics import identify_dynamics
 from minorloop.identification.fit import identify
+from minorloop.identification.reading import read
 from minorloop.identification.result import Identification
 
 __all__ = [
@@ -14,4 +15,5 @@ __all__ = [
     "identify",
     "identify_after_effect",
     "identify_dynamics",
+    "read",
 ]

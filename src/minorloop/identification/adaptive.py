@@ -169,6 +169,8 @@ class Adaptive:
             "levels": self.grid,
             "prior": "gaussian",
             "diagonal": "reversible",
+            "slope": False,
+            "lag": 0,
             "noise": self.noise,
         }
 

@@ -7,7 +7,7 @@ searched; for given constants the weights are a least-squares problem with bound
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
@@ -37,6 +37,9 @@ from minorloop.identification.after_effect_result import (
 from minorloop.identification.curves import Curves, StartOfCurve, as_curves, as_groups
 from minorloop.identification.design_matrix import PlaneSpec, unpack
 from minorloop.identification.least_squares import held_out_segments, neighbour_penalty
+from minorloop.identification.preparation import NOTHING, samples_in_time
+from minorloop.lab.logs import Log
+from minorloop.lab.records import Record
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Diagonal, Preisach
@@ -117,9 +120,9 @@ without samples the output may be read only at its beginning and end."""
 
 
 def identify_after_effect(
-    t: npt.ArrayLike,
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
+    t: npt.ArrayLike | Log | Record,
+    u: npt.ArrayLike | None = None,
+    y: npt.ArrayLike | None = None,
     *,
     creep: Literal["auto", "none", "thermal", "spectrum"] = "auto",
     rate: bool | Literal["auto"] = "auto",
@@ -144,8 +147,9 @@ def identify_after_effect(
 
     Parameters
     ----------
-    t : (T,) array_like
-        Strictly increasing times in seconds.
+    t : (T,) array_like, Log or Record
+        Strictly increasing times in seconds; or a record with times, inputs, outputs and labels, as
+        `minorloop.read` returns it.
     u : (T,) array_like
         Inputs; u[k] is applied since t[k - 1]. The first one of a curve has been applied for the
         shortest interval of the record.
@@ -196,6 +200,14 @@ def identify_after_effect(
     Neel, Annales de Geophysique 5, 1949: fluctuation field. Krejci and Kuhnen, IEE Proceedings D
     148, 2001: creep with a spectrum of time constants. Both in ``docs/theory/time.md``.
     """
+    told = NOTHING
+    if isinstance(t, Log | Record):
+        log = t if isinstance(t, Log) else Log.of(t)
+        beside = {"curves": curves, "groups": groups}
+        t, u, y, labels, told = samples_in_time(log, beside)
+        curves, groups = labels.get("curves"), labels.get("groups")
+    if u is None or y is None:
+        raise ParameterError("u or y is missing; give times, inputs and outputs, or a record")
     inputs, outputs, coded = checks.checked_record(u, y)
     clock = as_times(t)
     if clock.shape != inputs.shape:
@@ -234,7 +246,7 @@ def identify_after_effect(
             if one.error < _BETTER * best.error:
                 best = one
         say(f"fitting all rows with the law {best.law!r}")
-        return search.result(best, tried)
+        return replace(search.result(best, tried), told=told)
 
 
 def _both(tried: Sequence[TriedLaw]) -> list[tuple[str, FloatArray]]:

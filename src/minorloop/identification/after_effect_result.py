@@ -17,6 +17,7 @@ from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.long_intervals import isolated_long
 from minorloop.identification.model_error import NORMAL_PARTS
+from minorloop.identification.preparation import NOTHING, RecordAdvice
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators.after_effect import AfterEffect, State
 from minorloop.operators.inversion import Inversion, Unreachable
@@ -89,6 +90,8 @@ class AfterEffectIdentification(NotebookView):
         Uncertainty of the weights.
     lag, lag_seconds
         Lag of the output in rows and in seconds, for model files: none.
+    told : RecordAdvice
+        What was found in the record as it was read.
     """
 
     model: AfterEffect
@@ -107,6 +110,7 @@ class AfterEffectIdentification(NotebookView):
     weights: Uncertain | None = None
     lag: int = 0
     lag_seconds: float = 0.0
+    told: RecordAdvice = NOTHING
 
     @cached_property
     def prediction(self) -> FloatArray:
@@ -157,7 +161,7 @@ class AfterEffectIdentification(NotebookView):
     @property
     def advice(self) -> tuple[str, ...]:
         """Warnings, and what to measure next."""
-        said = [*self.warnings]
+        said = [*self.warnings, *self.told.notes]
         ratio = self.left_out_error / self.without_time if self.without_time else 1.0
         if self.law == "none" or ratio > _CREEPS:
             said.append(

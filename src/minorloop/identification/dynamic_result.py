@@ -15,6 +15,7 @@ from minorloop.errors import counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.accuracy import Accuracy, accuracy, scores_of
 from minorloop.identification.baseline import percent
+from minorloop.identification.preparation import NOTHING, RecordAdvice
 from minorloop.identification.result import Identification
 from minorloop.identification.scores import accuracy_rows
 from minorloop.operators.inversion import Unreachable
@@ -91,6 +92,8 @@ class DynamicIdentification(NotebookView):
         Number of first rows that the other rows do not predict; 0 if there are none.
     startup_fitted : bool
         Whether these are fitted all the same, because they make the model of the others no worse.
+    told : RecordAdvice
+        What was found in the record as it was read.
     """
 
     model: Cascade
@@ -103,6 +106,7 @@ class DynamicIdentification(NotebookView):
     tried: tuple[TriedDynamics, ...]
     startup: int = 0
     startup_fitted: bool = True
+    told: RecordAdvice = NOTHING
 
     @cached_property
     def prediction(self) -> FloatArray:
@@ -265,12 +269,19 @@ class DynamicIdentification(NotebookView):
             texts.append(
                 "with dead time, poles or creep the model is no better than with the operator alone"
             )
-        return tuple(texts)
+        static = self.static
+        samples = bool(static.findings or static.codes or static.suspects)
+        return self.told.with_model(self.warnings, texts, samples=samples)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """The part of the advice that says why the model is not to be trusted."""
-        return self.static.warnings
+        return (*self.told.warnings, *self.static.warnings)
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """What was chosen and not given: columns of the record and options, one sentence each."""
+        return (*self.told.chosen, *self.static.chosen)
 
     @property
     def rows(self) -> list[tuple[str, str]]:

@@ -25,7 +25,10 @@ from minorloop.identification.dynamic_parts import DynamicRecord
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 from minorloop.identification.dynamic_search import better, near, search, simplest, with_creep
 from minorloop.identification.fit import identify
+from minorloop.identification.preparation import NOTHING, moving_samples
 from minorloop.identification.result import Identification
+from minorloop.lab.logs import Log
+from minorloop.lab.records import Record
 from minorloop.threads import one_thread
 
 MOST_POLES = 3
@@ -57,9 +60,9 @@ _REFUSED = ("lag", "curves", "start_of_curve", "groups")
 
 
 def identify_dynamics(
-    t: npt.ArrayLike,
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
+    t: npt.ArrayLike | Log | Record,
+    u: npt.ArrayLike | None = None,
+    y: npt.ArrayLike | None = None,
     *,
     first: Literal["auto", "operator", "linear"] = "auto",
     poles: int | Literal["auto"] = "auto",
@@ -76,10 +79,11 @@ def identify_dynamics(
 
     Parameters
     ----------
-    t : (T,) array_like
-        Evenly spaced times in seconds. At the first, the output is at rest, and the memory is that
-        of ``start``: move the actuator over its whole range and back before. Another start than
-        ``"negative"`` is not checked.
+    t : (T,) array_like, Log or Record
+        Evenly spaced times in seconds; or a record with times, inputs and outputs, as
+        `minorloop.read` returns it, which is resampled where its times are not even. At the first
+        time, the output is at rest, and the memory is that of ``start``: move the actuator over its
+        whole range and back before. Another start than ``"negative"`` is not checked.
     u : (T,) array_like
         Inputs; u[k] is applied from the sample before.
     y : (T,) array_like
@@ -111,6 +115,11 @@ def identify_dynamics(
     Fixed operator, free dynamics: Ljung, System Identification, 2nd edition, 1999, section 7.4,
     output error. Alternation for a static map and dynamics in series: section 10.1 there.
     """
+    told = NOTHING
+    if isinstance(t, Log | Record):
+        t, u, y, told = moving_samples(t if isinstance(t, Log) else Log.of(t), options)
+    if u is None or y is None:
+        raise ParameterError("u or y is missing; give times, inputs and outputs, or a record")
     check_option("first", first, ("auto", "operator", "linear"))
     if creep != "auto":
         checks.check_flags(creep=creep)
@@ -123,7 +132,7 @@ def identify_dynamics(
             "settled points and identify the operator from them"
         )
     record = DynamicRecord.of(t, u, y, options)
-    fields = {"diagonal": "auto", "slope": "auto"}
+    fields = {"diagonal": "auto", "slope": "auto", "lag": 0}
     fields |= {name: value for name, value in options.items() if name not in _OF_THE_RECORD}
     static = _fitter(_coarse(fields))
     short = record.part(_MOST_ROWS).with_pieces()
@@ -152,6 +161,7 @@ def identify_dynamics(
         tried=tuple(_summary(one, best) for one in tried),
         startup=startup if spoilt or unlike else 0,
         startup_fitted=not spoilt,
+        told=told,
     )
 
 
@@ -198,7 +208,7 @@ def _coarse(options: dict[str, Any]) -> dict[str, Any]:
         if (value := options.get(name, "auto")) != "auto"
     }
     return (
-        {"diagonal": "reversible"}
+        {"diagonal": "reversible", "slope": False, "lag": 0}
         | given
         | {
             "levels": _BANDS if bands == "auto" or bands > _BANDS else levels,
@@ -299,5 +309,6 @@ def _refined(
         codes=record.codes,
         searched=True,
         measured=record.y,
+        told=NOTHING,
     )
     return found, operator

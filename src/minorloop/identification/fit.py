@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import IntArray, Levels, check_option
-from minorloop.errors import counted
+from minorloop.errors import ParameterError, counted
 from minorloop.identification import record_checks as checks
 from minorloop.identification.choosing import LEVELS, Chosen, choose
 from minorloop.identification.curves import StartOfCurve, as_curves, as_groups, check_group_sizes
@@ -31,27 +31,30 @@ from minorloop.identification.jumps import (
     with_jumps,
 )
 from minorloop.identification.leave_out import check_several_groups, validate
+from minorloop.identification.preparation import identify_log
 from minorloop.identification.result import Identification
+from minorloop.lab.logs import Log
+from minorloop.lab.records import Record
 from minorloop.operators.memory import Start
 from minorloop.operators.plane import RELAYS, Relay
 from minorloop.operators.preisach import Diagonal
 
 
 def identify(
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
+    u: npt.ArrayLike | Log | Record,
+    y: npt.ArrayLike | None = None,
     *,
-    levels: int | npt.ArrayLike | Literal["auto"] = 25,
+    levels: int | npt.ArrayLike | Literal["auto"] = "auto",
     spacing: Literal["uniform", "adaptive"] = "uniform",
     relay: Relay | Literal["auto"] = "bipolar",
-    diagonal: Diagonal | Literal["auto"] = "uniform",
-    slope: bool | Literal["auto"] = False,
+    diagonal: Diagonal | Literal["auto"] = "auto",
+    slope: bool | Literal["auto"] = "auto",
     signed: bool = False,
     smoothness: float | Literal["auto"] = "auto",
     prior: Regularisation = "auto",
     noise: float | npt.ArrayLike | None = None,
     mean: Mean = "zero",
-    lag: int | Literal["auto"] = 0,
+    lag: int | str = "auto",
     start: Start = "negative",
     offset: bool = True,
     holdout: float = 0.0,
@@ -69,12 +72,13 @@ def identify(
 
     Parameters
     ----------
-    u : (T,) array_like
-        Inputs applied, in order.
+    u : (T,) array_like, Log or Record
+        Inputs applied, in order; or a record with inputs and outputs, as `minorloop.read` returns
+        it, whose times, curves, groups and standard deviations are used.
     y : (T,) array_like
-        Outputs; NaN where an input was applied and nothing was measured. Overload codes and
-        sentinels such as 9.9e37 and -9999, far from all other outputs, count as not measured; they
-        are listed in ``codes`` and in the advice.
+        Outputs, not with a record; NaN where an input was applied and nothing was measured.
+        Overload codes and sentinels such as 9.9e37 and -9999, far from all other outputs, count as
+        not measured; they are listed in ``codes`` and in the advice.
     levels : int, (L + 1,) array_like or "auto"
         Number of bands, over the range of ``u``, or the thresholds themselves. ``"auto"`` compares
         25 and 50 bands, where there are samples for so many. Unless ``prior`` is ``"gaussian"``, a
@@ -112,9 +116,10 @@ def identify(
         greatest marginal likelihood, or zero if none is more likely; about it the weights vary. It
         helps where the record leaves much of the plane open, such as one major loop; the record is
         then fitted with the prior.
-    lag : int or "auto"
+    lag : int, str or "auto"
         Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples, and
-        keeps the best if it reduces the error on left-out parts by a fifth; 0 otherwise.
+        keeps the best if it reduces the error on left-out parts by a fifth; 0 otherwise. A record
+        with times may have a lag in seconds, such as ``"3 ms"``.
     start : {"negative", "positive", "demagnetised"} or Memory
         Memory before the first sample.
     offset : bool
@@ -155,6 +160,17 @@ def identify(
     Tan and Baras, Automatica 40, 2004: weights of a discretised plane by constrained least
     squares.
     """
+    if isinstance(u, Log | Record):
+        options = {name: value for name, value in locals().items() if name not in ("u", "y")}
+        if y is not None:
+            raise ParameterError(
+                "y is given beside a record, which has its own outputs; leave it out"
+            )
+        log = u if isinstance(u, Log) else Log.of(u)
+        identification: Identification = identify_log(log, identify, options)
+        return identification
+    if y is None:
+        raise ParameterError("y is missing; give the outputs, or a record of minorloop.read")
     inputs, outputs, coded = checks.checked_record(u, y)
     check_option("spacing", spacing, ("uniform", "adaptive"))
     check_option("relay", relay, (*RELAYS, "auto"))
@@ -184,13 +200,13 @@ def identify(
     spec, delay = chosen.spec, chosen.lag
     jumps: tuple[Jump, ...] = ()
     if prior != "gaussian":
-        given = not (isinstance(levels, str) or np.isscalar(levels))
-        jumps, thresholds = _jumps(record, delay, spec.levels, given)
+        fixed = not (isinstance(levels, str) or np.isscalar(levels))
+        jumps, thresholds = _jumps(record, delay, spec.levels, fixed)
         if jumps and thresholds.size - 1 <= MOST_DENSE:
             spec, prior = replace(spec, levels=thresholds), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
-    options = FitOptions(smoothness, prior, sensor, mean, grouped=group is not None)
-    found = fit_plane(spec, record, delay, options, group, say)
+    how = FitOptions(smoothness, prior, sensor, mean, grouped=group is not None)
+    found = fit_plane(spec, record, delay, how, group, say)
     left_out = None if group is None else validate(record, found, delay, group, say)
     return Identification(
         model=spec.model(found.x),

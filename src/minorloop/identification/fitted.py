@@ -26,6 +26,7 @@ from minorloop.identification.leave_out import FEWEST_GROUPS, folds
 from minorloop.identification.model_error import FEWEST, ModelError, contiguous_parts, learn
 from minorloop.identification.plain_posterior import plain_posterior
 from minorloop.identification.posterior import Posterior
+from minorloop.identification.preparation import RecordAdvice, raw_log
 from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.ridge import Ridge
 from minorloop.identification.rough_model import Basis, RecordFault
@@ -83,6 +84,12 @@ class Fit:
         Mean of the prior; None if it is zero.
     converged : bool
         Whether the solver reached the optimum; `advice` says so where it did not.
+    t : (T,) array, optional
+        Time of each row in seconds, where it is known.
+    delay : float, optional
+        Seconds by which the outputs were moved before the fit, where the lag was given so.
+    told : RecordAdvice, optional
+        What was found in the record as it was read; None for arrays.
     """
 
     model: Preisach
@@ -108,6 +115,9 @@ class Fit:
     choices: tuple[Choice, ...] = ()
     jumps: tuple[Jump, ...] = ()
     ridge: Ridge | None = None
+    t: FloatArray | None = None
+    delay: float | None = None
+    told: RecordAdvice | None = None
 
     @property
     def matrix(self) -> DesignMatrix:
@@ -148,7 +158,25 @@ class Fit:
     @property
     def lag_seconds(self) -> float:
         """Lag in seconds; 0 where the sampling interval is not known."""
-        return self.lag * (self.interval or 0.0)
+        return self.lag * (self.interval or 0.0) if self.delay is None else self.delay
+
+    @property
+    def lag_of_model(self) -> int:
+        """Lag in whole rows, also where it was given in seconds; for model files."""
+        delay = self.delay if self.interval else None
+        return self.lag if delay is None else round(delay / (self.interval or 1.0))
+
+    @cached_property
+    def of_record(self) -> RecordAdvice:
+        """What was found in the record, also where it was given as arrays."""
+        if self.told is not None:
+            return self.told
+        return RecordAdvice(warnings=raw_log(self.u, self.y))
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """What was chosen and not given: columns of the record and options, one sentence each."""
+        return (*self.of_record.chosen, *map(str, self.choices))
 
     def span(self, rows: BoolArray) -> float:
         """Return the range of the measured outputs in some rows, which errors are over."""

@@ -187,17 +187,18 @@ class Identification(Fit, NotebookView):
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Reasons not to trust the model, part of the advice; empty where there are none."""
-        return tuple(advising.warnings(self))
+        return (*self.of_record.warnings, *advising.warnings(self))
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
         """What is weak and what to do about it; empty where nothing is weak."""
-        return tuple(advising.advice(self))
+        samples = bool(self.findings or self.codes or self.suspects)
+        return self.of_record.with_model(self.warnings, [*advising.advice(self)], samples=samples)
 
     def __str__(self) -> str:
         rows = [("model", repr(self.model)), *score_rows(self)]
         lines = [f"{name:<24} {value}" for name, value in rows]
-        lines += [f"chosen {choice}" for choice in self.choices]
+        lines += [f"chosen {text}" for text in self.chosen]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 
     def plot(
@@ -216,6 +217,8 @@ class Identification(Fit, NotebookView):
         output_label : str
             Name and unit of the output.
         time : (T,) array, optional
-            Time of each sample in seconds; samples are counted without it.
+            Time of each sample in seconds; that of the record if not given. Without it, samples are
+            counted.
         """
-        return figure_of(self, input_label=input_label, output_label=output_label, time=time)
+        clock = self.t if time is None else time
+        return figure_of(self, input_label=input_label, output_label=output_label, time=clock)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from minorloop.files import PathLike
 from minorloop.lab.columns import (
     Labels,
     SparseColumnError,
+    deviation_column,
     find_column,
     read_columns,
     read_headers,
     read_table,
+    split_header,
     with_unit,
 )
 from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
@@ -31,11 +34,17 @@ from minorloop.lab.timebase import (
     TimeCheck,
     check_times,
     delayed,
+    other_clocks,
     resample,
     split_time,
+    time_column,
 )
 
-__all__ = ["Log", "read_log", "read_times"]
+__all__ = ["AUTO", "Log", "Named", "read_log", "read_times"]
+
+AUTO: Literal["auto"] = "auto"
+Named: TypeAlias = str | None
+"""Name of a column, ``"auto"`` to find it, or None for none."""
 
 _MOST_NEW = 4
 _DATE = 1e8
@@ -44,7 +53,7 @@ _DATE = 1e8
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A record as it was logged, and what was found in its times.
+    """A record as it was logged, what each row has beside it, and what was found in its times.
 
     Parameters
     ----------
@@ -52,39 +61,116 @@ class Log:
         The samples; times never run backwards.
     check : TimeCheck, optional
         What was found in the times; None without a column of time.
-    labels : dict of str to (T,) array
-        Columns of labels, by the names they were asked for.
+    time_column : str, optional
+        Where these are from.
+    curves, groups : (T,) array, optional
+        Label of the curve, and of the group, of each row.
     sd : (T,) array, optional
         Standard deviation of each output, NaN where it is not known; None if none is.
+    sd_column : str
+        Where these are from.
     of_file : tuple of str
         What was found in the file itself, one sentence each.
+    chosen : tuple of str
+        Which columns were chosen that nobody named, one sentence each.
     rows : (T,) array of int, optional
         Rows of the file that the samples are, counted from 0; None if they are all.
+    settled : bool
+        Whether each sample is a settled point, as in an experiment store.
+    first, last : int
+        Samples that are used: from ``first`` up to but not ``last``; None for all the others.
+    identified_by : callable, optional
+        Identifies the samples of a run that chose its own inputs, with the options of `identify`.
     """
 
     record: Record
     check: TimeCheck | None = None
-    labels: Mapping[str, Labels] = field(default_factory=dict)
+    time_column: str | None = None
+    curves: Labels | None = None
+    groups: Labels | None = None
     sd: FloatArray | None = None
+    sd_column: str = "sd"
     of_file: tuple[str, ...] = ()
+    chosen: tuple[str, ...] = ()
     rows: IntArray | None = None
+    settled: bool = False
+    first: int = 0
+    last: int | None = None
+    identified_by: Callable[[Log, Mapping[str, Any]], Any] | None = None
+
+    @classmethod
+    def of(cls, record: Record) -> Log:
+        """Return a record whose times, if it has some, are checked.
+
+        Parameters
+        ----------
+        record : Record
+            The samples.
+
+        Raises
+        ------
+        RecordError
+            If the clock stands still or is set back too often.
+        """
+        if not record.timed:
+            return cls(record)
+        check = check_times(record.t, name=f"column '{record.time}'", unit=record.time.unit)
+        return cls(record, with_lost_rows(check, record.u))
 
     @classmethod
     def of_points(cls, record: Record, sd: Sequence[float] | None) -> Log:
-        """Return settled points, with the standard deviation of each if they are given."""
-        return cls(record, sd=None if sd is None else _known(np.array(sd), record.y))
+        """Return settled points, with the standard deviation of each if they are given.
+
+        Parameters
+        ----------
+        record : Record
+            The points.
+        sd : (T,) array_like, optional
+            Standard deviation of each output, NaN where it is not known.
+        """
+        known = None if sd is None else _known(np.array(sd), record.y)
+        return cls(record, sd=known, settled=True)
+
+    def __len__(self) -> int:
+        return len(self.record)
+
+    def only(self, first: int | None, last: int | None) -> Log:
+        """Return the log of which some rows are used: from ``first`` up to but not ``last``.
+
+        Parameters
+        ----------
+        first, last : int, optional
+            Counted from 0, or from the end if negative, as in a slice; None for the ends.
+
+        Raises
+        ------
+        ParameterError
+            If there are no such rows.
+        """
+        total = len(self)
+        begin, end, _ = slice(first, last).indices(total)
+        beyond = any(row is not None and not -total <= row <= total for row in (first, last))
+        if beyond or end <= begin:
+            raise ParameterError(
+                f"rows {first} to {last} are given, and there are {total}; give two numbers from 0 "
+                f"to {total}, the first below the last"
+            )
+        return replace(self, first=begin, last=end)
+
+    @property
+    def part(self) -> slice:
+        """Samples that are used."""
+        return slice(self.first, self.last)
+
+    @property
+    def whole(self) -> bool:
+        """Whether all samples are used."""
+        return self.first == 0 and self.last in (None, len(self))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was found in the file and its times, one sentence each."""
         return self.of_file + (self.check.notes if self.check else ())
-
-    @property
-    def irregular(self) -> tuple[str, ...]:
-        """What was found about gaps and clock jumps, and about uneven steps of raw samples."""
-        if self.check is None:
-            return ()
-        return self.check.of_breaks + (self.check.of_steps if self.sd is None else ())
 
     @cached_property
     def bridges(self) -> Bridges:
@@ -138,8 +224,8 @@ class Log:
             "fill in the input where rows are missing, correct the times, or give the longest "
             "part without a gap (--rows A:B)"
             if dynamics
-            else "if no row is missing there, leave --time out; if the input was saturated there, "
-            "name a column of curves (--curves)"
+            else "if no row is missing there, read the record without time (--time none); if the "
+            "input was saturated there, name a column of curves (--curves)"
         )
         return (
             f"{lost} of {counted(measured, 'measured row')} {are(lost)} not fitted, because the "
@@ -207,6 +293,11 @@ class Log:
     def without_lag(self, lag: float) -> Record:
         """Return the record with each output ``lag`` seconds after its input.
 
+        Parameters
+        ----------
+        lag : float
+            In seconds, >= 0.
+
         Raises
         ------
         ParameterError
@@ -215,8 +306,8 @@ class Log:
         record, check = self.with_known_memory(), self.check
         if check is None:
             raise ParameterError(
-                f"the lag is {lag:g} s and the record has no time; name its column, or give the "
-                "lag in rows"
+                f"the lag is {lag:g} s and the record has no time; name its column (--time), or "
+                "give the lag in rows"
             )
         y = delayed(record.t, record.y, lag, gap=_between_samples(check))
         return _replaced(record, record.t, record.u, y)
@@ -227,12 +318,14 @@ def read_log(
     *,
     input: str,
     output: str,
-    time: str | None = None,
-    labels: Sequence[str] = (),
-    sd: str | None = None,
+    time: Named = AUTO,
+    curves: str | None = None,
+    groups: str | None = None,
+    sd: Named = AUTO,
+    strict: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Log:
-    """Read an input, an output, time and labels from a file, in one pass.
+    """Read an input, an output, and what each row has beside them, from a file.
 
     Parameters
     ----------
@@ -242,12 +335,16 @@ def read_log(
         Columns, by the whole header or the name, which may have the unit that a header lacks; the
         output may have gaps.
     time : str, optional
-        Column of time, in the unit of its header, or date and time as ISO 8601; without it, the
+        Column of time, in the unit of its header, or date and time as ISO 8601. ``"auto"``: the one
+        with the name or unit of a time, if there is one and its times can be used. None: the
         samples are counted.
-    labels : sequence of str
+    curves, groups : str, optional
         Columns of labels, such as specimens.
     sd : str, optional
-        Column of the standard deviation of the output, in its unit; it may have gaps.
+        Column of the standard deviation of the output, in its unit; it may have gaps. ``"auto"``:
+        the column ``sd`` with this unit, if there is one. None: outputs count alike.
+    strict : bool
+        Whether a column of time that is found must be usable.
     progress : callable, optional
         Called with the share that has been read, as text.
 
@@ -259,13 +356,87 @@ def read_log(
         If a column is given twice.
     """
     headers = read_headers(path)
-    wanted = [name for name in (input, output, time) if name is not None]
+    deviation = _deviation(path, headers, output, sd)
+
+    def read(time: str | None) -> Log:
+        columns = _Columns(input, output, time, curves, groups, deviation)
+        return _read(path, headers, columns, progress)
+
+    if time != AUTO:
+        return read(time)
     try:
-        found = [find_column(name, headers, source=path) for name in wanted]
+        found = time_column(headers, source=path, but=(input, output))
+        log = read(found)
+    except RecordError as error:
+        if strict:
+            raise
+        log = read(None)
+        return replace(log, chosen=(*log.chosen, f"time: none, because {error}"))
+    if found is None:
+        return log
+    others = other_clocks(headers, found, but=(input, output))
+    if clocks := [header for header in others if _is_clock(path, header)]:
+        named = ", ".join(f"'{header}'" for header in clocks)
+        note = f"'{found}' is the time; {named} could be too: name the right one with --time"
+        return replace(log, of_file=(*log.of_file, note))
+    said = f"time: column '{found}'; name another one, or none, with time= (--time)"
+    return replace(log, chosen=(*log.chosen, said))
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Names of columns, as they were given; None for none."""
+
+    input: str
+    output: str
+    time: str | None
+    curves: str | None
+    groups: str | None
+    sd: str | None
+
+
+def _deviation(path: PathLike, headers: Sequence[str], output: str, sd: Named) -> str | None:
+    """Return the column of standard deviations of the output, if any.
+
+    Raises
+    ------
+    RecordError
+        If the one that is named has another unit.
+    """
+    if sd is None:
+        return None
+    measured = with_unit(output, _found(path, headers, output))
+    if sd == AUTO:
+        return deviation_column(headers, measured)
+    header = with_unit(sd, find_column(sd, headers, source=path))
+    if split_header(header)[1] not in ("", split_header(measured)[1]):
+        raise RecordError(
+            f"column '{header}' of {path} is no standard deviation of '{measured}'; give one in "
+            "the unit of the output"
+        )
+    return sd
+
+
+def _found(path: PathLike, headers: Sequence[str], name: str) -> str:
+    """Return the header of a column; an error names the sheet that was read, if there are more."""
+    try:
+        return find_column(name, headers, source=path)
     except RecordError as error:
         which = "".join(f"; {text}" for text in _of_file(path) if is_sheet(path))
         raise RecordError(f"{error}{which}") from None
-    names = [with_unit(*pair) for pair in zip(wanted, found, strict=True)]
+
+
+def _read(
+    path: PathLike,
+    headers: Sequence[str],
+    wanted: _Columns,
+    progress: Callable[[str], None] | None,
+) -> Log:
+    """Read columns in one pass."""
+    input, output, time, sd = wanted.input, wanted.output, wanted.time, wanted.sd
+    given = [name for name in (input, output, time) if name is not None]
+    found = [_found(path, headers, name) for name in given]
+    names = [with_unit(*pair) for pair in zip(given, found, strict=True)]
     for place, header in enumerate(found):
         if header in found[:place]:
             options = ("--input", "--output", "--time")
@@ -275,9 +446,10 @@ def read_log(
             )
     dates = () if time is None else (time,)
     deviations = () if sd is None else (sd,)
+    labels = [name for name in (wanted.curves, wanted.groups) if name is not None]
 
     def read(*gaps: str) -> tuple[dict[str, FloatArray], dict[str, Labels]]:
-        names = [*wanted, *deviations]
+        names = [*given, *deviations]
         return read_table(path, names, labels, gaps=gaps, dates=dates, progress=progress)
 
     said, kept = _of_file(path), None
@@ -298,14 +470,32 @@ def read_log(
         columns = {name: values[rows] for name, values in columns.items()}
         texts, said = {name: values[rows] for name, values in texts.items()}, (*said, filled)
     u, y = columns[input], columns[output]
-    noise = None if sd is None else _known(columns[sd], y)
     if time is None:
-        t = np.arange(u.size, dtype=np.float64)
-        return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise, said)
-    clock, check = _checked(columns[time], names[2])
-    check = with_lost_rows(check, u)
-    record = Record(check.t, u, y, names[0], names[1], time=clock)
-    return Log(record, check, texts, noise, said, kept)
+        clock, check, t = SAMPLE, None, np.arange(u.size, dtype=np.float64)
+    else:
+        clock, check = _checked(columns[time], names[2])
+        check = with_lost_rows(check, u)
+        t = check.t
+    return Log(
+        Record(t, u, y, names[0], names[1], time=clock),
+        check,
+        time,
+        curves=None if wanted.curves is None else texts[wanted.curves],
+        groups=None if wanted.groups is None else texts[wanted.groups],
+        sd=None if sd is None else _known(columns[sd], y),
+        sd_column=sd or "sd",
+        of_file=said,
+        rows=kept,
+    )
+
+
+def _is_clock(path: PathLike, header: str) -> bool:
+    """Whether a column has a time in every row, and never runs backwards."""
+    try:
+        values = read_columns(path, [header])[header]
+    except RecordError:
+        return False
+    return bool(values.size > 1 and values[0] < values[-1] and (values[1:] >= values[:-1]).all())
 
 
 def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatArray, str]:

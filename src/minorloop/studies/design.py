@@ -239,7 +239,16 @@ class _Trial:
     def plain(self, u: FloatArray) -> Identification:
         """Return a fit to a staircase as in the papers: a uniform density in every cell."""
         grid = uniform_levels(self.plant.low, self.plant.high, STAIRS)
-        return identify(u, self.settled(u), levels=grid, smoothness=0.0, prior="none")
+        return identify(
+            u,
+            self.settled(u),
+            levels=grid,
+            smoothness=0.0,
+            prior="none",
+            diagonal="uniform",
+            slope=False,
+            lag=0,
+        )
 
     def with_prior(self, grid: Levels, u: FloatArray) -> Identification:
         """Return a fit with the prior to inputs that were chosen beforehand."""
@@ -284,7 +293,16 @@ class _Trial:
 
     def _fit(self, grid: Levels, u: FloatArray, y: FloatArray) -> Identification:
         noise = NOISE * self.scale
-        return identify(u, y, levels=grid, prior="gaussian", noise=noise, diagonal="reversible")
+        return identify(
+            u,
+            y,
+            levels=grid,
+            prior="gaussian",
+            noise=noise,
+            diagonal="reversible",
+            slope=False,
+            lag=0,
+        )
 
 
 def _twin_figures(one: Comparison) -> dict[str, Any]:

@@ -124,4 +124,6 @@ def fibre_at_rest(seed: int, experiment: int) -> Actuator:
 def _identified(seed: int, experiment: int, grid: Levels, voltages: FloatArray) -> Identification:
     _, lengths = hold_each(new_fibre(seed, experiment), voltages, HOLD)
     # Part of the doping responds to the smallest reversal at once.
-    return identify(voltages, lengths, levels=grid, smoothness=0.0, diagonal="reversible")
+    return identify(
+        voltages, lengths, levels=grid, smoothness=0.0, diagonal="reversible", slope=False, lag=0
+    )

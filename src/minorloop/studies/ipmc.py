@@ -373,7 +373,7 @@ def _repetition(seed: int, setup: ExperimentProtocol) -> Repetition:
     random = np.random.default_rng(seed).choice(grid, RANDOM_HOLDS)
     u = np.concatenate([*[stairs] * REPEATS, random])
     _, y = hold_each(_strip(seed, 7), u, setup.hold, setup.sample_interval)
-    fit = identify(u, y, levels=grid, smoothness=0.0, diagonal="reversible")
+    fit = identify(u, y, levels=grid, smoothness=0.0, diagonal="reversible", slope=False, lag=0)
     plays = GeneralisedPrandtlIshlinskii.fit(u, y)
     quadratic = np.polyval(np.polyfit(u, y, 2), u)
     errors = {

@@ -120,8 +120,15 @@ class Positioning:
 
         They follow from a second fit to the same measurements, with a prior on the plane.
         """
-        form: Any = {"levels": self.identification.model.levels, "diagonal": self.protocol.diagonal}
-        known = identify(self.voltages, self.settled, **form, prior="gaussian")
+        known = identify(
+            self.voltages,
+            self.settled,
+            levels=self.identification.model.levels,
+            diagonal=self.protocol.diagonal,
+            slope=False,
+            lag=0,
+            prior="gaussian",
+        )
         inputs = np.append(-self.protocol.voltage, self.preisach.voltages)
         whole = known.predict(inputs, bands=0.9)
         return Prediction(whole.u[1:], whole.y[1:], whole.sd[1:], whole.probability)
@@ -188,7 +195,7 @@ def run_positioning(
 
     progress("identifying")
     identification = identify(
-        voltages, settled, levels=grid, smoothness=0.0, diagonal=setup.diagonal
+        voltages, settled, levels=grid, smoothness=0.0, diagonal=setup.diagonal, slope=False, lag=0
     )
     polynomial = Polynomial.fit(voltages, settled, degree=2, low=-setup.voltage, high=setup.voltage)
 

@@ -86,7 +86,15 @@ def run_short_holds(seed: int) -> ShortHolds:
     ).model
     quick = _held(_strip(seed, 1, NOISE), voltages, SHORT)
     settled, early = (
-        identify(voltages, _ends(holds), levels=grid, smoothness=0.0, diagonal="reversible").model
+        identify(
+            voltages,
+            _ends(holds),
+            levels=grid,
+            smoothness=0.0,
+            diagonal="reversible",
+            slope=False,
+            lag=0,
+        ).model
         for holds in (long, quick)
     )
     targets = np.random.default_rng(seed).uniform(-REACH, REACH, TARGETS)

@@ -152,7 +152,9 @@ def run_study(seed: int) -> StageStudy:
     found = identify_dynamics(times(u), u, y)
     seconds = time.perf_counter() - began
     first = round((REST + SINES[0][1]) * RATE)
-    slow = identify(u[:first:EVERY], y[:first:EVERY])
+    slow = identify(
+        u[:first:EVERY], y[:first:EVERY], levels=25, diagonal="uniform", slope=False, lag=0
+    )
     tracked = {frequency: _tracked(stage, found, slow, frequency) for frequency in FREQUENCIES}
     return StageStudy(seed, found, slow, tracked, seconds)
 

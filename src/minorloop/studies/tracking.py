@@ -99,7 +99,13 @@ def run_tracking(seed: int) -> DriftTracking:
     strip.safe()
     scored = slice(2 * stairs.size, u.size)
     once = identify(
-        u[: stairs.size], y[: stairs.size], levels=grid, smoothness=0.0, diagonal="reversible"
+        u[: stairs.size],
+        y[: stairs.size],
+        levels=grid,
+        smoothness=0.0,
+        diagonal="reversible",
+        slope=False,
+        lag=0,
     )
     return DriftTracking(
         measured=y[scored],
@@ -128,6 +134,8 @@ def _batch_predictions(
     for k in range(first, u.size):
         recent = y[:k].copy()
         recent[: k - window] = np.nan
-        fit = identify(u[:k], recent, levels=grid, smoothness=0.0, diagonal="reversible")
+        fit = identify(
+            u[:k], recent, levels=grid, smoothness=0.0, diagonal="reversible", slope=False, lag=0
+        )
         predicted[k - first] = fit.model.simulate(u[: k + 1])[-1]
     return predicted

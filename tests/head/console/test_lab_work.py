@@ -64,7 +64,7 @@ def test_the_standard_deviations_of_reduced_points_are_used(folder):
     for header in ("u [V],y [um],sd [um]", "u [V],y [um],sd [nm]"):
         np.savetxt("run.csv", table, delimiter=",", header=header, comments="")
         found = result(folder, levels=5, prior="none")
-        said = "each sample counts by its standard deviation" in " ".join(found["advice"])
+        said = "by the standard deviations in the column sd" in " ".join(found["choices"])
         assert said == ("sd [um]" in header)
         errors.append(found["scores"]["fit"])
     assert errors[0] > errors[1]  # of all samples alike
@@ -103,8 +103,8 @@ def test_dynamics_are_identified_shown_and_kept(folder, monkeypatch):
     (moved,) = lab_work.move(folder, None, 1.0)
     assert moved["y"] == pytest.approx(known.operator.range[1], rel=0.05)
     for options, said in (
-        ({}, "choose the column of time"),
-        ({"time": "t", "curves": "u"}, "none"),
+        ({}, "name the column of time"),
+        ({"time": "t", "curves": "u"}, "cannot be combined with dynamics"),
     ):
         with pytest.raises(ParameterError, match=said):
             result(folder, levels=5, dynamics="auto", **options)
@@ -132,7 +132,7 @@ def test_time_in_the_plane_is_identified_shown_and_kept(folder):
     (inverse,) = lab_work.invert(folder, [0.5 * sum(known.model.range)], "negative")
     assert inverse["worst"] < 1e-9
     for options, said in (
-        ({}, "choose the column of time"),
+        ({}, "name the column of time"),
         ({"time": "t", "dynamics": "auto"}, "choose one"),
         ({"time": "t", "rate": True}, "which is one rate"),
     ):
@@ -156,7 +156,7 @@ def test_a_column_of_words_is_set_aside(folder, tmp_path):
 def test_a_wide_file_is_read_once_and_too_wide_a_one_is_refused(folder, tmp_path, monkeypatch):
     opened = []
     table = columns.opened
-    monkeypatch.setattr(columns, "opened", lambda *path: opened.append(path) or table(*path))
+    monkeypatch.setattr(columns, "opened", lambda *a, **b: opened.append(a) or table(*a, **b))
     names = [f"c{k}" for k in range(100)]
     lines = [",".join(names), *(",".join(["1", "2"] * 50) for _ in range(3))]
     (tmp_path / "wide.csv").write_text("\n".join(lines))
@@ -164,7 +164,7 @@ def test_a_wide_file_is_read_once_and_too_wide_a_one_is_refused(folder, tmp_path
     assert len(reply["columns"]) == 100
     assert len(opened) <= 2
     (tmp_path / "wider.csv").write_text(",".join(f"c{k}" for k in range(3000)) + "\n")
-    with pytest.raises(RecordError, match=r"3000 columns; give at most 100"):
+    with pytest.raises(RecordError, match=r"3000 columns or more; give at most 100"):
         list(lab_work.look(folder, "wider.csv"))
 
 

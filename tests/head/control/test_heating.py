@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from tests.fixed_options import identify
 
 from minorloop.errors import ParameterError, SignalError
 from minorloop.head.control.heating import (
@@ -10,7 +11,6 @@ from minorloop.head.control.heating import (
 )
 from minorloop.head.control.transient import Transient, check_lag
 from minorloop.head.twins.wire import Wire
-from minorloop.identification import identify
 from wires import identified, made_up, settled
 
 

@@ -29,7 +29,7 @@ ELSEWHERE = frozenset({"flip", "signed"})
 _VALUES = {"auto": "automatic", "as-left": "as left by the last one"}
 
 _ASSIGNED = r"(?:[a-z_]+=(?:\"[^\"]*\"|[\w.]+)(?: or [a-z_]+=[\w.]+)*|\"[a-z-]+\") "
-_OPTION = r"--([a-z-]+)(?: (COLUMN|auto|as-left|operator|linear|[\d.]+)(?![\w.]*\w))?"
+_OPTION = r"--([a-z-]+)(?: (COLUMN|auto|none|as-left|operator|linear|[\d.]+)(?![\w.]*\w))?"
 _PAIR = re.compile(rf"(?:{_ASSIGNED})?\({_OPTION}\)")
 _BARE = re.compile(_OPTION)
 

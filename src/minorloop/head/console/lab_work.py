@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop import modelfile
+from minorloop import modelfile, report
 from minorloop.drawing.identification import loop_points
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import table_text, write_atomically
@@ -30,20 +30,13 @@ from minorloop.identification import (
     identify,
     identify_after_effect,
     identify_dynamics,
+    read,
 )
 from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
 from minorloop.identification.scores import OF_OPERATOR, score_rows
 from minorloop.lab.bounds import Bounds
-from minorloop.lab.columns import (
-    deviation_column,
-    find_column,
-    read_each,
-    read_headers,
-    split_header,
-)
-from minorloop.lab.holds import looks_like_raw_log
-from minorloop.lab.logs import read_log
-from minorloop.lab.records import Record
+from minorloop.lab.columns import read_each, split_header
+from minorloop.lab.logs import AUTO, Log, read_times
 from minorloop.lab.timebase import time_column
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
@@ -100,8 +93,9 @@ def look(folder: str, name: str) -> Reports:
         trouble = next((c["trouble"] for c in columns if "trouble" in c), "")
         raise RecordError(trouble or f"{name} has one column; give an input and an output")
     time = None
-    with suppress(RecordError):  # two columns could be time
-        time = time_column([header for header, _ in found])
+    with suppress(RecordError):  # two columns could be time, or it is no clock
+        if time := time_column([header for header, _ in found]):
+            read_times(name, time)
     yield {"name": name, "columns": columns, "time": time}
 
 
@@ -143,139 +137,69 @@ def identify_file(
     if input == output:
         raise ParameterError("input and output are the same column; choose two")
     yield {"stage": f"reading {name}"}
-    levels = options.get("levels", DEFAULT_LEVELS)
-    count = DEFAULT_LEVELS if levels == "auto" else levels
+    levels = options.get("levels", AUTO)
+    count = DEFAULT_LEVELS if levels == AUTO else levels
     if not isinstance(count, int) or not 1 <= count <= _MOST_LEVELS:
         raise ParameterError(f"levels is {levels!r}; give 1 to {_MOST_LEVELS} here")
-    columns = {"curves": curves, "groups": groups}
-    named = {option: column for option, column in columns.items() if column is not None}
-    headers = read_headers(name)
-    log = read_log(
-        name,
-        input=input,
-        output=output,
-        time=time,
-        labels=list(named.values()),
-        sd=deviation_column(headers, find_column(output, headers, source=name)),
-    )
+    log = read(name, input=input, output=output, time=time, curves=curves, groups=groups)
+    log = log.only(first, last)
+    measured = int(np.isfinite(log.record.y[log.part]).sum())
+    began = perf_counter()
     if creep != "none" or rate:
         if dynamics != "none":
             raise ParameterError("dynamics cannot be combined with creep or rate; choose one")
-        taken: dict[str, Any] = {
-            option: log.labels[column][first:last] for option, column in named.items()
-        }
-        taken |= {option: options[option] for option in _WITH_TIME if option in options}
-        taken["levels"] = count
-        yield from _in_time(_part(log.record, first, last), name, creep, rate, taken)
+        yield {"stage": f"comparing laws of time on {measured} rows"}
+        given = {option: options[option] for option in _WITH_TIME if option in options}
+        if given.get("diagonal") == AUTO:
+            del given["diagonal"]
+        found = identify_after_effect(
+            log,
+            creep=creep,  # type: ignore[arg-type]
+            rate=True if rate else AUTO if creep == AUTO else False,
+            levels=count,
+            **given,
+        )
+        _save(found, log, name)
+        yield {"result": _shown_in_time(found, log, perf_counter() - began)}
+        yield {"stage": "drawing the report"}
+        report.after_effect_report(found, **_labels(log, name)).write(REPORT, force=True)
+        yield {"report": True}
         return
-    beside: dict[str, Any] = {option: log.labels[column] for option, column in named.items()}
-    if log.sd is not None:
-        beside["noise"] = log.sd
-    if curves is not None:
-        log = log.with_memory_reset()
-    whole = not beside and not first and last is None and options.get("lag") != 0
-    record = _part(log.evenly_sampled() if whole else log.with_known_memory(), first, last)
-    options |= {option: values[first:last] for option, values in beside.items()}
-    cells, measured = count * (count + 1) // 2, int(np.isfinite(record.y).sum())
-    advice = [*log.notes, *log.of_memory, *log.left_out(dynamics=dynamics != "none")]
-    if log.sd is not None:
-        advice.append("each sample counts by its standard deviation, in the column sd")
-    yield {"stage": f"fitting {cells} cells to {measured} of {len(record)} rows"}
-    began = perf_counter()
-    if log.check is not None:
-        options["interval"] = log.check.interval
-    dynamic = None if dynamics == "none" else _with_dynamics(record, options)
-    result = dynamic.static if dynamic else identify(record.u, record.y, **options)
+    cells = count * (count + 1) // 2
+    yield {"stage": f"fitting {cells} cells to {measured} of {log.record.y[log.part].size} rows"}
+    dynamic = None
+    if dynamics != "none":
+        left_out = ("lag", "start_of_curve")
+        given = {option: value for option, value in options.items() if option not in left_out}
+        dynamic = identify_dynamics(log, **given)
+    result = dynamic.static if dynamic else identify(log, **options)
     seconds = perf_counter() - began
     yield {"stage": "scoring"}
-    modelfile.save(
-        dynamic if dynamic and dynamic.dynamic else result,
-        MODEL,
-        provenance=modelfile.Provenance.of(Path(name)),
-        input=record.input,
-        output=record.output,
-        force=True,
-    )
-    shown = _shown(result, record, seconds, dynamic)
-    raw = looks_like_raw_log(log.record.t if log.record.timed else None, log.record.u, log.record.y)
-    if raw and dynamic is None:
-        advice.insert(0, raw)
-    yield {"result": {**shown, "advice": list(map(on_page, [*advice, *shown["advice"]]))}}
+    _save(dynamic if dynamic and dynamic.dynamic else result, log, name)
+    yield {"result": _shown(result, log, seconds, dynamic)}
     yield {"stage": "drawing the report"}
-    from minorloop.report import identification_report
-
-    identification_report(
-        result,
-        dynamic=dynamic,
-        source=name,
-        input_label=str(record.input),
-        output_label=str(record.output),
-        time=record.t if record.timed else None,
+    report.identification_report(
+        result, dynamic=dynamic, time=result.t, **_labels(log, name)
     ).write(REPORT, force=True)
     yield {"report": True}
 
 
-def _with_dynamics(record: Record, options: dict[str, Any]) -> DynamicIdentification:
-    """Return an operator with dynamics, identified from a record with times."""
-    if not record.timed:
-        raise ParameterError("dynamics need times; choose the column of time")
-    for option in ("curves", "groups"):
-        if option in options:
-            raise ParameterError(f"{option} cannot be combined with dynamics; choose none")
-    left_out = ("lag", "interval", "start_of_curve", "noise")
-    given = {name: value for name, value in options.items() if name not in left_out}
-    return identify_dynamics(record.t - record.t[0], record.u, record.y, **given)
-
-
-def _in_time(
-    record: Record, source: str, creep: str, rate: bool, options: dict[str, Any]
-) -> Reports:
-    """Identify a model with time in the plane, as `identify_file`."""
-    if not record.timed:
-        raise ParameterError("creep and rate need times; choose the column of time")
-    yield {"stage": f"comparing laws of time on {int(np.isfinite(record.y).sum())} rows"}
-    began = perf_counter()
-    if options.get("diagonal") == "auto":
-        options["diagonal"] = "reversible"
-    found = identify_after_effect(
-        record.t,
-        record.u,
-        record.y,
-        creep=creep,  # type: ignore[arg-type]
-        rate=True if rate else "auto" if creep == "auto" else False,
-        **options,
-    )
-    seconds = perf_counter() - began
+def _save(found: modelfile.Identified, log: Log, source: str) -> None:
+    """Write the model file of an identification."""
     modelfile.save(
         found,
         MODEL,
         provenance=modelfile.Provenance.of(Path(source)),
-        input=record.input,
-        output=record.output,
+        input=log.record.input,
+        output=log.record.output,
         force=True,
     )
-    yield {"result": _shown_in_time(found, record, seconds)}
-    yield {"stage": "drawing the report"}
-    from minorloop.report import after_effect_report
-
-    after_effect_report(
-        found, source=source, input_label=str(record.input), output_label=str(record.output)
-    ).write(REPORT, force=True)
-    yield {"report": True}
 
 
-def _part(record: Record, first: int, last: int | None) -> Record:
-    """Return some rows of a record."""
-    end = len(record) if last is None else last
-    if not 0 <= first < end <= len(record):
-        raise ParameterError(
-            f"rows {first} to {end} are given, and there are {len(record)}; give two numbers from "
-            "0 "
-            f"to {len(record)}, the first below the last"
-        )
-    part = slice(first, end)
-    t, u, y = record.t[part], record.u[part], record.y[part]
-    return Record(t, u, y, record.inputs, record.outputs, record.time)
+def _labels(log: Log, source: str) -> dict[str, str]:
+    """Return what a report is about."""
+    names = {"input_label": str(log.record.input), "output_label": str(log.record.output)}
+    return {"source": source, **names}
 
 
 def move(folder: str, memory: list[float] | None, u: float) -> Reports:
@@ -306,7 +230,7 @@ def invert(folder: str, targets: list[float], start: str) -> Reports:
 
 def _shown(
     result: Identification,
-    record: Record,
+    log: Log,
     seconds: float,
     dynamic: DynamicIdentification | None = None,
 ) -> dict[str, Any]:
@@ -323,10 +247,11 @@ def _shown(
         rows = [*dynamic.rows, *(row for row in rows if row[0] in OF_OPERATOR)]
     (u, y), (_, fit) = (loop_points(result, each) for each in (result.y, result.prediction))
     drawn = _few(u.size, _SHOWN)
-    x = record.t if record.timed else np.arange(result.u.size, dtype=np.float64)
+    t = dynamic.t if dynamic else result.t
+    x = np.arange(result.u.size, dtype=np.float64) if t is None else t
     return {
-        "input": str(record.input),
-        "output": str(record.output),
+        "input": str(log.record.input),
+        "output": str(log.record.output),
         "u": _listed(whole.u[shown]),
         "y": _listed(whole.y[shown]),
         "fit": _listed(whole.prediction[shown]),
@@ -337,7 +262,7 @@ def _shown(
             "joined": drawn.size == u.size,
         },
         "rows": x[shown].tolist(),
-        "clock": str(record.time) if record.timed else "row",
+        "clock": "row" if t is None else str(log.record.time),
         "held": float(x[np.argmax(result.held_out)]) if result.held_out.any() else None,
         "levels": model.levels.tolist(),
         "weights": [_listed(row[: k + 1]) for k, row in enumerate(model.weights)],
@@ -353,28 +278,26 @@ def _shown(
             "seconds": seconds,
         },
         "table": rows,
-        "choices": [str(choice) for choice in result.choices],
-        "advice": list(whole.advice),
+        "choices": list(map(on_page, whole.chosen)),
+        "advice": list(map(on_page, whole.advice)),
         "warnings": list(map(on_page, whole.warnings)),
     }
 
 
-def _shown_in_time(
-    found: AfterEffectIdentification, record: Record, seconds: float
-) -> dict[str, Any]:
+def _shown_in_time(found: AfterEffectIdentification, log: Log, seconds: float) -> dict[str, Any]:
     """Return what the page shows of a model with time in the plane, with its settled weights."""
     shown, settled = _few(found.u.size, _SHOWN), found.model.settled
     y = np.where(found.fitted, found.y, np.nan)[shown]
     u, fit = _listed(found.u[shown]), _listed(found.prediction[shown])
     return {
-        "input": str(record.input),
-        "output": str(record.output),
+        "input": str(log.record.input),
+        "output": str(log.record.output),
         "u": u,
         "y": _listed(y),
         "fit": fit,
         "loop": {"u": u, "y": _listed(y), "fit": fit, "joined": shown.size == found.u.size},
-        "rows": record.t[shown].tolist(),
-        "clock": str(record.time),
+        "rows": found.t[shown].tolist(),
+        "clock": str(log.record.time),
         "held": None,
         "levels": settled.levels.tolist(),
         "weights": [_listed(row[: k + 1]) for k, row in enumerate(settled.weights)],
@@ -387,7 +310,7 @@ def _shown_in_time(
             "seconds": seconds,
         },
         "table": found.rows,
-        "choices": [],
+        "choices": list(map(on_page, found.told.chosen)),
         "advice": list(map(on_page, found.advice)),
         "warnings": list(map(on_page, found.warnings)),
     }

@@ -197,6 +197,8 @@ def identify_heating(
         levels=grid**2,
         relay=relay,
         diagonal=diagonal,
+        slope=False,
+        lag=0,
         start=start,
         smoothness=0.0,
         holdout=holdout,

@@ -247,6 +247,8 @@ def identify_mesh(seed: int, surroundings: Surroundings | None = None) -> Identi
         diagonal="reversible",
         prior="none",
         smoothness=0.0,
+        slope=False,
+        lag=0,
     )
 
 

@@ -1,0 +1,152 @@
+"""Read what is identified: a table, or the settled points of an experiment store."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from minorloop.errors import ParameterError, RecordError
+from minorloop.files import PathLike
+from minorloop.identification.adaptive import Adaptive
+from minorloop.identification.adaptive_run import findings
+from minorloop.identification.preparation import RecordAdvice
+from minorloop.identification.result import Identification
+from minorloop.lab.logs import AUTO, Log, Named, read_log
+from minorloop.lab.store import Point, Setup, Store, is_store
+
+_NOT_OF_RUNS = ("holdout", "skip", "start_of_curve", "progress", "curves", "groups", "interval")
+
+
+def read(
+    path: PathLike,
+    *,
+    input: str | None = None,
+    output: str | None = None,
+    time: Named = AUTO,
+    curves: str | None = None,
+    groups: str | None = None,
+    sd: Named = AUTO,
+    rows: slice = slice(None),
+    progress: Callable[[str], None] | None = None,
+) -> Log:
+    """Read a record to be identified, with what each row has beside input and output.
+
+    Parameters
+    ----------
+    path : str or path
+        A table with one header line (CSV, .mat or .xlsx), or an experiment store, which has its
+        own input, output and standard deviations.
+    input, output : str
+        Columns of a table, by the whole header (``voltage [V]``) or the name (``voltage``); the
+        output may have empty cells.
+    time : str, optional
+        Column of time, in s unless its header says ms, us, min or h, or date and time. ``"auto"``:
+        the one with the name or the unit of a time, if there is one. None: no time.
+    curves, groups : str, optional
+        Columns of labels, as the options of `identify` of these names.
+    sd : str, optional
+        Column of the standard deviation of the output. ``"auto"``: the column ``sd`` in the unit of
+        the output, if there is one, or those of a store. None: outputs count alike.
+    rows : slice
+        Rows that are used, counted from 0.
+    progress : callable, optional
+        Called with the share that has been read, as text.
+
+    Returns
+    -------
+    Log
+        What `identify`, `identify_dynamics` and `identify_after_effect` take.
+
+    Raises
+    ------
+    RecordError
+        If the file, a column or the times cannot be used.
+    ParameterError
+        If a column is missing, is given twice or belongs to no table, or there are no such rows.
+    """
+    if is_store(path):
+        named = (input, output, curves, groups, None if time == AUTO else time)
+        if any(named) or sd not in (AUTO, None):
+            raise ParameterError(
+                f"{path} is an experiment store, which has one input and one output; "
+                "leave --input, --output, --time, --sd, --curves and --groups out"
+            )
+        log = _points(path, weighted=sd == AUTO)
+    else:
+        if input is None or output is None:
+            if not os.path.exists(path):
+                raise RecordError(f"{path} does not exist; give a CSV file or an experiment store")
+            missing = "--input" if input is None else "--output"
+            raise ParameterError(f"{missing} is missing; name a column of {path}")
+        log = read_log(
+            path,
+            input=input,
+            output=output,
+            time=time,
+            curves=curves,
+            groups=groups,
+            sd=sd,
+            progress=progress,
+        )
+    return log if rows == slice(None) else log.only(rows.start, rows.stop)
+
+
+def is_adaptive(setup: Setup) -> bool:
+    """Whether a run chose its inputs to identify; a drive has a design of its own.
+
+    Raises
+    ------
+    ParameterError
+        If it has sines and no settled points.
+    """
+    if "sines" in (setup.design or {}):
+        raise ParameterError(
+            "the store has sines and no settled points; evaluate it with minorloop frequency"
+        )
+    return "holds" in (setup.design or {})
+
+
+def chooser_of(setup: Setup, points: list[Point]) -> Adaptive:
+    """Return what chose the levels of a store, with the noise that its points show."""
+    chooser = Adaptive(**(setup.design or {}), seed=setup.seed)
+    chooser.learn_noise([point.sd for point in points])
+    return chooser
+
+
+def _points(path: PathLike, *, weighted: bool) -> Log:
+    """Return the points of a store, and what chose them."""
+    with Store.open(path) as store:
+        points = store.points()
+        chooser = chooser_of(store.setup, points) if is_adaptive(store.setup) else None
+        log = Log.of_points(store.record(), [point.sd for point in points] if weighted else None)
+        if store.running:
+            note = f"the run goes on, and has {len(store)} of {len(store.plan)} points so far"
+            log = replace(log, of_file=(note,))
+    if chooser is None:
+        return log
+    return replace(log, identified_by=partial(_identify_run, chooser))
+
+
+def _identify_run(chooser: Adaptive, log: Log, options: Mapping[str, Any]) -> Identification:
+    """Return the model of an adaptive run, with the settings of the run; validation held out."""
+    if not log.whole or options["holdout"] != 0 or options["skip"] != 0:
+        raise ParameterError(
+            "an adaptive run holds out its own validation; leave --rows, --skip and --holdout out"
+        )
+    given = {
+        name: value
+        for name, value in options.items()
+        if name not in _NOT_OF_RUNS
+        and not (value is None or (isinstance(value, str) and value == AUTO))
+    }
+    if "smoothness" in given:
+        given.setdefault("prior", AUTO)
+    u, y = log.record.u.tolist(), log.record.y.tolist()
+    result = chooser.identification(u, y, **given)
+    found = findings(chooser, u, y)
+    new = tuple(text for text in found.warnings if text not in result.advice)
+    told = RecordAdvice(notes=log.of_file, warnings=new, left_out=found.outliers)
+    return replace(result, t=log.record.t, told=told)
