@@ -1,4 +1,4 @@
-"""Limit linear algebra on small matrices to one thread."""
+"""Limit linear algebra to one thread."""
 
 from __future__ import annotations
 
@@ -8,25 +8,15 @@ from functools import cache
 
 from threadpoolctl import ThreadpoolController
 
-_THREADED = 3000
-"""Number of unknowns from which a second thread makes a solution faster."""
-
 
 @contextmanager
-def one_thread(unknowns: int = 0) -> Iterator[None]:
-    """Limit linear algebra to one thread if there are few unknowns.
+def one_thread() -> Iterator[None]:
+    """Limit linear algebra to one thread.
 
-    On small matrices threads gain little. If another process keeps a core busy, they wait for each
-    other tens of times longer than the computation takes.
-
-    Parameters
-    ----------
-    unknowns : int
-        Unknowns of the largest system to solve; above 3,000 nothing is limited.
+    A fit consists of thousands of products of small blocks, for which threads wait longer than they
+    compute. If another process keeps a core busy, they wait tens of times longer. The result is the
+    same, to the last bit, on any number of cores.
     """
-    if unknowns > _THREADED:
-        yield
-        return
     with _linear_algebra().limit(limits=1, user_api="blas"):
         yield
 

@@ -5,7 +5,7 @@ from scipy.optimize import nnls
 from tests.fixed_options import identify
 
 from minorloop.errors import ParameterError
-from minorloop.identification import least_squares
+from minorloop.identification import everett_system, least_squares
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import Problem
 from plane_problems import a_problem, objective
@@ -24,9 +24,8 @@ SPECS = (
 def sparse(monkeypatch):
     """Use the sparse system for planes of any size."""
     monkeypatch.setattr(least_squares, "_LEAST_SPARSE", 0)
-    monkeypatch.setattr(least_squares, "_BRANCH", 0.1)
-    monkeypatch.setattr(least_squares, "_SHARE", np.inf)
     monkeypatch.setattr(least_squares, "_FILL", np.inf)
+    monkeypatch.setattr(everett_system, "_REVERSALS", np.inf)
 
 
 def dense_optimum(problem):
@@ -78,8 +77,11 @@ def test_the_optimality_holds_in_simulated_outputs():
 def test_planes_too_fine_for_dense_matrices_need_a_sparse_system(monkeypatch):
     monkeypatch.setattr(least_squares, "MOST_DENSE", 7)
     random, signed = a_problem(), a_problem(signed=True)
-    with pytest.raises(ParameterError, match="reverses every few samples"):
-        random.fit(0.0)
+    with monkeypatch.context() as much_fill:
+        much_fill.setattr(least_squares, "_LEAST_SPARSE", 0)
+        much_fill.setattr(least_squares, "_FILL", 0)
+        with pytest.raises(ParameterError, match="reverses every few samples"):
+            random.fit(0.0)
     with pytest.raises(ParameterError, match="beyond give smoothness 0"):
         signed.fit(0.0)
     with pytest.raises(ParameterError, match="beyond give smoothness 0"):

@@ -9,6 +9,7 @@ from scipy import integrate
 
 import oracles
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError, UnreachableError
+from minorloop.operators import _kernels
 from minorloop.operators.memory import Memory
 from minorloop.operators.plane import cell_areas
 from minorloop.operators.preisach import Preisach
@@ -92,6 +93,43 @@ def test_the_inverse_is_exact(bands, relay, diagonal, slope):
         achieved = model.simulate(found.u, start)
         np.testing.assert_allclose(achieved, targets, atol=1e-12 * span(model), rtol=0)
         np.testing.assert_allclose(found.y, achieved, atol=1e-13 * span(model), rtol=0)
+
+
+@given(
+    exponent=st.integers(-300, 298),
+    seed=st.integers(0, 50),
+    kind=st.sampled_from(KINDS),
+    slope=st.sampled_from([0.0, 0.7]),
+    u=inside,
+)
+def test_forward_and_inverse_are_exact_at_every_scale(exponent, seed, kind, slope, u):
+    usual, size = a_model(seed, LEVELS, *kind, slope, sparse=0.0), 10.0**exponent
+    model = Preisach(LEVELS, usual.weights * size, usual.offset * size, *kind, slope * size)
+    targets = usual.simulate(u) * size
+    found = model.invert(np.clip(targets, *model.range))
+    assert found.reachable.all()
+    for outputs in (model.simulate(u), found.y, oracles.outputs(model, found.u)):
+        np.testing.assert_allclose(outputs / size, targets / size, atol=1e-12 * span(usual), rtol=0)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1.0, 1e298])
+def test_a_branch_falls_at_every_scale(size):
+    weights = np.array([[1.0, 0.0], [-2.0, 1.0]]) * size
+    assert not Preisach([0.0, 1e-12, 2e-12], weights, diagonal="reversible").monotone
+
+
+def test_kernels_refuse_what_is_not_a_number():
+    model = a_model()
+    stack, rows = model.stack("negative", 4)
+    u, y = np.array([0.3, np.nan, 0.3]), np.empty(3)
+    assert _kernels.simulate(model.tables, stack, rows, u, y) == 2
+    assert y[0] == y[2]
+    assert np.isnan(y[1])
+    assert np.isnan(_kernels.aim(model.tables, stack, 2, np.nan))
+    assert _kernels.invert(model.tables, stack, 2, u[1:2], u[:1], y[:1]) == 2
+    assert np.isnan(u[0])
+    _kernels.everett(model.tables, np.full(1, np.nan), np.zeros(1), y[2:])
+    assert np.isnan(y[2])
 
 
 def test_the_inverse_takes_the_nearest_input():

@@ -123,7 +123,7 @@ def solve(
     """
     solver = _Solver(gram, gradient, hessian, bounded, scale, penalty)
     solver.say = say
-    with one_thread(len(gram)):
+    with one_thread():
         found = solver.run(solver.first_guess() if guess is None else guess)
         return found if rows is None else solver.refined(found, rows)
 
@@ -131,13 +131,22 @@ def solve(
 class Pivoting(ABC):
     """Proximal-point iteration with block pivoting.
 
-    ``gradient``, ``bounded`` and ``scale`` as in `solve`. A subclass solves for the free unknowns.
+    ``gradient``, ``bounded`` and ``scale`` as in `solve`; unknowns beyond ``searched`` that are at
+    their bounds stay there. The iteration ends at a violation of ``enough``. A subclass solves for
+    the free unknowns.
     """
 
+    enough = TOLERANCE
+
     def __init__(
-        self, gradient: Callable[[FloatArray], FloatArray], bounded: BoolArray, scale: float
+        self,
+        gradient: Callable[[FloatArray], FloatArray],
+        bounded: BoolArray,
+        scale: float,
+        searched: BoolArray | None = None,
     ) -> None:
         self.gradient, self.bounded, self.scale = gradient, bounded, scale
+        self.searched = bounded if searched is None else searched
         self.factorisations = 0
         self.say: Callable[[str], None] = lambda stage: None
 
@@ -154,7 +163,7 @@ class Pivoting(ABC):
             kkt = optimality(z, gradient, self.bounded, self.scale)
             if kkt < best.kkt:
                 best = BoundedSolution(z, kkt, self.factorisations)
-            if kkt <= TOLERANCE or (kkt > best.kkt and ridge <= _LEAST_RIDGE):
+            if kkt <= self.enough or (kkt > best.kkt and ridge <= _LEAST_RIDGE):
                 break
             self.say(f"{np.count_nonzero(free):,} of {free.size:,} unknowns are not zero")
             trial, settled, pivots = self._pivot(z, gradient, free, ridge)
@@ -181,7 +190,7 @@ class Pivoting(ABC):
                 break
             slack = self.gradient(x) + ridge * (x - z)
             tiny = 1e-13 * self.scale
-            wrong = self.bounded & np.where(free, x < -tiny, slack < -tiny)
+            wrong = self.searched & np.where(free, x < -tiny, slack < -tiny)
             count = int(np.count_nonzero(wrong))
             if count == 0:
                 return (x, free), True, pivots

@@ -167,7 +167,7 @@ def _identified(
         )
     if max(float(np.ptp(one.y)) for one in stretches) == 0:
         raise SignalError("the output never changes; there is nothing to identify")
-    with one_thread(structures[-1].parameters):
+    with one_thread():
         tried = [_candidate(stretches, second, structure) for structure in structures]
     candidates = [one for one in tried if one is not None]
     if not candidates:

@@ -118,7 +118,7 @@ def next_input(
             "unknowns; give at most 64 levels"
         )
     candidates = _allowed(identification, memory, low, high, step)
-    with one_thread(identification.unknowns):
+    with one_thread():
         return _best(identification.posterior, memory, candidates)
 
 
@@ -172,7 +172,7 @@ def design(
         raise ParameterError(f"least_gain is {least_gain}; give a share from 0 to 1")
     h = hyperparameters or Hyperparameters()
     inputs = [float(spec.levels[0]) if low is None else as_finite("low", low)]
-    with one_thread(spec.unknowns):
+    with one_thread():
         return _sequence(spec, h, inputs, count, (low, high, step), least_gain)
 
 

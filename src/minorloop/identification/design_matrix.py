@@ -7,6 +7,7 @@ differences (see `_kernels`) is equivalent, and has at most six numbers for each
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -257,6 +258,17 @@ class DesignMatrix:
         return DesignMatrix(
             replace(self.spec, levels=frozen(self.spec.levels[kept])), *self._record
         )
+
+    def part(self, kept: BoolArray) -> DesignMatrix:
+        """Design matrix of some of the samples (M,)."""
+        part = copy(self)
+        part.__dict__.pop("excited", None)
+        part.u, part.corner = self.u[kept], self.corner[kept]
+        part.counts = None if self.counts is None else self.counts[kept]
+        part.measured = self.measured.copy()
+        part.measured[self.measured] = kept
+        part._keep(_kernels.lead_to(part.measured, self.parent))
+        return part
 
     def at_most(self, bands: int) -> DesignMatrix:
         """Design matrix of the same samples on a plane of at most so many bands."""

@@ -36,7 +36,7 @@ def singular_values(matrix: DesignMatrix) -> FloatArray:
 
 def rank_and_condition(matrix: DesignMatrix) -> tuple[int, float]:
     """Rank of the design with unit columns, and the condition of its determined part."""
-    with one_thread(matrix.spec.unknowns):
+    with one_thread():
         values = singular_values(matrix)
     if not values.size or values[0] == 0:
         return 0, np.inf

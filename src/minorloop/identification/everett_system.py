@@ -25,6 +25,35 @@ _TOGETHER = 64
 """Outputs whose variances are computed at once."""
 
 
+_FIRST_PART, _SEGMENTS = 2000, 10
+"""Samples of the first part of a record whose multiplications are counted; contiguous segments that
+a part consists of."""
+_REVERSALS = 2
+"""Reversals for each cell up to which they are counted."""
+
+
+def quick_system(
+    matrix: DesignMatrix, weight: FloatArray, scale: FloatArray, most: float
+) -> EverettSystem | None:
+    """Return the system if a factorisation takes at most so many multiplications.
+
+    Parameters as of `EverettSystem`. Larger and larger parts of the record are counted first, as
+    the order of elimination of a system with much fill takes seconds. A part does not have more
+    fill than the whole.
+    """
+    if matrix.reversals > _REVERSALS * matrix.spec.cells:
+        return None
+    samples = _FIRST_PART
+    while samples < matrix.samples:
+        place = np.arange(matrix.samples) * _SEGMENTS % matrix.samples
+        kept = place < samples
+        if EverettSystem(matrix.part(kept), weight[kept], scale).operations > most:
+            return None
+        samples *= 2
+    system = EverettSystem(matrix, weight, scale)
+    return system if system.operations <= most else None
+
+
 class EverettSystem:
     """The system (G + S + diag(ridge)) z = r, with G the weighted Gram matrix of scaled columns.
 

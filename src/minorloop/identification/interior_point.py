@@ -16,7 +16,9 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.active_set import BoundedSolution, Pivoting
 from minorloop.identification.everett_system import EverettSystem
 
-_LEAST_RIDGE = 1e-10
+_LEAST_RIDGE = 1e-8
+"""Added to a diagonal of one. More of it takes more iterations; less of it fails where samples are
+fewer than unknowns."""
 _AT_BOUND = 1e4
 """Ridge that keeps an unknown at its bound, to a diagonal of one."""
 _GAP, _INFEASIBLE = 1e-14, 1e-9
@@ -56,7 +58,7 @@ def solve(
         Norm of y, to which violations are relative.
     """
     z = _interior_point(system, gradient, bounded, searched, scale)
-    return polish(system, gradient, bounded, z, scale)
+    return polish(system, gradient, bounded, z, scale, searched)
 
 
 def polish(
@@ -65,21 +67,18 @@ def polish(
     bounded: BoolArray,
     guess: FloatArray,
     scale: float,
+    searched: BoolArray | None = None,
 ) -> BoundedSolution:
     """Find them by block pivoting alone, from unknowns (n,) near the optimum."""
-    return _SparsePivoting(system, gradient, bounded, scale).run(guess, _FIRST_RIDGE)
+    pivoting = _SparsePivoting(gradient, bounded, scale, searched)
+    pivoting.system = system
+    return pivoting.run(guess, _FIRST_RIDGE)
 
 
 class _SparsePivoting(Pivoting):
-    def __init__(
-        self,
-        system: EverettSystem,
-        gradient: Callable[[FloatArray], FloatArray],
-        bounded: BoolArray,
-        scale: float,
-    ) -> None:
-        super().__init__(gradient, bounded, scale)
-        self.system = system
+    system: EverettSystem
+    enough = 1e-11
+    """The accuracy of the factor; the result is to meet the conditions to 1e-10."""
 
     def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
         self.system.factorise(np.where(free, ridge, _AT_BOUND))

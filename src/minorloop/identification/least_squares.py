@@ -28,9 +28,10 @@ from minorloop.identification.design_matrix import (
     pack,
     unpack,
 )
-from minorloop.identification.everett_system import EverettSystem
+from minorloop.identification.everett_system import quick_system
 from minorloop.identification.refinement import Rows
 from minorloop.operators.plane import cell_areas
+from minorloop.threads import one_thread
 
 CANDIDATES = (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 """Strengths that ``smoothness="auto"`` tries, weakest first."""
@@ -45,12 +46,11 @@ _FLOOR = 1e-300
 _MANY = 50_000
 """Samples from which the iteration uses the normal equations only: passes over all samples would
 take longer than the solution, and so many samples leave no accuracy to be gained."""
-_LEAST_SPARSE, _BRANCH, _SHARE = 800, 5, 0.5
-"""Cells and samples for each reversal from which the sparse system is used, and reversals for each
-cell up to which it is."""
-_FILL = 0.005
-"""Multiplications of its factorisation, over the cube of the cells or samples, up to which it is
-quicker than dense matrices."""
+_LEAST_SPARSE = 800
+"""Cells from which the sparse system is used."""
+_FILL = 20.0
+"""Multiplications of its factorisation, for each pair of cells, up to which it is quicker than
+dense matrices."""
 _ENOUGH, _NOISELESS = 1e-10, 1e-7
 """Violation up to which the sparse system is accurate enough, and residual from which it is."""
 _LARGE, _LARGE_OF_MANY = 2500, 1000
@@ -297,19 +297,17 @@ class _System:
         """
         matrix, spec, share = self.problem.matrix, self.problem.matrix.spec, np.sqrt(self.weight)
         unused = FittedUnknowns(np.zeros(spec.unknowns), np.inf, 0.0)
-        few = matrix.reversals <= min(_SHARE * spec.cells, matrix.samples / _BRANCH)
-        if self.problem.signed or spec.cells < _LEAST_SPARSE or not few:
+        if self.problem.signed or spec.cells < _LEAST_SPARSE:
+            return unused
+        squares, varying = matrix.column_squares(self.weight)
+        scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
+        system = quick_system(matrix, self.weight, scale, _FILL * float(spec.cells) ** 2)
+        if system is None:
             if spec.bands > MOST_DENSE:
                 raise ParameterError(
                     f"levels are {spec.bands} bands and the input reverses every few samples, so "
                     f"that the fit needs more than 8 GB; give at most {MOST_DENSE} levels"
                 )
-            return unused
-        squares, varying = matrix.column_squares(self.weight)
-        scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
-        system = EverettSystem(matrix, self.weight, scale)
-        dense = float(min(spec.cells, matrix.samples)) ** 3
-        if spec.bands <= MOST_DENSE and system.operations > _FILL * dense:
             return unused
 
         def gradient(z: FloatArray) -> FloatArray:
@@ -317,10 +315,14 @@ class _System:
             return np.asarray(scale * matrix.adjoint(left * self.weight))
 
         size = float(np.linalg.norm(share * self.y)) or 1.0
-        found = interior_point.solve(system, gradient, self.bounded, self.bounded & varying, size)
+        with one_thread():
+            found = interior_point.solve(
+                system, gradient, self.bounded, self.bounded & varying, size
+            )
         x = self._unscaled(found.z, scale)
         left = float(np.linalg.norm(share * (matrix.forward(scale * found.z) - self.y)))
-        if left <= _NOISELESS * size and spec.bands <= MOST_DENSE:
+        determined = matrix.samples >= spec.unknowns
+        if left <= _NOISELESS * size and determined and spec.bands <= MOST_DENSE:
             return replace(unused, x=x)
         return FittedUnknowns(x, found.kkt, 0.0, found.kkt <= active_set.ACCEPTABLE)
 

@@ -139,7 +139,6 @@ def fit_prior(
         )
     weight = np.ones(y.size) if matrix.counts is None else matrix.counts
     weight = weight if kept is None else weight * kept
-    # Dense matrices are small here, but for planes of more than 64 levels with many reversals.
     with one_thread():
         found = _fit_many(matrix, y, weight, signed, noise, guess, within, centre)
         together = 1.0 if independent else correlation_time(matrix, y, found.x)
@@ -179,7 +178,7 @@ def fit_few(
     scaled, unit, shift = scale_outputs(spec, y)
     mean = _scaled_centre(spec, centre, unit, shift)
     scaled = scaled - dense[0] @ mean
-    with one_thread(spec.unknowns):
+    with one_thread():
         found = Evidence.of_few(spec, scaled, dense)
         small = found
         if coarse is not None:

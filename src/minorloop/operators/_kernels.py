@@ -14,6 +14,7 @@ a single Everett value, so one sample costs one look-up however fine the plane i
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +50,12 @@ class Plane(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def band_of(levels, buckets, per_unit, u):
-    """Band that holds u, for u inside the grid: a bucket first, then a search within it."""
+    """Band that holds u, for u inside the grid: a bucket first, then a search within it.
+
+    Band 0 for an input that is not a number, which has no bucket.
+    """
+    if not u > levels[0]:
+        return 0
     bucket = int((u - levels[0]) * per_unit)
     low, high = buckets[bucket], buckets[bucket + 1]
     while high - low > CROWDED:
@@ -92,6 +98,8 @@ def saturate(plane, stack):
 def simulate(plane, stack, n, u, y):
     """Fill y with the outputs for a whole input; returns the rows in use at the end.
 
+    An input that is not a number gives such an output, and leaves the memory as it is.
+
     Reduced memory sequence: Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1.
 
     The present input and the extremum it departed from (the pivot) live in local variables,
@@ -107,7 +115,10 @@ def simulate(plane, stack, n, u, y):
     pivot_band, pivot_fraction = int(stack[pivot, BAND]), stack[pivot, FRACTION]
     for t in range(u.size):
         x = u[t]
-        if x < lowest:
+        if not x >= lowest:
+            if math.isnan(x):
+                y[t] = x
+                continue
             x = lowest
         elif x > highest:
             x = highest
@@ -188,12 +199,14 @@ def along(levels, nodes, bow, slope, pivot, rising, band, fraction):
 def smallest_root(c0, c1, c2):
     """Smallest x >= 0 with c0 + c1 x + c2 x^2 = 0, given c0 <= 0 and a rise somewhere in [0, 1].
 
-    Written so that nothing cancels: the root is c0 over the larger of two sums.
+    Written so that nothing cancels: the root is c0 over the larger of two sums. Coefficients are
+    divided by the largest, so that no square overflows or vanishes.
     """
     if c0 >= 0.0:
         return 0.0
-    root = np.sqrt(max(c1 * c1 - 4.0 * c2 * c0, 0.0))
-    below = c1 + root
+    size = max(-c0, abs(c1), abs(c2))
+    c0, c1, c2 = c0 / size, c1 / size, c2 / size
+    below = c1 + np.sqrt(max(c1 * c1 - 4.0 * c2 * c0, 0.0))
     if below <= 0.0:
         return 1.0
     return min(-2.0 * c0 / below, 1.0)
@@ -247,6 +260,8 @@ def branch_band(levels, nodes, bow, slope, pivot, rising, near, stop, target):
 def aim(plane, stack, n, target):
     """Nearest input that brings the output to the target; the stack stays as it is.
 
+    A target that is not a number gives such an input.
+
     Tan, Venkataraman and Krishnaprasad, Proc. IEEE CDC 2001: go from breakpoint to breakpoint until
     the target lies before the next one, then solve the piece. Breakpoints are the thresholds and
     the remembered extrema; passing an extremum wipes it out, and its output is on the stack.
@@ -256,6 +271,8 @@ def aim(plane, stack, n, target):
     here = stack[n - 1, OUTPUT] + slope * value
     if target == here:
         return value
+    if math.isnan(target):
+        return target
     rising = target > here
     sign = 1.0 if rising else -1.0
     top = n - 1

@@ -213,10 +213,11 @@ class Preisach(NotebookView):
     @cached_property
     def monotone(self) -> bool:
         """Whether no branch of any history has a negative slope."""
-        rate = plane.slack(
-            self.levels, self.weights, self.slope, self.swing, self.diagonal == "uniform"
-        )
-        steepest = np.abs(self.weights).sum() / np.diff(self.levels).min() + abs(self.slope)
+        size = max(float(np.abs(self.weights).max()), abs(self.slope)) or 1.0  # avoids overflow
+        weights, slope = self.weights / size, self.slope / size
+        bow = self.diagonal == "uniform"
+        rate = plane.slack(self.levels, weights, slope, self.swing, bow)
+        steepest = np.abs(weights).sum() / np.diff(self.levels).min() + abs(slope)
         return bool(rate >= -_ROUNDING * steepest)
 
     def everett(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:

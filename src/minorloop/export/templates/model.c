@@ -429,16 +429,24 @@ static real along(const extremum *pivot, int rising, int32_t band, real fraction
 }
 
 /* Smallest x in [0, 1] with c0 + c1 x + c2 x^2 = 0, given c0 <= 0 and a rise somewhere.
- * The root is c0 over the larger of two sums, so that nothing cancels. */
+ * The root is c0 over the larger of two sums, so that nothing cancels. The coefficients are divided
+ * by the largest, so that no square overflows or vanishes. */
 static real smallest_root(real c0, real c1, real c2)
 {
-    const real square = c1 * c1 - (real)4 * c2 * c0;
+    real size = -c0;
+    real square;
     real below;
     real x = (real)1;
 
     if (c0 >= (real)0) {
         x = (real)0;
     } else {
+        size = (c1 > size) ? c1 : ((-c1 > size) ? -c1 : size);
+        size = (c2 > size) ? c2 : ((-c2 > size) ? -c2 : size);
+        c0 /= size;
+        c1 /= size;
+        c2 /= size;
+        square = c1 * c1 - (real)4 * c2 * c0;
         below = c1 + {{ sqrt }}((square > (real)0) ? square : (real)0);
         if (below > (real)0) {
             x = ((real)-2 * c0) / below;
