@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -25,6 +25,8 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"
     13: "u8",
 }
 """Types of the content of elements, as numpy names them."""
+_OLD, _OLD_CLASSES = ("f8", "f4", "i4", "i2", "u2", "u1"), {0: 6, 1: 4, 2: 5}
+"""Types of version 4, and its classes as later versions number them."""
 _MATRIX, _COMPRESSED = 14, 15
 _CLASSES = {1: "cell", 2: "struct", 3: "object", 4: "text", 5: "sparse", 16: "function"}
 _OPAQUE = 17
@@ -50,64 +52,46 @@ def matlab_columns(file: Path, bounds: Bounds) -> tuple[dict[str, FloatArray], l
     """
     try:
         with file.open("rb") as raw:
-            begin = raw.read(_HEADER)
-        if 0 in begin[:4]:
-            return _old(file, bounds)
-        order = {b"IM": "<", b"MI": ">"}.get(begin[-2:], "")
-        if not order:
-            raise ValueError("it does not begin like one")
-        if struct.unpack(order + "H", begin[-4:-2])[0] >> 8 == _HDF5:
-            raise RecordError(
-                f"{file} has MATLAB format 7.3, which is not read; save it with the option -v7"
-            )
-        return _columns(file, order, bounds)
+            return _columns(file, raw, bounds)
     except (RecordError, MemoryError):
         raise
     except Exception as error:
         raise RecordError(f"{file} is not a MATLAB file: {error}") from None
 
 
-def _columns(file: Path, order: str, bounds: Bounds) -> tuple[dict[str, FloatArray], list[str]]:
+def _columns(file: Path, raw: BinaryIO, bounds: Bounds) -> tuple[dict[str, FloatArray], list[str]]:
     columns: dict[str, FloatArray] = {}
     others: list[str] = []
     held, rows, count = 0, 0, 0
-    with file.open("rb") as raw:
-        for one in _variables(raw, order):
-            if one.is_table:
-                held, rows = held + NUMBER * prod(one.shape), max(rows, *one.shape)
-                count += 1 if 1 in one.shape else min(one.shape)
-            elif not one.is_hidden:
-                others.append(one.in_words)
-        bounds.check(file, rows=rows, columns=count, held=held)
-        for one in _variables(raw, order):
-            found = _split(one.name, one.numbers()) if one.is_table else {}
-            for name in columns.keys() & found.keys():
-                raise RecordError(f"{file} has two columns named '{name}'; rename one")
-            columns |= found
+    for one in _variables(file, raw):
+        if one.is_table:
+            held, rows = held + NUMBER * prod(one.shape), max(rows, *one.shape)
+            count += 1 if 1 in one.shape else min(one.shape)
+        elif not one.is_hidden:
+            others.append(one.in_words)
+    bounds.check(file, rows=rows, columns=count, held=held)
+    for one in _variables(file, raw):
+        found = _split(one.name, one.numbers()) if one.is_table else {}
+        for name in columns.keys() & found.keys():
+            raise RecordError(f"{file} has two columns named '{name}'; rename one")
+        columns |= found
     return columns, others
 
 
-def _old(file: Path, bounds: Bounds) -> tuple[dict[str, FloatArray], list[str]]:
-    """Read version 4, which is never compressed."""
-    from scipy.io import loadmat, whosmat
-
-    known = whosmat(file)
-    held = sum(2 * NUMBER * prod(shape) for _, shape, _ in known)  # they may be complex
-    bounds.check(file, rows=max([0, *(max(shape) for _, shape, _ in known)]), held=held)
-    columns: dict[str, FloatArray] = {}
-    others: list[str] = []
-    for name, value in loadmat(file, squeeze_me=False).items():
-        if name.startswith("__"):
-            continue
-        if isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size > 1:
-            columns |= _split(name, value.astype(np.float64))
-        else:
-            shape, kind = next((shape, kind) for one, shape, kind in known if one == name)
-            numbers = "complex" if value.dtype.kind == "c" else "numbers"
-            words = {"char": "text", "sparse": "sparse"}.get(kind, numbers)
-            others.append(f"{name} ({'x'.join(map(str, shape))} {words})")
-    bounds.check(file, columns=len(columns))
-    return columns, others
+def _variables(file: Path, raw: BinaryIO) -> Iterator[_Variable]:
+    """Return the variables of a file; what is not read of one is skipped."""
+    raw.seek(0)
+    begin = raw.read(_HEADER)
+    if 0 in begin[:4]:
+        return _variables_of_4(raw)
+    order = {b"IM": "<", b"MI": ">"}.get(begin[-2:], "")
+    if not order:
+        raise ValueError("it does not begin like one")
+    if struct.unpack(order + "H", begin[-4:-2])[0] >> 8 == _HDF5:
+        raise RecordError(
+            f"{file} has MATLAB format 7.3, which is not read; save it with the option -v7"
+        )
+    return _variables_of_5(raw, order)
 
 
 def _split(name: str, value: FloatArray) -> dict[str, FloatArray]:
@@ -127,6 +111,8 @@ class _Variable:
     flags: int
     shape: tuple[int, ...]
     content: _Element
+    dtype: np.dtype[Any] | None = None
+    """Of its numbers, where no tag has it."""
 
     @property
     def is_table(self) -> bool:
@@ -151,10 +137,12 @@ class _Variable:
     def numbers(self) -> FloatArray:
         """Return its numbers, of which none is expanded before."""
         content, found = self.content, np.empty(prod(self.shape))
-        kind, size, small = content.tag()
-        dtype = np.dtype(content.order + _TYPES.get(kind, "u1"))
-        if kind not in _TYPES or size != found.size * dtype.itemsize:
-            raise ValueError(f"{self.name} has {size} bytes of {found.size} numbers")
+        dtype, small = self.dtype, b""
+        if dtype is None:
+            kind, size, small = content.tag()
+            dtype = np.dtype(content.order + _TYPES.get(kind, "u1"))
+            if kind not in _TYPES or size != found.size * dtype.itemsize:
+                raise ValueError(f"{self.name} has {size} bytes of {found.size} numbers")
         step = _CHUNK // dtype.itemsize
         for first in range(0, found.size, step):
             part = found[first : first + step]
@@ -163,8 +151,30 @@ class _Variable:
         return found.reshape(self.shape, order="F")
 
 
-def _variables(raw: BinaryIO, order: str) -> Iterator[_Variable]:
-    """Yield the variables of a file; what is not read of one is skipped."""
+def _variables_of_4(raw: BinaryIO) -> Iterator[_Variable]:
+    """Yield the variables of version 4: a header of five integers, a name, and numbers."""
+    end, start = raw.seek(0, 2), 0
+    while start < end:
+        raw.seek(start)
+        content = _Element(raw, "<")
+        header = content.read(20)
+        order = "<" if struct.unpack("<i", header[:4])[0] in range(1000) else ">"
+        form, rows, columns, imaginary, length = struct.unpack(f"{order}5i", header)
+        kind, type_ = form % 10, form // 10 % 100
+        if form not in range(2000) or type_ not in range(len(_OLD)) or kind not in _OLD_CLASSES:
+            raise ValueError(f"it has a variable of type {form}")
+        dtype = np.dtype(order + _OLD[type_])
+        size = rows * columns * dtype.itemsize * (2 if imaginary else 1)
+        start += len(header) + length + size
+        if min(rows, columns, length) < 0 or length > _LONGEST_NAME or start > end:
+            raise ValueError("it ends within a variable")
+        name = content.read(length).rstrip(b"\0").decode("latin1")
+        flags = _COMPLEX if imaginary else 0
+        yield _Variable(name, _OLD_CLASSES[kind], flags, (rows, columns), content, dtype)
+
+
+def _variables_of_5(raw: BinaryIO, order: str) -> Iterator[_Variable]:
+    """Yield the variables of versions 5 to 7.2."""
     end = raw.seek(0, 2)
     start = _HEADER
     while start < end:
@@ -206,7 +216,7 @@ class _Element:
             found = self._raw.read(count)
         else:
             parts = bytearray()
-            while len(parts) < count:
+            while len(parts) < count and not self._expand.eof:
                 packed = self._expand.unconsumed_tail or self._raw.read(_PACKED)
                 part = self._expand.decompress(packed, count - len(parts))
                 if not part and not packed:

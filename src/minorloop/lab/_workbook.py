@@ -49,7 +49,7 @@ class Workbook:
             import openpyxl.utils.datetime
         except ImportError:
             raise MissingExtraError("openpyxl", "excel") from None
-        self._file, self._bounds, self._held = file, bounds, 0
+        self.file, self.bounds, self._held = file, bounds, 0
         self._conversions = openpyxl.utils.datetime
         self._epoch = self._conversions.WINDOWS_EPOCH
         self._dates: dict[int, bool] = {}
@@ -82,11 +82,7 @@ class Workbook:
     def hold(self, size: int) -> None:
         """Count bytes of memory that are kept."""
         self._held += size
-        self._bounds.check(self._file, held=self._held)
-
-    def check_column(self, number: int) -> None:
-        """Refuse a cell in a column beyond the bounds."""
-        self._bounds.check(self._file, columns=number)
+        self.bounds.check(self.file, held=self._held)
 
     def value(self, kind: str, text: str, style: int) -> Any:
         """Return the value of a cell that is not empty, as openpyxl does."""
@@ -110,7 +106,7 @@ class Workbook:
 
     def _open(self, part: str) -> IO[bytes]:
         info = self._zip.getinfo(part)
-        self._bounds.check_expansion(self._file, info.compress_size, info.file_size)
+        self.bounds.check_expansion(self.file, info.compress_size, info.file_size)
         return self._zip.open(info)
 
     def _tags(self, part: str, wanted: tuple[str, ...]) -> Iterator[tuple[str, str, Any]]:
@@ -259,6 +255,7 @@ class _SheetRows(_Part):
     def __init__(self, book: Workbook) -> None:
         super().__init__()
         self._book, self._row, self._column = book, 0, 0
+        self._most = book.bounds.columns
         self._kind, self._style = "n", 0
         self._cells: dict[int, Any] = {}
         self._columns: dict[str, int] = {}
@@ -278,7 +275,8 @@ class _SheetRows(_Part):
         if name == "c":
             text = self.joined()
             if text:
-                self._book.check_column(self._column)
+                if self._column > self._most:
+                    self._book.bounds.check(self._book.file, columns=self._column)
                 self._cells[self._column] = self._book.value(self._kind, text, self._style)
         elif name == "row" and self._cells:
             row = [None] * max(self._cells)

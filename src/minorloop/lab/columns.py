@@ -352,11 +352,18 @@ def _seconds(text: str) -> float:
     return (found - (_EPOCH if found.tzinfo else _EPOCH_WITHOUT_ZONE)).total_seconds()
 
 
+def _shown(cell: str) -> str:
+    """Return the begin of a cell for a message."""
+    text = cell.strip()
+    return repr(text if len(text) <= 40 else text[:37] + "...")
+
+
 class _Labels:
     """Collects the labels of one column."""
 
     def __init__(self, name: str, file: Path, decimal: str = ".") -> None:
         self.where = f"column '{name}' of {file}"
+        self.file = file
         self.decimal = decimal
         self.parts: list[tuple[list[str] | FloatArray, Sequence[int]]] = []
 
@@ -369,6 +376,10 @@ class _Labels:
     def joined(self) -> Labels:
         with suppress(RecordError):
             return np.concatenate([self._numbers(*part) for part in self.parts])
+        count = sum(len(cells) for cells, _ in self.parts)
+        texts = (cells for cells, _ in self.parts if isinstance(cells, list))
+        longest = max(max(map(len, cells), default=0) for cells in texts)
+        LARGEST.check(self.file, held=np.dtype(f"U{longest}").itemsize * count)
         return np.concatenate([self._texts(*part) for part in self.parts])
 
     def _numbers(self, cells: list[str] | FloatArray, numbers: Sequence[int]) -> FloatArray:
@@ -415,11 +426,9 @@ class _Cells:
             values = self._one_by_one(cells)
         # float() reads 1_000 and digits of other scripts as numbers; a logger that writes them
         # means something else.
-        together = "".join(cells)
-        if "_" in together or not together.isascii():
-            for index, cell in enumerate(cells):
-                if "_" in cell or not cell.strip().isascii():
-                    raise self._not_a_number(index, cell)
+        for index, cell in enumerate(cells):
+            if "_" in cell or not (cell.isascii() or cell.strip().isascii()):
+                raise self._not_a_number(index, cell)
         return self.checked(values, cells)
 
     def checked(self, values: FloatArray, cells: Sequence[object] | FloatArray) -> FloatArray:
@@ -428,7 +437,7 @@ class _Cells:
         if not usable.all():
             index = int(np.argmin(usable))
             raise RecordError(
-                f"{self.where} has {str(cells[index]).strip()!r} in row {self.numbers[index]}; "
+                f"{self.where} has {_shown(str(cells[index]))} in row {self.numbers[index]}; "
                 "every cell must be a finite number"
             )
         return values
@@ -453,7 +462,7 @@ class _Cells:
                 values[index] = _seconds(cell)
             except ValueError:
                 raise RecordError(
-                    f"{self.where} has the text {cell.strip()!r} in row {self.numbers[index]}; "
+                    f"{self.where} has the text {_shown(cell)} in row {self.numbers[index]}; "
                     "give time as numbers, or as 2026-03-01T12:00:00.5, 01.03.2026 12:00:00.5 or "
                     "12:00:00.5"
                 ) from None
@@ -469,10 +478,9 @@ class _Cells:
         row, text = self.numbers[index], cell.strip()
         if not text:
             return RecordError(f"{self.where} is empty in row {row}; {_FILL}")
-        shown = repr(text if len(text) <= 40 else text[:37] + "...")
         advice = "every cell must be a number"
         if _THOUSANDS.fullmatch(text):
             advice = "write numbers without separators of thousands"
         elif re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", text):
             advice = "write decimals with a point"
-        return RecordError(f"{self.where} has the text {shown} in row {row}; {advice}")
+        return RecordError(f"{self.where} has the text {_shown(text)} in row {row}; {advice}")
