@@ -16,7 +16,7 @@ from xml.parsers import expat
 from zipfile import ZipFile
 
 from minorloop.errors import MissingExtraError
-from minorloop.lab.bounds import Bounds
+from minorloop.lab.bounds import LARGEST, Bounds
 
 Row: TypeAlias = tuple[int, tuple[Any, ...]]
 """Number of a row, and its cells from column A to the last that is not empty."""
@@ -49,7 +49,7 @@ class Workbook:
             import openpyxl.utils.datetime
         except ImportError:
             raise MissingExtraError("openpyxl", "excel") from None
-        self.file, self.bounds, self._held = file, bounds, 0
+        self.file, self._bounds, self._held = file, bounds, 0
         self._conversions = openpyxl.utils.datetime
         self._epoch = self._conversions.WINDOWS_EPOCH
         self._dates: dict[int, bool] = {}
@@ -82,7 +82,7 @@ class Workbook:
     def hold(self, size: int) -> None:
         """Count bytes of memory that are kept."""
         self._held += size
-        self.bounds.check(self.file, held=self._held)
+        self._bounds.check(self.file, held=self._held)
 
     def value(self, kind: str, text: str, style: int) -> Any:
         """Return the value of a cell that is not empty, as openpyxl does."""
@@ -106,7 +106,7 @@ class Workbook:
 
     def _open(self, part: str) -> IO[bytes]:
         info = self._zip.getinfo(part)
-        self.bounds.check_expansion(self.file, info.compress_size, info.file_size)
+        self._bounds.check_expansion(self.file, info.compress_size, info.file_size)
         return self._zip.open(info)
 
     def _tags(self, part: str, wanted: tuple[str, ...]) -> Iterator[tuple[str, str, Any]]:
@@ -255,7 +255,6 @@ class _SheetRows(_Part):
     def __init__(self, book: Workbook) -> None:
         super().__init__()
         self._book, self._row, self._column = book, 0, 0
-        self._most = book.bounds.columns
         self._kind, self._style = "n", 0
         self._cells: dict[int, Any] = {}
         self._columns: dict[str, int] = {}
@@ -275,8 +274,8 @@ class _SheetRows(_Part):
         if name == "c":
             text = self.joined()
             if text:
-                if self._column > self._most:
-                    self._book.bounds.check(self._book.file, columns=self._column)
+                if self._column > LARGEST.columns:
+                    LARGEST.check(self._book.file, columns=self._column)
                 self._cells[self._column] = self._book.value(self._kind, text, self._style)
         elif name == "row" and self._cells:
             row = [None] * max(self._cells)
