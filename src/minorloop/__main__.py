@@ -5,12 +5,18 @@ Processes that are started import this module too, so it imports the command lin
 
 import sys
 
+_INTERRUPTED = 130
+
 
 def main() -> int:
     """Run the command line; return its exit status."""
-    from minorloop.cli import main as run
+    try:
+        from minorloop.cli import main as run
 
-    return run()
+        return run()
+    except KeyboardInterrupt:  # while modules are loaded
+        print("interrupted", file=sys.stderr)
+        return _INTERRUPTED
 
 
 if __name__ == "__main__":

@@ -99,6 +99,21 @@ def test_general_errors_give_no_traceback(error, status, says, monkeypatch, run)
     assert err.count("\n") == bool(says)
 
 
+class _Interrupting:
+    """A finder of modules during whose work Ctrl-C is pressed."""
+
+    def find_spec(self, name, *_):
+        if name == "minorloop.cli":
+            raise KeyboardInterrupt
+
+
+def test_an_interruption_while_modules_are_loaded_gives_no_traceback(monkeypatch, capsys):
+    monkeypatch.delitem(sys.modules, "minorloop.cli")
+    monkeypatch.setattr(sys, "meta_path", [_Interrupting(), *sys.meta_path])
+    assert program.main() == 130
+    assert capsys.readouterr() == ("", "interrupted\n")
+
+
 def test_is_installed_as_a_program():
     (script,) = entry_points(group="console_scripts", name="minorloop")
     assert script.load() is program.main

@@ -808,6 +808,24 @@ class TestKilled:
             assert store.running
         assert _folder_is_clean(tmp_path, "a")
 
+    def test_a_log_that_a_power_cut_leaves_half_written_has_the_points_before(self, tmp_path):
+        path, points = _filled(tmp_path / "a"), [_point(k) for k in range(5)]
+        with Store.open(path, write=True) as store:
+            for k in (3, 4):
+                store.add(points[k], *_trace(k))
+            main, log = path.read_bytes(), path.with_name("a-wal").read_bytes()
+        chance, found = np.random.default_rng(0), []
+        for length in [*range(0, len(log), 700), len(log)]:
+            copy = tmp_path / f"{length}"
+            copy.write_bytes(main)
+            tail = chance.bytes(len(log) - length)  # blocks of the disk that were not written
+            copy.with_name(f"{length}-wal").write_bytes(log[:length] + tail)
+            with Store.open(copy, write=True) as store:
+                found.append(len(store))
+                assert store.points() == points[: found[-1]]
+        assert found == sorted(found)
+        assert (found[0], found[-1]) == (3, 5)
+
     def test_a_store_that_can_be_seen_is_whole(self, tmp_path):
         told = _killed_after(5, CREATE, tmp_path)
         seen = sorted(int(path.stem) for path in tmp_path.glob("*.sqlite"))

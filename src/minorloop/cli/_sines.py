@@ -63,16 +63,16 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
             f"{error}; {len(store)} of {len(store.plan)} sines are kept; continue with minorloop "
             f"resume --store {shlex.quote(str(store.path))}"
         ) from None
-    points = store.points()
-    held = sum(point.held for point in points)
+    totals = store.totals()
+    count, held = totals["points"], totals["held"]
     if as_json:
         about = {"store": str(store.path), "actuator": store.setup.address}
-        counts = {"sines": len(points), "planned": len(store.plan), "finished": store.finished}
+        counts = {"sines": count, "planned": len(store.plan), "finished": store.finished}
         _common.print_json({**about, **counts, "held_s": held, "mode": mode})
         return
     if mode == "finished":
         typer.echo("this run was finished already; nothing was applied")
-    typer.echo(f"{len(points)} of {len(store.plan)} sines measured, {as_duration(held)} in all")
+    typer.echo(f"{count} of {len(store.plan)} sines measured, {as_duration(held)} in all")
     typer.echo(f"kept in {store.path}; next: minorloop frequency {store.path}")
 
 

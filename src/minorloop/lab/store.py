@@ -46,6 +46,8 @@ _LOCK_WAIT = 1.0
 """Seconds to wait for another process that is just finishing."""
 _LOCK_EVERY = 0.02
 """Seconds between two attempts to lock."""
+_READ_WAIT = 30.0
+"""Seconds that a writer waits, before its first point only, for others that are just reading."""
 
 
 def is_store(path: PathLike) -> bool:
@@ -156,9 +158,8 @@ class Store:
         lock = _locked(file) if write else None
         try:
             with _explained(file):
-                connection = sqlite3.connect(
-                    uri, uri=True, timeout=_LOCK_WAIT, isolation_level=None
-                )
+                wait = _READ_WAIT if write else _LOCK_WAIT
+                connection = sqlite3.connect(uri, uri=True, timeout=wait, isolation_level=None)
                 try:
                     _prepare(connection, write)
                     return cls(file, connection, lock)
@@ -171,8 +172,9 @@ class Store:
 
     def close(self) -> None:
         """Close the file; the points in the log beside it are copied into it."""
-        with suppress(sqlite3.Error):  # of a reader, which then copies them when it closes
-            if self._lock is not None:
+        if self._lock is not None:
+            with suppress(sqlite3.Error):  # others read, and the last of them copies the points
+                self._execute("PRAGMA busy_timeout = 0")
                 self._execute("PRAGMA journal_mode = DELETE")
         self._connection.close()
         _unlock(self.path, self._lock)

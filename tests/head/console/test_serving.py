@@ -18,7 +18,7 @@ from minorloop.head.console.auth import Authentication
 from minorloop.head.console.connections import Limits
 from minorloop.head.console.loop import LoopSettings
 from minorloop.head.console.server import Console
-from minorloop.head.console.serving import LONGEST_HEADER, RateLimitedLog, Sockets, serve
+from minorloop.head.console.serving import LONGEST_HEADER, RateLimitedLog, Sockets, _Marking, serve
 
 LIMITS = Limits(strangers=16, header=1.0, idle=30.0)
 
@@ -180,6 +180,13 @@ def test_a_text_that_is_not_utf_8_is_refused_with_a_reason_and_no_traceback(runn
         with pytest.raises(ConnectionClosed, match="not UTF-8; send JSON texts"):
             told(page, "never")
     assert caplog.records == []
+
+
+def test_a_request_that_the_end_of_the_server_cuts_off_is_no_error():
+    async def cut_off(scope, receive, send):
+        raise asyncio.CancelledError
+
+    asyncio.run(_Marking(cut_off, Mock())({"type": "lifespan"}, Mock(), Mock()))
 
 
 def test_few_messages_are_logged_in_a_time(monkeypatch):

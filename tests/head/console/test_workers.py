@@ -93,6 +93,24 @@ def test_a_worker_that_died_or_was_stopped_at_rest_is_replaced_before_the_task(s
     assert status == -signal.SIGKILL
 
 
+def test_ctrl_c_which_a_terminal_sends_to_all_processes_does_not_disturb_a_worker():
+    async def ask():
+        pool = workers.Workers(1, tasks=QUICK)
+        pool.start()
+        try:
+            (worker,) = pool._all
+            await worker.ready()
+            os.kill(worker._process.pid, signal.SIGINT)
+            answer = await pool.ask("refuse")
+            return answer, worker in pool._all, worker._process.exitcode
+        finally:
+            await pool.stop()
+
+    answer, same, status = asyncio.run(ask())
+    assert "always refused" in answer["error"]
+    assert (same, status) == (True, None)
+
+
 def serving(pids):
     """Start a worker, say which, and be killed; for a process of its own."""
 

@@ -12,6 +12,7 @@ import logging
 import socket
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from minorloop.errors import MissingExtraError
@@ -105,7 +106,10 @@ async def _served(server: uvicorn.Server, listener: Listener) -> None:
 
 
 class _Marking:
-    """Writes the connection of each request into its scope."""
+    """Writes the connection of each request into its scope.
+
+    A request that is cut off when the server ends is no error of the application.
+    """
 
     def __init__(self, app: ASGIApp, listener: Listener) -> None:
         self._app, self._listener = app, listener
@@ -113,7 +117,8 @@ class _Marking:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "lifespan":
             mark(scope, self._listener)
-        await self._app(scope, receive, send)
+        with suppress(asyncio.CancelledError):
+            await self._app(scope, receive, send)
 
 
 class ConsoleHttp(H11Protocol):

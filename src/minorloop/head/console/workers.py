@@ -182,13 +182,14 @@ class _Worker:
 
 def serve(pipe: Connection, work: Work) -> None:
     """Do tasks until the pipe closes; for a process of its own."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the console, which ends its workers
     be_nice(work.nice)
     bind_to_parent("console-worker", signal.SIGKILL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     tasks = importlib.import_module(work.tasks)
     tasks.warm_up()
     limit_resources(work.memory, work.file)
-    with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
+    with contextlib.suppress(EOFError, OSError):
         pipe.send(None)  # ready
         while True:
             task, options = pipe.recv()
