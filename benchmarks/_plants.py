@@ -1,7 +1,8 @@
 """Random plants with hysteresis and random records of them, for the study of advice.
 
 No plant is a Preisach operator on the levels of the fit: relays at random thresholds, bent plays,
-the model of Bouc and Wen, the magnet of Jiles and Atherton, and the settled simulated strip.
+the model of Bouc and Wen, the magnet of Jiles and Atherton, dry friction, the phase of a wire with
+memory of its shape, and the settled simulated strip.
 Inputs are between 0 and 1 inside; a record has an input and an output in units of its own.
 """
 
@@ -24,7 +25,10 @@ FINE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A plant, what was measured of it, and an unseen input with its true output."""
+    """A plant, what was measured of it, and an unseen input with its true output.
+
+    ``output`` is the plant itself: outputs for inputs from the beginning on, without noise.
+    """
 
     kind: str
     shape: str
@@ -37,12 +41,13 @@ class Case:
     levels: int
     holdout: float
     quantum: float
+    output: Plant
 
 
 def a_case(seed: int) -> Case:
     """A random plant with a random record; the same seed gives the same case."""
     rng = np.random.default_rng([seed, 815])
-    kind = str(rng.choice([*PLANTS, "strip"], p=[0.3, 0.3, 0.2, 0.15, 0.05]))
+    kind = str(rng.choice([*PLANTS, "strip"], p=[0.24, 0.24, 0.17, 0.12, 0.1, 0.08, 0.05]))
     shape = "staircase" if kind == "strip" else str(rng.choice(list(RECORDS)))
     x = RECORDS[shape](rng)
     unseen = np.concatenate([[0.0], sweeps(rng, 12, 20)])
@@ -60,11 +65,15 @@ def a_case(seed: int) -> Case:
     quantum = float(rng.choice([0.0, 2.0 ** -rng.integers(8, 15)], p=[0.6, 0.4]))
     if quantum:
         measured = np.round(measured / quantum) * quantum
+
+    def output(u: Array) -> Array:
+        return scale * (plant(u / u_scale - u_offset) / width + offset)
+
     return Case(
         kind, shape, u_scale * (x + u_offset), scale * measured, scale * noise, scale,
         u_scale * (unseen + u_offset), scale * (truth / width + offset),
         25 if x.size < 100 or x.size > 900 else int(rng.integers(8, 13)),
-        float(rng.choice([0.0, 0.3])), scale * quantum,
+        float(rng.choice([0.0, 0.3])), scale * quantum, output,
     )  # fmt: skip
 
 
@@ -152,6 +161,47 @@ def magnet(rng: np.random.Generator) -> Plant:
     return run
 
 
+def friction(rng: np.random.Generator) -> Plant:
+    """Elastic, perfectly plastic elements in parallel, which yield abruptly, and a spring."""
+    limits = rng.uniform(0.05, 0.5, int(rng.integers(1, 9)))
+    spring = rng.uniform(0.05, 0.5)
+
+    def run(x: Array) -> Array:
+        force, last, out = -limits, x[0], np.empty(x.size)
+        for k, value in enumerate(x):
+            force, last = np.clip(force + value - last, -limits, limits), value
+            out[k] = force.sum() / limits.size + spring * value
+        return out
+
+    return run
+
+
+def wire(rng: np.random.Generator) -> Plant:
+    """Phase fraction of a wire with memory of its shape: two curves, scaled between reversals.
+
+    Ikuta, Tsukamoto and Hirose, Mathematical model and experimental verification of shape memory
+    alloy for designing micro actuator, MEMS 1991: a minor curve is the major one, scaled.
+    """
+    heating, cooling = rng.uniform(0.5, 0.75), rng.uniform(0.25, 0.5)
+    steep = rng.uniform(8, 25)
+
+    def curve(value: float, middle: float) -> float:
+        return float(1 / (1 + np.exp(-steep * (value - middle))))
+
+    def run(x: Array) -> Array:
+        share, last, out = 0.0, x[0], np.empty(x.size)
+        for k, value in enumerate(x):
+            if value > last:
+                left = (1 - curve(value, heating)) / (1 - curve(last, heating))
+                share = 1 - (1 - share) * left
+            elif value < last:
+                share *= curve(value, cooling) / curve(last, cooling)
+            last, out[k] = value, share
+        return out + 0.05 * x
+
+    return run
+
+
 def _strip(rng: np.random.Generator) -> Plant:
     """The simulated strip, 200 s at each input."""
     specimen = int(rng.integers(1000))
@@ -159,7 +209,9 @@ def _strip(rng: np.random.Generator) -> Plant:
     def run(x: Array) -> Array:
         twin = Ipmc(specimen)
         twin.reset()
-        return np.array([float(twin.apply(-1.2 + 2.4 * v, 200.0, 200.0).y[-1]) for v in x])
+        return np.array(
+            [float(twin.apply(-1.2 + 2.4 * v, 200.0, 200.0).y[-1]) for v in np.clip(x, 0, 1)]
+        )
 
     return run
 
@@ -169,7 +221,14 @@ def _steps(change: float) -> Array:
     return np.full(count, change / max(count, 1))
 
 
-PLANTS = {"relays": relays, "plays": bent_plays, "bouc-wen": bouc_wen, "magnet": magnet}
+PLANTS = {
+    "relays": relays,
+    "plays": bent_plays,
+    "bouc-wen": bouc_wen,
+    "magnet": magnet,
+    "friction": friction,
+    "wire": wire,
+}
 
 
 def sweeps(rng: np.random.Generator, turns: int, each: int) -> Array:
@@ -231,6 +290,20 @@ def _levels_at_random(rng: np.random.Generator) -> Array:
     return np.concatenate([[0.0, 1.0], rng.uniform(0, 1, int(rng.integers(250, 450)))])
 
 
+def _random_staircase(rng: np.random.Generator) -> Array:
+    """Few held levels at random, each measured one to six times."""
+    ends = np.concatenate([[0.0, 1.0], rng.uniform(0, 1, int(rng.integers(40, 120)))])
+    return np.repeat(ends, int(rng.integers(1, 7)))
+
+
+def _multisine(rng: np.random.Generator) -> Array:
+    """A sum of three to six sines, 0 to 1."""
+    s = np.linspace(0, 1, int(rng.integers(400, 900)))
+    waves = rng.integers(1, 16, (int(rng.integers(3, 7)), 1))
+    x = np.sin(2 * np.pi * (waves * s + rng.uniform(0, 1, waves.shape))).sum(axis=0)
+    return np.concatenate([np.linspace(0, 1, 40), (x - x.min()) / np.ptp(x)])
+
+
 RECORDS = {
     "staircase": _staircase,
     "ramps": _ramps,
@@ -238,4 +311,6 @@ RECORDS = {
     "minor loops": _minor_loops,
     "log": _log,
     "random levels": _levels_at_random,
+    "random staircase": _random_staircase,
+    "multisine": _multisine,
 }

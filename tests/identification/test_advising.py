@@ -24,7 +24,7 @@ def test_warnings_come_first_and_go_with_every_inverse():
 def test_a_large_error_on_held_out_data_is_a_warning():
     u, y = record()
     found = identify(u, np.where(np.arange(y.size) > 300, y - 0.5, y), levels=8, holdout=0.3)
-    assert "the error on held-out data" in " ".join(found.warnings)
+    assert f"on held-out data is {found.holdout_nrmse:.3%}" in " ".join(found.warnings)
 
 
 def test_an_outlier_held_out_is_not_an_error_of_the_model():

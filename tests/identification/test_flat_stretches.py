@@ -67,7 +67,33 @@ def test_a_clipped_output_is_named(shape, side):
     clipped = np.minimum(y, y.max() - cut) if side == "highest" else np.maximum(y, y.min() + cut)
     found = record_faults(u, clipped, Curves.whole("negative"), 0)
     assert "clipped" in [finding.kind for finding in found]
-    assert f"equal the {side}" in found[0].text
+    assert f"clipped at its {side}" in found[0].text
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("shape", ["sine", "levels"])
+def test_a_rail_with_noise_on_it_is_named(shape, side, noise):
+    u, y = record(shape)
+    y = side * np.minimum(side * y, (side * y).max() - 0.25 * np.ptp(y))
+    y += noise * np.ptp(y) * np.random.default_rng(1000).normal(size=y.size)
+    assert kinds(u, y) == ["clipped"]
+
+
+@pytest.mark.parametrize("shape", INPUTS)
+def test_an_input_that_the_source_limits_is_named(shape):
+    u, _ = record(shape)
+    y = plant(np.minimum(u, 0.7))
+    y += 0.003 * np.ptp(y) * np.random.default_rng(1000).normal(size=y.size)
+    (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
+    assert "the source limits the input" in finding.text
+
+
+def test_an_output_that_saturates_smoothly_is_not_clipped():
+    u, y = record(noise=0.0)
+    y = 1 - np.exp(-8 * (y - y.min()) / np.ptp(y))
+    y += 0.003 * np.random.default_rng(1000).normal(size=y.size)
+    assert kinds(u, y) == []
 
 
 def test_an_output_clipped_most_of_the_time_is_found():

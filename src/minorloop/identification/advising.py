@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from minorloop.arrays import BoolArray
 from minorloop.errors import are, counted
 from minorloop.identification import active_set
 from minorloop.identification.baseline import percent, polynomial_nrmse, rms
@@ -28,8 +30,9 @@ _ROUNDING = 1e-9
 _SHOWN = 6
 _RARE = 10
 """Samples for each input that may be a sentinel; more of them are inputs."""
-WORST = 0.1
-"""Error, as a share of the range of the output, above which a model is not to be trusted."""
+_WORST, _WRONG = 0.1, 0.05
+"""Error, as a share of the range of the output, above which a model is not to be trusted; and the
+same for what is to be expected of it on other inputs, noise not counted."""
 _FALLS = (
     "the output falls as the input rises, which weights that are not negative cannot describe: "
     "reverse the sign of the output (reduce --flip), or allow negative weights with signed=True "
@@ -188,13 +191,16 @@ def _accuracy(result: Fit) -> Iterator[str]:
 def _error_warnings(result: Fit) -> Iterator[str]:
     """Give warnings about the errors of the model."""
     errors, score, base = _errors_without_outliers(result)
-    large = {which: error for which, error in errors.items() if error > WORST}
-    if large:
-        listed = [f"on {which} data is {percent(error)} of range" for which, error in large.items()]
+    expected = _expected(result)
+    if expected > _WRONG or max(errors.values(), default=0.0) > _WORST:
+        listed = [
+            f"on {which} data is {percent(error)} of range" for which, error in errors.items()
+        ]
         without = "without the outliers, " if _has_outliers(result) else ""
+        more = f"; expect {expected:.0%} on other inputs, beyond noise" if expected > _WRONG else ""
         yield (
-            f"{without}the error {' and '.join(listed)}, more than {WORST:.0%}; the residual "
-            "shows what the model cannot describe"
+            f"{without}the error {' and '.join(listed)}{more}; the residual shows what the model "
+            "cannot describe"
         )
     if _falls(result):
         yield _FALLS
@@ -215,6 +221,15 @@ def _untried(result: Fit) -> str:
     return " and ".join([*options, "for butterfly loops signed=True (--signed)"])
 
 
+def _known(result: Fit) -> BoolArray:
+    """(T,) measured rows that are no outliers."""
+    known = np.isfinite(result.y)
+    for finding in result.findings:
+        if finding.kind == "outlier":
+            known[list(finding.samples)] = False
+    return known
+
+
 def _has_outliers(result: Fit) -> bool:
     return any(finding.kind == "outlier" for finding in result.findings)
 
@@ -225,10 +240,7 @@ def _errors_without_outliers(result: Fit) -> tuple[dict[str, float], float, floa
     Scored on held-out samples, or else on fitted ones, without outliers.
     """
     scored = result.held_out if result.held_out.any() else result.fitted
-    known = np.isfinite(result.y)
-    for finding in result.findings:
-        if finding.kind == "outlier":
-            known[list(finding.samples)] = False
+    known = _known(result)
     if not (scored & known).any():
         return {}, 0.0, 0.0
     scored = scored & known
@@ -239,6 +251,24 @@ def _errors_without_outliers(result: Fit) -> tuple[dict[str, float], float, floa
     if (result.held_out | result.fitted)[~known].any():
         base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored, result.curves)
     return errors, rms(residual[scored]) / result.span(scored), base
+
+
+def _expected(result: Fit) -> float:
+    """Error to expect on other inputs without noise, over the range of the output.
+
+    The greater of that on held-out data and twice that on fitted data. In the residual, noise is
+    what neighbours do not share.
+    """
+    known, shared = _known(result), result.residual.autocorrelation
+    residual = result.prediction - result.y
+    fitted, held_out = (
+        float(np.mean(residual[rows & known] ** 2)) if (rows & known).any() else 0.0
+        for rows in (result.fitted, result.held_out)
+    )
+    noise = fitted * min(1 - shared, 1.0) if isfinite(shared) else fitted
+    beyond = max(fitted - noise, 0.0), max(held_out - noise, 0.0)
+    spans = result.span(result.fitted) / _OVERFIT, result.span(result.held_out) if held_out else 1.0
+    return max(float(np.sqrt(square)) / span for square, span in zip(beyond, spans, strict=True))
 
 
 def _falls(result: Fit) -> bool:

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import FloatArray, IntArray
 from minorloop.identification.rough_model import RecordFault, RoughRecord, one_of_each, spread
 from minorloop.lab.frozen import frozen
+from minorloop.lab.noise import noise_of
 
 _EQUAL = 1e-9
 """Readings that differ by less than this share of the span count as equal."""
@@ -25,6 +26,24 @@ _BINS, _LEAST_CHANGE = 12, 0.12
 that does not move is stuck."""
 _LEAST_OF_NOISE = 6.0
 """The same in standard deviations of the noise, for a noisy sensor that repeats itself exactly."""
+
+_WIDTHS = np.array([_EQUAL, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.012, 0.018, 0.025, 0.035, 0.05, 0.07])
+"""Widths of a rail that are tried, in spans: up to six standard deviations of noise."""
+_COARSE = 35
+"""Inputs reached upwards below which hardly any lie just below a rail."""
+_FEWEST, _LEAST_PATH = 4, 0.1
+"""Readings at a rail, and the range of their inputs over that of all."""
+_NOISY, _RISES = 1.5, 0.35
+"""Scatter of the readings at a rail over the noise at most, and their rise over the width."""
+_BELOW, _DENSER, _MORE = 0.06, 1.8, 1.5
+"""Least width of the two bands below a rail, in spans; readings in the upper band over those in the
+lower one up to which the output does not saturate by itself: 1 where it rises straight, 2.2 and
+more where it saturates exponentially; and readings at the rail over those in the lower band."""
+_LAST_STEP, _LEAST_STEP = 0.3, 0.03
+"""Last step of a coarse record to a rail, over the step before, and in spans."""
+_EXACT, _LEAST_NOISE = 3, 1e-4
+"""Readings that equal an extreme, over those that equal another one near it; and noise, in spans,
+from which they do not by chance."""
 
 
 def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
@@ -145,36 +164,113 @@ def _stretch(values: FloatArray, first: int, width: int, allowed: float) -> tupl
 
 
 def clipped(record: RoughRecord) -> Iterator[RecordFault]:
-    """Find extremes that many readings equal exactly, and that are reached at full slope."""
-    values = record.values
-    for word, extreme in (("highest", values.max()), ("lowest", values.min())):
-        at = np.abs(values - extreme) <= _EQUAL * record.span
-        count = int(np.count_nonzero(at))
-        if count < max(4, 0.012 * values.size):
+    """Find extremes where the output suddenly stays within its noise while the input goes on."""
+    u, size, places = _landings(record)
+    y, noise = record.y[places], _least_noise(record)
+    for word, way in (("highest", 1), ("lowest", -1)):
+        depth = float((way * record.values).max()) - way * record.values
+        width = _equal(depth, record.span, noise)
+        if width is None:
+            width = _rail(way * u, way * y, way * size, record.span, noise)
+        if width is None:
             continue
-        near = ~at & (np.abs(values - extreme) <= 0.05 * record.span)
-        others = np.unique(values[near], return_counts=True)[1]
-        if count < 3 * others.max(initial=1) or not _abrupt(record, at, float(extreme)):
-            continue
-        samples = record.places[at]
+        samples = record.places[depth <= width]
+        extreme = record.values[np.argmin(depth)]
         yield RecordFault(
             "clipped",
             tuple(map(int, samples)),
-            f"the output is clipped: {count} readings equal the {word}, {extreme:.6g}, exactly, "
-            f"first at sample {samples[0]}; there the range of the sensor ends, and the model is "
-            "not valid beyond it. Use a wider range, or empty these cells",
+            f"the output is clipped at its {word}, {extreme:.6g}: {samples.size} readings are "
+            f"within noise of it while the input goes on, first at sample {samples[0]}; there the "
+            "range of the sensor ends, or the source limits the input, and the model is not valid "
+            "beyond it. Use a wider range or smaller inputs, or empty these cells",
         )
 
 
-def _abrupt(record: RoughRecord, at: BoolArray, extreme: float) -> bool:
-    """Whether the output reaches the extreme at a usual slope, and stays while u moves."""
-    values, u = record.values, record.u[record.places]
-    entries = np.flatnonzero(at[1:] & ~at[:-1]) + 1
-    held = np.flatnonzero(at[1:] & at[:-1])
-    if not entries.size or not np.any(u[held] != u[held + 1]):
+def _landings(record: RoughRecord) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Inputs, the changes that led to them, and the last measured row of each constant input."""
+    change = np.diff(record.u, prepend=record.u[:1])
+    change[record.curves.begins] = 0.0
+    number = np.cumsum(change != 0)
+    places = record.places[np.append(np.diff(number[record.places]) != 0, True)]
+    return record.u[places], np.append(0.0, change[change != 0])[number[places]], places
+
+
+def _least_noise(record: RoughRecord) -> float:
+    """Standard deviation of the noise: the lesser of two estimates, each too large at times."""
+    values = record.values
+    return min(spread(values - record.rough[record.places]), noise_of(np.diff(values, 2), 2))
+
+
+def _equal(depth: FloatArray, span: float, noise: float) -> float | None:
+    """Width of a rail without noise in a record with noise; None without one."""
+    width = _EQUAL * span
+    near = depth[(depth > width) & (depth <= _BELOW * span)]
+    others = int(np.unique(near, return_counts=True)[1].max(initial=1))
+    at = depth <= width
+    exact = np.count_nonzero(at) >= max(_FEWEST, _EXACT * others)
+    entered = bool((at[1:] & ~at[:-1]).any())
+    return width if exact and entered and noise > _LEAST_NOISE * span else None
+
+
+def _rail(
+    u: FloatArray, y: FloatArray, size: FloatArray, span: float, noise: float
+) -> float | None:
+    """Width of a rail above, in the unit of the output; None without one.
+
+    Parameters
+    ----------
+    u, y : (N,) arrays
+        Inputs and outputs.
+    size : (N,) array
+        Changes that led to the inputs.
+    span, noise : float
+        Range of the output, and standard deviation of its noise.
+    """
+    up = size > 0
+    coarse = np.count_nonzero(up) < _COARSE
+    weights = np.minimum(size / np.median(size[up]), 1.0) if up.any() else size
+    depth = y.max() - y
+    for width in map(float, _WIDTHS * span):
+        at = depth <= width if coarse else up & (depth <= width)
+        if np.count_nonzero(at) < _FEWEST or np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
+            continue
+        noisy = y[at].std() <= _NOISY * noise + _EQUAL * span
+        if not noisy or _rise(u[at], y[at]) > _RISES * width:
+            continue
+        if coarse:
+            found = _abrupt(u, depth, width, span)
+        else:
+            found = _sudden(depth[up], weights[up], width, span)
+        if found:
+            return width
+    return None
+
+
+def _rise(u: FloatArray, y: FloatArray) -> float:
+    """Rise of a straight line through readings along the range of their inputs."""
+    centred = u - u.mean()
+    return abs(float(centred @ y)) / float(centred @ centred) * float(np.ptp(u))
+
+
+def _sudden(depth: FloatArray, weights: FloatArray, width: float, span: float) -> bool:
+    """Whether many readings are at a rail, and just below it no more than further below.
+
+    Where an output saturates by itself, they become denser.
+    """
+    band = max(_BELOW * span, 2 * width)
+    edges = np.array([0.0, width, width + band, width + 2 * band])
+    above = [float(weights[depth <= edge].sum()) for edge in edges[1:]]
+    at, below, further = above[0], above[1] - above[0], above[2] - above[1]
+    return at >= _MORE * max(further, 1.0) and below <= _DENSER * (further + 0.5)
+
+
+def _abrupt(u: FloatArray, depth: FloatArray, width: float, span: float) -> bool:
+    """Whether the last steps to a rail are not much smaller than those before."""
+    entries = np.flatnonzero((depth[1:] <= width) & (depth[:-1] > width) & (np.diff(u) > 0))
+    if not entries.size:
         return False
-    usual = float(np.median(np.abs(np.diff(values[~at])))) if np.count_nonzero(~at) > 1 else 0.0
-    slope = np.zeros(entries.size)
-    for back in (1, 3):
-        slope = np.maximum(slope, np.abs(extreme - values[np.maximum(entries - back, 0)]) / back)
-    return bool(np.median(slope) > 0.15 * usual)
+    last = float(np.mean(depth[entries])) - width
+    entries = entries[entries > 0]
+    entries = entries[u[entries] > u[entries - 1]]
+    before = float(np.mean(depth[entries - 1] - depth[entries])) if entries.size else 0.0
+    return last > max(_LAST_STEP * before, _LEAST_STEP * span)

@@ -12,13 +12,16 @@ from minorloop.identification.rough_model import RecordFault, RoughRecord, few, 
 LONGEST_LAG, _REVERSAL_WIDTHS, _FEWEST_REVERSALS, _JUST_BEFORE = 10, (6, 4, 3), 4, 2
 _BETTER, _BETTER_BY = 0.72, 0.007
 """A lag is found if a shift reduces the error to this share, and by this many spans."""
-_OVERSHOOT, _OVERSHOOT_HINTED, _HINT = 0.02, 0.012, 0.85
-"""Overshoot after reversals, in spans, that shows a lag; the second where a shift reduces the error
+_OVERSHOOT, _HINT = 0.007, 0.85
+"""Overshoot after reversals, in spans, that shows a lag, unless an earlier output reduces the error
 to that share."""
 
 
-def lagging(record: RoughRecord, sound: BoolArray) -> Iterator[RecordFault]:
-    """Find a shift that makes the rough model much better, or an output that reverses late."""
+def lagging(record: RoughRecord, sound: BoolArray, searched: bool) -> Iterator[RecordFault]:
+    """Find a shift that makes the rough model much better, or an output that reverses late.
+
+    Where the lag was searched, what is left is no lag alone.
+    """
     rows = np.flatnonzero(sound)
     size = record.y.size
     inside = record.curves.positions(size)[rows] >= LONGEST_LAG + record.lag
@@ -33,13 +36,12 @@ def lagging(record: RoughRecord, sound: BoolArray) -> Iterator[RecordFault]:
     better = errors[best] < _BETTER * here and here - errors[best] > _BETTER_BY * record.span
     late, overshoot = _late(record)
     hinted = errors[best] < _HINT * here
-    overshoots = overshoot > (_OVERSHOOT_HINTED if hinted and shift > 0 else _OVERSHOOT)
     if better and shift:
         why = (
             f"the error of a rough model falls from {here / record.span:.1%} to "
             f"{errors[best] / record.span:.1%} of range with it"
         )
-    elif overshoots and not (hinted and shift < 0):
+    elif overshoot > _OVERSHOOT and not (hinted and shift < 0):
         shift = late
         why = f"it continues by {overshoot:.1%} of range after the input has reversed"
     else:
@@ -47,7 +49,12 @@ def lagging(record: RoughRecord, sound: BoolArray) -> Iterator[RecordFault]:
     way = "follows" if shift > 0 else "comes before"
     more = " more" if record.lag else ""
     todo = "it may help to shift one of the two columns"
-    if record.lag + shift > 0:
+    if searched and shift > 0:
+        todo = (
+            "a filter of the sensor or a slow source does that: change the input more slowly, or "
+            "record settled outputs"
+        )
+    elif record.lag + shift > 0:
         todo = f'lag="auto" or lag={record.lag + shift} (--lag auto) takes it into account'
     yield RecordFault(
         "lag",

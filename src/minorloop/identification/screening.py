@@ -41,7 +41,7 @@ def record_faults(
     lag : int
         Lag of the model in samples.
     searched : bool
-        Whether that lag was searched; then no further lag is searched here.
+        Whether that lag was searched; then what is left is no lag alone.
 
     Returns
     -------
@@ -70,9 +70,9 @@ def _faults(
     off = _off_rough_model(record)
     off = off[sound[off]]
     sound[off] = False
-    late = [] if searched else [*lagging(record, sound)]
-    if late:  # A lagging output does not move at the beginning.
-        flat = [one for one in flat if one.kind != "stuck" or one.samples[-1] > LONGEST_LAG]
+    late = [*lagging(record, sound, searched)]
+    if late:  # A lagging output does not move at the beginning, and belongs to other inputs.
+        flat = [one for one in flat if one.kind == "stuck" and one.samples[-1] > LONGEST_LAG]
     return (*_outliers(y, np.union1d(far, off), known), *flat, *late)
 
 
