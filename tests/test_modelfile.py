@@ -275,9 +275,9 @@ def spoil(content, keys, value):
         (["version"], None, "is not a model file"),
         (["version"], 0, "is not a model file"),
         (["version"], "1", "is not a model file"),
-        (["version"], 3, "format version 3, and this minorloop reads up to 2; install a newer"),
-        (["version"], 2, "a file with warnings has version 2, one without has version 1"),
-        (["warnings"], ["it is clipped"], "a file with warnings has version 2"),
+        (["version"], 4, "format version 4, and this minorloop reads up to 3; install a newer"),
+        (["version"], 2, "a file with bands has version 3, another one with warnings 2"),
+        (["warnings"], ["it is clipped"], "another one with warnings 2"),
         (["warnings"], [], "at `warnings`"),
         (["warnings"], ["\x1b[2J"], "at `warnings"),
         (["author"], "me", "unknown field `author`"),
@@ -498,3 +498,50 @@ def test_an_identification_with_an_interval_is_saved_with_its_lag_in_seconds(tmp
     assert read(tmp_path / "m.json").lag_seconds == pytest.approx(0.02)
     with pytest.raises(minorloop.errors.ParameterError, match=r"interval is 0; give a time > 0"):
         minorloop.identify(u, u, interval=0)
+
+
+@pytest.fixture(scope="module")
+def with_bands(tmp_path_factory):
+    """The text of a file with bands."""
+    u = np.random.default_rng(1000).uniform(-1, 1, 200)
+    noise = 0.01 * np.random.default_rng(1001).normal(size=200)
+    path = tmp_path_factory.mktemp("bands") / "m.json"
+    save(minorloop.identify(u, np.abs(u) + noise, levels=4), path)
+    return path.read_text()
+
+
+def test_a_file_with_bands_has_version_3_and_its_bands_are_read_when_they_are_used(
+    with_bands, path
+):
+    content = json.loads(with_bands)
+    assert content["version"] == 3
+    path.write_text(with_bands)
+    found = read(path).band_model()
+    np.testing.assert_allclose(found.posterior.factor, np.tril(found.posterior.factor))
+    for version in (1, 2):
+        path.write_text(json.dumps({**content, "version": version}))
+        with pytest.raises(ModelFileError, match="a file with bands has version 3"):
+            read(path)
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        (["levels"], [0.0, 0.0], "not strictly increasing"),
+        (["levels"], [0.0, 1.0], "factors have 11 rows; the levels need 2"),
+        (["factor", 1], [1.0], "row 1 of factors has 1 numbers; it needs 2"),
+        (["error", "reached", 1], "2a", "text of 0 and 1"),
+        (["error", "reached", 1], "1", "text of 0 and 1"),
+        (["error", "factors"], [1.0, -1.0, 0.0], "must be >= 0"),
+        (["error", "variance"], [1.0, 1.0], "one for each input"),
+        (["noise"], -1.0, "at `bands.noise`"),
+        (["samples"], 0, "at `bands.samples`"),
+        (["colour"], "red", "unknown field `colour` - at `bands`"),
+    ],
+)
+def test_damaged_bands_are_refused(keys, value, message, with_bands, path):
+    content = json.loads(with_bands)
+    spoil(content["bands"], keys, value)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelFileError, match=message):
+        read(path).band_model()

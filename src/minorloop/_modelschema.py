@@ -186,9 +186,9 @@ def build(part: msgspec.Struct) -> Any:
         elif name == "levels":
             values[name] = as_levels(value)
         elif name == "weights" and of in _TRIANGLES:
-            values[name] = _square(value, values["levels"].size + _TRIANGLES[of])
+            values[name] = square(value, values["levels"].size + _TRIANGLES[of])
         elif name == "creep" and of is AfterEffect:
-            values[name] = [_square(rows, values["plane"].bands) for rows in value]
+            values[name] = [square(rows, values["plane"].bands) for rows in value]
         else:
             values[name] = frozen(value) if isinstance(value, list) else value
     return of(**values)
@@ -205,6 +205,42 @@ class Named(_Strict):
 
     name: str
     unit: str
+
+
+class ErrorPart(_Strict):
+    """Error of a model beyond its posterior: the parameters of `ModelError`.
+
+    ``scores`` are quantiles at even probabilities from 0 to 1, ``reached`` has a text of 0 and 1
+    for each row of the plane up to the diagonal.
+    """
+
+    parts: Annotated[int, msgspec.Meta(ge=1)]
+    levels: list[float]
+    reached: list[str]
+    factors: Annotated[list[float], msgspec.Meta(min_length=3, max_length=3)]
+    scores: Annotated[list[float], msgspec.Meta(min_length=2, max_length=1000)]
+    inputs: Annotated[list[float], msgspec.Meta(min_length=1, max_length=1000)]
+    variance: Annotated[list[float], msgspec.Meta(min_length=1, max_length=1000)]
+
+
+class BandsPart(_Strict):
+    """What the bands of a Preisach model follow from: a posterior on a coarse plane, and errors.
+
+    ``factor`` times its transpose is the covariance of the weights, and of offset and slope if
+    these were fitted; rows up to the diagonal.
+    """
+
+    levels: list[float]
+    offset: bool
+    slope: bool
+    factor: list[list[float]]
+    unit: float
+    samples: Annotated[int, msgspec.Meta(ge=1)]
+    discrepancy: Annotated[float, msgspec.Meta(ge=0)]
+    noise: Annotated[float, msgspec.Meta(ge=0)]
+    shown: Annotated[float, msgspec.Meta(ge=0)]
+    grouped: bool
+    error: ErrorPart | None
 
 
 class Header(msgspec.Struct):
@@ -226,6 +262,7 @@ class Content(_Strict):
     provenance: Provenance
     lag_s: Annotated[float, msgspec.Meta(ge=0)] = 0.0
     warnings: Annotated[list[Sentence], msgspec.Meta(min_length=1, max_length=MOST_WARNINGS)] = []
+    bands: BandsPart | None = None
 
 
 def kind_of(model: Any) -> str:
@@ -300,13 +337,13 @@ def _compact(value: object) -> str:
     return msgspec.json.format(msgspec.json.encode(value), indent=0).decode()
 
 
-def _square(rows: Sequence[Sequence[float]], size: int) -> FloatArray:
+def square(rows: Sequence[Sequence[float]], size: int, name: str = "weights") -> FloatArray:
     """Return rows up to the diagonal as a square with zeros above it."""
     if len(rows) != size:
-        raise ParameterError(f"weights have {len(rows)} rows; the levels need {size}")
+        raise ParameterError(f"{name} have {len(rows)} rows; the levels need {size}")
     for i, row in enumerate(rows):
         if len(row) != i + 1:
-            raise ParameterError(f"row {i} of weights has {len(row)} numbers; it needs {i + 1}")
+            raise ParameterError(f"row {i} of {name} has {len(row)} numbers; it needs {i + 1}")
     square: FloatArray = np.zeros((size, size))
     square[np.tril_indices(size)] = [number for row in rows for number in row]
     return square

@@ -45,8 +45,9 @@ The other keys of ``model`` depend on its kind. They are the parameters of its c
 The weights of the first two, and those of the creep for each time, are rows up to the diagonal: row
 i has i + 1 numbers. Decimal numbers
 are read as exactly the same float64. ``warnings`` are sentences that say why the model is not to be
-trusted. A reader refuses unknown keys, so files with warnings have version 2, and files without
-them have version 1.
+trusted. ``bands`` is what the bands of a Preisach model follow from (`BandModel`): the posterior on
+a plane of at most 12 bands, and the error beyond it. A reader refuses unknown keys, so files with
+bands have version 3, others with warnings version 2, and all others version 1.
 """
 
 from __future__ import annotations
@@ -55,9 +56,10 @@ import json
 import stat
 import warnings as _warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -68,6 +70,7 @@ import numpy.typing as npt
 from minorloop._modelschema import (
     LONGEST_WARNING,
     MOST_WARNINGS,
+    BandsPart,
     Content,
     Header,
     Model,
@@ -89,17 +92,19 @@ from minorloop.errors import ModelFileError, ParameterError
 from minorloop.files import PathLike, check_name, check_writable, kind_of_file, write_atomically
 from minorloop.lab.records import Quantity
 from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.preisach import Preisach
 from minorloop.version import __version__
 
 if TYPE_CHECKING:
     from minorloop.dynamics.cascade import CascadeInversion
+    from minorloop.identification.band_model import BandModel
     from minorloop.operators.inversion import Inversion
 
 __all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "ModelWarning", "Provenance"]
 __all__ += ["load", "plain", "read", "save"]
 
 FORMAT = "minorloop model"
-VERSION = 2
+VERSION = 3
 """Newest version that this package writes and reads."""
 LARGEST = 64 * 2**20
 """Bytes of the largest model file: a plane of some 2,000 bands."""
@@ -132,6 +137,8 @@ class ModelFile:
         Why the model is not to be trusted; empty if there are no warnings.
     lag_seconds : float
         The lag in seconds; 0 if it is known in samples only.
+    band_model : callable, optional
+        Returns what the bands follow from, which takes a moment; None where the file has no bands.
     """
 
     model: Model
@@ -141,6 +148,7 @@ class ModelFile:
     provenance: Provenance
     warnings: tuple[str, ...] = ()
     lag_seconds: float = 0.0
+    band_model: Callable[[], BandModel] | None = None
 
     @property
     def has_time(self) -> bool:
@@ -272,16 +280,17 @@ def save(
         If a file cannot contain the model, the provenance or the warnings.
     """
     target = check_writable(path, force=force)
-    complete = _complete(provenance)
+    complete, bands = _complete(provenance), None
     if isinstance(model, Identified):
         lag = getattr(model, "lag_of_model", model.lag) if lag is None else lag
         lag_seconds = model.lag_seconds if lag_seconds is None else lag_seconds
         warnings = model.warnings if warnings is None else warnings
+        bands = _bands_of(model)
         complete = {**complete, "scores": {**model.scores, **complete["scores"]}}
         model = model.model
     content = {
         "format": FORMAT,
-        "version": VERSION if warnings else 1,
+        "version": 0,
         "input": _named(input),
         "output": _named(output),
         "lag": lag or 0,
@@ -292,6 +301,9 @@ def save(
         content["lag_s"] = float(lag_seconds)
     if warnings:
         content["warnings"] = [text[:LONGEST_WARNING] for text in warnings][:MOST_WARNINGS]
+    if bands is not None:
+        content["bands"] = bands
+    content["version"] = _version(bool(bands), bool(warnings))
     try:
         _check_words(msgspec.convert(content, Content).provenance)
         data = f"{layout(content)}\n".encode()
@@ -359,17 +371,51 @@ def read(path: PathLike) -> ModelFile:
     try:
         content = msgspec.json.decode(data, type=Content)
         _check_repeats(data)
-        if bool(content.warnings) != (content.version == VERSION):
-            raise ParameterError("a file with warnings has version 2, one without has version 1")
+        if content.version != _version(content.bands is not None, bool(content.warnings)):
+            raise ParameterError(
+                "a file with bands has version 3, another one with warnings 2, all others 1"
+            )
         model = build(content.model)
         _check_words(content.provenance)
         mapped = _quantity(content.input), _quantity(content.output)
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
-    warnings = tuple(content.warnings)
-    return ModelFile(
-        model, *mapped, content.lag, content.provenance, warnings, float(content.lag_s)
-    )
+    bands = None if content.bands is None else partial(_read_bands, path, content.bands, model)
+    warnings, lag_s = tuple(content.warnings), float(content.lag_s)
+    return ModelFile(model, *mapped, content.lag, content.provenance, warnings, lag_s, bands)
+
+
+def _version(bands: bool, warnings: bool) -> int:
+    """Return the version of a file, by what it has."""
+    return VERSION if bands else 2 if warnings else 1
+
+
+def _bands_of(found: Identified) -> dict[str, Any] | None:
+    """Return what a file keeps of the bands of an identification; None if that has none."""
+    known = getattr(found, "band_model", None)
+    if known is None:
+        return None
+    from minorloop._bandschema import bands_in_file  # identification takes half a second to import
+
+    return bands_in_file(known)
+
+
+def _read_bands(path: PathLike, part: BandsPart, model: Preisach) -> BandModel:
+    """Return what bands follow from.
+
+    Raises
+    ------
+    ModelFileError
+        If the numbers contradict each other.
+    """
+    from minorloop._bandschema import bands_of
+
+    try:
+        if not isinstance(model, Preisach):
+            raise ParameterError("a model of another kind than preisach has no bands")
+        return bands_of(part, model)
+    except ValueError as error:
+        raise ModelFileError(f"the bands of {path} are not valid: {reason(error)}") from None
 
 
 def _bytes_of(path: PathLike) -> bytes:

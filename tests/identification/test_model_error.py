@@ -19,7 +19,7 @@ def travel(u):
 def reach(u):
     inputs = np.array(u, dtype=float)
     matrix = DesignMatrix(CELLS, inputs, np.ones(inputs.size, dtype=bool), "negative")
-    return Reach.of(matrix, np.ones(inputs.size, dtype=bool))
+    return Reach.of(matrix.spec, matrix.corner)
 
 
 def squared_distance(known, u):

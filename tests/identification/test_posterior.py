@@ -64,3 +64,23 @@ def test_a_sparse_posterior_has_the_factor_of_its_variances(monkeypatch):
     assert found.deviation(new, "negative", every & (new > 0)) == pytest.approx(
         found.deviation(new, "negative")[new > 0]
     )
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_coarse_plane_has_the_variances_of_what_it_can_describe(sparse, monkeypatch):
+    """On its levels regressors of both planes are the same."""
+    if sparse:
+        for name, value in (("_LEAST_SPARSE", 0), ("_SHARE", np.inf), ("_FILL", np.inf)):
+            monkeypatch.setattr(prior_system, name, value)
+    model, u, y = a_record_with_long_branches(each=40)
+    found = identify(u, y, levels=model.levels, prior="gaussian", slope=True).posterior
+    apart = np.linspace(0, 0.1, found.spec.unknowns)
+    found = replace(found, apart=apart)
+    assert isinstance(found, SparsePosterior) == sparse
+    coarse = found.coarse(6)
+    assert coarse.spec.bands == 6
+    np.testing.assert_array_equal(coarse.dense, np.tril(coarse.dense))
+    new = np.random.default_rng(0).choice(coarse.spec.levels, 40)
+    np.testing.assert_allclose(
+        coarse.deviation(new, "negative"), found.deviation(new, "negative"), rtol=1e-5
+    )

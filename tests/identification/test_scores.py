@@ -3,10 +3,8 @@ import pytest
 from tests.fixed_options import identify
 
 from minorloop.identification.scores import (
-    CURVE_COLUMNS,
     MOST_CURVES,
-    curve_rows,
-    curve_title,
+    curve_table,
     score_rows,
 )
 
@@ -36,13 +34,13 @@ def test_each_curve_has_a_row_and_of_many_those_with_the_largest_errors():
     for count in (10, 12):
         rows, curves = slice(0, 4 * count), np.repeat(np.arange(count), 4)
         found = identify(u[rows], (u + error)[rows], levels=2, prior="none", curves=curves)
-        table = curve_rows(found)
+        columns, table, title = curve_table(found.curve_accuracy)
         assert len(table) == MOST_CURVES
-        assert {len(row) for row in table} == {len(CURVE_COLUMNS)}
+        assert {len(row) for row in table} == {len(columns)}
         errors = [one.accuracy.nrmse for one in found.curve_accuracy]
         if count > MOST_CURVES:
             assert int(table[0][0]) == np.argmax(errors)
-            assert "of 12 curves" in curve_title(found)
+            assert "of 12 curves" in title
         else:
             assert [row[0] for row in table] == [str(k) for k in range(10)]
 

@@ -82,6 +82,20 @@ class PlaneSpec:
             slope=float(x[-1]) if self.slope else 0.0,
         )
 
+    def coarse(self, bands: int) -> PlaneSpec:
+        """Return the structure on some of the levels, at most so many bands."""
+        count = min(bands, self.bands)
+        places = np.round(np.linspace(0, self.bands, count + 1)).astype(np.int64)
+        return replace(self, levels=self.levels[places])
+
+    def sums(self, coarse: PlaneSpec) -> IntArray:
+        """(n,) unknown of a plane on some of the levels that each unknown is a part of."""
+        within = np.searchsorted(coarse.levels, self.levels[:-1], side="right") - 1
+        rows, columns = np.tril_indices(self.bands)
+        i, j = within[rows], within[columns]
+        levels = np.arange(coarse.cells, coarse.unknowns)
+        return np.concatenate([i * (i + 1) // 2 + j, levels]).astype(np.int64)
+
     def unknowns_of(self, model: Preisach) -> FloatArray:
         """(n,) unknowns of an operator of this structure."""
         levels = [model.offset] * self.offset + [model.slope] * self.slope

@@ -234,9 +234,13 @@ class EverettSystem:
             b[self._steep] = r[-1]
         return b
 
-    def inverse(self) -> FloatArray:
-        """(n, n) inverse of the factorised system for columns that are not scaled."""
-        rows = np.stack([self._right(unit) for unit in np.eye(self.scale.size)], axis=1)
+    def inverse(self, directions: FloatArray | None = None) -> FloatArray:
+        """(k, k) inverse of the factorised system, for columns that are not scaled.
+
+        Along directions (k, n); all of it without them.
+        """
+        each = np.eye(self.scale.size) if directions is None else directions
+        rows = np.stack([self._right(one) for one in each], axis=1)
         return self._factor.products(rows)
 
     def logarithm(self) -> float:

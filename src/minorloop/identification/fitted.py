@@ -151,6 +151,11 @@ class Fit:
         return learn(regression, known, model, contiguous_parts(rows.size))
 
     @property
+    def scored(self) -> BoolArray:
+        """(T,) samples whose errors are known: fitted ones, and those held out."""
+        return self.fitted | self.held_out
+
+    @property
     def start(self) -> Start:
         """Memory before the first sample, and before each curve."""
         return self.curves.start
@@ -208,8 +213,7 @@ class Fit:
         """Errors on each curve whose memory is reset; empty for a record of one curve."""
         if self.curves.begins.size == 1:
             return ()
-        scored = self.fitted | self.held_out
-        return by_curve(self.u, self.y, self.prediction, scored, self.curves, self.left_out)
+        return by_curve(self.u, self.y, self.prediction, self.scored, self.curves, self.left_out)
 
     @property
     def rmse(self) -> float:

@@ -78,16 +78,15 @@ class Reach:
     distance: FloatArray
 
     @classmethod
-    def of(cls, matrix: DesignMatrix, kept: BoolArray) -> Reach:
-        """Return what some of the samples of a matrix reach."""
-        bands, corner = matrix.spec.bands, matrix.corner[kept]
-        places = np.stack(np.tril_indices(bands), axis=1) / bands
+    def of(cls, spec: PlaneSpec, corner: IntArray) -> Reach:
+        """Return what samples reach that evaluate the Everett function in these cells."""
+        places = np.stack(np.tril_indices(spec.bands), axis=1) / spec.bands
         reached = places[np.unique(corner[corner >= 0])]
         distance = np.zeros(len(places) + 1)
         if len(reached):
             away = np.linalg.norm(places[:, None] - reached, axis=2)
             distance[:-1] = away.min(axis=1)
-        return cls(matrix.spec, distance)
+        return cls(spec, distance)
 
     def covariates(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
         """(M, 2) closed travel and squared distance of measured samples, in ranges of the input.
@@ -208,7 +207,7 @@ def learn(
     coarse = DesignMatrix(spec, regression.inputs, regression.measured, matrix.start)
     covariates = np.empty((part.size, 2))
     for k in np.unique(part):
-        reach = Reach.of(coarse, part != k)
+        reach = Reach.of(spec, coarse.corner[part != k])
         found = reach.covariates(regression.inputs, regression.measured, matrix.start)
         covariates[part == k] = found[part == k]
     parts = 1 + int(np.count_nonzero(np.diff(coarse.corner))) if groups is None else groups
@@ -217,7 +216,7 @@ def learn(
     factors = _factors(components, square, weight * min(parts / weight.sum(), 1.0), scale)
     scores = np.sort(np.sqrt(square / (components @ factors)))
     factors = factors * np.array([1.0, scale**2, scale**2])
-    reach = Reach.of(coarse, part >= 0)
+    reach = Reach.of(spec, coarse.corner)
     return ModelError(parts, reach, factors, scores, inputs, variance)
 
 

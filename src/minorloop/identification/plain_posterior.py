@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.identification.design_matrix import PlaneSpec, pack, unpack
 from minorloop.identification.fitting import Regression
 from minorloop.identification.least_squares import reproduces
 from minorloop.identification.likelihood import MOST_SEARCH_BANDS, Evidence, search
@@ -73,16 +72,9 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
                 left = max(left, max(free, 1.0) * variance)
         h = with_residual_variance(h, left, free, noise)
         system = dense_system(plane, evidence, h, signed=True)
-        other = _on_coarser_plane(matrix.spec, medium.spec, x)
+        into = matrix.spec.sums(medium.spec)
+        other = np.bincount(into, x, medium.spec.unknowns)
         if medium.spec.offset:
             other[medium.spec.cells] -= middle
         found = system.posterior(unit, round(count), determined)
         return replace(found, dense=np.column_stack([found.dense, other - unit * system.mean]))
-
-
-def _on_coarser_plane(fine: PlaneSpec, coarse: PlaneSpec, x: FloatArray) -> FloatArray:
-    """(n,) unknowns with the weights of fine cells summed; its levels are some of the fine ones."""
-    within = np.searchsorted(coarse.levels, fine.levels[:-1], side="right") - 1
-    weights = np.zeros((coarse.bands, coarse.bands))
-    np.add.at(weights, np.ix_(within, within), unpack(x[: fine.cells]))
-    return np.append(pack(weights), x[fine.cells :])

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.everett_system import EverettSystem
 from minorloop.identification.likelihood import LEARNT, cholesky, regressors
@@ -60,6 +60,27 @@ class Posterior(ABC):
     def variances(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
         """(M,) variances of outputs from the uncertainty of the unknowns alone."""
 
+    @abstractmethod
+    def _root(self, into: IntArray, unknowns: int) -> FloatArray:
+        """F (k, m), where F F' is the covariance of sums of the unknowns; ``into`` as `sums`."""
+
+    def coarse(self, bands: int) -> DensePosterior:
+        """Return the distribution of the unknowns of a plane of at most so many bands.
+
+        Its factor is lower triangular. Outputs have nearly the same deviations: the density counts
+        as constant in each of the larger cells.
+        """
+        spec = self.spec.coarse(bands)
+        into = self.spec.sums(spec)
+        root = self._root(into, spec.unknowns)
+        if self.apart is not None:
+            root = np.column_stack([root, np.bincount(into, self.apart, spec.unknowns)])
+        root = np.asarray(np.linalg.qr(root.T, mode="r")).T
+        square = np.zeros((spec.unknowns, spec.unknowns))
+        square[:, : root.shape[1]] = root
+        known = self.hyperparameters, self.unit, self.samples, self.determined
+        return DensePosterior(spec, *known, dense=square)
+
     def deviation(
         self, u: FloatArray, start: Start, measured: BoolArray | None = None
     ) -> FloatArray:
@@ -94,6 +115,12 @@ class DensePosterior(Posterior):
         """F (n, n), where F F' is the covariance of the unknowns, without sign constraints."""
         return self.dense
 
+    def _root(self, into: IntArray, unknowns: int) -> FloatArray:
+        """Sums of the rows of the factor."""
+        root = np.zeros((unknowns, self.dense.shape[1]))
+        np.add.at(root, into, self.dense)
+        return root
+
     def variances(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
         """(M,) variances of outputs, from dense regressors."""
         places = np.flatnonzero(measured)
@@ -126,6 +153,12 @@ class SparsePosterior(Posterior):
     def factor(self) -> FloatArray:
         """F (n, n), where F F' is the covariance of the unknowns; for small planes only."""
         return cholesky(self.variance * self.system.inverse())
+
+    def _root(self, into: IntArray, unknowns: int) -> FloatArray:
+        """Root of the covariance of the sums, by its eigenvalues."""
+        directions = (into == np.arange(unknowns)[:, None]).astype(np.float64)
+        size, axes = np.linalg.eigh(self.variance * self.system.inverse(directions))
+        return np.asarray(axes * np.sqrt(np.maximum(size, 0.0)))
 
     def variances(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
         """(M,) variances of outputs, from the sparse factor."""

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, IntArray, Samples
 from minorloop.figures import NotebookView, figure_of
-from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification import advising
+from minorloop.identification.band_model import BandModel, within_cells
 from minorloop.identification.bands import BAND, Prediction, as_probability
 from minorloop.identification.baseline import delayed
 from minorloop.identification.curves import Curves, as_curves
@@ -21,10 +21,6 @@ from minorloop.identification.rough_model import few
 from minorloop.identification.scores import score_rows
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
-from minorloop.operators.preisach import Diagonal
-
-_PIECES = 8
-"""Pieces of a branch of the major loop of which the steepest counts: a jump is not a slope."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,50 +129,16 @@ class Identification(Fit, NotebookView):
         lag: int | None = None,
     ) -> FloatArray:
         """Standard deviation of readings at some samples of an input, in increasing order."""
-        inputs, places = curves.driven(u, self.model.levels, self.lag if lag is None else lag)
-        places = places[samples]
-        wanted = np.zeros(inputs.size, dtype=np.bool_)
-        wanted[places] = True
-        sd = np.hypot(self.uncertainty.deviation(inputs, curves.start, wanted), self._noise)
-        if self.model_error is not None:
-            sd = self.model_error.deviation(inputs, wanted, curves.start, sd, probability)
-        if not self.grouped:  # a left-out group may reach beyond the others, and errors count this
-            sd = np.hypot(sd, self._beyond(inputs)[places])
-        return np.sqrt(sd**2 + self._within_cells(inputs, curves.start)[places])
+        late = self.lag if lag is None else lag
+        return self.band_model.deviation(self.model, u, curves, samples, probability, late)
 
-    def _within_cells(self, u: FloatArray, start: Start) -> FloatArray:
-        """Variance from where the weight of the smallest loops is within their cells.
-
-        Inputs at the levels do not show it. Both kinds of diagonal are the same there, and either
-        may hold between them. What the fitted rows show of it is in their errors.
-        """
-        other: Diagonal = "reversible" if self.model.diagonal == "uniform" else "uniform"
-        model = replace(self.model, diagonal=other)
-
-        def apart(inputs: FloatArray, begin: Start) -> FloatArray:
-            return np.square(self.model.simulate(inputs, begin) - model.simulate(inputs, begin))
-
+    @cached_property
+    def band_model(self) -> BandModel:
+        """What the bands follow from, beside the model."""
         inputs, places = self.curves.driven(self.u, self.model.levels, self.lag)
-        shown = float(apart(inputs, self.curves.start)[places[self.fitted]].mean())
-        found = apart(u, start)
-        mean = float(found.mean()) if found.size else 0.0
-        return found * max(1.0 - shown / mean, 0.0) if mean > 0 else found
-
-    def _beyond(self, u: FloatArray) -> FloatArray:
-        """Standard deviation from relays beyond the levels, of which nothing is known.
-
-        The output may go on as steeply as the major loop is where it is steepest. What an input
-        beyond one end switched is switched back on the way to the other end.
-        """
-        low, high = float(self.model.levels[0]), float(self.model.levels[-1])
-        overshoot = np.zeros(u.size)
-        if u.size and (u.min() < low or u.max() > high):
-            _kernels.overshoot(u, low, high, overshoot)
-            loop = np.linspace(low, high, _PIECES + 1)
-            branches = self.model.simulate(np.concatenate([loop, loop[::-1]]))
-            steepest = float(np.abs(np.diff(branches)).max()) * _PIECES / (high - low)
-            overshoot *= steepest
-        return overshoot
+        within = within_cells(self.model, inputs, self.curves.start)[places[self.fitted]]
+        shown = float(within.mean())
+        return BandModel(self.uncertainty, self._noise, self.model_error, self.grouped, shown)
 
     @cached_property
     def band_sd(self) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
+from typing import TypeAlias
 
 from minorloop.errors import counted
 from minorloop.identification.accuracy import Accuracy, CurveAccuracy
@@ -11,8 +13,9 @@ from minorloop.identification.fitted import Fit
 
 MOST_CURVES = 10
 """Curves up to which each has a row; of more, those with the largest errors."""
-CURVE_COLUMNS = ("curve", "samples", "error", "of its rms", "worst", "loop area", "left out")
-"""Headings of a table of curves."""
+_CURVE_COLUMNS = ("curve", "samples", "error", "of its rms", "worst", "loop area", "left out")
+CurveTable: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]], str]
+"""Headings, rows and title of a table of curves."""
 
 OF_OPERATOR = (
     *("samples fitted", "samples held out", "rows skipped", "unknowns", "free parameters"),
@@ -80,26 +83,37 @@ def accuracy_rows(fitted: Accuracy, held_out: Accuracy | None) -> list[tuple[str
         if one is not None and one.loop_area is not None
     ]
     return rows + [
-        (f"worst error{where}", _worst(one, f", sample {one.worst_sample}"))
+        (f"worst error{where}", worst_error(one, f", sample {one.worst_sample}"))
         for where, one in errors.items()
         if one is not None
     ]
 
 
-def _worst(errors: Accuracy, sample: str = "") -> str:
+def worst_error(errors: Accuracy, sample: str = "") -> str:
     """Return the largest error and its sample; what rounds to zero has no sign and no sample."""
     return f"{errors.worst:+.1%}{sample}" if abs(errors.worst) >= 0.0005 else "0.0%"
 
 
-def curve_rows(found: Fit) -> list[tuple[str, ...]]:
-    """Return the errors by curve as cells of a table, under `CURVE_COLUMNS`.
+def curve_table(curves: Sequence[CurveAccuracy]) -> CurveTable:
+    """Return headings, rows and title of a table of errors by curve.
 
-    Of more than ten curves, these are the ten with the largest errors, the largest first.
+    Of more than ten curves, these are the ten with the largest errors, the largest first. The last
+    column is the error of a fit without the curve or its group, where there is one.
+
+    Parameters
+    ----------
+    curves : sequence of CurveAccuracy
+        Errors on each curve or group.
     """
-    curves = list(found.curve_accuracy)
+    shown, columns = list(curves), len(_CURVE_COLUMNS)
+    if all(one.left_out is None for one in curves):
+        columns -= 1
+    which = "by curve"
     if len(curves) > MOST_CURVES:
-        curves.sort(key=lambda one: -one.accuracy.nrmse)
-    return [_curve_row(one) for one in curves[:MOST_CURVES]]
+        shown.sort(key=lambda one: -one.accuracy.nrmse)
+        which = f"the {MOST_CURVES} largest of {len(curves)} curves"
+    rows = [_curve_row(one)[:columns] for one in shown[:MOST_CURVES]]
+    return _CURVE_COLUMNS[:columns], rows, f"errors over the range of the record, {which}"
 
 
 def _curve_row(curve: CurveAccuracy) -> tuple[str, ...]:
@@ -109,17 +123,10 @@ def _curve_row(curve: CurveAccuracy) -> tuple[str, ...]:
         f"{errors.samples}",
         percent(errors.nrmse),
         percent(errors.relative_rms),
-        _worst(errors),
+        worst_error(errors),
         "-" if errors.loop_area is None else percent(errors.loop_area),
         "-" if curve.left_out is None else percent(curve.left_out),
     )
-
-
-def curve_title(found: Fit) -> str:
-    """Return the title of the table of curves."""
-    count = len(found.curve_accuracy)
-    which = f"the {MOST_CURVES} largest of {count} curves" if count > MOST_CURVES else "by curve"
-    return f"errors over the range of the record, {which}"
 
 
 def _group_row(found: Fit) -> list[tuple[str, str]]:
