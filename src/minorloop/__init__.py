@@ -77,6 +77,7 @@ if TYPE_CHECKING:
     from minorloop.operators.preisach import Preisach
     from minorloop.operators.relays import RelayModel
     from minorloop.operators.tracker import Tracker
+    from minorloop.scoring import ModelScore, score
 
 
 __all__ = [
@@ -103,6 +104,7 @@ __all__ = [
     "MinorloopError",
     "MissingExtraError",
     "ModelFileError",
+    "ModelScore",
     "ModelWarning",
     "NextInput",
     "NotInvertibleError",
@@ -152,6 +154,7 @@ __all__ = [
     "representability",
     "run",
     "save",
+    "score",
     "step_response",
 ]
 
@@ -230,6 +233,7 @@ _HOMES = {
     "minorloop.operators.preisach": ("Preisach",),
     "minorloop.operators.relays": ("RelayModel",),
     "minorloop.operators.tracker": ("Tracker",),
+    "minorloop.scoring": ("ModelScore", "score"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 _MODULES = {
@@ -241,6 +245,7 @@ _MEANT = {
     **dict.fromkeys(("predict", "forward"), "identify(...).predict, or simulate of a model"),
     **dict.fromkeys(("simulate", "invert", "inverse"), "the method of a model, such as Preisach"),
     **dict.fromkeys(("read_csv", "open"), "read, or load for a model file"),
+    **dict.fromkeys(("validate", "evaluate", "test"), "score"),
     "plot": "the method plot of a model or result",
     "measure": "run",
 }

@@ -14,11 +14,13 @@ from minorloop.version import __version__
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.identification.accuracy import CurveAccuracy
     from minorloop.identification.after_effect_result import AfterEffectIdentification
     from minorloop.identification.dynamic_result import DynamicIdentification
     from minorloop.identification.frequency import FrequencyResponse
     from minorloop.identification.result import Identification
     from minorloop.lab.reduction import Reduction
+    from minorloop.scoring import ModelScore
 
 _SENTENCE = 30
 """Characters from which a cell of a table counts as a sentence."""
@@ -205,7 +207,7 @@ def identification_report(
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
     if result.curve_accuracy:
-        _add_curves(report, result)
+        _add_curves(report, result.curve_accuracy)
     return report
 
 
@@ -252,24 +254,58 @@ def after_effect_report(
     return report
 
 
-def _add_curves(report: Report, result: Identification) -> None:
+def score_report(score: ModelScore, *, model: str, source: str) -> Report:
+    """Return a report on the errors of a model on another record.
+
+    Parameters
+    ----------
+    score : ModelScore
+        The errors.
+    model, source : str
+        Names of the model file and of the record.
+
+    Returns
+    -------
+    Report
+    """
+    from minorloop.identification.baseline import percent
+
+    known = score.simulation.model
+    report = Report(
+        f"{model} on {source}",
+        f"The model predicts {score.accuracy.samples} readings of {source} to "
+        f"{percent(score.nrmse, 2)} of their range, {score.accuracy.rmse:.4g} "
+        f"{known.output.unit} rms. It was identified from {known.provenance.data or 'no file'}.",
+    )
+    notes = [*known.warnings, *score.advice, *score.simulation.notes]
+    report.add("How good it is", table=Table(("", ""), score.rows), notes=notes)
+    labels = {"input_label": str(known.input), "output_label": str(known.output)}
+    labels = {name: label.replace("$", r"\$") for name, label in labels.items()}
+    caption = (
+        "Measured and predicted loop; the record; the residual, predicted less measured, by the "
+        "input and in time."
+    )
+    report.add("What it looks like", pictures=[Picture(score.plot(**labels), caption)])
+    if score.curve_accuracy:
+        _add_curves(report, score.curve_accuracy)
+    return report
+
+
+def _add_curves(report: Report, curves: Sequence[CurveAccuracy]) -> None:
     """Add a section on the errors by curve, with a figure for many curves."""
     from minorloop.drawing.identification import draw_curves
-    from minorloop.identification.scores import (
-        CURVE_COLUMNS,
-        MOST_CURVES,
-        curve_rows,
-        curve_title,
-    )
+    from minorloop.identification.scores import MOST_CURVES, curve_table
 
     pictures = []
-    if len(result.curve_accuracy) > MOST_CURVES:
+    if len(curves) > MOST_CURVES:
         caption = "Root-mean-square and largest error of each curve, in the order of the record."
-        pictures.append(Picture(draw_curves(result), caption))
-    table = Table(CURVE_COLUMNS, curve_rows(result))
-    title = curve_title(result)
+        pictures.append(Picture(draw_curves(curves), caption))
+    columns, rows, title = curve_table(curves)
     report.add(
-        "Curve by curve", text=f"{title[0].upper()}{title[1:]}.", table=table, pictures=pictures
+        "Curve by curve",
+        text=f"{title[0].upper()}{title[1:]}.",
+        table=Table(columns, rows),
+        pictures=pictures,
     )
 
 

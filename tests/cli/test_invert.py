@@ -129,9 +129,15 @@ def test_targets_have_no_gaps(cell, refused):
     assert "in row 3" in refused("invert model.json gap.csv --target length")
 
 
-def test_a_column_in_another_unit_is_refused(run, refused):
+def test_another_prefix_is_converted_and_another_unit_refused(run, answer, refused):
     Path("other.csv").write_text("length [mm]\n0.0003\n")
-    assert "is in mm and the model in um; give the column in um" in refused(
+    Path("same.csv").write_text("length [um]\n0.3\n")
+    found, same = (
+        answer(f"invert model.json {name}.csv --target length") for name in ("other", "same")
+    )
+    np.testing.assert_allclose(found["u"], same["u"])
+    Path("other.csv").write_text("length [V]\n0.0003\n")
+    assert "is in V and the model in um; give the column in um" in refused(
         "invert model.json other.csv --target length"
     )
     Path("plain.csv").write_text("length\n0.3\n")

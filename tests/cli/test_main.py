@@ -12,7 +12,7 @@ from minorloop import __main__ as program
 from minorloop import __version__, modelfile
 from minorloop.cli import app
 
-VERBS = ("identify", "simulate", "invert", "plan", "demo")
+VERBS = ("identify", "simulate", "score", "invert", "plan", "demo")
 PROGRAM = [sys.executable, "-m", "minorloop"]
 
 

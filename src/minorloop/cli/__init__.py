@@ -30,6 +30,7 @@ from minorloop.cli import (
     reduce,
     resume,
     runs,
+    score,
     simulate,
     study,
 )
@@ -56,7 +57,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 _VERBS = (
-    *(reduce, identify, simulate, invert, plan, run_verb, drive, resume, runs, frequency),
+    *(reduce, identify, simulate, score, invert, plan, run_verb, drive, resume, runs, frequency),
     *(export, fleet, study, inspect, console, devices, demo),
 )
 for _verb in _VERBS:

@@ -138,6 +138,36 @@ Time = Annotated[
         help="Column of time: in s, ms, us, min, h or d by its header, or date or time of day."
     ),
 ]
+Curves = Annotated[
+    str | None,
+    typer.Option(help="Column with the label of the curve: the memory is reset before each."),
+]
+StartOfCurve = Annotated[
+    str | None,
+    typer.Option(
+        help="Memory before each curve: negative, positive, demagnetised or as-left.",
+        show_default="that of --start",
+        autocompletion=one_of(("negative", "positive", "demagnetised", "as-left")),
+    ),
+]
+Groups = Annotated[
+    str | None,
+    typer.Option(
+        help="Column with the label of the group, such as the specimen; each is left out once.",
+        show_default="the curves",
+    ),
+]
+Skip = Annotated[
+    int, whole_option("First rows of the record and of each curve that are not fitted.")
+]
+Between = Annotated[
+    str | None,
+    typer.Option(
+        help="Force of an oscillator between rows: band, straight or held.",
+        show_default="band",
+        autocompletion=one_of(("band", "straight", "held")),
+    ),
+]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Specimen = Annotated[int | None, whole_option("Seed of a twin's specimen; nominal if not given.")]
 Noise = Annotated[float, number_option("Standard deviation of a twin's sensor, in its unit.")]
@@ -360,7 +390,7 @@ def _reading(file: Path, now: Callable[[str], None]) -> Callable[[str], None]:
 
 
 def read_column(file: Path, column: str, unit: str = "", of: str = "the model") -> FloatArray:
-    """Return one column of a CSV file, without gaps; refuse it if its header has another unit.
+    """Return one column of a CSV file, without gaps, in the unit that is needed.
 
     Parameters
     ----------
@@ -372,17 +402,25 @@ def read_column(file: Path, column: str, unit: str = "", of: str = "the model") 
         In which it is needed; not compared if empty.
     of : str
         What has this unit, for the message.
+
+    Raises
+    ------
+    RecordError
+        If its header has a unit that differs by more than a prefix.
     """
     from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
+    from minorloop.lab.conversion import unit_factor
 
     header = find_column(column, read_headers(file), source=file)
     found = split_header(header)[1]
-    if found and unit and found != unit:
+    factor = unit_factor(found, unit) if found and unit else 1.0
+    if factor is None:
         raise RecordError(
             f"column '{header}' of {file} is in {found} and {of} in {unit}; "
             f"give the column in {unit}"
         )
-    return read_columns(file, [column])[column]
+    values = read_columns(file, [column])[column]
+    return values if factor == 1 else factor * values
 
 
 def times_of(

@@ -9,7 +9,8 @@ from typer.core import TyperGroup
 _MEANT = {
     "reduce": ("clean", "preprocess", "settle", "segment"),
     "identify": ("fit", "train", "learn", "calibrate", "model", "estimate"),
-    "simulate": ("predict", "forward", "evaluate", "sim"),
+    "simulate": ("predict", "forward", "sim"),
+    "score": ("validate", "evaluate", "test", "check", "compare"),
     "invert": ("inverse", "compensate", "solve"),
     "plan": ("design", "excite", "excitation"),
     "run": ("measure", "acquire", "record"),

@@ -117,13 +117,7 @@ def _dynamic_figures(found: DynamicIdentification) -> dict[str, Any]:
 
 
 def _print(done: Done, figures: dict[str, Any]) -> None:
-    from minorloop.identification.scores import (
-        CURVE_COLUMNS,
-        OF_OPERATOR,
-        curve_rows,
-        curve_title,
-        score_rows,
-    )
+    from minorloop.identification.scores import OF_OPERATOR, curve_table, score_rows
 
     rank = figures["rank"]
     rows = score_rows(done.result, rank="not computed (--rank)" if rank is None else f"{rank}")
@@ -141,7 +135,7 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
     _common.print_table(("", ""), rows, title)
     if done.result.curve_accuracy:
-        _common.print_table(CURVE_COLUMNS, curve_rows(done.result), curve_title(done.result))
+        _common.print_table(*curve_table(done.result.curve_accuracy))
     for one in () if done.dynamic is None else done.dynamic.tried:
         typer.echo(f"tried {one}")
     for text in done.found.chosen:

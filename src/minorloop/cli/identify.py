@@ -154,28 +154,6 @@ _Holdout = Annotated[
 _Rank = Annotated[
     bool, typer.Option("--rank", help="Compute the rank for more than 3000 unknowns too.")
 ]
-_Curves = Annotated[
-    str | None,
-    typer.Option(help="Column with the label of the curve: the memory is reset before each."),
-]
-_StartOfCurve = Annotated[
-    str | None,
-    typer.Option(
-        help="Memory before each curve: negative, positive, demagnetised or as-left.",
-        show_default="that of --start",
-    ),
-]
-_Groups = Annotated[
-    str | None,
-    typer.Option(
-        help="Column with the label of the group, such as the specimen; each is left out once.",
-        show_default="the curves",
-    ),
-]
-_Skip = Annotated[
-    int,
-    _common.whole_option("First rows of the record and of each curve that are not fitted."),
-]
 _FromLoop = Annotated[
     tuple[str, str, str] | None,
     typer.Option(
@@ -218,10 +196,10 @@ def run(
     start: _common.Start = "negative",
     rows: _Rows = None,
     holdout: _Holdout = 0.0,
-    curves: _Curves = None,
-    start_of_curve: _StartOfCurve = None,
-    groups: _Groups = None,
-    skip: _Skip = 0,
+    curves: _common.Curves = None,
+    start_of_curve: _common.StartOfCurve = None,
+    groups: _common.Groups = None,
+    skip: _common.Skip = 0,
     rank: _Rank = False,
     from_loop: _FromLoop = None,
     field: _Field = None,

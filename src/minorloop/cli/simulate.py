@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from math import isnan
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._completion import one_of
-from minorloop.errors import ParameterError, are, counted
+from minorloop.errors import ParameterError, counted
 
 NAME = "simulate"
 EXAMPLE = "minorloop simulate model.json inputs.csv --input voltage --save predicted.csv"
 
 
 if TYPE_CHECKING:
-    from minorloop.arrays import FloatArray
-    from minorloop.dynamics.oscillator import Oscillator
-    from minorloop.lab.timebase import TimeCheck
+    from minorloop.lab.logs import Log
     from minorloop.modelfile import ModelFile
 
 
@@ -34,14 +32,9 @@ def run(
     ] = None,
     time: _common.Time = None,
     start: _common.Start = "negative",
-    between: Annotated[
-        str | None,
-        typer.Option(
-            help="Force of an oscillator between rows: band, straight or held.",
-            show_default="band",
-            autocompletion=one_of(("band", "straight", "held")),
-        ),
-    ] = None,
+    curves: _common.Curves = None,
+    start_of_curve: _common.StartOfCurve = None,
+    between: _common.Between = None,
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -50,45 +43,40 @@ def run(
     _common.check_outputs([save], inputs=[model, file], force=force)
     from numpy import nanmax, nanmin
 
-    from minorloop import modelfile
-    from minorloop.dynamics.oscillator import Oscillator
+    from minorloop import modelfile, scoring
+    from minorloop.identification.curves import AS_LEFT
 
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
-        column = known.input.name if input is None else input
-        u = _common.read_column(file, column, known.input.unit)
-        now(f"simulating {u.size} samples")
-        times, check = _common.times_of(known, file, time)
-        if isinstance(known.model, Oscillator):
-            y = _vibrating(known.model, times, u, start, between)
-            notes = [] if check is None else list(check.notes)
-        elif between is not None:
-            raise ParameterError(
-                f"--between is for oscillators, and {model} has a model of kind {known.kind!r}; "
-                "leave it out"
-            )
-        else:
-            y, notes = _across_gaps(known, times, u, start, check)
-        if known.lag_seconds and not times:
-            notes.append(
-                f"the lag of {known.lag_seconds:.4g} s counts as {counted(known.lag, 'row')}, "
-                "as in the record of the model; --time takes it in seconds"
-            )
+        log = _inputs(known, file, known.input.name if input is None else input, time, curves)
+        if curves is not None and start_of_curve != AS_LEFT:
+            log = log.with_memory_reset()
+        if log.check is not None:
+            _common.check_order(file, str(time), log.check, strictly=known.has_time)
+        now(f"simulating {len(log.record)} samples")
+        found = scoring.simulate(
+            known,
+            log,
+            start=start,  # type: ignore[arg-type]
+            start_of_curve=start_of_curve,  # type: ignore[arg-type]
+            between=between,  # type: ignore[arg-type]
+        )
+        y = found.y
         if save is not None:
             now(f"writing {save.name}")
             output = str(known.output)
             cells = ["" if isnan(value) else value for value in y.tolist()]
             header = output if known.output != known.input else f"predicted {output}"
-            _common.write_csv(save, {**times, str(known.input): u, header: cells}, force=force)
-    if not isinstance(known.model, Oscillator):
-        _warn_beyond(known, u)
+            times = {} if found.t is None else {str(log.record.time): found.t}
+            columns = {**times, str(known.input): found.u, header: cells}
+            _common.write_csv(save, columns, force=force)
     _common.print_warnings(known.warnings)
+    notes = [*found.notes, *found.of_levels]
     least, greatest = nanmin(y), nanmax(y)
     if as_json:
         outputs = {} if save is not None else {"y": y}
-        found = {"samples": y.size, "least": least, "greatest": greatest}
-        said = {"notes": notes} if notes else {}
-        _common.print_json({**found, **outputs, **said})
+        figures = {"samples": y.size, "least": least, "greatest": greatest}
+        _common.print_json({**figures, **outputs, **({"notes": notes} if notes else {})})
         return
     for note in notes:
         typer.echo(f"note: {note}", err=True)
@@ -102,85 +90,24 @@ def run(
         typer.echo("nothing was written; --save FILE writes inputs and outputs")
 
 
-def _vibrating(
-    model: Oscillator,
-    times: dict[str, FloatArray],
-    u: FloatArray,
-    start: str,
-    between: str | None,
-) -> FloatArray:
-    """Return the displacements of an oscillator, which is at rest before."""
-    if start != "negative":
+def _inputs(known: ModelFile, file: Path, input: str, time: str | None, curves: str | None) -> Log:
+    """Return the inputs of a file with their times and curves; outputs are NaN."""
+    from numpy import arange, full, nan
+
+    from minorloop.lab.columns import read_labels
+    from minorloop.lab.gaps import with_lost_rows
+    from minorloop.lab.logs import Log, read_times
+    from minorloop.lab.records import SAMPLE, Record
+
+    if time is None and known.has_time:
         raise ParameterError(
-            f"--start is {start!r}, and an oscillator begins at rest; leave it out"
+            f"the model has dynamics and needs times; name the column of {file} with --time"
         )
-    t = next(iter(times.values()))
-    return model.simulate(t, u, between=between or "band")  # type: ignore[arg-type]
-
-
-def _simulated(
-    known: ModelFile, times: dict[str, FloatArray], u: FloatArray, start: Any
-) -> FloatArray:
-    """Return the outputs; the first input of dynamics has been applied for long."""
-    from numpy import interp
-
-    from minorloop.dynamics.cascade import Cascade
-    from minorloop.identification.baseline import delayed
-    from minorloop.operators.after_effect import AfterEffect
-
-    if isinstance(known.model, Cascade | AfterEffect):
-        return known.model.simulate(next(iter(times.values())), u, start)
-    y = known.model.simulate(u, start)
-    if times and known.lag_seconds:
-        t = next(iter(times.values()))
-        return interp(t - known.lag_seconds, t, y)
-    return delayed(y, known.lag)
-
-
-def _across_gaps(
-    known: ModelFile,
-    times: dict[str, FloatArray],
-    u: FloatArray,
-    start: Any,
-    check: TimeCheck | None,
-) -> tuple[FloatArray, list[str]]:
-    """Return the outputs, NaN where a gap leaves the memory unknown, and what is to be said.
-
-    The input also passes the extremes that are known to lie in gaps.
-    """
-    from numpy import arange, delete, nan, where
-
-    from minorloop.lab.gaps import bridged, known_memory, with_lost_rows
-    from minorloop.operators.polynomial import Polynomial
-
-    check = None if check is None else with_lost_rows(check, u)
-    if check is None or not check.gaps.size or isinstance(known.operator, Polynomial):
-        notes = [] if check is None else list(check.notes)
-        return _simulated(known, times, u, start), notes
-    gaps = bridged(check.t, u, check.gaps)
-    t, inputs, added = gaps.inserted(check.t, u)
-    y = _simulated(known, dict.fromkeys(times, t), inputs, start)
-    y = delete(y, added + arange(added.size))
-    unknown = ~known_memory(u, gaps.unknown, gaps)
-    if not unknown.any():
-        return y, list(check.notes)
-    count = int(unknown.sum())
-    said = (
-        f"{counted(count, 'output')} {are(count)} left empty, because the input may have turned in "
-        "a gap, and the memory is unknown after it"
-    )
-    return where(unknown, nan, y), [*check.notes, said]
-
-
-def _warn_beyond(known: ModelFile, u: FloatArray) -> None:
-    """Say on stderr how many inputs saturate the relays."""
-    levels = getattr(known.operator, "levels", None)
-    if levels is None:
-        return
-    beyond = int(((u < levels[0]) | (u > levels[-1])).sum())
-    if beyond:
-        typer.echo(
-            f"note: {beyond} inputs lie beyond the levels of the model "
-            f"[{levels[0]:g}, {levels[-1]:g}], where its relays are saturated",
-            err=True,
-        )
+    u = _common.read_column(file, input, known.input.unit)
+    labels = None if curves is None else read_labels(file, curves)
+    nothing, names = full(u.size, nan), (known.input, known.output)
+    if time is None:
+        return Log(Record(arange(u.size), u, nothing, *names, time=SAMPLE), curves=labels)
+    clock, check = read_times(file, time)
+    record = Record(check.t, u, nothing, *names, time=clock)
+    return Log(record, with_lost_rows(check, u), time, curves=labels)

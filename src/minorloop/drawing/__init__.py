@@ -34,6 +34,7 @@ _FUNCTIONS = {
     "LinearFit": "linear.draw_linear_fit",
     "StepResponse": "linear.draw_step_response",
     "Reduction": "lab.draw_reduction",
+    "ModelScore": "identification.draw_score",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,10 +18,12 @@ from minorloop.identification.residuals import amplitudes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from minorloop.identification.accuracy import CurveAccuracy
     from minorloop.identification.bands import Prediction
     from minorloop.identification.data_sheet import DataSheetModel
     from minorloop.identification.excitation import ExcitationReport
     from minorloop.identification.result import Identification
+    from minorloop.scoring import ModelScore
 
 
 _MOST_BANDS = 1000
@@ -104,7 +107,53 @@ def _draw_loop(
     axes.grid(alpha=0.25)
 
 
-def loop_points(result: Identification, outputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+def draw_score(
+    result: ModelScore, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
+    """Draw loop and record, measured and predicted, and the residual by the input and in time.
+
+    Parameters
+    ----------
+    result : ModelScore
+        The errors of a model on a record.
+    input_label, output_label : str
+        Name and unit of input and output.
+    """
+    figure, axes = new_figure(2, 2, 8.0, 10.5)
+    figure.get_layout_engine().set(h_pad=0.1, w_pad=0.1)
+    t, begins = result.simulation.t, result.curves.begins[1:]
+    clock = np.arange(result.y.size, dtype=np.float64) if t is None else t
+    line: dict[str, Any] = {"lw": 0.8, "color": "C0", "rasterized": True}
+    dots: dict[str, Any] = {"ms": 7 if result.y.size <= _FEW else 3.5, "color": "C1"}
+    record = np.insert(clock, begins, np.nan), np.insert(result.prediction, begins, np.nan)
+    for one, measured, predicted, title in (
+        (axes[0, 0], loop_points(result, result.y), loop_points(result, result.prediction), "Loop"),
+        (axes[0, 1], (clock, result.y), record, "Record"),
+    ):
+        _plot_dots(one, *measured, label="measured", **dots)
+        one.plot(*predicted, label="predicted", **line)
+        one.set(ylabel=output_label, title=title)
+        one.legend(framealpha=0.9, loc="upper left")
+    share = 100 * result.error / result.span
+    for one, x, title in ((axes[1, 0], result.u, "by input"), (axes[1, 1], clock, "in time")):
+        _plot_dots(one, x, share, ms=_size(x), color="C0")
+        one.axhline(0.0, color="0.3", lw=0.8)
+        one.set(ylabel="residual, % of range", title=f"Residual {title}: predicted less measured")
+    _shade_startup(axes[1, 1], result, share, clock)
+    if result.bands is not None:
+        reach = 100 * result.bands.half_width / result.span
+        band: dict[str, Any] = {"color": "C0", "alpha": 0.15, "lw": 0, "label": "90 % band"}
+        axes[1, 1].fill_between(clock[result.band_rows], -reach, reach, **band)
+        axes[1, 1].legend(framealpha=0.9, loc="upper right")
+    for side, label in enumerate((input_label, "sample" if t is None else "time [s]")):
+        for one in axes[:, side]:
+            one.set_xlabel(label)
+    return figure
+
+
+def loop_points(
+    result: Identification | ModelScore, outputs: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return inputs and outputs with NaN where nothing was measured, between curves and at leaps.
 
     A line through them does not join what was not measured one after the other.
@@ -116,7 +165,7 @@ def loop_points(result: Identification, outputs: FloatArray) -> tuple[FloatArray
     outputs : (T,) array
         The measured outputs, or those of the model.
     """
-    y = np.where(result.fitted | result.held_out, outputs, np.nan)[result.lag :]
+    y = np.where(result.scored, outputs, np.nan)[result.lag :]
     u = result.u[: y.size]
     begins = result.curves.begins - result.lag
     begins = np.union1d(begins[(begins > 0) & (begins < y.size)], _jumps(u))
@@ -195,7 +244,7 @@ def _draw_residual_parts(
     each = "change from sample to sample" if time is None else "change per second"
     residual, _ = _residual(result)
     u = result.curves.delayed(result.u, result.lag)
-    known = np.flatnonzero((result.fitted | result.held_out) & np.isfinite(residual))
+    known = np.flatnonzero(result.scored & np.isfinite(residual))
     startup = result.residual.startup
     known = known[known >= (startup.rows if startup else 0)]
     for one, feature, label, title in (
@@ -278,7 +327,7 @@ def _size(values: FloatArray) -> float:
 
 
 def _shade_startup(
-    axes: Axes, result: Identification, residual: FloatArray, clock: FloatArray
+    axes: Axes, result: Identification | ModelScore, residual: FloatArray, clock: FloatArray
 ) -> None:
     """Shade a start-up, and scale the axis to the later rows."""
     startup = result.residual.startup
@@ -299,15 +348,14 @@ def _shade_held_out(axes: Axes, result: Identification, clock: FloatArray) -> No
         axes.legend(framealpha=0.9, loc="lower right")
 
 
-def draw_curves(result: Identification) -> Any:
+def draw_curves(curves: Sequence[CurveAccuracy]) -> Any:
     """Draw the root-mean-square and the largest error of each curve."""
     figure, axes = new_figure()
-    curves = result.curve_accuracy
     number = np.arange(len(curves))
     axes.plot(number, [100 * one.accuracy.nrmse for one in curves], ".-", label="rms")
     largest = [100 * abs(one.accuracy.worst) for one in curves]
     axes.plot(number, largest, ".", color="0.6", label="largest")
-    if result.left_out is not None:
+    if any(one.left_out is not None for one in curves):
         off = [np.nan if one.left_out is None else 100 * one.left_out for one in curves]
         axes.plot(number, off, ".-", color="C1", label="rms of a fit without its group")
     axes.set(xlabel="curve", ylabel="error, % of range")

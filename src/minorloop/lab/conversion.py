@@ -7,6 +7,7 @@ no noise.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -27,10 +28,31 @@ __all__ = [
     "Conversion",
     "LaserCurvature",
     "linear",
+    "unit_factor",
 ]
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "cm": 1e-2}
 """Units of length that a laser may have, in metres."""
+_POWERS = {"n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "": 0, "k": 3, "M": 6, "G": 9}
+"""Powers of ten of the prefixes of the SI."""
+_UNIT = re.compile(r"([nuµμmckMG]?)((?:m|s|g|A|V|N|Pa|T|Oe|Hz|W|J|rad|[Oo]hm|Ω|bar)(?:/[^/]+)?)")
+"""A prefix and a unit, which may be over another one; powers and products have none."""
+
+
+def unit_factor(found: str, wanted: str) -> float | None:
+    """Return by what numbers in one unit are multiplied in another; None if it is not a prefix.
+
+    Parameters
+    ----------
+    found, wanted : str
+        Units that may have a prefix of the SI, such as ``mV`` and ``V``, or ``kA/m`` and ``A/m``.
+    """
+    if found == wanted:
+        return 1.0
+    one, other = _UNIT.fullmatch(found), _UNIT.fullmatch(wanted)
+    if one is None or other is None or one[2] != other[2]:
+        return None
+    return float(f"1e{_POWERS[one[1]] - _POWERS[other[1]]}")
 
 
 class Conversion(Protocol):

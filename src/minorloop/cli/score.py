@@ -1,0 +1,106 @@
+"""``minorloop score``: the errors of a model on another record."""
+
+from __future__ import annotations
+
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from minorloop.cli import _common
+
+NAME = "score"
+EXAMPLE = "minorloop score model.json other.csv --report score.html"
+_DISTRUSTED = 1
+"""Exit status where the model does not predict the record."""
+
+if TYPE_CHECKING:
+    from minorloop.lab.records import Quantity
+    from minorloop.scoring import ModelScore
+
+_Column = typer.Option(show_default="the name that it has in the model")
+_Save = Annotated[Path | None, typer.Option(help="Write the residual of each row to this file.")]
+_Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
+
+
+def run(
+    model: _common.ModelFile,
+    file: _common.DataFile,
+    input: Annotated[str | None, _Column] = None,
+    output: Annotated[str | None, _Column] = None,
+    time: _common.Time = None,
+    start: _common.Start = "negative",
+    curves: _common.Curves = None,
+    start_of_curve: _common.StartOfCurve = None,
+    groups: _common.Groups = None,
+    skip: _common.Skip = 0,
+    between: _common.Between = None,
+    save: _Save = None,
+    report: _Report = None,
+    force: _common.Force = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Say how near a model is to a record that it was not identified from.
+
+    If the model does not predict the record, the exit status is 1.
+    """
+    _common.check_outputs([save, report], inputs=[model, file], force=force)
+    from minorloop import modelfile, scoring
+    from minorloop.identification.scores import curve_table
+    from minorloop.report import score_report
+
+    known = modelfile.read(model)
+    columns = {
+        "input": input or known.input.name,
+        "output": output or known.output.name,
+        "time": time,
+        "curves": curves,
+        "groups": groups,
+        "sd": _common.NONE,
+    }
+    with _common.working(f"reading {file.name}") as now:
+        log = _common.read_record(file, columns, now)
+        now(f"scoring {len(log.record)} samples")
+        found = scoring.score(
+            known,
+            log,
+            start=start,  # type: ignore[arg-type]
+            start_of_curve=start_of_curve,  # type: ignore[arg-type]
+            skip=skip,
+            between=between,  # type: ignore[arg-type]
+        )
+        if save is not None:
+            _common.write_csv(save, _columns(found, log.record.time), force=force)
+        if report is not None:
+            now("drawing the report")
+            names = {"model": model.name, "source": file.name}
+            _common.write_report(lambda: score_report(found, **names), report, force=force)
+    _common.print_warnings(known.warnings)
+    if as_json:
+        residual = {} if save is not None else {"residuals": found.error}
+        _common.print_json({**found.figures, **residual})
+    else:
+        _common.print_table(("", ""), found.rows, f"{model.name} on {file.name}")
+        if found.curve_accuracy:
+            _common.print_table(*curve_table(found.curve_accuracy))
+        _common.print_advice([*found.advice, *found.simulation.notes])
+        if save is not None:
+            typer.echo(f"residuals written to {save}")
+        if report is not None:
+            typer.echo(f"report written to {report}; open it in a browser")
+    if found.warnings:
+        raise typer.Exit(_DISTRUSTED)
+
+
+def _columns(found: ModelScore, time: Quantity) -> dict[str, object]:
+    """Return inputs, outputs and residuals by header; what is not known is empty."""
+    known, t = found.simulation.model, found.simulation.t
+    columns = {} if t is None else {str(time): t}
+    columns |= {str(known.input): found.u, f"measured {known.output}": found.y}
+    columns |= {f"predicted {known.output}": found.prediction}
+    columns |= {f"residual {known.output}": found.error}
+    return {
+        header: ["" if isnan(value) else value for value in values.tolist()]
+        for header, values in columns.items()
+    }

@@ -1,0 +1,634 @@
+"""Outputs of a model for another record, and how near they are to what was measured there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from math import isfinite
+from os import PathLike
+from typing import Any, TypeAlias, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.oscillator import Oscillator
+from minorloop.dynamics.sampling import Interpolation
+from minorloop.errors import ParameterError, RecordError, are, counted
+from minorloop.figures import NotebookView, figure_of
+from minorloop.identification import residuals
+from minorloop.identification.accuracy import Accuracy, CurveAccuracy, accuracy, by_curve
+from minorloop.identification.after_effect_result import along
+from minorloop.identification.bands import BAND, Prediction
+from minorloop.identification.baseline import delayed, percent, polynomial_nrmse
+from minorloop.identification.curves import Curves, StartOfCurve, as_curves, as_groups
+from minorloop.identification.record_checks import as_skip
+from minorloop.identification.residuals import ResidualSummary
+from minorloop.identification.rough_model import Basis, one_of_each
+from minorloop.identification.scores import worst_error
+from minorloop.lab.conversion import unit_factor
+from minorloop.lab.gaps import known_memory
+from minorloop.lab.logs import Log
+from minorloop.lab.records import Quantity, Record
+from minorloop.modelfile import Identified, Model, ModelFile, Provenance, read
+from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.memory import Saturation, Start
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.preisach import Preisach
+
+__all__ = ["ModelScore", "Simulation", "score", "simulate"]
+
+AnyModel: TypeAlias = str | PathLike[str] | ModelFile | Identified | Model
+"""A model file, its content, the result of an identification, or a model."""
+_WRONG = 0.1
+"""Error over the range of the output above which a model does not predict a record."""
+_LEAST = 0.005
+"""Error over the range of the output below which no cause is looked for; as in advice on fits."""
+_BETTER = 0.5
+"""Share of the error from which another start, or an offset and a gain, count as its cause."""
+_MOST_BANDS = 2000
+"""Rows whose bands are computed: the share of 90 % within them is then known to 0.7 %."""
+_FEW_COVERED = 0.75
+"""Share of readings in 90 % bands below which this is said."""
+_WORSE = 2.0
+"""Error over the one that the model file promises from which this is said."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Outputs of a model for the inputs of a record.
+
+    Parameters
+    ----------
+    model : ModelFile
+        The model.
+    u, y : (T,) arrays
+        Inputs in the unit of the model, and outputs; NaN where a gap of the times leaves the memory
+        unknown.
+    curves : Curves
+        Where the memory was reset.
+    t : (T,) array, optional
+        Times in seconds; None where they are not known.
+    notes : tuple of str
+        What was found in the record, one sentence each.
+    """
+
+    model: ModelFile
+    u: FloatArray
+    y: FloatArray
+    curves: Curves
+    t: FloatArray | None
+    notes: tuple[str, ...]
+
+    @cached_property
+    def outside(self) -> BoolArray:
+        """(T,) whether an input lies beyond the levels of the model."""
+        levels = _levels(self.model)
+        if levels is None:
+            return np.zeros(self.u.size, dtype=np.bool_)
+        return np.asarray((self.u < levels[0]) | (self.u > levels[-1]))
+
+    @property
+    def of_levels(self) -> tuple[str, ...]:
+        """How many inputs lie beyond the levels, and how far, in one sentence; empty if none."""
+        levels, count = _levels(self.model), int(self.outside.sum())
+        if levels is None or not count:
+            return ()
+        low, high = float(levels[0]), float(levels[-1])
+        beyond = max(low - float(self.u.min()), float(self.u.max()) - high)
+        return (
+            f"{count} inputs lie beyond the levels of the model [{low:g}, {high:g}], by up to "
+            f"{beyond / (high - low):.1%} of their range; its relays are saturated there",
+        )
+
+
+def simulate(
+    model: AnyModel,
+    record: Record | Log,
+    *,
+    start: Start = "negative",
+    start_of_curve: StartOfCurve | None = None,
+    between: Interpolation | None = None,
+) -> Simulation:
+    """Return the outputs of a model for the inputs of a record, lag and dynamics included.
+
+    Parameters
+    ----------
+    model : path, model, result of an identification, or ModelFile
+        The model.
+    record : Record or Log
+        The inputs, and what each row has beside them, as `read` returns it; outputs are not used.
+        The memory is reset where the label of the curve changes, and continues over gaps of the
+        times as far as they show the input.
+    start : {"negative", "positive", "demagnetised"} or Memory
+        Memory before the first row. The first input of dynamics has been applied for long.
+    start_of_curve : start state or "as-left", optional
+        Memory before each curve, as of `identify`; ``start`` if not given.
+    between : {"band", "straight", "held"}, optional
+        Force of an oscillator between rows; ``"band"`` if not given.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    ParameterError
+        If an option does not fit the model.
+    RecordError
+        If the record has another unit, or no times although the model needs them.
+    """
+    known, log = _as_file(model), _as_log(record)
+    u = _in_unit(np.asarray(log.record.u), log.record.input, known.input)
+    parts = as_curves(log.curves, u.size, start, start_of_curve)
+    if isinstance(known.model, Oscillator):
+        if parts.start != "negative":
+            raise ParameterError(
+                f"the start (--start) is {parts.start!r}, and an oscillator begins at rest; leave "
+                "it out"
+            )
+    else:
+        _levels(known)  # refuses models that have no operator on the input
+        if between is not None:
+            raise ParameterError(
+                "between (--between) is for oscillators, and the model is of kind "
+                f"{known.kind!r}; leave it out"
+            )
+    if known.has_time and not log.record.timed:
+        raise RecordError(
+            "the model has dynamics and needs times; name the column of time (--time)"
+        )
+    if parts.begins.size > 1:
+        log = log.with_memory_reset()
+    notes = list(log.notes)
+    gaps, times = log.bridges, log.record.t
+    t, inputs, added = gaps.inserted(times, u)
+    y = np.delete(
+        _along(known, t if log.record.timed else None, inputs, parts, between),
+        added + np.arange(added.size),
+    )
+    unknown = ~known_memory(u, gaps.unknown, gaps)
+    if unknown.any() and not isinstance(known.model, Polynomial | Oscillator):
+        count = int(unknown.sum())
+        y = np.where(unknown, np.nan, y)
+        notes.append(
+            f"{counted(count, 'output')} {are(count)} left empty, because the input may have "
+            "turned in a gap, and the memory is unknown after it"
+        )
+    if known.lag_seconds and not log.record.timed:
+        notes.append(
+            f"the lag of {known.lag_seconds:.4g} s counts as {counted(known.lag, 'row')}, "
+            "as in the record of the model; --time takes it in seconds"
+        )
+    return Simulation(known, u, y, parts, times if log.record.timed else None, tuple(notes))
+
+
+def _as_file(model: AnyModel) -> ModelFile:
+    """Return a model with what a file says of it."""
+    if isinstance(model, str | PathLike):
+        return read(model)
+    if isinstance(model, ModelFile):
+        return model
+    names = Quantity("input"), Quantity("output")
+    if isinstance(model, Model):
+        return ModelFile(model, *names, 0, Provenance())
+    scores = Provenance(scores=dict(model.scores))
+    warnings = tuple(model.warnings)
+    known = getattr(model, "band_model", None)
+    bands = None if known is None else lambda: known
+    return ModelFile(model.model, *names, model.lag, scores, warnings, model.lag_seconds, bands)
+
+
+def _as_log(record: Record | Log) -> Log:
+    """Return the rows of a record that are used, with what was found in its times."""
+    log = record if isinstance(record, Log) else Log.of(record)
+    if log.whole:
+        return log
+    part, whole = log.part, log.record
+    rows = whole.t[part], whole.u[part], whole.y[part]
+    cut = Log.of(Record(*rows, whole.inputs, whole.outputs, whole.time))
+    curves, groups = (None if x is None else x[part] for x in (log.curves, log.groups))
+    return replace(cut, curves=curves, groups=groups)
+
+
+def _in_unit(values: FloatArray, found: Quantity, wanted: Quantity) -> FloatArray:
+    """Return numbers in the unit of a model; one that is not known counts as the same."""
+    factor = unit_factor(found.unit, wanted.unit) if found.unit and wanted.unit else 1.0
+    if factor is None:
+        raise RecordError(
+            f"'{found}' is in {found.unit} and the model in {wanted.unit}; give the column in "
+            f"{wanted.unit}"
+        )
+    return values if factor == 1 else factor * values
+
+
+def _levels(known: ModelFile) -> FloatArray | None:
+    """Thresholds of the relays of a model; None if it has none."""
+    return None if isinstance(known.model, Oscillator) else getattr(known.operator, "levels", None)
+
+
+def _along(
+    known: ModelFile,
+    t: FloatArray | None,
+    u: FloatArray,
+    parts: Curves,
+    between: Interpolation | None,
+) -> FloatArray:
+    """(T,) outputs along curves, each by itself."""
+    model: Any = known.model
+    if isinstance(model, AfterEffect) and t is not None:
+        return along(model, t, u, parts)
+    y = np.empty(u.size)
+    for first, last in parts.parts(u.size):
+        rows = slice(first, last)
+        times: Any = None if t is None else t[rows]
+        if isinstance(model, Oscillator):
+            y[rows] = model.simulate(times, u[rows], between=between or "band")
+        elif isinstance(model, Cascade):
+            y[rows] = model.simulate(times, u[rows], parts.start)
+        else:
+            found = model.simulate(u[rows], parts.start)
+            y[rows] = _late(known, times, found)
+    return y
+
+
+def _late(known: ModelFile, t: FloatArray | None, y: FloatArray) -> FloatArray:
+    """Return outputs delayed by the lag of a model."""
+    if t is not None and known.lag_seconds:
+        return np.interp(t - known.lag_seconds, t, y)
+    return delayed(y, known.lag)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelScore(NotebookView):
+    """How near a model is to the outputs of a record that it was not identified from.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        The model and its outputs.
+    y : (T,) array
+        Measured outputs in the unit of the model; NaN where nothing was measured.
+    scored : (T,) array of bool
+        Rows that are scored: measured ones whose memory and delayed input are known, and that are
+        not skipped.
+    starts : mapping of str to float
+        Errors with other start states, over the range of the output.
+    groups : mapping of str to (T,) array of bool
+        Rows of each group; empty without groups.
+    """
+
+    simulation: Simulation
+    y: FloatArray
+    scored: BoolArray
+    starts: Mapping[str, float] = field(default_factory=dict)
+    groups: Mapping[str, BoolArray] = field(default_factory=dict)
+
+    @property
+    def u(self) -> FloatArray:
+        """(T,) inputs in the unit of the model."""
+        return self.simulation.u
+
+    @property
+    def prediction(self) -> FloatArray:
+        """(T,) outputs of the model."""
+        return self.simulation.y
+
+    @property
+    def curves(self) -> Curves:
+        """Where the memory was reset."""
+        return self.simulation.curves
+
+    @property
+    def lag(self) -> int:
+        """Rows of this record by which the output follows the model."""
+        known, t = self.simulation.model, self.simulation.t
+        if t is None or not known.lag_seconds:
+            return known.lag
+        return round(known.lag_seconds / float(np.median(np.diff(t))))
+
+    @property
+    def span(self) -> float:
+        """Range of the scored outputs, which errors are over."""
+        return float(np.ptp(self.y[self.scored])) or 1.0
+
+    @property
+    def error(self) -> FloatArray:
+        """(T,) model less measured; NaN where nothing is scored."""
+        return np.where(self.scored, self.prediction - self.y, np.nan)
+
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """Errors on the scored rows."""
+        return accuracy(self.u, self.y, self.prediction, self.scored, self.curves)
+
+    @property
+    def nrmse(self) -> float:
+        """Root-mean-square error over the range of the scored outputs."""
+        return self.accuracy.nrmse
+
+    @cached_property
+    def curve_accuracy(self) -> tuple[CurveAccuracy, ...]:
+        """Errors on each curve or group over the range of all; empty where there is one only."""
+        if self.groups:
+            rows = {name: where & self.scored for name, where in self.groups.items()}
+            return tuple(
+                CurveAccuracy(name, int(np.argmax(where)), self._on(where), None)
+                for name, where in rows.items()
+                if where.any()
+            )
+        if self.curves.begins.size == 1:
+            return ()
+        return by_curve(self.u, self.y, self.prediction, self.scored, self.curves)
+
+    def _on(self, rows: BoolArray) -> Accuracy:
+        return accuracy(self.u, self.y, self.prediction, rows, self.curves, self.span)
+
+    @cached_property
+    def within_levels(self) -> float | None:
+        """Error at inputs within the levels, over the same range; None if all are, or none is."""
+        inside = self.scored & ~self.simulation.outside
+        if not inside.any() or not self.simulation.outside.any():
+            return None
+        return self._on(inside).nrmse
+
+    @cached_property
+    def baseline_nrmse(self) -> float:
+        """Error of the best delayed polynomial, fitted to the scored rows themselves."""
+        return polynomial_nrmse(self.u, self.y, self.scored, self.scored, self.curves)
+
+    @cached_property
+    def residual(self) -> ResidualSummary:
+        """What the residual on the scored rows shows."""
+        applied = self.curves.delayed(self.u, self.lag)
+        basis = Basis.of(applied, self.curves, int(np.count_nonzero(self.scored)))
+        error = (self.prediction - self.y) / self.span
+        return residuals.summary(applied, error, self.scored, self.y / self.span, basis.rows)
+
+    @cached_property
+    def line(self) -> tuple[float, float, float]:
+        """Offset and gain of the measured outputs against the model, and the error with them.
+
+        The offset is at the middle of the outputs of the model; it and the error are over the range
+        of the measured outputs.
+        """
+        x, y = self.prediction[self.scored], self.y[self.scored]
+        x = x - (x.max() + x.min()) / 2
+        middle = (self.prediction[self.scored].max() + self.prediction[self.scored].min()) / 2
+        if np.ptp(x) == 0:
+            return 0.0, 1.0, self.nrmse
+        gain, offset = np.polyfit(x, y, 1)
+        left = float(np.sqrt(np.mean((y - offset - gain * x) ** 2)))
+        return float(offset - middle) / self.span, float(gain), left / self.span
+
+    @cached_property
+    def bands(self) -> Prediction | None:
+        """Outputs with 90 % bands at up to 2000 scored rows; None where the model has no bands."""
+        known, model = self.simulation.model.band_model, self.simulation.model.model
+        if known is None or not isinstance(model, Preisach):
+            return None
+        rows = self.band_rows
+        sd = known().deviation(model, self.u, self.curves, rows, BAND, self.lag)
+        return Prediction(self.u[rows], self.prediction[rows], sd, BAND)
+
+    @property
+    def band_rows(self) -> IntArray:
+        """(M,) rows of `bands`."""
+        rows = np.flatnonzero(self.scored)
+        return np.asarray(rows[one_of_each(rows.size, _MOST_BANDS)])
+
+    @property
+    def coverage(self) -> float | None:
+        """Share of readings within their 90 % bands; None where the model has no bands."""
+        return None if self.bands is None else self.bands.covers(self.y[self.band_rows])
+
+    @property
+    def promised(self) -> float | None:
+        """Error that the model file gives for other records; None if it has none."""
+        scores = self.simulation.model.provenance.scores
+        return scores.get("nrmse_holdout", scores.get("left_out_nrmse"))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Why the model does not predict this record; empty where it does."""
+        return tuple(self._warnings())
+
+    def _warnings(self) -> Iterator[str]:
+        if self.nrmse > _WRONG:
+            yield (
+                f"the error is {percent(self.nrmse)} of range, more than {_WRONG:.0%}: the model "
+                "does not predict this record"
+            )
+
+    @cached_property
+    def advice(self) -> tuple[str, ...]:
+        """Warnings, what the errors are from and what to do; empty where nothing is weak."""
+        return (*self.warnings, *self.simulation.of_levels, *self._causes())
+
+    def _causes(self) -> Iterator[str]:
+        """Say what explains the error, most likely causes first."""
+        found, error = self.residual, self.nrmse
+        if error < _LEAST:
+            return
+        if self.coverage is not None and self.coverage < _FEW_COVERED:
+            yield (
+                f"{self.coverage:.0%} of the readings lie within the 90 % bands of the model: this "
+                "record differs from its own by more than parts of that differ from one another"
+            )
+        promised = self.promised
+        if promised is not None and error > _WORSE * promised:
+            yield (
+                f"the error is {error / promised:.1f} times the {percent(promised)} that the model "
+                "had on left-out data of its own record"
+            )
+        if error > self.baseline_nrmse:
+            yield (
+                f"a polynomial of the delayed input that is fitted to this record is better "
+                f"({percent(self.baseline_nrmse)} against {percent(error)})"
+            )
+        best = min(self.starts, key=self.starts.__getitem__, default=None)
+        if best is not None and self.starts[best] < _BETTER * error:
+            yield (
+                f"the error is {percent(self.starts[best])} if the memory before is {best!r}: give "
+                f'start="{best}" (--start {best}), or --start-of-curve for curves'
+            )
+        elif found.startup is not None:
+            rows = found.startup.rows
+            yield (
+                f"the first {counted(rows, 'row')} have {found.startup.share:.0%} of the squared "
+                f"error: the memory before them is not that of the start; leave them out with "
+                f"skip={rows} (--skip {rows})"
+            )
+        within = self.within_levels
+        if within is not None and within < _BETTER * error:
+            yield (
+                f"at inputs within the levels of the model the error is {percent(within)}: "
+                "identify from a record that reaches all inputs"
+            )
+            return
+        offset, gain, left = self.line
+        if left < _BETTER * error:
+            yield (
+                f"an offset of {offset:+.2%} of range and a gain of {gain:.4g} explain most of "
+                f"it, {percent(left)} is left: the zero or the gain of the sensor changed, or this "
+                "is another specimen"
+            )
+        elif found.step is not None:
+            yield (
+                f"from sample {found.step.sample} on the output is shifted by "
+                f"{found.step.size:+.2%} of range: the sensor or its mount moved"
+            )
+        elif abs(found.drift) > _LEAST:
+            yield f"the output drifts by {found.drift:+.2%} of range along the record"
+        if found.outliers:
+            shown = ", ".join(map(str, found.outliers[:6]))
+            yield (
+                f"{counted(len(found.outliers), 'reading')} far from the model and from their "
+                f"neighbours, samples {shown}: empty these cells"
+            )
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Rows of a table, label and value."""
+        one, unit = self.accuracy, self.simulation.model.output.unit
+        offset, gain, left = self.line
+        rows = [
+            ("error", f"{percent(one.nrmse)} of range"),
+            ("rms error", f"{one.rmse:.4g} {unit}".rstrip()),
+            ("relative rms", f"{percent(one.relative_rms)} of rms"),
+            ("worst error", worst_error(one, f", sample {one.worst_sample}")),
+        ]
+        if one.loop_area is not None:
+            rows.append(
+                ("loop area", f"{percent(one.loop_area)} off, {counted(one.loops, 'loop')}")
+            )
+        if self.promised is not None:
+            rows.append(("error on left-out data of its record", percent(self.promised)))
+        if self.bands is not None:
+            width = f"{float(self.bands.half_width.mean()):.4g} {unit}".rstrip()
+            rows.append(("readings within their 90 % bands", f"{self.coverage:.0%}"))
+            rows.append(("half width of the bands, mean", width))
+        rows.append(("best delayed polynomial, fitted here", percent(self.baseline_nrmse)))
+        rows.append(("offset and gain", f"{round(offset, 4) + 0.0:+.2%} of range, {gain:.4g}"))
+        rows.append(("error without them", percent(left)))
+        outside = int(self.simulation.outside.sum())
+        rows.append(("samples scored", f"{one.samples} of {self.y.size}"))
+        if outside:
+            rows.append(("inputs beyond the levels", f"{outside / self.u.size:.1%}"))
+        if self.within_levels is not None:
+            rows.append(("error at the other inputs", percent(self.within_levels)))
+        if isfinite(self.residual.autocorrelation):
+            rows.append(("residual autocorrelation", f"{self.residual.autocorrelation:.2f}"))
+        return rows
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """All scores by name, as ``--json`` prints them."""
+        offset, gain, left = self.line
+        return {
+            **asdict(self.accuracy),
+            "nrmse_promised": self.promised,
+            "coverage": self.coverage,
+            "half_width": None if self.bands is None else float(self.bands.half_width.mean()),
+            "baseline_nrmse": self.baseline_nrmse,
+            "offset": offset,
+            "gain": gain,
+            "nrmse_without_offset_and_gain": left,
+            "outside": float(self.simulation.outside.mean()),
+            "nrmse_within_levels": self.within_levels,
+            "starts": dict(self.starts),
+            "curves": [asdict(one) for one in self.curve_accuracy],
+            "residual": asdict(self.residual),
+            "notes": list(self.simulation.notes),
+            "advice": list(self.advice),
+            "warnings": list(self.warnings),
+        }
+
+    def __str__(self) -> str:
+        lines = [f"{name:<38} {value}" for name, value in self.rows]
+        return "\n".join([*lines, *(f"advice: {text}" for text in self.advice)])
+
+    def plot(self, **options: Any) -> Any:
+        """Draw loop, record and residual in a matplotlib figure.
+
+        Parameters
+        ----------
+        **options
+            ``input_label`` and ``output_label`` for the axes.
+        """
+        return figure_of(self, **options)
+
+
+def score(
+    model: AnyModel,
+    record: Record | Log,
+    *,
+    start: Start = "negative",
+    start_of_curve: StartOfCurve | None = None,
+    skip: int = 0,
+    between: Interpolation | None = None,
+) -> ModelScore:
+    """Score a model on a record that it was not identified from.
+
+    Parameters
+    ----------
+    model, record, start, start_of_curve, between
+        As of `simulate`; outputs that are NaN were not measured. Where rows have labels of groups,
+        such as specimens, each group has its errors.
+    skip : int
+        Rows at the beginning, and of each curve, that set the memory and are not scored.
+
+    Returns
+    -------
+    ModelScore
+
+    Raises
+    ------
+    ParameterError, RecordError
+        As of `simulate`, or if no row is left to be scored.
+    """
+    known, log = _as_file(model), _as_log(record)
+    found = simulate(known, log, start=start, start_of_curve=start_of_curve, between=between)
+    y = _in_unit(np.asarray(log.record.y), log.record.output, known.output)
+    rows = np.isfinite(y) & np.isfinite(found.y) & ~_early(found)
+    rows &= ~as_skip(skip, found.curves.positions(y.size))
+    if not rows.any():
+        raise RecordError(
+            "no row is left to be scored: none was measured with a known memory; give the output, "
+            "or a smaller skip (--skip)"
+        )
+    result = ModelScore(found, y, rows, groups=_by_label(log.groups, y.size))
+    if isinstance(known.model, Oscillator | Polynomial) or result.nrmse < _LEAST:
+        return result
+    others: dict[str, float] = {}
+    begin = found.curves.start
+    for name in get_args(Saturation) if isinstance(begin, str) else ():
+        with suppress(ParameterError):  # some operators have fewer starts
+            if name != begin:
+                again = simulate(known, log, start=name)
+                others[name] = replace(result, simulation=again).nrmse
+    return replace(result, starts=others)
+
+
+def _early(found: Simulation) -> BoolArray:
+    """(T,) rows whose delayed input is before the first one of their curve."""
+    known, size = found.model, found.u.size
+    if found.t is not None and known.lag_seconds:
+        first = found.t[found.curves.first_rows(size)]
+        return np.asarray(found.t - first < known.lag_seconds * (1 - 1e-9))
+    return np.asarray(found.curves.positions(size) < known.lag)
+
+
+def _by_label(labels: npt.ArrayLike | None, size: int) -> dict[str, BoolArray]:
+    """Return the rows of each group by its label."""
+    if labels is None:
+        return {}
+    numbers: IntArray = as_groups("groups (--groups)", labels, size)
+    names = np.unique(np.asarray(labels)).tolist()
+    return {
+        f"{name:g}" if isinstance(name, float) else str(name): numbers == k
+        for k, name in enumerate(names)
+    }
