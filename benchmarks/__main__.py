@@ -33,6 +33,7 @@ PARTS = (
     "fast_stage",
     "after_effect",
     "group_bands",
+    "bands",
     "data_sheets",
     "faults",
     "connections",

@@ -4,6 +4,7 @@ from tests.fixed_options import identify
 
 from fault_records import INPUTS, record
 from minorloop.identification import excitation
+from minorloop.identification.baseline import percent
 from minorloop.lab.columns import read_columns
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
@@ -76,6 +77,17 @@ def test_groups_that_differ_are_named():
     few = groups[::4]
     differ = identify(u[:100], y[:100], levels=10, groups=few, smoothness=0.0)
     assert "the error on left-out groups" in " ".join(differ.advice)
+
+
+def test_the_error_of_groups_that_are_not_alike_is_promised_for_no_other_group():
+    groups = np.repeat(np.arange(6), 60)
+    reach = np.array([1.2, 0.4, 0.4, 0.4, 0.4, 0.4])  # no other goes where the first does
+    u = np.random.default_rng(1000).uniform(-1, 1, groups.size) * reach[groups]
+    unlike = identify(u, a_plane().simulate(u), levels=5, groups=groups)
+    median, worst = np.quantile(unlike.each_group_nrmse, [0.5, 1])
+    assert worst == unlike.each_group_nrmse[0] > 2 * median
+    assert f"{percent(worst)} for the worst" in " ".join(unlike.advice)
+    assert "Expect that error for another group" not in " ".join(unlike.advice)
 
 
 def test_noise_alone_is_not_taken_for_hysteresis():

@@ -93,6 +93,9 @@ def test_bands_of_a_major_loop_are_wide_on_minor_loops(prior):
     band = found.predict(fresh, bands=0.9)
     assert band.covers(bouc_wen(fresh)) > 0.6
     assert band.half_width.max() < 0.1 * np.ptp(y)
+    assert band.beyond > 0.5
+    assert "their bands are assumed, not measured" in str(band)
+    assert found.predict(u, bands=0.9).beyond == 0
 
 
 def test_a_record_like_the_prediction_determines_the_width_of_bands():

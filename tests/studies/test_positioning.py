@@ -5,6 +5,7 @@ from minorloop.errors import ParameterError
 from minorloop.operators.polynomial import Polynomial
 from minorloop.studies.positioning import ExperimentProtocol, run_positioning
 from minorloop.studies.positioning_report import positioning_report
+from minorloop.twins.ipmc_laser import NOISE
 
 
 def test_hysteresis_known_is_several_times_better_than_ignored():
@@ -26,6 +27,13 @@ def test_is_the_papers_experiment():
     np.testing.assert_allclose(
         result.preisach.errors, result.preisach.achieved - result.targets, atol=1e-12
     )
+
+
+@pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
+def test_targets_lie_in_their_bands(diagonal):
+    setup = ExperimentProtocol(laser=True, diagonal=diagonal)
+    shares = [run_positioning(seed, NOISE, setup).coverage for seed in range(1000, 1006)]
+    assert np.mean(shares) >= 0.8
 
 
 def test_repeats_itself_by_seed():

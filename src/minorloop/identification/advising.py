@@ -23,6 +23,8 @@ WELL_EXCITED = 0.5
 """Share of excited cells below which a record does not identify the plane."""
 _OVERFIT = 2.0
 """Error on held-out over error on fitted data from which a model is called overfitted."""
+_UNLIKE = 2.0
+"""Error on the worst group over that on the median one from which groups are not alike."""
 _NEARLY_AS_GOOD = 0.8
 _FALLING = -0.5
 """Correlation of input and output below which the output falls."""
@@ -166,7 +168,7 @@ def _accuracy(result: Fit) -> Iterator[str]:
             yield (
                 f"the error on left-out groups ({percent(result.groups_nrmse)}) is more than twice "
                 f"that on fitted data ({percent(result.nrmse)}): the groups differ, or are too few "
-                "for so many levels. Expect that error for another group"
+                f"for so many levels. {_of_another_group(result)}"
             )
     elif held_out is None:
         yield (
@@ -186,6 +188,18 @@ def _accuracy(result: Fit) -> Iterator[str]:
             f"a polynomial of the delayed input is nearly as good ({percent(base)} against "
             f"{percent(score)}): this record has little hysteresis, or it is hidden by noise"
         )
+
+
+def _of_another_group(result: Fit) -> str:
+    """Say what the errors on left-out groups promise, which groups that are not alike do not."""
+    usual, worst = np.quantile(result.each_group_nrmse, [0.5, 1.0])
+    if worst <= _UNLIKE * usual:
+        return "Expect that error for another group"
+    return (
+        f"They are not alike: it is {percent(usual)} for the median group and {percent(worst)} for "
+        "the worst. Expect up to the latter for another group, and more where its inputs go where "
+        "no group was; the bands count this"
+    )
 
 
 def _error_warnings(result: Fit) -> Iterator[str]:

@@ -35,6 +35,9 @@ class Prediction(NotebookView):
     noise : float
         The part of ``sd`` that is known to be sensor noise, or learnt to be: from more than about a
         hundred samples it is not told from the discrepancy, and this is 0 unless it is given.
+    beyond : float
+        Share of the outputs that are farther from the record, by closed travel of the input or in
+        the memory plane, than each of its parts is from the others.
     """
 
     u: FloatArray
@@ -42,6 +45,7 @@ class Prediction(NotebookView):
     sd: FloatArray
     probability: float
     noise: float = 0.0
+    beyond: float = 0.0
 
     def without_noise(self) -> Prediction:
         """Return the prediction of the true outputs, whose bands are narrower by the noise."""
@@ -89,6 +93,11 @@ class Prediction(NotebookView):
             return f"no outputs, bands of {self.probability:.0%}"
         mean = float(np.mean(self.sd))
         lines.append(f"bands of {self.probability:.0%}, standard deviation {mean:.3g} on average")
+        if self.beyond:
+            lines.append(
+                f"{self.beyond:.0%} of these inputs go where the record does not show how far the "
+                "model is off: their bands are assumed, not measured"
+            )
         return "\n".join(lines)
 
     def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:

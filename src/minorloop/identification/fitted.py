@@ -239,6 +239,16 @@ class Fit:
         return nrmse((self.left_out - self.y)[known], self.y[known])
 
     @cached_property
+    def each_group_nrmse(self) -> FloatArray:
+        """(G,) error on each group left out, over the range of the output; empty without groups."""
+        if self.left_out is None or self.groups is None:
+            return np.zeros(0)
+        square = (self.left_out - self.y) ** 2
+        known = np.isfinite(square)
+        count, total = (np.bincount(self.groups[known], w) for w in (None, square[known]))
+        return np.sqrt(total[count > 0] / count[count > 0]) / self.span(known)
+
+    @cached_property
     def baseline_nrmse(self) -> float:
         """Error of the best delayed polynomial, on the held-out samples where there are any."""
         scored = self.held_out if self.held_out.any() else self.fitted

@@ -18,7 +18,7 @@ Papadopoulos, Vovk and Gammerman, Regression conformal prediction with nearest n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,8 +39,8 @@ PARTS, SEGMENTS = 5, 3
 """Parts of a record without groups, and contiguous segments of each."""
 FEWEST = 50
 """Samples of a record without groups below which nothing is left out."""
-MOST_BANDS = 50
-"""Bands of the plane at most; the outputs hardly depend on what is finer."""
+MOST_BANDS = 40
+"""Bands of the plane at most, so that the fits without a part take less than a second."""
 NORMAL_PARTS = 8
 """Independent parts whose weight the normal distribution has against the errors found."""
 _CELLS = 25
@@ -54,7 +54,7 @@ _BEGIN = np.array([1.0, 0.18, 1.2])
 travel and of a distance of one range in that scale."""
 _WEIGHT = np.array([20.0, 5.0, 5.0])
 """Samples that these count as."""
-_STEPS = 40
+_STEPS, _ROUNDS = 40, 3
 _WIDTH = 0.06
 """Width of the average of squared errors along the input, in ranges."""
 _BINS = 60
@@ -117,6 +117,8 @@ class ModelError:
         Errors of left-out samples over their standard deviations, in increasing order.
     inputs, variance : (B,) arrays
         Variance of other groups, by input; zero without groups.
+    shown : (2,) array
+        Largest covariates of left-out samples; infinite where a file does not keep them.
     """
 
     parts: int
@@ -125,6 +127,7 @@ class ModelError:
     scores: FloatArray
     inputs: FloatArray
     variance: FloatArray
+    shown: FloatArray = field(default_factory=lambda: np.full(2, np.inf))
 
     def deviation(
         self,
@@ -164,6 +167,11 @@ class ModelError:
             few * (share * max(found, 1.0) + 1 - share) * np.sqrt(rows @ self.factors)
         )
 
+    def beyond(self, u: FloatArray, measured: BoolArray, start: Start) -> float:
+        """Share of the outputs after some inputs that are farther off than any left-out sample."""
+        covariates = self.reach.covariates(u, measured, start)
+        return float(np.mean((covariates > self.shown).any(axis=1))) if len(covariates) else 0.0
+
 
 def learn(
     regression: Regression,
@@ -192,7 +200,6 @@ def learn(
         Number of groups; without them, outputs of one visit to a cell of the plane count as one.
     """
     matrix, h, weight = regression.matrix, posterior.hyperparameters, regression.weight
-    inputs, variance = matrix.u[[0]], np.zeros(1)
     if errors is None:
         signed = bool((model.weights < 0).any())
         square, known = _left_out(regression, posterior, part, signed)
@@ -200,8 +207,6 @@ def learn(
     else:
         sd = posterior.deviation(regression.inputs, matrix.start, regression.measured)
         square, known = errors**2, sd**2
-        inputs, variance = _by_input(matrix.u, square - known, float(np.mean(square)))
-        known += np.interp(matrix.u, inputs, variance)
     low, high = matrix.spec.levels[[0, -1]]
     spec = PlaneSpec(uniform_levels(low, high, _CELLS))
     coarse = DesignMatrix(spec, regression.inputs, regression.measured, matrix.start)
@@ -211,13 +216,22 @@ def learn(
         found = reach.covariates(regression.inputs, regression.measured, matrix.start)
         covariates[part == k] = found[part == k]
     parts = 1 + int(np.count_nonzero(np.diff(coarse.corner))) if groups is None else groups
+    weight = weight * min(parts / weight.sum(), 1.0)
     scale = _scale(model, float(np.ptp(regression.y)))
     components = np.column_stack([known, scale**2 * covariates])
-    factors = _factors(components, square, weight * min(parts / weight.sum(), 1.0), scale)
+    inputs, variance = matrix.u[[0]], np.zeros(1)
+    factors = _BEGIN**2
+    for _ in range(0 if errors is None else _ROUNDS):
+        excess = square - known - components[:, 1:] @ factors[1:]
+        inputs, variance = _by_input(matrix.u, excess, float(np.mean(square)))
+        components[:, 0] = known + np.interp(matrix.u, inputs, variance)
+        factors = _factors(components, square, weight, scale)
+    if errors is None:
+        factors = _factors(components, square, weight, scale)
     scores = np.sort(np.sqrt(square / (components @ factors)))
     factors = factors * np.array([1.0, scale**2, scale**2])
     reach = Reach.of(spec, coarse.corner)
-    return ModelError(parts, reach, factors, scores, inputs, variance)
+    return ModelError(parts, reach, factors, scores, inputs, variance, covariates.max(axis=0))
 
 
 def contiguous_parts(samples: int) -> IntArray:

@@ -70,7 +70,12 @@ class Identification(Fit, NotebookView):
             return y
         probability = as_probability(bands)
         sd = self._deviation(inputs, parts, np.arange(inputs.size), probability)
-        return Prediction(inputs, y, sd, probability, self._noise)
+        beyond = 0.0
+        if self.model_error is not None:
+            driven, places = parts.driven(inputs, self.model.levels, self.lag)
+            wanted = np.isin(np.arange(driven.size), places)
+            beyond = self.model_error.beyond(driven, wanted, self.start)
+        return Prediction(inputs, y, sd, probability, self._noise, beyond)
 
     def invert(
         self,

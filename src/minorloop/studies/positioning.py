@@ -134,6 +134,11 @@ class Positioning:
         return Prediction(whole.u[1:], whole.y[1:], whole.sd[1:], whole.probability)
 
     @property
+    def coverage(self) -> float:
+        """Share of the targets at which the curvature is within its band."""
+        return self.bands.covers(self.preisach.achieved)
+
+    @property
     def summary(self) -> dict[str, Any]:
         """The figures of merit, in 1/m, by the names under which they are printed."""
         return {

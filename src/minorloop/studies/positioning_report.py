@@ -69,7 +69,7 @@ def positioning_report(result: Positioning) -> Report:
                 draw_errors(result),
                 "Settled error at each target (compare Fig 14). Whiskers: 90 % band of the error "
                 "of the Preisach inverse, as the identification predicts it; it lies inside at "
-                f"{result.bands.covers(result.preisach.achieved):.0%} of the targets.",
+                f"{result.coverage:.0%} of the targets.",
             ),
         ],
     )
