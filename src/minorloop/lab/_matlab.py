@@ -18,6 +18,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError
+from minorloop.files import printable
 from minorloop.lab.bounds import NUMBER, Bounds
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"} | {
@@ -35,7 +36,7 @@ _NUMBERS = range(6, 16)
 """Classes of matrices of numbers: two of floats, and integers."""
 _COMPLEX, _HDF5 = 0x800, 2
 """Flag of a matrix; number of version 7.3 in the header, which has another format."""
-_HEADER, _LONGEST_NAME, _MOST_SIDES = 128, 1024, 32
+_HEADER, _LONGEST_NAME, _MOST_SIDES = 128, 255, 32
 _PACKED, _CHUNK = 1 << 13, 1 << 20
 """Bytes that are read from compressed content, and converted, at once."""
 
@@ -113,6 +114,10 @@ class _Variable:
     content: _Element
     dtype: np.dtype[Any] | None = None
     """Of its numbers, where no tag has it."""
+
+    def __post_init__(self) -> None:
+        if printable(self.name) != self.name:
+            raise ValueError("the name of a variable cannot be printed")
 
     @property
     def is_table(self) -> bool:
