@@ -283,7 +283,7 @@ def score_report(score: ModelScore, *, model: str, source: str) -> Report:
     labels = {name: label.replace("$", r"\$") for name, label in labels.items()}
     caption = (
         "Measured and predicted loop; the record; the residual, predicted less measured, by the "
-        "input and in time."
+        "input, and in time with the 90 % bands, if the model has some."
     )
     report.add("What it looks like", pictures=[Picture(score.plot(**labels), caption)])
     if score.curve_accuracy:

@@ -171,3 +171,12 @@ def test_what_cannot_be_scored_is_refused(line, says, refused, model):
     if "late" in line:
         Path("other.csv").write_text("voltage,length\n0.1,1\n0.2,2\n")
     assert says in refused(line)
+
+
+def test_the_points_of_a_store_are_scored(run, answer):
+    plan = "plan staircase --low -1 --high 1 --levels 4 --hold 1 --input voltage"
+    assert run(f"{plan} --save p.csv")[0] == 0
+    assert run("run --actuator twin:ipmc --plan p.csv --store s.sqlite")[0] == 0
+    assert run("identify s.sqlite --levels 4 --save strip.json")[0] in (0, 1)
+    found = json.loads(run("score strip.json s.sqlite --json")[1])
+    assert found["samples"] > 4

@@ -48,12 +48,14 @@ def run(
     _common.check_outputs([save, report], inputs=[model, file], force=force)
     from minorloop import modelfile, scoring
     from minorloop.identification.scores import curve_table
+    from minorloop.lab.store import is_store
     from minorloop.report import score_report
 
     known = modelfile.read(model)
+    named = not is_store(file)  # a store has one input and one output
     columns = {
-        "input": input or known.input.name,
-        "output": output or known.output.name,
+        "input": input or (known.input.name if named else None),
+        "output": output or (known.output.name if named else None),
         "time": time,
         "curves": curves,
         "groups": groups,
