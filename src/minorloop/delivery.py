@@ -182,7 +182,7 @@ class Delivery:
         tracker = self._followed(points)[0]
         if (gap := _gap(*points[-2:])) > 0:  # there will be another such gap
             tracker.push(points[-1].input, gap)
-        found = tracker.aim(float(self.targets[done // self.intervals]), self.every)
+        found = tracker.aim(float(self.targets[done // self.intervals]), self.every, "clip")
         return self.written(min(max(found, self.low), self.high))
 
     def result(self, points: Sequence[Point]) -> DriveResult:

@@ -150,6 +150,9 @@ def test_step_and_tracker_agree_with_simulate(law):
 def test_a_tracker_aims_and_its_copy_is_independent():
     tracker = a_model().track("demagnetised")
     other = tracker.copy()
+    with pytest.raises(UnreachableError):
+        tracker.aim(100.0, 0.1)
+    assert tracker.aim(100.0, 0.1, "clip") == 1.0
     u = tracker.aim(0.5, 0.1)
     assert tracker.push(u, 0.1) == pytest.approx(0.5, abs=1e-12)
     assert other.state == a_model().track("demagnetised").state

@@ -70,7 +70,9 @@ def test_history_does_not_matter():
 def test_tracker_aims_and_saturates():
     tracker = QUADRATIC.track("negative")
     assert tracker.push(tracker.aim(3.0)) == pytest.approx(3.0)
-    assert tracker.aim(100.0) == 1.2
+    assert tracker.aim(100.0, "clip") == 1.2
+    with pytest.raises(UnreachableError):
+        tracker.aim(100.0)
     assert tracker.peek(9.0) == pytest.approx(9.676)
     assert tracker.copy().memory == "negative"
 

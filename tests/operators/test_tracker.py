@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
 from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(size=(8, 8))))
@@ -27,10 +27,14 @@ def test_aim_equals_the_inverse():
     np.testing.assert_array_equal(aimed, MODEL.invert(targets).u)
 
 
-def test_aim_beyond_the_range_is_the_nearest_end():
+def test_aim_beyond_the_range_is_refused_or_the_nearest_end():
     tracker = MODEL.track("demagnetised")
     low, high = MODEL.range
-    assert (tracker.aim(low - 1), tracker.aim(high + 1)) == (-1.0, 1.0)
+    for target in (low - 1, high + 1):
+        with pytest.raises(UnreachableError, match='pass unreachable="clip"'):
+            tracker.aim(target)
+    assert MODEL.simulate([tracker.aim(high + 1e-14)])[0] == pytest.approx(high)
+    assert (tracker.aim(low - 1, "clip"), tracker.aim(high + 1, "clip")) == (-1.0, 1.0)
 
 
 def test_a_copy_is_independent():

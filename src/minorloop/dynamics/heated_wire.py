@@ -122,7 +122,7 @@ class HeatedWire:
         if abs(angle - least.angle) <= near and not least.angle < angle <= most.angle:
             return least
         if not least.angle < angle <= most.angle + near:
-            return self.moved(cold, cold.tracker.aim(angle))
+            return self.moved(cold, cold.tracker.aim(angle, "clip"))
         low, high = power, top
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)

@@ -191,7 +191,7 @@ def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> As
         state = cascade.step(state, float(sample))[1]
         tracker = model.track(state.memory)
         target = tracker.peek(float(rng.uniform(low, high)))
-        below, wanted, above = (tracker.aim(target + x) for x in (-near, 0.0, near))
+        below, wanted, above = (tracker.aim(target + x, "clip") for x in (-near, 0.0, near))
         inside = least + near <= target <= most - near
         if inside and above - below <= 2 * _NEAR * _STEEPEST * (high - low):
             found.append((k, target, wanted))

@@ -302,7 +302,8 @@ class AfterEffect(NotebookView):
         low, high = self.range
         missed = np.abs(y - wanted) > _MISSED * (high - low)
         if missed.any() and unreachable == "raise":
-            _refuse(times, wanted, u, y, int(np.argmax(missed)))
+            row = int(np.argmax(missed))
+            _refuse(row, *(float(values[row]) for values in (times, wanted, u, y)))
         return Inversion(u=u, y=y, residual=y - wanted, reachable=~missed)
 
     def step(self, memory: State, u: float, interval: float) -> tuple[float, AfterEffectState]:
@@ -498,10 +499,10 @@ class TimedTracker:
         """
         return self._look(u, interval, False)[0]
 
-    def aim(self, y: float, interval: float) -> float:
+    def aim(self, y: float, interval: float, unreachable: Unreachable = "raise") -> float:
         """Return the input that, held for an interval, brings the output to y at its end.
 
-        The state stays as it is. For outputs out of reach it is the nearer end of the levels.
+        The state stays as it is.
 
         Parameters
         ----------
@@ -509,26 +510,29 @@ class TimedTracker:
             Wanted output, in its unit.
         interval : float
             In seconds.
+        unreachable : {"raise", "clip"}
+            Whether to refuse outputs that no input within the levels reaches in the interval, or
+            to give the nearer end of the levels.
 
         Raises
         ------
         NotInvertibleError
             If the model is not monotone.
+        UnreachableError
+            If the target is out of reach and ``unreachable="raise"``.
         ParameterError
             If the target is not a finite number, or the interval is not positive.
         """
         self.model.require_monotone()
-        return float(
-            _kernels.aim(
-                self._tables,
-                self._stack,
-                self._rows,
-                self._creep,
-                self._before,
-                as_seconds("interval", interval),
-                as_finite("target", y),
-            )
-        )
+        check_unreachable_option(unreachable)
+        held, target = as_seconds("interval", interval), as_finite("target", y)
+        state = self._stack, self._rows, self._creep, self._before
+        u = float(_kernels.aim(self._tables, *state, held, target))
+        low, high = self.model.range
+        reached = self.peek(u, held)
+        if unreachable == "raise" and abs(reached - target) > _MISSED * (high - low):
+            _refuse(0, held, target, u, reached)
+        return u
 
     def copy(self) -> TimedTracker:
         """Return an independent tracker with the same state."""
@@ -569,11 +573,11 @@ def _as_field(values: npt.ArrayLike, bands: int) -> FloatArray:
     return frozen(np.full(bands, given[0]) if given.size == 1 else given)
 
 
-def _refuse(t: FloatArray, wanted: FloatArray, u: FloatArray, y: FloatArray, index: int) -> None:
+def _refuse(index: int, t: float, wanted: float, u: float, y: float) -> None:
     from minorloop.errors import UnreachableError
 
     raise UnreachableError(
-        f"target {wanted[index]:g} at index {index} ({t[index]:g} s) is out of reach at its time: "
-        f"the input {u[index]:g}, an end of the levels, gives {y[index]:g}; allow more time, or "
+        f"target {wanted:g} at index {index} ({t:g} s) is out of reach at its time: "
+        f"the input {u:g}, an end of the levels, gives {y:g}; allow more time, or "
         'pass unreachable="clip" to go as near as it can'
     )

@@ -220,7 +220,7 @@ class Differential(ABC):
         z = float(self.simulate([given], memory)[0])
         return z, frozen([given, z])
 
-    def aim(self, memory: DifferentialStart, y: float) -> float:
+    def aim(self, memory: DifferentialStart, y: float, unreachable: Unreachable = "raise") -> float:
         """Return the input that brings the output to y from a start state.
 
         Parameters
@@ -229,8 +229,10 @@ class Differential(ABC):
             State before the input.
         y : float
             Wanted output.
+        unreachable : {"raise", "clip"}
+            As for `invert`.
         """
-        return float(self.invert([as_finite("target", y)], memory).u[0])
+        return float(self.invert([as_finite("target", y)], memory, unreachable).u[0])
 
     def track(self, start: DifferentialStart = "demagnetised") -> StepTracker[DifferentialStart]:
         """Return a tracker that follows a live input sample by sample.

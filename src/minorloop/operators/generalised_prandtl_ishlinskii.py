@@ -188,7 +188,7 @@ class GeneralisedPrandtlIshlinskii(NotebookView):
         inner, after = self.plays.step(memory, u)
         return self.offset + float(self.zones(inner)), after
 
-    def aim(self, memory: PlayStart, y: float) -> float:
+    def aim(self, memory: PlayStart, y: float, unreachable: Unreachable = "raise") -> float:
         """Return the input that brings the output to y from a start state.
 
         Parameters
@@ -197,9 +197,11 @@ class GeneralisedPrandtlIshlinskii(NotebookView):
             Positions of the plays.
         y : float
             Wanted output.
+        unreachable : {"raise", "clip"}
+            As for `invert`.
         """
         inner = self.zones.invert(as_finite("target", y) - self.offset)
-        return self.plays.aim(memory, float(inner))
+        return self.plays.aim(memory, float(inner), unreachable)
 
     def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
         """Return a tracker that follows a live input sample by sample.

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, as_samples, check_option
+from minorloop.arrays import BoolArray, FloatArray, as_finite, as_samples, check_option
 from minorloop.errors import SignalError, UnreachableError
 from minorloop.figures import NotebookView, figure_of
 
@@ -133,6 +133,24 @@ def refuse_unreachable(
         f"target {target}{of} at index {index} is beyond what the model can reach, "
         f'[{bottom}, {top}]{of}; pass unreachable="clip" to go as near as it can'
     )
+
+
+def as_reachable(y: float, low: float, high: float, unreachable: Unreachable) -> float:
+    """Return one target within the reach of a model; the nearer end for ``"clip"``.
+
+    Raises
+    ------
+    UnreachableError
+        If the target is out of reach and ``unreachable="raise"``.
+    ParameterError
+        If the target is not a finite number, or there is no such option.
+    """
+    check_unreachable_option(unreachable)
+    target = as_finite("target", y)
+    if unreachable == "raise":
+        one = np.array([target])
+        refuse_unreachable(one, low, high, within_reach(one, low, high))
+    return min(max(target, low), high)
 
 
 def _in_few_digits(target: float, low: float, high: float) -> tuple[str, str, str]:

@@ -250,8 +250,8 @@ class Polynomial(NotebookView):
         """
         return float(self.simulate([as_finite("u", u)])[0]), memory
 
-    def aim(self, memory: object, y: float) -> float:
-        """Return the input whose output is nearest to y.
+    def aim(self, memory: object, y: float, unreachable: Unreachable = "raise") -> float:
+        """Return the input that brings the output to y.
 
         Parameters
         ----------
@@ -259,6 +259,8 @@ class Polynomial(NotebookView):
             Ignored.
         y : float
             Wanted output.
+        unreachable : {"raise", "clip"}
+            As for `invert`.
 
         Raises
         ------
@@ -267,7 +269,7 @@ class Polynomial(NotebookView):
         ParameterError
             If the target is not a finite number.
         """
-        return float(self.invert([as_finite("target", y)], unreachable="clip").u[0])
+        return float(self.invert([as_finite("target", y)], unreachable=unreachable).u[0])
 
     def track(self, start: object = None) -> StepTracker[object]:
         """Return a tracker that follows a live input sample by sample.

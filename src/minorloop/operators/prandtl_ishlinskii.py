@@ -341,7 +341,7 @@ class PrandtlIshlinskii(NotebookView):
         _play_kernels.simulate(sample, self.radii, self.slopes, self.offset, after, y)
         return float(y[0]), frozen(after)
 
-    def aim(self, memory: PlayStart, y: float) -> float:
+    def aim(self, memory: PlayStart, y: float, unreachable: Unreachable = "raise") -> float:
         """Return the input that brings the output to y from a start state.
 
         Parameters
@@ -350,6 +350,8 @@ class PrandtlIshlinskii(NotebookView):
             Positions of the plays.
         y : float
             Wanted output.
+        unreachable : {"raise", "clip"}
+            As for `invert`.
 
         Raises
         ------
@@ -358,7 +360,7 @@ class PrandtlIshlinskii(NotebookView):
         ParameterError
             If the target is not a finite number.
         """
-        return float(self.invert([as_finite("target", y)], memory).u[0])
+        return float(self.invert([as_finite("target", y)], memory, unreachable).u[0])
 
     def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
         """Return a tracker that follows a live input sample by sample.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Generic, Protocol, TypeVar
 
+from minorloop.operators.inversion import Unreachable
+
 Memory = TypeVar("Memory")
 
 
@@ -13,7 +15,7 @@ class Stepping(Protocol[Memory]):
     def step(self, memory: Memory, u: float) -> tuple[float, Memory]:
         """Return output and memory after one input."""
 
-    def aim(self, memory: Memory, y: float) -> float:
+    def aim(self, memory: Memory, y: float, unreachable: Unreachable = "raise") -> float:
         """Return the input that brings the output to y."""
 
 
@@ -43,9 +45,22 @@ class StepTracker(Generic[Memory]):
         """Return the output for a next input; the memory stays as it is."""
         return self.model.step(self.memory, u)[0]
 
-    def aim(self, y: float) -> float:
-        """Return the input that brings the output to y; the memory stays as it is."""
-        return self.model.aim(self.memory, y)
+    def aim(self, y: float, unreachable: Unreachable = "raise") -> float:
+        """Return the input that brings the output to y; the memory stays as it is.
+
+        Parameters
+        ----------
+        y : float
+            Wanted output, in its unit.
+        unreachable : {"raise", "clip"}
+            Whether to refuse outputs out of reach, or to go as near as possible.
+
+        Raises
+        ------
+        UnreachableError
+            If the target is out of reach and ``unreachable="raise"``.
+        """
+        return self.model.aim(self.memory, y, unreachable)
 
     def copy(self) -> StepTracker[Memory]:
         """Return an independent tracker with the same memory."""

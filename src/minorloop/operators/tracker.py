@@ -8,6 +8,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.operators import _kernels
+from minorloop.operators.inversion import Unreachable, as_reachable
 from minorloop.operators.memory import Memory, Start
 
 
@@ -137,29 +138,29 @@ class Tracker(Generic[Model]):
         self._u[0] = u
         return int(_kernels.simulate(self._tables, stack, self._rows, self._u, self._y))
 
-    def aim(self, y: float) -> float:
+    def aim(self, y: float, unreachable: Unreachable = "raise") -> float:
         """Return the nearest input that brings the output to y; the memory stays as it is.
-
-        For outputs beyond the range of the model it is the nearer end of the grid.
 
         Parameters
         ----------
         y : float
             Wanted output, in its unit.
+        unreachable : {"raise", "clip"}
+            Whether to refuse outputs beyond the range of the model, or to give the input for the
+            nearer end of the range.
 
         Raises
         ------
         NotInvertibleError
             If the model is not monotone.
+        UnreachableError
+            If the target is out of reach and ``unreachable="raise"``.
         ParameterError
             If the target is not a finite number.
         """
         self.model.require_monotone()
-        target = as_finite("target", y)
-        low, high = self.model.range
-        return float(
-            _kernels.aim(self._tables, self._stack, self._rows, min(max(target, low), high))
-        )
+        target = as_reachable(y, *self.model.range, unreachable)
+        return float(_kernels.aim(self._tables, self._stack, self._rows, target))
 
     def copy(self) -> Tracker[Model]:
         """Return an independent tracker with the same memory."""

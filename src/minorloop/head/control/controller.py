@@ -108,7 +108,7 @@ class Loop:
         there, the inverse would give the least input that reaches it.
         """
         beyond = angle >= tracker.model.range[1]
-        return self.highest if beyond else self.current(tracker.aim(angle))
+        return self.highest if beyond else self.current(tracker.aim(angle, "clip"))
 
 
 def within(name: str, value: float, low: float, high: float, unit: str = "") -> float:
@@ -166,7 +166,7 @@ def heating(
         Slope in degrees per A^2 that limits the power for an error, so that a small error does
         not cross the whole width of the loop. Infinite for no such limit.
     """
-    change = state.tracker.aim(reference) - state.power
+    change = state.tracker.aim(reference, "clip") - state.power
     if math.isfinite(steepest):
         most = abs(reference - state.angle) / steepest
         change = min(max(change, -most), most)

@@ -59,7 +59,7 @@ class FeedforwardPI(Feedback):
         """Return a state that keeps the present current if the reference is the measurement."""
         power = current**2
         tracker = self.wire.found(power, measurement).tracker.copy()
-        ahead = tracker.aim(measurement)
+        ahead = tracker.aim(measurement, "clip")
         tracker.push(ahead)
         return FeedforwardPIState(power - ahead, power, current, tracker)
 
@@ -68,7 +68,7 @@ class FeedforwardPI(Feedback):
     ) -> tuple[float, FeedforwardPIState]:
         """Return the next current and state; a missing reading keeps the present current."""
         tracker = state.tracker.copy()
-        ahead = tracker.aim(reference)
+        ahead = tracker.aim(reference, "clip")
         tracker.push(ahead)
         current, integral, wanted = self.follow(state, reference - measurement, ahead)
         return current, FeedforwardPIState(integral, wanted, current, tracker)

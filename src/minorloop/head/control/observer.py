@@ -169,8 +169,10 @@ class PowerObserver(Loop):
         if beyond == 0.0:
             return estimate
         mean, towards = mean_slope(self.wire), rate * beyond
-        change = wire.tracker.aim(wire.angle + towards) - wire.power
-        ahead = wire.tracker.aim(wire.angle + math.copysign(towards, estimate.way)) - wire.power
+        change = wire.tracker.aim(wire.angle + towards, "clip") - wire.power
+        ahead = (
+            wire.tracker.aim(wire.angle + math.copysign(towards, estimate.way), "clip") - wire.power
+        )
         share = min(abs(towards) / (mean * (abs(ahead) or math.inf)), 1.0)
         if abs(estimate.offset) > _MOST_OFFSET and estimate.offset * beyond > 0.0:
             share = 1.0
