@@ -29,6 +29,7 @@ PARTS = (
     "console_devices",
     "meter",
     "long_run",
+    "dead_meter",
     "raw_logs",
     "fast_stage",
     "after_effect",

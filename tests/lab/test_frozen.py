@@ -53,10 +53,10 @@ def test_short_records_are_not_searched():
 
 
 def _verdicts(levels, readings):
-    repeated = RepeatedReadings(np.asarray(levels))
+    repeated = RepeatedReadings.of_plan(np.asarray(levels))
     said = []
     for level, y in zip(levels, readings, strict=True):
-        repeated.add(level, np.asarray(y))
+        repeated = repeated.after(level, np.asarray(y))
         said.append(repeated.verdict)
     return said
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -27,8 +26,6 @@ step would be too small where the format rounds small numbers more finely."""
 _SUSPECT, _ACROSS = 0.5, 0.9
 """Shares of the range of the inputs over which all readings may be the same by a play, a plateau or
 a threshold, as that of a heated wire, and over which no working actuator leaves them the same."""
-_BEYOND = 1.5
-"""How many times the widest change of the input that left them the same before."""
 _STEPS = 16
 """Resolution of a sensor, in steps of the range of its readings, from which it is not coarse."""
 _LATEST = 4
@@ -79,23 +76,24 @@ def frozen(values: FloatArray) -> FrozenReadings:
     return FrozenReadings(tuple((int(edges[k]), int(edges[k + 1])) for k in long), noise)
 
 
+_NONE = (math.nan, math.nan)
+
+
+@dataclass(frozen=True, eq=False)
 class RepeatedReadings:
     """The reading that a sensor repeats exactly from hold to hold, while the input changes.
 
     A sensor that works may do so too: it is coarse, or the actuator has a threshold or is
     saturated. So it counts as faulty only
 
-    - where the inputs of these holds reach across nearly the whole range of the run, and farther
-      than any that left the readings the same before, unless the readings show that it is coarse;
+    - where the inputs of these holds reach across nearly the whole range of the run, unless the
+      readings show that it is coarse;
     - or where it is `frozen`, and not at an extreme of its readings, as a saturated one is.
 
     Parameters
     ----------
-    levels : (N,) array
-        Inputs of the run; NaN where they are not known yet.
-
-    Attributes
-    ----------
+    range : (float, float)
+        Lowest and highest input of the run, as far as it is known.
     reading : float
         The reading, in the unit of the output; NaN where the latest hold has several.
     holds : int
@@ -104,19 +102,36 @@ class RepeatedReadings:
         Lowest and highest input of these holds, in its unit; zeros before the first.
     verdict : str
         ``faulty``, ``suspect`` where the inputs reach across half of the range only, or empty.
+    repeated : int
+        Readings of these holds, beside those of the first.
+    extremes : (float, float)
+        Lowest and highest reading before.
+    latest : tuple of (T,) arrays
+        Readings of the latest holds that did not repeat the hold before.
     """
 
-    def __init__(self, levels: FloatArray) -> None:
-        self._range = _widened((math.nan, math.nan), levels)
-        self._latest: deque[FloatArray] = deque(maxlen=_LATEST)
-        self._repeated = 0  # readings beside those of the first of the holds
-        self._quiet = 0.0  # widest change of the input that left the readings the same
-        self._extremes = (math.nan, math.nan)
-        self.reading, self.holds, self.inputs = math.nan, 0, (0.0, 0.0)
-        self.verdict: Literal["faulty", "suspect", ""] = ""
+    range: tuple[float, float]
+    reading: float = math.nan
+    holds: int = 0
+    inputs: tuple[float, float] = (0.0, 0.0)
+    verdict: Literal["faulty", "suspect", ""] = ""
+    repeated: int = 0
+    extremes: tuple[float, float] = _NONE
+    latest: tuple[FloatArray, ...] = ()
 
-    def add(self, level: float, readings: FloatArray) -> None:
-        """Add a finished hold.
+    @classmethod
+    def of_plan(cls, levels: FloatArray) -> RepeatedReadings:
+        """Return what is known before the first hold.
+
+        Parameters
+        ----------
+        levels : (N,) array
+            Inputs of the run; NaN where they are not known yet.
+        """
+        return cls(_widened(_NONE, levels))
+
+    def after(self, level: float, readings: FloatArray) -> RepeatedReadings:
+        """Return what is known after one more hold.
 
         Parameters
         ----------
@@ -126,36 +141,44 @@ class RepeatedReadings:
             Its readings; NaN where nothing was measured.
         """
         known = readings[np.isfinite(readings)]
-        self._range = _widened(self._range, level)
+        reach = _widened(self.range, level)
         first = float(known[0]) if known.size and (known == known[0]).all() else math.nan
-        if first == self.reading:
-            self.holds, self.inputs = self.holds + 1, _widened(self.inputs, level)
-            self._repeated += known.size
-            faulty = self._is_across(_ACROSS) or self._is_frozen()
-            self.verdict = "faulty" if faulty else "suspect" if self._is_across(_SUSPECT) else ""
-        else:
-            self._quiet = max(self._quiet, self.inputs[1] - self.inputs[0])
-            self.reading, self.holds, self.inputs = first, 1, (level, level)
-            self._repeated, self.verdict = 0, ""
-            self._latest.append(known)
-            self._extremes = _widened(self._extremes, known)
+        if first != self.reading:
+            return RepeatedReadings(
+                range=reach,
+                reading=first,
+                holds=1,
+                inputs=(level, level),
+                extremes=_widened(self.extremes, known),
+                latest=(*self.latest, known)[-_LATEST:],
+            )
+        now = replace(
+            self,
+            range=reach,
+            holds=self.holds + 1,
+            inputs=_widened(self.inputs, level),
+            repeated=self.repeated + known.size,
+        )
+        faulty = now._is_across(_ACROSS) or now._is_frozen()
+        suspect = now._is_across(_SUSPECT)
+        return replace(now, verdict="faulty" if faulty else "suspect" if suspect else "")
 
     def _is_across(self, share: float) -> bool:
         change = self.inputs[1] - self.inputs[0]
-        least = share * (self._range[1] - self._range[0])
-        if not change or change < max(least, _BEYOND * self._quiet):
+        least = share * (self.range[1] - self.range[0])
+        if not change or change < least:
             return False
-        before = np.concatenate(self._latest)
+        before = np.concatenate(self.latest)
         steps = np.abs(np.diff(before))
         steps = steps[steps > 0]
         return bool(not steps.size or np.ptp(before) >= _STEPS * np.quantile(steps, _FINE))
 
     def _is_frozen(self) -> bool:
-        before = np.concatenate(self._latest)
-        repeated = min(self._repeated, before.size)  # more of them show no more
+        before = np.concatenate(self.latest)
+        repeated = min(self.repeated, before.size)  # more of them show no more
         values = np.append(before, np.full(repeated, self.reading))
         runs = frozen(values).runs
-        inside = self._extremes[0] < self.reading < self._extremes[1]
+        inside = self.extremes[0] < self.reading < self.extremes[1]
         return bool(inside and runs and runs[-1][1] == values.size and np.ptp(self.inputs))
 
 

@@ -300,14 +300,14 @@ def _measure_rest(
     points = [] if choose is None else store.points()
     last, totals = store.last(), store.totals()
     seen = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)
-    repeated = RepeatedReadings(store.plan.inputs)
+    repeated = RepeatedReadings.of_plan(store.plan.inputs)
     while not store.finished:
         index = 0 if last is None else last.index + 1
         level = _level(actuator, store.plan, index, points, choose)
         if level is None:
             store.set_enough()
             continue
-        hold, tolerance = _hold(actuator, store.plan, level, index, seen, watch)
+        hold, tolerance = _hold(actuator, store.plan, level, index, seen, repeated, watch)
         # A clock that begins anew with each call does not say how long that took.
         gap = max(hold.began - ended, 0.0) if hold.timed and ended is not None else 0.0
         ended = hold.ended if hold.timed else None
@@ -315,33 +315,34 @@ def _measure_rest(
         if choose is not None:
             points.append(last)
         seen = _seen(seen, last.value)
-        warning = _checked(repeated, actuator, last, hold.trace[1])
+        before, repeated = repeated, repeated.after(level, hold.trace[1])
+        warning = _warning(before, repeated, actuator, index)
         watch(RunProgress(index, len(store.plan), level, last.value, last.held, last, warning))
 
 
-def _checked(repeated: RepeatedReadings, actuator: Actuator, point: Point, y: FloatArray) -> str:
-    """Add a hold; return a warning if the sensor begins to look faulty, and stop if it did before.
+def _warning(
+    before: RepeatedReadings, now: RepeatedReadings, actuator: Actuator, index: int
+) -> str:
+    """Return a warning if the sensor begins to look faulty; raise an error if it did before.
 
     The first hold at an end of the range may be the one before the actuator moves.
     """
-    before = repeated.verdict
-    repeated.add(point.input, y)
-    if not repeated.verdict:
+    if not now.verdict:
         return ""
     channel, output = actuator.inputs[0], actuator.outputs[0]
-    low, high = repeated.inputs
-    first = point.index + 2 - repeated.holds
+    low, high = now.inputs
+    first = index + 2 - now.holds
     said = (
-        f"{output.name} is {repeated.reading:.9g} {output.unit} in every reading of holds {first} "
-        f"to {point.index + 1}, while {channel.name} went from {low:g} to {high:g} {channel.unit}; "
+        f"{output.name} is {now.reading:.9g} {output.unit} in every reading of holds {first} "
+        f"to {index + 1}, while {channel.name} went from {low:g} to {high:g} {channel.unit}; "
         "check the meter and its range, and that the actuator is connected, or hold longer: if it "
         "moved, these points are wrong"
     )
     width = channel.high - channel.low
     far = not math.isfinite(width) or high - low >= _FAR * width * (1 - ROUNDING)
-    if before == repeated.verdict == "faulty" and far:
+    if before.verdict == now.verdict == "faulty" and far:
         raise InstrumentError(said)
-    return "" if before else said
+    return "" if before.verdict else said
 
 
 def _seen(seen: FloatArray, outputs: npt.ArrayLike) -> FloatArray:
@@ -369,11 +370,13 @@ def _hold(
     level: float,
     index: int,
     seen: FloatArray,
+    repeated: RepeatedReadings,
     watch: Callable[[RunProgress], None],
 ) -> tuple[Hold, float]:
     """Hold one level until it has settled; return the hold and the slope of a settled output.
 
-    ``seen`` (2,) are the lowest and the highest output before.
+    ``seen`` (2,) are the lowest and the highest output before. An output that should move and does
+    not is given the longest hold.
     """
     hold, tolerance = Hold(plan, index, answer_time(actuator)), 0.0
     for length in hold.stretches():
@@ -382,7 +385,8 @@ def _hold(
         t, y = hold.trace
         tolerance = _tolerance(plan, index, _seen(seen, y))
         line = trend(t, y, plan.window)
-        if line is not None and line.is_below(tolerance):
+        settled = line is not None and line.is_below(tolerance)
+        if settled and not repeated.after(level, y).verdict:
             break
     return hold, tolerance
 
