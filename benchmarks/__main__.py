@@ -11,6 +11,7 @@ import benchmarks
 PARTS = (
     "operators",
     "identification",
+    "fit_times",
     "one_model",
     "real_records",
     "kinds_of_records",

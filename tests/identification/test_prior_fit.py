@@ -25,7 +25,6 @@ SEQUENCE = -1.2 + 2.4 * np.array([0, 0.85, 0.3, 0.5, 0.95, 0.55, 0.1, 0.35, 0.65
 def sparse(monkeypatch):
     """Use the sparse system for planes of any size."""
     monkeypatch.setattr(prior_system, "_LEAST_SPARSE", 0)
-    monkeypatch.setattr(prior_system, "_SHARE", np.inf)
     monkeypatch.setattr(prior_system, "_FILL", np.inf)
     monkeypatch.setattr(prior_fit, "MOST_CORRELATED", 0)
 

@@ -14,7 +14,6 @@ from minorloop.identification.prior import Hyperparameters, PlanePrior
 def sparse(monkeypatch):
     """Use the sparse system for planes of any size."""
     monkeypatch.setattr(prior_system, "_LEAST_SPARSE", 0)
-    monkeypatch.setattr(prior_system, "_SHARE", np.inf)
     monkeypatch.setattr(prior_system, "_FILL", np.inf)
 
 

@@ -67,7 +67,7 @@ def test_few_samples_are_refused():
 @pytest.mark.parametrize("sparse", [False, True])
 def test_the_prior_with_a_mean_has_the_optimum_of_its_cost(sparse, monkeypatch):
     if sparse:
-        for name, value in (("_LEAST_SPARSE", 0), ("_SHARE", np.inf), ("_FILL", np.inf)):
+        for name, value in (("_LEAST_SPARSE", 0), ("_FILL", np.inf)):
             monkeypatch.setattr(prior_system, name, value)
     model, u, y = a_record_with_long_branches()
     spec, h = PlaneSpec(model.levels), Hyperparameters(noise=0.05)

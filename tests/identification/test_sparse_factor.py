@@ -24,6 +24,9 @@ def test_a_quasi_definite_system_is_solved(unknowns, blocks):
         several = rng.normal(size=(unknowns, 3)) * (rng.random((unknowns, 1)) < 0.2)
         squares = np.einsum("nr,nr->r", several, np.linalg.solve(scale * dense, several))
         np.testing.assert_allclose(factor.squares(several), squares, rtol=1e-7, atol=1e-9)
+        inverse = np.linalg.inv(scale * dense)[rows, columns]
+        size = np.abs(inverse).max()
+        np.testing.assert_allclose(factor.inverse(), inverse, rtol=1e-7, atol=1e-9 * size)
 
 
 def test_entries_in_one_place_are_added():

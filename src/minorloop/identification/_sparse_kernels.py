@@ -258,6 +258,54 @@ def solve(start, at, rows, offset, sign, data, x):
                 own[k] -= data[p + k] * value
 
 
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def invert(start, at, rows, offset, panel_of, sign, data, out):
+    """Fill ``out`` with the inverse at the entries of the factor, panel after panel.
+
+    Takahashi, Fagan and Chin, Proc. 8th PICA Conference, 1973: from the last panel to the first,
+    Z_rj = -Z_rr Y and Z_jj = (L_jj S L_jj')^-1 - Y' Z_rj with Y = L_rj L_jj^-1.
+    """
+    where = np.empty(sign.size, np.int64)
+    for s in range(start.size - 2, -1, -1):
+        width, height = start[s + 1] - start[s], at[s + 1] - at[s]
+        panel = data[offset[s] : offset[s + 1]].reshape(height, width)
+        mine = rows[at[s] + width : at[s + 1]]
+        inverse = np.zeros((width, width))
+        for i in range(width):
+            inverse[i, i] = 1.0 / panel[i, i]
+            for j in range(i):
+                total = 0.0
+                for k in range(j, i):
+                    total += panel[i, k] * inverse[k, j]
+                inverse[i, j] = -total / panel[i, i]
+        later = np.empty((mine.size, mine.size))
+        i = 0
+        while i < mine.size:
+            t, end = panel_of[mine[i]], i
+            while end < mine.size and mine[end] < start[t + 1]:
+                end += 1
+            his = rows[at[t] : at[t + 1]]
+            for k in range(his.size):
+                where[his[k]] = k
+            source = out[offset[t] : offset[t + 1]].reshape(his.size, start[t + 1] - start[t])
+            for r in range(i, mine.size):
+                line = source[where[mine[r]]]
+                for c in range(i, min(r + 1, end)):
+                    later[r, c] = line[mine[c] - start[t]]
+                    later[c, r] = later[r, c]
+            i = end
+        divided = np.dot(panel[width:], inverse)
+        below = np.dot(later, divided)
+        own = np.dot((inverse.T * sign[start[s] : start[s + 1]]).copy(), inverse)
+        own += np.dot(divided.T.copy(), below)
+        target = out[offset[s] : offset[s + 1]].reshape(height, width)
+        for k in range(width):
+            for i in range(width):
+                target[i, k] = own[i, k]
+            for i in range(width, height):
+                target[i, k] = -below[i - width, k]
+
+
 @njit(cache=True, nogil=True)
 def pivots(start, offset, data):
     """Diagonal of the factor."""

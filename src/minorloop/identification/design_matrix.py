@@ -56,17 +56,17 @@ class PlaneSpec:
     def __post_init__(self) -> None:
         check_bands(self.bands)
 
-    @property
+    @cached_property
     def bands(self) -> int:
         """L."""
         return int(self.levels.size - 1)
 
-    @property
+    @cached_property
     def cells(self) -> int:
         """K = L (L + 1) / 2."""
         return self.bands * (self.bands + 1) // 2
 
-    @property
+    @cached_property
     def unknowns(self) -> int:
         """Number of weights, offset and slope that are fitted."""
         return self.cells + self.offset + self.slope

@@ -33,7 +33,11 @@ _REVERSALS = 2
 
 
 def quick_system(
-    matrix: DesignMatrix, weight: FloatArray, scale: FloatArray, most: float
+    matrix: DesignMatrix,
+    weight: FloatArray,
+    scale: FloatArray,
+    most: float,
+    field: FieldPrior | None = None,
 ) -> EverettSystem | None:
     """Return the system if a factorisation takes at most so many multiplications.
 
@@ -50,7 +54,7 @@ def quick_system(
         if EverettSystem(matrix.part(kept), weight[kept], scale).operations > most:
             return None
         samples *= 2
-    system = EverettSystem(matrix, weight, scale)
+    system = EverettSystem(matrix, weight, scale, field)
     return system if system.operations <= most else None
 
 
@@ -82,6 +86,8 @@ class EverettSystem:
         spec = matrix.spec
         self.matrix, self.weight, self.scale = matrix, weight, scale
         self.precision: FieldPrecision | None = None
+        self.owner: object = None
+        """What the present factor belongs to, if it is to be used again."""
         self.cells = spec.cells
         parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
         everywhere[matrix.measured] = weight
@@ -131,6 +137,7 @@ class EverettSystem:
         """Rows and columns of what `factorise` adds: ridges, and the prior."""
         spec, root, total = self.matrix.spec, self._root, self._total
         *weights, self._ridge_cells, self._ridge_signs = _ridges(spec.bands)
+        self._ridge_factors = np.where(weights[0] == weights[1], 1.0, 2.0) * self._ridge_signs
         self._level_factors = np.array([1.0, self.matrix.shift**2, self.matrix.shift])
         level = np.array([[root, total, root], [root, total, total]])[:, : 3 * spec.offset]
         slope = np.full((2, int(spec.slope)), self._steep)
@@ -153,7 +160,7 @@ class EverettSystem:
 
     def condition(self, precision: FieldPrecision, scale: FloatArray) -> None:
         """Set the precision of the prior and the factor of each column."""
-        self.precision, self.scale = precision, scale
+        self.precision, self.scale, self.owner = precision, scale, None
 
     def product(self, z: FloatArray) -> FloatArray:
         """(n,) product with G + S."""
@@ -165,7 +172,7 @@ class EverettSystem:
 
     def factorise(self, ridge: FloatArray | float) -> None:
         """Factorise the system with this (n,) ridge."""
-        spec, precision = self.matrix.spec, self.precision
+        spec, precision, self.owner = self.matrix.spec, self.precision, None
         self._ridge = np.broadcast_to(ridge, self.scale.shape)
         steep = self._ridge / self.scale**2
         if precision is not None:
@@ -242,6 +249,30 @@ class EverettSystem:
         each = np.eye(self.scale.size) if directions is None else directions
         rows = np.stack([self._right(one) for one in each], axis=1)
         return self._factor.products(rows)
+
+    def variances_apart(self, link_cells: IntArray) -> FloatArray:
+        """(K,) variances of the weights apart from what the field of the prior gives.
+
+        That of a weight is the derivative of the logarithm of the determinant by its precision.
+        ``link_cells`` are the cells of the links of the prior.
+        """
+        assert self.precision is not None
+        spec, precision = self.matrix.spec, self.precision
+        levels = self._values.size + self._ridge_cells.size
+        first = levels + 3 * spec.offset + spec.slope
+        last = first + link_cells.size
+        inverse = self._factor.inverse()
+        own = self._ridge_factors * inverse[self._values.size : levels]
+        links = 2 * precision.links / precision.own[link_cells] * inverse[first:last]
+        field = np.zeros((self._values_of_field, self._values_of_field))
+        field[np.tril_indices(len(field))] = inverse[last:]
+        field += np.tril(field, -1).T
+        given = precision.factors
+        return np.asarray(
+            np.bincount(self._ridge_cells, own, spec.cells)
+            + np.bincount(link_cells, links, spec.cells)
+            + given.multiply(given @ field).sum(axis=1)
+        )
 
     def logarithm(self) -> float:
         """Logarithm of the determinant of the factorised system, up to a constant."""

@@ -64,15 +64,24 @@ class FieldPrecision:
 
     def product(self, x: FloatArray) -> FloatArray:
         """(n,) product of the precision of the unknowns alone with ``x``."""
-        out = self.own * x
         cells = self.factors.shape[0]
-        field = self._inverse @ (self.factors.T @ out[:cells])
-        out[:cells] -= self.own[:cells] * (self.factors @ field)
+        out = self.own * x
+        out[:cells] = self.own[:cells] * self.apart(x)
         return out
 
+    def apart(self, x: FloatArray) -> FloatArray:
+        """(K,) weights of unknowns ``x`` less those of the field that is most likely with them."""
+        from scipy.linalg import cho_solve
+
+        cells = self.factors.shape[0]
+        field = cho_solve(self._root, self.factors.T @ (self.own * x)[:cells])
+        return np.asarray(x[:cells] - self.factors @ field)
+
     @cached_property
-    def _inverse(self) -> FloatArray:
-        return np.asarray(np.linalg.inv(self.field))
+    def _root(self) -> tuple[FloatArray, bool]:
+        from scipy.linalg import cho_factor
+
+        return cho_factor(self.field, check_finite=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,16 +134,17 @@ class FieldPrior:
             link = np.flatnonzero(there[self._cell])
             linked.append((link, node[self._cell[link]], np.full(link.size, sign)))
         self._link, node, self._sign = (np.concatenate(part) for part in zip(*linked, strict=True))
+        self.link_cells: IntArray = self._cell[self._link]
         block = np.tril_indices(self.unknowns)
         rows = np.append(self._value[self._link], block[0])
         self.places: IntArray = np.vstack([cells + rows, np.append(node, cells + block[1])])
         self._field: _Field | None = None
 
-    def widened(self, least: FloatArray) -> FieldPrior:
-        """Return the prior with these least (K,) standard deviations of irreversible weights."""
-        wide = copy(self)
-        wide.plane = PlanePrior(self.plane.spec, least, self.plane.independent)
-        return wide
+    def on(self, plane: PlanePrior) -> FieldPrior:
+        """Return the prior of the same unknowns with another covariance."""
+        other = copy(self)
+        other.plane = plane
+        return other
 
     def precision(self, h: Hyperparameters, variance: float) -> FieldPrecision:
         """Precision for these hyperparameters, times the variance of a measured output."""

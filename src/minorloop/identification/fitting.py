@@ -511,10 +511,12 @@ def best_lag(spec: PlaneSpec, record: FitRecord) -> int:
     if np.count_nonzero(shared) < FEWEST:
         return 0
     common = replace(record, fitted=shared)
-    errors = []
+    errors, x = list[float](), None
     for lag in range(longest + 1):
-        found = fit_smooth(coarse, common, lag, 0.0)
-        errors.append(found.regression.squared_error(found.x))
+        regression = common.regression(coarse, lag)
+        problem = Problem(regression.matrix, regression.y, common.signed)
+        x = problem.fit_part(np.ones(regression.y.size, dtype=np.bool_), (0.0,), x)
+        errors.append(regression.squared_error(x))
     return int(np.argmin(errors))
 
 

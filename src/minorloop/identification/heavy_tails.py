@@ -27,6 +27,7 @@ from minorloop.identification.likelihood import (
     triangular_solve,
 )
 from minorloop.identification.prior import Hyperparameters, PlanePrior
+from minorloop.identification.prior_system import SparseEvidence, sparse_system
 
 ROUGH = 0.1
 """Nugget from which the distribution of the independent part matters."""
@@ -56,13 +57,13 @@ class _Round:
 
 
 def independent_variances(
-    evidence: Evidence, h: Hyperparameters
+    evidence: Evidence | SparseEvidence, h: Hyperparameters
 ) -> tuple[FloatArray | None, float]:
     """Variances of the independent parts of the weights, if their distribution has heavy tails.
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : Evidence or SparseEvidence
         Many measurements.
     h : Hyperparameters
         Hyperparameters of the normal prior.
@@ -74,20 +75,47 @@ def independent_variances(
         and how much the logarithm of the marginal likelihood rises.
     """
     plane = PlanePrior(evidence.spec)
+    spec = plane.spec
     field, usual = FieldPrior(plane), plane.nugget_variances(h)
-    share, scale = np.ones(usual.size), 1.0
-    normal = found = _posterior(evidence, field, h, usual)
-    for _ in range(_ROUNDS):
+    share, scale, rise = np.ones(usual.size), 1.0, -np.inf
+    normal = found = _posterior_of(evidence, field, h, usual)
+    for left in range(_ROUNDS - 1, -1, -1):
         share = (scale + np.maximum(found.squares / usual, _LEAST)) / 2
         scale = 1 / float(np.mean(1 / share))
-        field.plane = PlanePrior(evidence.spec, independent=share)
-        found = _posterior(evidence, field, h, share * usual)
-    ratio = scale / share
-    spent = np.sum(1 - ratio / 2 + np.log(ratio / (2 * np.pi)) / 2)
-    # For a weight that no measurement determines, the bound is too low by so much.
-    spent += (np.log(2 * np.pi) - 1) / 2 * np.sum(1 - found.determined)
-    rise = found.likelihood + float(spent) - normal.likelihood
+        field.plane = PlanePrior(spec, independent=share)
+        found = _posterior_of(evidence, field, h, share * usual)
+        ratio, before = scale / share, rise
+        spent = np.sum(1 - ratio / 2 + np.log(ratio / (2 * np.pi)) / 2)
+        # For a weight that no measurement determines, the bound is too low by so much.
+        spent += (np.log(2 * np.pi) - 1) / 2 * np.sum(1 - found.determined)
+        rise = found.likelihood + float(spent) - normal.likelihood
+        if before > -np.inf and rise + left * max(rise - before, 0.0) <= 0:
+            return None, 0.0  # the bound rises less and less from round to round
     return (share, rise) if rise > 0 else (None, 0.0)
+
+
+def _posterior_of(
+    evidence: Evidence | SparseEvidence,
+    field: FieldPrior,
+    h: Hyperparameters,
+    variances: FloatArray,
+) -> _Round:
+    if isinstance(evidence, Evidence):
+        return _posterior(evidence, field, h, variances)
+    return _sparse_posterior(evidence, field, h, variances)
+
+
+def _sparse_posterior(
+    evidence: SparseEvidence, field: FieldPrior, h: Hyperparameters, variances: FloatArray
+) -> _Round:
+    """Posterior of the independent part, by the sparse system."""
+    centre = np.zeros(field.plane.spec.unknowns)
+    system = sparse_system(evidence, field, h, True, centre)
+    likelihood, (given, mean, apart) = system.likelihood, system.apart
+    share = variances * given / (h.noise**2 + h.discrepancy**2)
+    determined = np.clip(share * (1 - given * apart), 0.0, 1.0)
+    squares = (share * mean) ** 2 + variances * (1 - determined)
+    return _Round(likelihood, squares, determined)
 
 
 def _posterior(

@@ -246,14 +246,12 @@ class _System:
         if guess is None and spec.cells > _LARGE:
             guess = self._coarse_guess(strength)
         factor = strength * self.weight.sum() * spec.bands**2
-        rows, columns, values = neighbour_penalty(spec)
-        values = values * (factor * self.scale[rows] * self.scale[columns])
-        penalty = active_set.Sparse(rows, columns, values)
+        penalty = self._penalty(factor) if strength else None
 
         def hessian(z: FloatArray) -> FloatArray:
             h = self.scale * matrix.adjoint(matrix.forward(self.scale * z) * self.weight)
-            if strength:
-                _kernels.multiply_symmetric(rows, columns, values, z, h)
+            if penalty is not None:
+                _kernels.multiply_symmetric(penalty.rows, penalty.columns, penalty.values, z, h)
             return h
 
         slope = self._slope if self.y.size > _MANY else None
@@ -261,13 +259,11 @@ class _System:
         def gradient(z: FloatArray) -> FloatArray:
             if slope is not None:
                 g = np.asarray(_kernels.multiply_lower(self.gram, z) - slope)
-                if strength:
-                    _kernels.multiply_symmetric(rows, columns, values, z, g)
-                return g
-            residual = (matrix.forward(self.scale * z) - self.y) * self.weight
-            g = np.asarray(self.scale * matrix.adjoint(residual))
-            if strength:
-                _kernels.multiply_symmetric(rows, columns, values, z, g)
+            else:
+                residual = (matrix.forward(self.scale * z) - self.y) * self.weight
+                g = np.asarray(self.scale * matrix.adjoint(residual))
+            if penalty is not None:
+                _kernels.multiply_symmetric(penalty.rows, penalty.columns, penalty.values, z, g)
             return g
 
         whole = self._rows(factor)
@@ -278,7 +274,7 @@ class _System:
             hessian,
             self.bounded,
             scale,
-            penalty=penalty if strength else None,
+            penalty=penalty,
             guess=None if guess is None else self._scaled(guess),
             rows=whole if slope is None else None,
             say=self.problem.say,
@@ -288,6 +284,12 @@ class _System:
         kkt = active_set.optimality(z, -whole.transpose(whole.residual(z)), self.bounded, scale)
         converged = solution.settled and kkt <= active_set.ACCEPTABLE
         return FittedUnknowns(self._unscaled(z, self.scale), kkt, strength, converged)
+
+    def _penalty(self, factor: float) -> active_set.Sparse:
+        """Scaled penalty of differences between neighbours."""
+        rows, columns, values = neighbour_penalty(self.problem.matrix.spec)
+        values = values * (factor * self.scale[rows] * self.scale[columns])
+        return active_set.Sparse(rows, columns, values)
 
     def _solve_sparse(self) -> FittedUnknowns:
         """Fit without smoothness on the sparse system, if that is quicker and accurate enough.

@@ -272,11 +272,10 @@ def _fit_many(
         h = with_variance_of_residuals(h)
     normal = None
     if h.nugget >= ROUGH and spec.cells <= MOST_DENSE_CELLS:
-        evidence = Evidence.of_many(matrix, scaled, weight, within)
-        independent, rise = independent_variances(evidence, h)
+        independent, rise = independent_variances(system_at.evidence, h)
         if independent is not None:
             normal = system_at(h).likelihood + rise
-            system_at = systems(matrix, scaled, weight, signed, mean, independent)
+            system_at = system_at.with_independent(independent)
             if small is not matrix:
                 h = with_variance_of_residuals(h)
     determined = system_at(h).determined

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -13,7 +13,7 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import ParameterError
 from minorloop.identification import active_set, interior_point
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
-from minorloop.identification.everett_system import EverettSystem
+from minorloop.identification.everett_system import EverettSystem, quick_system
 from minorloop.identification.field_prior import FieldPrior
 from minorloop.identification.likelihood import (
     Evidence,
@@ -33,11 +33,11 @@ _MOST_CELLS = 5050
 """Cells up to which they are used where the sparse system has too much fill."""
 _MOST_QUICK = 300
 """Bands up to which a fit on the sparse system takes less than a minute."""
-_LEAST_SPARSE, _SHARE = 300, 0.5
-"""Cells from which the sparse system is used, and reversals for each cell up to which it is."""
-_MOST_REVERSALS, _BRANCH = 1500, 5
-"""Reversals up to which it is used; more if there are so many samples for each."""
-_FILL = 0.02
+_LEAST_SPARSE = 300
+"""Cells from which the sparse system is used."""
+_MOST_OPERATIONS = 1e9
+"""Multiplications of its factorisation up to which a fit takes seconds."""
+_FILL = 0.3
 """Multiplications of its factorisation, over the cube of the cells, up to which it is quicker."""
 _ACCURATE, _STEPS = 1e-10, 50
 """Relative residual of the posterior mean, and most steps to reach it."""
@@ -153,7 +153,10 @@ class _DenseSystem(PriorSystem):
 
 
 class _SparseSystem(PriorSystem):
-    """Uses ``system``, which the systems for other hyperparameters use too."""
+    """Normal equations as a sparse system.
+
+    Uses ``system``, which the systems for other hyperparameters use too.
+    """
 
     def __init__(
         self,
@@ -177,9 +180,10 @@ class _SparseSystem(PriorSystem):
         return system
 
     def _factorise(self, variance: float) -> EverettSystem:
-        system = self._condition(variance)
-        system.factorise(0.0)
-        return system
+        if self._system.owner != (self, variance):
+            self._condition(variance).factorise(0.0)
+            self._system.owner = self, variance
+        return self._system
 
     @cached_property
     def _mean_and_logarithm(self) -> tuple[FloatArray, float]:
@@ -220,11 +224,24 @@ class _SparseSystem(PriorSystem):
         )
         return system.scale * found.z - self._centre, found.kkt
 
+    @property
+    def apart(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(K,) precisions, means and variances of the weights apart from what the field gives.
+
+        In units of the variance of a measured output, but for the means.
+        """
+        system = self._factorise(self._variance)
+        assert system.precision is not None
+        given = system.precision.own[: system.cells]
+        mean = system.precision.apart(self.mean)
+        return given, mean, system.variances_apart(self._field.link_cells)
+
     def variances(self, matrix: DesignMatrix) -> FloatArray:
         return self._variance * self._factorise(self._variance).variances(matrix)
 
     def widened(self, least: FloatArray) -> Self:
-        field = self._field.widened(least)
+        plane = self._field.plane
+        field = self._field.on(PlanePrior(plane.spec, least, plane.independent))
         return type(self)(self._system, field, self._y, self._h, self._signed, self._centre)
 
     def posterior(self, unit: float, samples: int, determined: float) -> SparsePosterior:
@@ -267,17 +284,76 @@ def dense_system(
     return _DenseSystem(plane, evidence, h, signed, centre)
 
 
+@dataclass(frozen=True, eq=False)
+class SparseEvidence:
+    """Scaled measurements (M,), less the outputs of the mean of the prior, and their system."""
+
+    system: EverettSystem
+    y: FloatArray
+
+    @property
+    def spec(self) -> PlaneSpec:
+        """The unknowns."""
+        return self.system.matrix.spec
+
+
+@dataclass(frozen=True, eq=False)
+class Systems:
+    """Normal equations of many samples for any hyperparameters.
+
+    Those of other hyperparameters become invalid with each call.
+
+    Parameters
+    ----------
+    evidence : Evidence or SparseEvidence
+        The samples.
+    plane : PlanePrior
+        Prior.
+    field : FieldPrior
+        Its field.
+    signed : bool
+        Let weights and slope be negative.
+    centre : (n,) array
+        Mean of the prior.
+    """
+
+    evidence: Evidence | SparseEvidence
+    plane: PlanePrior
+    field: FieldPrior
+    signed: bool
+    centre: FloatArray
+
+    def __call__(self, h: Hyperparameters) -> PriorSystem:
+        """Return the system for these hyperparameters."""
+        if isinstance(self.evidence, Evidence):
+            return _DenseSystem(self.plane, self.evidence, h, self.signed, self.centre)
+        return sparse_system(self.evidence, self.field, h, self.signed, self.centre)
+
+    def with_independent(self, independent: FloatArray) -> Systems:
+        """Return those with other variances (K,) of the independent parts, over the nugget's."""
+        plane = PlanePrior(self.plane.spec, independent=independent)
+        return replace(self, plane=plane, field=self.field.on(plane))
+
+
+def sparse_system(
+    evidence: SparseEvidence,
+    field: FieldPrior,
+    h: Hyperparameters,
+    signed: bool,
+    centre: FloatArray,
+) -> _SparseSystem:
+    """Normal equations on the sparse system; parameters as of `Systems`."""
+    return _SparseSystem(evidence.system, field, evidence.y, h, signed, centre)
+
+
 def systems(
     matrix: DesignMatrix,
     y: FloatArray,
     weight: FloatArray,
     signed: bool,
     centre: FloatArray | None = None,
-    independent: FloatArray | None = None,
-) -> Callable[[Hyperparameters], PriorSystem]:
-    """Normal equations of many samples for any hyperparameters, sparse where that is quicker.
-
-    Those of other hyperparameters become invalid with each call.
+) -> Systems:
+    """Normal equations of many samples, sparse where that is quicker.
 
     Parameters
     ----------
@@ -289,48 +365,50 @@ def systems(
         Let weights and slope be negative.
     centre : (n,) array, optional
         Mean of the prior; zero if not given.
-    independent : (K,) array, optional
-        Variances of the independent parts of the weights, over those of the nugget.
 
     Raises
     ------
     ParameterError
         If the plane is too fine for dense matrices and the record does not suit sparse ones.
     """
-    plane, cells = PlanePrior(matrix.spec, independent=independent), matrix.spec.cells
+    plane, cells = PlanePrior(matrix.spec), matrix.spec.cells
     centre = np.zeros(matrix.spec.unknowns) if centre is None else centre
-    if cells >= _LEAST_SPARSE and _few_reversals(matrix):
-        field = FieldPrior(plane)
-        system = EverettSystem(matrix, weight, np.ones(matrix.spec.unknowns), field)
-        if cells > MOST_DENSE_CELLS or system.operations <= _FILL * float(cells) ** 3:
-            return lambda h: _SparseSystem(system, field, y, h, signed, centre)
+    field = FieldPrior(plane)
+    system = None
+    if cells >= _LEAST_SPARSE:
+        most, scale = _FILL * float(cells) ** 3, np.ones(matrix.spec.unknowns)
+        system = quick_system(matrix, weight, scale, most, field)
+    if system is not None:
+        return Systems(SparseEvidence(system, y), plane, field, signed, centre)
     if cells > _MOST_CELLS:
         raise ParameterError(
             f"the input reverses {matrix.reversals} times and the plane has {matrix.spec.bands} "
             'bands, so that the prior needs too large matrices; give at most 100 levels, or "auto" '
             "for smoothness instead"
         )
-    evidence = Evidence.of_many(matrix, y, weight)
-    return lambda h: _DenseSystem(plane, evidence, h, signed, centre)
+    return Systems(Evidence.of_many(matrix, y, weight), plane, field, signed, centre)
 
 
 def is_cheap(matrix: DesignMatrix) -> bool:
     """Whether a fit with the prior takes little longer than smoothing."""
     if matrix.spec.bands > _MOST_QUICK:
         return False
-    return matrix.spec.cells <= _MOST_CHEAP_CELLS or _few_reversals(matrix)
+    return matrix.spec.cells <= _MOST_CHEAP_CELLS or _few_operations(matrix)
 
 
 def is_quick(matrix: DesignMatrix) -> bool:
     """Whether a fit with the prior takes seconds."""
     if matrix.spec.bands > _MOST_QUICK:
         return False
-    return matrix.spec.cells <= MOST_DENSE_CELLS or _few_reversals(matrix)
+    return matrix.spec.cells <= MOST_DENSE_CELLS or _few_operations(matrix)
 
 
-def _few_reversals(matrix: DesignMatrix) -> bool:
-    most = max(_MOST_REVERSALS, matrix.samples / _BRANCH)
-    return matrix.reversals <= min(_SHARE * matrix.spec.cells, most)
+def _few_operations(matrix: DesignMatrix) -> bool:
+    """Whether a factorisation of the sparse system takes less than a tenth of a second."""
+    if matrix.spec.cells < _LEAST_SPARSE:
+        return False
+    ones, scale = np.ones(matrix.samples), np.ones(matrix.spec.unknowns)
+    return quick_system(matrix, ones, scale, _MOST_OPERATIONS) is not None
 
 
 def bounded_unknowns(spec: PlaneSpec, signed: bool) -> BoolArray:

@@ -93,6 +93,21 @@ class SparseFactor:
         out[self._order] = x
         return out
 
+    def inverse(self) -> FloatArray:
+        """(E,) inverse at the entries of the matrix."""
+        out = np.empty_like(self._data)
+        _kernels.invert(
+            self._start,
+            self._at,
+            self._rows,
+            self._offset,
+            self._panel_of,
+            self._sign,
+            self._data,
+            out,
+        )
+        return np.asarray(out[self._places])
+
     def logarithm(self) -> float:
         """Logarithm of the magnitude of the determinant."""
         return 2 * float(np.log(_kernels.pivots(self._start, self._offset, self._data)).sum())
