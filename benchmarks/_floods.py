@@ -5,50 +5,44 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterable
+from io import BytesIO
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile
 
 HEADERS = "<row><c t='inlineStr'><is><t>u</t></is></c><c t='inlineStr'><is><t>y</t></is></c></row>"
 _SPREADSHEET = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-_RELATED = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-_PACKAGE = "http://schemas.openxmlformats.org/package/2006/relationships"
+_TYPES = "[Content_Types].xml"
+_SHARED = (
+    "<Override PartName='/xl/sharedStrings.xml' ContentType='application/"
+    "vnd.openxmlformats-officedocument.spreadsheetml.sharedStrings+xml'/>"
+)
 
 
-def relations(**parts: tuple[str, str]) -> str:
-    """Return the relations of a part of a workbook: kind and target by id."""
-    rows = (
-        f"<Relationship Id='{key}' Type='{_RELATED}/{kind}' Target='{part}'/>"
-        for key, (kind, part) in parts.items()
-    )
-    return f"<Relationships xmlns='{_PACKAGE}'>{''.join(rows)}</Relationships>"
-
-
-def workbook(
-    file: Path,
-    *rows: tuple[str, int],
-    before: str = "",
-    strings: tuple[str, int] | None = None,
-) -> Path:
+def workbook(file: Path, *rows: tuple[str, int], strings: tuple[str, int] | None = None) -> Path:
     """Write a workbook of one sheet; its rows and shared texts are repeated."""
-    related = {"a": ("worksheet", "sheet.xml")}
-    with ZipFile(file, "w", ZIP_DEFLATED) as book:
-        book.writestr("_rels/.rels", relations(a=("officeDocument", "xl/book.xml")))
-        book.writestr(
-            "xl/book.xml",
-            f"<workbook xmlns='{_SPREADSHEET}' xmlns:r='{_RELATED}'><sheets>"
-            "<sheet name='run' r:id='a'/></sheets></workbook>",
-        )
-        with book.open("xl/sheet.xml", "w", force_zip64=True) as part:
-            part.write(f"{before}<worksheet xmlns='{_SPREADSHEET}'><sheetData>".encode())
-            _repeat(part.write, rows)
-            part.write(b"</sheetData></worksheet>")
-        if strings:
-            related["b"] = ("sharedStrings", "/xl/strings.xml")
-            with book.open("xl/strings.xml", "w", force_zip64=True) as part:
-                part.write(f"<sst xmlns='{_SPREADSHEET}'>".encode())
-                _repeat(part.write, [(f"<si><t>{strings[0]}</t></si>", strings[1])])
-                part.write(b"</sst>")
-        book.writestr("xl/_rels/book.xml.rels", relations(**related))
+    import openpyxl
+
+    sound = BytesIO()
+    book = openpyxl.Workbook()
+    book.active.append(["u"])
+    book.save(sound)
+    text, times = strings or ("", 0)
+    parts = {
+        "xl/worksheets/sheet1.xml": ("worksheet", "sheetData", rows),
+        "xl/sharedStrings.xml": ("sst", "", ((f"<si><t>{text}</t></si>", times),)),
+    }
+    with ZipFile(sound) as known, ZipFile(file, "w", ZIP_DEFLATED) as flood:
+        for name in {*known.namelist()} - {_TYPES, *parts}:
+            flood.writestr(name, known.read(name))
+        types = known.read(_TYPES).decode()
+        flood.writestr(_TYPES, types.replace("</Types>", f"{_SHARED}</Types>"))
+        for name, (outer, inner, content) in parts.items():
+            with flood.open(name, "w", force_zip64=True) as part:
+                part.write(f"<{outer} xmlns='{_SPREADSHEET}'>".encode())
+                part.write(f"<{inner}>".encode() if inner else b"")
+                _repeat(part.write, content)
+                part.write(f"</{inner}>".encode() if inner else b"")
+                part.write(f"</{outer}>".encode())
     return file
 
 

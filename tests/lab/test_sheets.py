@@ -53,7 +53,7 @@ def test_another_file_of_that_name_is_refused(tmp_path, content, message):
 def test_a_matlab_file_without_numbers_is_refused(tmp_path):
     file = tmp_path / "run.mat"
     savemat(file, {"note": "text", "run": {"u": [1.0]}, "n": 3.0})
-    kinds = r"no variable that is a vector .* note \(1 text\), run \(struct\), n \(1x1 numbers\)"
+    kinds = r"no variable that is a vector .* note \(1 char\), run \(1x1 struct\), n \(1x1 double\)"
     with pytest.raises(RecordError, match=kinds):
         read_headers(file)
 

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
+from sys import getsizeof
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import MinorloopError, RecordError
+from minorloop.errors import MinorloopError, MissingExtraError, RecordError
 from minorloop.files import PathLike
-from minorloop.lab._matlab import matlab_columns
-from minorloop.lab._workbook import Workbook
 from minorloop.lab.bounds import LARGEST, NUMBER, Bounds
 from minorloop.lab.text_tables import check_file, check_headers, with_units
 
 _FEWEST_NUMBERS = 2
 """Numbers in the first row of data, and texts in a row of headers, at least; a title has one."""
+_MOST_ROWS = 2**20
+"""Rows of a sheet; Excel has no more."""
 _SHOWN = 12
 """Variables that a message names."""
 
@@ -99,10 +103,36 @@ def read_sheet(path: PathLike, bounds: Bounds = LARGEST) -> Sheet:
 
 
 def _mat(file: Path, bounds: Bounds) -> Sheet:
-    columns, others = matlab_columns(file, bounds)
+    from scipy.io import loadmat, whosmat
+
+    try:
+        known = [(name, shape, kind) for name, shape, kind in whosmat(file) if name[:2] != "__"]
+        wanted = [name for name, shape, kind in known if _is_table(shape, kind)]
+        sizes = {name: shape for name, shape, _ in known if name in wanted}
+        held = sum(NUMBER * prod(shape) for shape in sizes.values())
+        bounds.check(file, rows=max(map(max, sizes.values()), default=0), held=held)
+        content = loadmat(file, variable_names=wanted) if wanted else {}
+    except NotImplementedError:
+        raise RecordError(
+            f"{file} has MATLAB format 7.3, which is not read; save it with the option -v7"
+        ) from None
+    except (RecordError, MemoryError):
+        raise
+    except Exception as error:
+        raise RecordError(f"{file} is not a MATLAB file: {error}") from None
+    columns: dict[str, FloatArray] = {}
+    for name in wanted:
+        value = content[name]
+        if value.dtype.kind == "c":
+            continue
+        for column, part in _split(name, value).items():
+            if column in columns:
+                raise RecordError(f"{file} has two columns named '{column}'; rename one")
+            columns[column] = np.array(part, np.float64)
     if not columns:
-        more = [f"and {len(others) - _SHOWN} more"] if len(others) > _SHOWN else []
-        shown = ", ".join(others[:_SHOWN] + more) or "none"
+        words = [f"{name} ({'x'.join(map(str, shape))} {kind})" for name, shape, kind in known]
+        more = [f"and {len(words) - _SHOWN} more"] if len(words) > _SHOWN else []
+        shown = ", ".join(words[:_SHOWN] + more) or "none"
         raise RecordError(
             f"{file} has no variable that is a vector or a matrix of real numbers, its variables "
             f"are {shown}; save each column as a variable, such as voltage"
@@ -111,12 +141,33 @@ def _mat(file: Path, bounds: Bounds) -> Sheet:
     return Sheet(file, tuple(columns), tuple(columns.values()), range(1, longest + 1))
 
 
+def _is_table(shape: Sequence[int], kind: str) -> bool:
+    """Whether a MATLAB variable of a shape and class is a vector or a matrix of numbers."""
+    numbers = kind in ("double", "single") or kind.lstrip("u").startswith("int")
+    return numbers and len(shape) == 2 and prod(shape) > 1
+
+
+def _split(name: str, value: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
+    """Return the columns of a matrix, whose shorter side counts them, by their names."""
+    if 1 in value.shape:
+        return {name: value.ravel()}
+    wide = value.T if value.shape[0] >= value.shape[1] else value
+    return {f"{name}_{k}": part for k, part in enumerate(wide, 1)}
+
+
 def _workbook(file: Path, bounds: Bounds) -> Sheet:
     try:
-        book = Workbook(file, bounds)
+        from openpyxl import load_workbook
+    except ImportError:
+        raise MissingExtraError("openpyxl", "excel") from None
+    try:
+        with ZipFile(file) as parts:
+            for part in parts.infolist():
+                bounds.check_expansion(file, part.compress_size, part.file_size)
+        book = load_workbook(file, read_only=True, data_only=True)
         try:
             name, numbers, rows = _first_table(book, file, bounds)
-            others = tuple(one for one in book.sheets if one != name)
+            others = tuple(one for one in book.sheetnames if one != name)
         finally:
             book.close()
     except (MinorloopError, MemoryError):
@@ -135,7 +186,6 @@ def _workbook(file: Path, bounds: Bounds) -> Sheet:
     body, numbers = rows[1:], numbers[1:]
     if body and (units := with_units(headers, list(map(_as_text, body[0][: len(headers)])))):
         headers, body, numbers = units, body[1:], numbers[1:]
-    book.hold(NUMBER * len(body) * len(headers))
     columns = tuple(_column(body, k) for k in range(len(headers)))
     return Sheet(file, tuple(headers), columns, numbers, name, others)
 
@@ -146,25 +196,34 @@ def _column(rows: Sequence[Sequence[Any]], index: int) -> list[Any] | FloatArray
 
 
 def _first_table(
-    book: Workbook, file: Path, bounds: Bounds
+    book: Any, file: Path, bounds: Bounds
 ) -> tuple[str, list[int], list[tuple[Any, ...]]]:
     """Return name, row numbers and rows of the first sheet with a row of numbers.
 
     Without one, it is the first sheet. No row is longer than the longest down to the first with
-    numbers, among which the headers are.
+    numbers, among which the headers are. What is kept is counted, whatever the sheet says of its
+    size.
     """
     found: list[tuple[str, list[int], list[tuple[Any, ...]]]] = []
-    for sheet in book.sheets:
+    held = 0
+    for sheet in book.worksheets:
+        sheet.reset_dimensions()
         numbers: list[int] = []
         rows: list[tuple[Any, ...]] = []
         width, begun = 0, False
-        for number, row in book.rows(sheet):
+        for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
+            if number > _MOST_ROWS:
+                raise ValueError(f"a sheet has a row beyond {_MOST_ROWS}")
+            used = max((k for k, cell in enumerate(row, 1) if cell is not None), default=0)
+            if not used:
+                continue
             if not begun:
-                width, begun = max(width, len(row)), _has_numbers(row)
-            bounds.check(file, rows=len(rows))
+                width, begun = max(width, used), _has_numbers(row)
             numbers.append(number)
-            rows.append(row[:width])
-        found.append((sheet, numbers, rows))
+            rows.append(row[: min(used, width)])
+            held += getsizeof(rows[-1]) + sum(map(getsizeof, rows[-1]))
+            bounds.check(file, rows=len(rows), columns=used, held=held)
+        found.append((sheet.title, numbers, rows))
         if begun:
             return found[-1]
     return found[0]
