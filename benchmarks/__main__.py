@@ -13,6 +13,7 @@ PARTS = (
     "identification",
     "fit_times",
     "one_model",
+    "first_use",
     "real_records",
     "kinds_of_records",
     "staircases",

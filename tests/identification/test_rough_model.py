@@ -2,9 +2,14 @@ import numpy as np
 import pytest
 
 from fault_records import record
-from minorloop.identification._condensing_kernels import chebyshev_sums
 from minorloop.identification.curves import Curves
-from minorloop.identification.rough_model import RoughRecord, few, least_error, spread
+from minorloop.identification.rough_model import (
+    RoughRecord,
+    chebyshev_sums,
+    few,
+    least_error,
+    spread,
+)
 
 WHOLE = Curves.whole("negative")
 

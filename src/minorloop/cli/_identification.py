@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from minorloop.cli import _common
+from minorloop.cli._compilation import compilation_said
 from minorloop.errors import ParameterError, counted
 
 if TYPE_CHECKING:
@@ -77,9 +78,10 @@ def identified(
         if dynamics != "none":
             found = _with_dynamics(log, given, dynamics)
             return Done(log, found.static, provenance, time.perf_counter() - began, found)
-        result = identify(
-            log, progress=lambda stage: now(f"identifying from {count}: {stage}"), **given
-        )
+        with compilation_said(lambda sentence: now(sentence, kept=True)):
+            result = identify(
+                log, progress=lambda stage: now(f"identifying from {count}: {stage}"), **given
+            )
     return Done(log, result, provenance, time.perf_counter() - began)
 
 

@@ -138,25 +138,6 @@ def quadrature(u, measured, first, end, middle, half, number):
 
 
 @njit(cache=True, nogil=True)
-def chebyshev_sums(x, coefficients, constant):
-    """For each row of x (T, P), the constant plus sums of Chebyshev polynomials, degrees 1 to D.
-
-    ``coefficients`` (P, D) of each column. Clenshaw, Math. Tables Aids Comput. 9, 1955.
-    """
-    degree = coefficients.shape[1]
-    out = np.empty(x.shape[0])
-    for t in range(x.shape[0]):
-        total = constant
-        for p in range(x.shape[1]):
-            z, one, two = x[t, p], 0.0, 0.0
-            for k in range(degree - 1, -1, -1):
-                one, two = coefficients[p, k] + 2.0 * z * one - two, one
-            total += z * one - two
-        out[t] = total
-    return out
-
-
-@njit(cache=True, nogil=True)
 def closed_loops(u, first, tolerance, gap, narrowest, begin, end):
     """Write the first and the last sample of each closed loop; gives their number.
 

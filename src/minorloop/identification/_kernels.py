@@ -9,6 +9,8 @@ parent, itself a sample) plus one Everett difference, which reads at most six no
 
     row(t) = row(parent[t]) + sum over c of coefficient[t, c] * node[index[t, c]]
 
+A whole number that a helper gets is an ``np.int64``: for a literal, numba compiles it once more.
+
 Parent -1 is negative saturation, where nothing is on. Reversals with the same parent at the same
 input have the same memory, and the first of them is the parent of what follows any of them: curves
 that all begin demagnetised share the reversals of the demagnetisation.
@@ -20,20 +22,20 @@ import numpy as np
 from numba import njit
 
 from minorloop.operators._kernels import band_of
-from minorloop.operators._memory_kernels import wipes_out
+from minorloop.operators._memory_kernels import INSIDE, wipes_out
 
 ROOT = -1
 _SEARCHED = 64
 """Reversals with the same parent, the newest ones, that are compared."""
 
 
-@njit(cache=True, nogil=True)
+@njit(**INSIDE)
 def packed(i, j):
     """Index of cell (i, j), and of the node at its upper left corner."""
     return i * (i + 1) // 2 + j
 
 
-@njit(cache=True, nogil=True)
+@njit(**INSIDE)
 def put(index, coefficient, slot, i, j, value):
     """Write one term of a row unless it is zero; gives the next slot."""
     if value != 0.0:
@@ -43,14 +45,15 @@ def put(index, coefficient, slot, i, j, value):
     return slot
 
 
-@njit(cache=True, nogil=True)
+@njit(**INSIDE)
 def everett_terms(index, coefficient, i, s, j, f, sign, spread):
     """Terms of the Everett value at fraction s of band i over fraction f of band j <= i."""
+    slot = np.int64(0)
     if i == j:
         x = s - f
-        put(index, coefficient, 0, i, i, sign * (x * x if spread else x))
+        put(index, coefficient, slot, i, i, sign * (x * x if spread else x))
         return
-    slot = put(index, coefficient, 0, i - 1, j, sign * (1.0 - s) * (1.0 - f))
+    slot = put(index, coefficient, slot, i - 1, j, sign * (1.0 - s) * (1.0 - f))
     slot = put(index, coefficient, slot, i, j, sign * s * (1.0 - f))
     if j + 1 < i:
         slot = put(index, coefficient, slot, i - 1, j + 1, sign * (1.0 - s) * f)
@@ -60,7 +63,7 @@ def everett_terms(index, coefficient, i, s, j, f, sign, spread):
         put(index, coefficient, slot, j, j, -sign * f * (1.0 - f))
 
 
-@njit(cache=True, nogil=True)
+@njit(**INSIDE)
 def shared(newest, older, at, parent, sample, value):
     """Earlier reversal with the same memory; this one, which is then compared too, if none is."""
     if sample == ROOT:
@@ -84,11 +87,12 @@ def trace(levels, per_band, buckets, per_unit, spread, u, index, coefficient, pa
     ``corner`` becomes the cell in which the present branch ends: where this sample looks at the
     Everett surface; -1 where it does not.
     """
-    newest, older = np.full(u.size + 1, ROOT, np.int32), np.empty(u.size, np.int32)
+    newest, older = np.empty(u.size + 1, np.int32), np.empty(u.size, np.int32)
+    newest[:] = ROOT
     at = np.empty(u.size)
-    values, bands = np.empty(u.size + 2), np.empty(u.size + 2, dtype=np.int64)
-    fractions, samples = np.empty(u.size + 2), np.empty(u.size + 2, dtype=np.int64)
-    top, value, band, fraction, sample = 0, levels[0], 0, 0.0, ROOT
+    values, bands = np.empty(u.size + 2), np.empty(u.size + 2, np.int64)
+    fractions, samples = np.empty(u.size + 2), np.empty(u.size + 2, np.int64)
+    top, value, band, fraction, sample = 0, levels[0], 0, 0.0, np.int64(ROOT)
     for t in range(u.size):
         x = min(max(u[t], levels[0]), levels[-1])
         parent[t] = sample
@@ -105,7 +109,7 @@ def trace(levels, per_band, buckets, per_unit, spread, u, index, coefficient, pa
         value, band = x, band_of(levels, buckets, per_unit, x)
         fraction = (x - levels[band]) * per_band[band]
         if top == 0:
-            parent[t], sample, corner[t] = ROOT, ROOT, ROOT
+            parent[t], sample, corner[t] = ROOT, np.int64(ROOT), ROOT
             continue
         parent[t], sample = samples[top - 1], t
         i, s, j, f, sign = band, fraction, bands[top - 1], fractions[top - 1], 1.0
@@ -116,9 +120,8 @@ def trace(levels, per_band, buckets, per_unit, spread, u, index, coefficient, pa
 
 
 @njit(cache=True, nogil=True)
-def lead_to(measured, parent):
-    """Samples that are measured, or parents of such: the others have no use."""
-    used = measured.copy()
+def lead_to(used, parent):
+    """Add the parents of samples in use to them, in place: the others have no use."""
     for t in range(parent.size - 1, -1, -1):
         if used[t] and parent[t] != ROOT:
             used[parent[t]] = True
@@ -186,7 +189,8 @@ def gram(index, coefficient, parent, weight, out):
     grows with the number of reversals and the nodes of the plane that a memory touches. Consumes
     ``weight``.
     """
-    child, sibling = np.full(parent.size + 1, ROOT), np.full(parent.size, ROOT)
+    child, sibling = np.empty(parent.size + 1, np.int64), np.empty(parent.size, np.int64)
+    child[:], sibling[:] = ROOT, ROOT
     for t in range(parent.size - 1, -1, -1):
         n = weight[t]
         if n == 0.0:
@@ -198,18 +202,21 @@ def gram(index, coefficient, parent, weight, out):
         if parent[t] != ROOT:
             weight[parent[t]] += n
         sibling[t], child[parent[t]] = child[parent[t]], t  # the last child is that of the root
-    terms, others = np.zeros(out.shape[0]), np.zeros(out.shape[0])
+    terms, others = np.empty(out.shape[0]), np.empty(out.shape[0])
+    terms[:], others[:] = 0.0, 0.0
     nodes, far = np.empty(out.shape[0], np.int64), np.empty(out.shape[0], np.int64)
-    listed, far_listed = np.zeros(out.shape[0], np.bool_), np.zeros(out.shape[0], np.bool_)
-    before, remote_before = np.empty(index.shape), np.empty(parent.size, np.int64)
-    remote, p = 0, child[ROOT]
+    listed, far_listed = np.empty(out.shape[0], np.bool_), np.empty(out.shape[0], np.bool_)
+    listed[:], far_listed[:] = False, False
+    before = np.empty(index.size).reshape(index.shape)
+    remote_before = np.empty(parent.size, np.int64)
+    remote, p = np.int64(0), child[ROOT]
     while p != ROOT:
         if child[p] != ROOT:
             remote_before[p] = remote
             for c in range(index.shape[1]):
                 before[p, c] = others[index[p, c]]
             remote = add_terms(index[p], coefficient[p], 1.0, others, far, far_listed, remote)
-            count, t = 0, child[p]
+            count, t = np.int64(0), child[p]
             while t != ROOT:
                 count = add_terms(index[t], coefficient[t], weight[t], terms, nodes, listed, count)
                 t = sibling[t]
@@ -233,7 +240,7 @@ def gram(index, coefficient, parent, weight, out):
             p = sibling[p]
 
 
-@njit(cache=True, nogil=True)
+@njit(**INSIDE)
 def add_terms(index, coefficient, factor, sums, nodes, listed, count):
     """Add terms of a row to sums; ``nodes`` lists where, each once. Gives their number."""
     for c in range(index.size):
@@ -255,7 +262,7 @@ def columns_to_cells(bands, x):
             for j in range(1, i + 1):
                 row[packed(i, j)] += row[packed(i, j) - 1]
         for i in range(bands - 2, -1, -1):
-            first, above = packed(i, 0), packed(i + 1, 0)
+            first, above = packed(i, i) - i, packed(i, i) + 1
             for j in range(i + 1):
                 row[first + j] += row[above + j]
 

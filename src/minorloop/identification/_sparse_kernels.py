@@ -88,7 +88,7 @@ def panels(parent, count):
 
 @njit(cache=True, nogil=True)
 def panel_rows(first, rows, start, at):
-    """Rows of each panel, increasing, and the panel of each column."""
+    """Rows of each panel, its own columns first, and the panel of each column."""
     n, count = first.size - 1, start.size - 1
     out, seen, panel_of = np.empty(at[-1], np.int64), np.full(n, -1), np.empty(n, np.int64)
     child, sibling = np.full(count, -1), np.full(count, -1)
@@ -113,25 +113,12 @@ def panel_rows(first, rows, start, at):
                     end += 1
             below = sibling[below]
         if at[s] + width < end:
-            out[at[s] + width : end].sort()
-            above = panel_of[out[at[s] + width]]
+            above = n
+            for p in range(at[s] + width, end):
+                above = min(above, out[p])
+            above = panel_of[above]
             sibling[s], child[above] = child[above], s
     return out, panel_of
-
-
-@njit(cache=True, nogil=True)
-def places(start, at, rows, offset, panel_of, row, column):
-    """Index in ``data`` of each entry of the lower triangle."""
-    out = np.empty(row.size, np.int64)
-    for e in range(row.size):
-        s = panel_of[column[e]]
-        width = start[s + 1] - start[s]
-        if row[e] < start[s + 1]:
-            k = row[e] - start[s]
-        else:
-            k = width + np.searchsorted(rows[at[s] + width : at[s + 1]], row[e])
-        out[e] = offset[s] + k * width + column[e] - start[s]
-    return out
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})

@@ -153,7 +153,7 @@ class DesignMatrix:
         self.measured = np.concatenate([np.zeros(past.size, dtype=np.bool_), measured])
         self.swing, self.shift = swing(spec.relay), -off_output(spec.relay)
         self.corner = corner[self.measured]
-        self._keep(_kernels.lead_to(self.measured, self.parent))
+        self._keep(_kernels.lead_to(self.measured.copy(), self.parent))
 
     def _keep(self, used: BoolArray) -> None:
         """Leave the other inputs out of the tree."""
@@ -281,7 +281,7 @@ class DesignMatrix:
         part.counts = None if self.counts is None else self.counts[kept]
         part.measured = self.measured.copy()
         part.measured[self.measured] = kept
-        part._keep(_kernels.lead_to(part.measured, self.parent))
+        part._keep(_kernels.lead_to(part.measured.copy(), self.parent))
         return part
 
     def at_most(self, bands: int) -> DesignMatrix:

@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
-from minorloop.identification import _condensing_kernels as _kernels
 from minorloop.identification.curves import Curves
 from minorloop.operators import _play_kernels
 
@@ -160,7 +159,21 @@ def robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
         weights = 1 / np.maximum(np.abs(rows @ found - near + middle), smallest)
         weights /= weights.mean()
     coefficients = found[1:].reshape(-1, basis.degree)
-    return np.asarray(_kernels.chebyshev_sums(basis.plays, coefficients, found[0] + middle))
+    return chebyshev_sums(basis.plays, coefficients, found[0] + middle)
+
+
+def chebyshev_sums(x: FloatArray, coefficients: FloatArray, constant: float) -> FloatArray:
+    """For each row of x (T, P), the constant plus sums of Chebyshev polynomials, degrees 1 to D.
+
+    ``coefficients`` (P, D) of each column. Clenshaw, Math. Tables Aids Comput. 9, 1955.
+    """
+    total = np.full(x.shape[0], constant)
+    for z, terms in zip(x.T, coefficients, strict=True):
+        one = two = np.zeros(z.size)
+        for term in terms[::-1]:
+            one, two = term + 2.0 * z * one - two, one
+        total += z * one - two
+    return total
 
 
 def least_error(matrix: FloatArray, y: FloatArray) -> float:

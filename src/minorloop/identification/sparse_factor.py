@@ -46,32 +46,41 @@ class SparseFactor:
         n = sign.size
         ends = np.concatenate([rows, columns, np.arange(n)])
         others = np.concatenate([columns, rows, np.arange(n)])
-        pattern = coo_array((np.ones(ends.size), (ends, others)), shape=(n, n)).tocsc()
-        order = np.append(_least_degree(pattern[: n - last, : n - last]), np.arange(n - last, n))
-        parent, _ = _kernels.elimination_tree(*_permuted(pattern, order))
-        order = order[_kernels.postorder(parent)]
-        first, below = _permuted(pattern, order)
-        parent, self.counts = _kernels.elimination_tree(first, below)
-        self._start, height = _kernels.panels(parent, self.counts)
+        self._entries, self._sign = (rows, columns), sign
+        self._pattern = coo_array((np.ones(ends.size), (ends, others)), shape=(n, n)).tocsc()
+        least = _least_degree(self._pattern[: n - last, : n - last])
+        self._order = np.append(least, np.arange(n - last, n))
+        tree = _kernels.elimination_tree(*_permuted(self._pattern, self._order))
+        self._parent, self.counts = tree
+        self._data: FloatArray | None = None
+
+    def _lay_out(self) -> FloatArray:
+        """Find the panels and the places of the entries; many systems are only counted."""
+        n = self._sign.size
+        self._order = self._order[_kernels.postorder(self._parent)]
+        first, below = _permuted(self._pattern, self._order)
+        parent, counts = _kernels.elimination_tree(first, below)
+        self._start, height = _kernels.panels(parent, counts)
+        width = np.diff(self._start)
         self._at = np.append(0, np.cumsum(height))
-        self._offset = np.append(0, np.cumsum(height * np.diff(self._start)))
-        self._rows, self._panel_of = _kernels.panel_rows(first, below, self._start, self._at)
-        self._order, self._sign = order, sign[order]
-        place = np.argsort(order)
-        one, other = place[rows], place[columns]
-        self._places = _kernels.places(
-            self._start,
-            self._at,
-            self._rows,
-            self._offset,
-            self._panel_of,
-            np.maximum(one, other),
-            np.minimum(one, other),
-        )
-        self._data = np.empty(self._offset[-1])
+        self._offset = np.append(0, np.cumsum(height * width))
+        rows, self._panel_of = _kernels.panel_rows(first, below, self._start, self._at)
+        # Sorted here, because numba compiles a sort for longer than all these loops.
+        key = np.sort(np.repeat(np.arange(height.size), height) * n + rows)
+        self._rows = key % n
+        place = np.argsort(self._order)
+        one, other = (place[end] for end in self._entries)
+        column = np.minimum(one, other)
+        panel = self._panel_of[column]
+        row = np.searchsorted(key, panel * n + np.maximum(one, other)) - self._at[panel]
+        self._places = self._offset[panel] + row * width[panel] + column - self._start[panel]
+        self._sign = self._sign[self._order]
+        return np.empty(self._offset[-1])
 
     def factorise(self, values: FloatArray) -> None:
         """Factorise the matrix with these (E,) values of its entries."""
+        if self._data is None:
+            self._data = self._lay_out()
         _kernels.factorise(
             self._start,
             self._at,

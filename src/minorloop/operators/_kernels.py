@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from minorloop.arrays import FloatArray, IntArray
-from minorloop.operators._memory_kernels import wipes_out
+from minorloop.operators._memory_kernels import INSIDE, wipes_out
 
 VALUE, OUTPUT, BAND, FRACTION = 0, 1, 2, 3
 """Columns of the stack of extrema: input, output, band of the levels, and share of that band."""
@@ -48,7 +48,7 @@ class Plane(NamedTuple):
     slope: float
 
 
-@njit(cache=True, nogil=True)
+@njit(**INSIDE)
 def band_of(levels, buckets, per_unit, u):
     """Band that holds u, for u inside the grid: a bucket first, then a search within it.
 
@@ -69,7 +69,7 @@ def band_of(levels, buckets, per_unit, u):
     return low
 
 
-@njit(cache=True, nogil=True)
+@njit(**INSIDE)
 def everett_inside(nodes, bow, i, s, j, f):
     """Everett value at alpha = fraction s of band i, beta = fraction f of band j <= i.
 
