@@ -81,6 +81,9 @@ def test_a_coarse_plane_has_the_variances_of_what_it_can_describe(sparse, monkey
     assert coarse.spec.bands == 6
     np.testing.assert_array_equal(coarse.dense, np.tril(coarse.dense))
     new = np.random.default_rng(0).choice(coarse.spec.levels, 40)
-    np.testing.assert_allclose(
-        coarse.deviation(new, "negative"), found.deviation(new, "negative"), rtol=1e-5
-    )
+    plain = replace(found, hyperparameters=replace(found.hyperparameters, discrepancy=0.0))
+    share = plain.coarse(6).deviation(new, "negative") / plain.deviation(new, "negative")
+    np.testing.assert_allclose(share, share[0], rtol=1e-5)
+    every = np.random.default_rng(1).uniform(-1, 1, 4000)
+    means = [np.mean(one.deviation(every, "negative") ** 2) for one in (plain, plain.coarse(6))]
+    assert means[1] == pytest.approx(means[0], rel=0.1)

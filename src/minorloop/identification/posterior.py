@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,8 @@ from minorloop.identification.likelihood import LEARNT, cholesky, regressors
 from minorloop.identification.prior import Hyperparameters
 from minorloop.operators.memory import Start
 
+_PROBES = 400
+"""Random inputs on which a coarse plane is compared with the plane."""
 _TOGETHER = 8192
 """Outputs whose dense regressors are in memory at once."""
 
@@ -67,8 +69,9 @@ class Posterior(ABC):
     def coarse(self, bands: int) -> DensePosterior:
         """Return the distribution of the unknowns of a plane of at most so many bands.
 
-        Its factor is lower triangular. Outputs have nearly the same deviations: the density counts
-        as constant in each of the larger cells.
+        Its factor is lower triangular. The density counts as constant in each of the larger cells;
+        a factor makes up for what varies within them, so that outputs for random inputs have the
+        same variance on average.
         """
         spec = self.spec.coarse(bands)
         into = self.spec.sums(spec)
@@ -79,7 +82,19 @@ class Posterior(ABC):
         square = np.zeros((spec.unknowns, spec.unknowns))
         square[:, : root.shape[1]] = root
         known = self.hyperparameters, self.unit, self.samples, self.determined
-        return DensePosterior(spec, *known, dense=square)
+        found = DensePosterior(spec, *known, dense=square)
+        low, high = map(float, spec.levels[[0, -1]])
+        probe = np.random.default_rng(0).uniform(low, high, _PROBES)
+        every = np.ones(_PROBES, dtype=np.bool_)
+        mean, other = (one._known(probe, every, "negative").mean() for one in (self, found))
+        return replace(found, dense=np.sqrt(mean / other) * square)
+
+    def _known(self, u: FloatArray, wanted: BoolArray, start: Start) -> FloatArray:
+        """(M,) variances of outputs from the uncertainty of the unknowns, and from `apart`."""
+        known = self.variances(u, wanted, start)
+        if self.apart is not None:
+            known += DesignMatrix(self.spec, u, wanted, start).forward(self.apart) ** 2
+        return known
 
     def deviation(
         self, u: FloatArray, start: Start, measured: BoolArray | None = None
@@ -89,10 +104,7 @@ class Posterior(ABC):
         It includes the uncertainty of the weights and the model discrepancy, but no sensor noise.
         """
         wanted = np.ones(u.size, dtype=np.bool_) if measured is None else measured
-        known = self.variances(u, wanted, start)
-        if self.apart is not None:
-            known += DesignMatrix(self.spec, u, wanted, start).forward(self.apart) ** 2
-        return self._whole(known)
+        return self._whole(self._known(u, wanted, start))
 
     def row_deviation(self, rows: FloatArray) -> FloatArray:
         """Standard deviation of the true outputs for regressors (T, n)."""
