@@ -108,7 +108,8 @@ class ModelError:
     Parameters
     ----------
     parts : int
-        Number of parts of the record whose errors are independent.
+        Number of parts of the record whose errors are independent: groups, or visits to cells of
+        the plane over those within a quarter of the range, where errors are alike.
     reach : Reach
         Cells that the record reached.
     factors : (3,) array
@@ -231,6 +232,8 @@ def learn(
     scores = np.sort(np.sqrt(square / (components @ factors)))
     factors = factors * np.array([1.0, scale**2, scale**2])
     reach = Reach.of(spec, coarse.corner)
+    if groups is None:
+        parts = max(round(parts / (_NEAR * _CELLS)), 1)
     return ModelError(parts, reach, factors, scores, inputs, variance, covariates.max(axis=0))
 
 
