@@ -95,6 +95,26 @@ class TestExcel:
         np.testing.assert_array_equal(found["u"], [0.5, 0.25, 0.5])
         np.testing.assert_array_equal(found["y"], [np.nan, 2.0, 3.0])
 
+    def test_a_preamble_of_labview_is_skipped_also_where_it_has_numbers(self, workbook):
+        end = ["***End_of_Header***"]
+        preamble = [["LabVIEW Measurement"], ["Writer_Version", 2], ["Separator", "Tab"], end, []]
+        channels = [
+            ["Channels", 2],
+            ["Samples", 3, 3],
+            ["X0", 0.0, 0.0],
+            ["Delta_X", 0.1, 0.1],
+            end,
+        ]
+        body = [
+            ["X_Value", "u", "y", "Comment"],
+            [0.0, 0.5, 1.0],
+            [0.1, 0.25, 2.0],
+            [0.2, 0.5, 3.0],
+        ]
+        file = workbook([*preamble, *channels, *body])
+        assert read_headers(file) == ["X_Value", "u", "y", "Comment"]
+        np.testing.assert_array_equal(read_columns(file, ["y"])["y"], [1.0, 2.0, 3.0])
+
     def test_the_first_sheet_with_numbers_is_read_and_named(self, workbook):
         file = workbook([["Strip 7, annealed"], ["operator", "A. Smith"]])
         book = __import__("openpyxl").load_workbook(file)

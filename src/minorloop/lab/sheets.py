@@ -23,6 +23,8 @@ _FEWEST_NUMBERS = 2
 """Numbers in the first row of data, and texts in a row of headers, at least; a title has one."""
 _MOST_ROWS = 2**20
 """Rows of a sheet; Excel has no more."""
+_END_OF_PREAMBLE = "***End_of_Header***"
+"""Last row of each of the preambles that LabVIEW writes above a table."""
 _SHOWN = 12
 """Variables that a message names."""
 
@@ -216,6 +218,9 @@ def _first_table(
                 raise ValueError(f"a sheet has a row beyond {_MOST_ROWS}")
             used = max((k for k, cell in enumerate(row, 1) if cell is not None), default=0)
             if not used:
+                continue
+            if row[0] == _END_OF_PREAMBLE:  # it may have rows of numbers, such as Samples 100 100
+                numbers, rows, width, begun = [], [], 0, False
                 continue
             if not begun:
                 width, begun = max(width, used), _has_numbers(row)
