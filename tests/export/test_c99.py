@@ -106,6 +106,25 @@ def test_the_tolerance_includes_an_offset_of_the_input(base, width, float32, tmp
     compiled.self_test(code, tmp_path)
 
 
+@pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
+@pytest.mark.parametrize("relay", ["bipolar", "unipolar"])
+def test_the_last_digit_of_no_input_changes_the_output_by_more_than_stated(relay, diagonal):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        levels = np.cumsum(rng.uniform(0.05, 1, 9) ** 3) + rng.uniform(0, 5)
+        weights = np.tril(rng.uniform(0, 1, (8, 8)) ** 4)
+        model = Preisach(levels, weights, relay=relay, diagonal=diagonal, slope=rng.uniform(0, 1))
+        narrow = int(np.argmin(np.diff(levels)))
+        within = rng.uniform(levels[narrow], levels[narrow + 1], 400)
+        u = np.where(rng.uniform(size=400) < 0.5, within, rng.choice(levels, 400)).astype(
+            np.float32
+        )
+        beside = np.nextafter(u, np.float32(np.inf)).astype(np.float64)
+        change = np.abs(model.simulate(beside) - model.simulate(u.astype(np.float64))).max()
+        stated = source(model, float32=True).input_error
+        assert change <= 1.01 * stated * np.ptp(model.range)
+
+
 def test_refuses_an_offset_that_leaves_no_digits():
     model = shifted(1e6, 1.0)
     assert source(model).input_error < 1e-8

@@ -57,6 +57,21 @@ def examples(
     return u, y, digit
 
 
+def worst_digit(model: Preisach, numbers: Numbers) -> float:
+    """Return the largest effect of a last digit of an input, as a share of the range of the output.
+
+    It is that where the output is steepest, where all relays of a band switch, at the last input
+    and at the extremum before it.
+    """
+    weights, bands = np.abs(model.weights), np.diff(model.levels)
+    if model.diagonal == "uniform":  # a triangle is twice as steep at its end
+        weights = weights + np.diag(weights.diagonal())
+    steepest = sum(float(np.max(weights.sum(axis=axis) / bands)) for axis in (0, 1))
+    swing = 2.0 if model.relay == "bipolar" else 1.0
+    digit = float(np.spacing(numbers.array(np.abs(model.levels).max())))
+    return digit * (swing * steepest + abs(model.slope)) / width_of(model, None)
+
+
 def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:
     """Refuse thresholds that differ only in the last digits of their type.
 

@@ -18,7 +18,7 @@ from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.export._after_effect import after_effect_parts
 from minorloop.export._plays import plays_parts
 from minorloop.export._relays import relay_parts
-from minorloop.export._selftest import asked_of, examples, selftest, width_of
+from minorloop.export._selftest import asked_of, examples, selftest, width_of, worst_digit
 from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
 from minorloop.export._templates import render
 from minorloop.files import PathLike, write_folder
@@ -58,8 +58,9 @@ class CSource:
     drop_error : float
         Largest change of the output by dropping one pair of extrema, in its unit.
     input_error : float
-        Largest change of the output by rounding the input to the type of the C, for the inputs of
-        the self-test, as a share of its range; 0 for relays and plays, where it is not computed.
+        Largest change of the output by a last digit of the input in the type of the C, where the
+        output is steepest, as a share of its range; 0 for relays and plays, where it is not
+        computed.
     """
 
     files: dict[str, str]
@@ -191,9 +192,10 @@ def source(
     _check_bytes(table_bytes, state_bytes, largest)
     drop_error = context["swing"] / (memory - 3)
     u, y, digit = examples(operator, numbers, memory, linear, first)
+    input_error = max(digit, worst_digit(operator, numbers))
     context |= {
         "single": f"{drop_error:.3g}",
-        "input_error": f"{digit:.2g}",
+        "input_error": f"{input_error:.2g}",
         **_common("a Preisach operator with piecewise uniform density", numbers, inverse, words),
     }
     invertible = inverse and operator.range[0] < operator.range[1]
@@ -206,7 +208,7 @@ def source(
         low, high = map(float, operator.levels[[0, -1]])
         safe = numbers.one(min(max(0.0, low), high))
         files[f"{name}_firmware.c"] = render("firmware.c", {**context, "safe": safe})
-    return CSource(files, table_bytes, state_bytes, memory, drop_error, digit)
+    return CSource(files, table_bytes, state_bytes, memory, drop_error, input_error)
 
 
 def _other_source(

@@ -40,7 +40,7 @@
  * what the drops that have not healed may amount to.
  *
  * Inputs are of the type {{ real }}: its last digit is worth up to {{ input_error }} of the range of the output,
- * on the inputs of the self-test. An offset that is large beside the range of the input costs
+ * where the output is steepest. An offset that is large beside the range of the input costs
  * digits; subtract it before the model is identified.
  */
 #ifndef {{ guard }}_H
