@@ -46,7 +46,7 @@ def test_deviations_of_many_outputs_are_computed_in_parts(monkeypatch):
 
 
 def test_a_sparse_posterior_has_the_factor_of_its_variances(monkeypatch):
-    for name, value in (("_LEAST_SPARSE", 0), ("_SHARE", np.inf), ("_FILL", np.inf)):
+    for name, value in (("_LEAST_SPARSE", 0), ("_FILL", np.inf)):
         monkeypatch.setattr(prior_system, name, value)
     model, u, y = a_record_with_long_branches(each=40)
     found = identify(u, y, levels=model.levels, prior="gaussian", slope=True).posterior
@@ -70,7 +70,7 @@ def test_a_sparse_posterior_has_the_factor_of_its_variances(monkeypatch):
 def test_a_coarse_plane_has_the_variances_of_what_it_can_describe(sparse, monkeypatch):
     """On its levels regressors of both planes are the same."""
     if sparse:
-        for name, value in (("_LEAST_SPARSE", 0), ("_SHARE", np.inf), ("_FILL", np.inf)):
+        for name, value in (("_LEAST_SPARSE", 0), ("_FILL", np.inf)):
             monkeypatch.setattr(prior_system, name, value)
     model, u, y = a_record_with_long_branches(each=40)
     found = identify(u, y, levels=model.levels, prior="gaussian", slope=True).posterior
