@@ -87,9 +87,10 @@ def rows(quick: bool = False) -> list[Row]:
 
 
 def _carried_out(path: Path, holds: int, seed: int) -> tuple[Array, Array]:
-    """Processor time of each hold, and time to write each point, in seconds.
+    """Processor time of each hold, and of writing each point, in seconds.
 
-    A write that another process locks out is an error, as the store is made not to wait.
+    A write that another process locks out is an error, as the store is made not to wait. So what
+    others cost a write is processor time, and no other load of the machine counts.
     """
     from minorloop.lab.plan import Plan
     from minorloop.lab.run import run
@@ -101,9 +102,9 @@ def _carried_out(path: Path, holds: int, seed: int) -> tuple[Array, Array]:
 
     class Timed(Store):
         def add(self, *point: object) -> None:
-            began = time.perf_counter()
+            began = time.process_time()
             super().add(*point)
-            written.append(time.perf_counter() - began)
+            written.append(time.process_time() - began)
 
     with Timed.create(path, plan, Setup("bench", "voltage [V]", "tip [mm]")) as store:
         store._execute("PRAGMA busy_timeout = 0")
@@ -140,12 +141,12 @@ def _read(folder: Path, holds: int, seed: int) -> Row:
         looked = looks.value
     percent = np.percentile(read, [50, 99, 100]) - np.percentile(alone, [50, 99, 100])
     return within(
-        f"a write while {READERS} processes read, 99th percentile of {holds}, more than alone",
-        max(percent[1], 0.0),
+        f"a write while {READERS} processes read, longest of {holds}, more than alone",
+        max(percent[2], 0.0),
         DELAY,
-        f"median {1e3 * percent[0]:+.2f}, worst {1e3 * percent[2]:+.2f} ms (alone "
-        f"{1e3 * alone.max():.2f} ms); the store was opened and read {looked} times, and no write "
-        "found it locked",
+        f"median {1e3 * percent[0]:+.2f}, 99th percentile {1e3 * percent[1]:+.2f} ms (alone "
+        f"{1e3 * alone.max():.2f} ms at most); the store was read {looked} times, and no "
+        "write found it locked",
         looked > holds / 100,
     )
 
