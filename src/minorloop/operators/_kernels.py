@@ -52,11 +52,10 @@ class Plane(NamedTuple):
 def band_of(levels, buckets, per_unit, u):
     """Band that holds u, for u inside the grid: a bucket first, then a search within it.
 
-    Band 0 for an input that is not a number, which has no bucket.
+    The first bucket for an input that is not a number.
     """
-    if not u > levels[0]:
-        return 0
-    bucket = int((u - levels[0]) * per_unit)
+    place = (u - levels[0]) * per_unit
+    bucket = int(place) if place > 0.0 else 0
     low, high = buckets[bucket], buckets[bucket + 1]
     while high - low > CROWDED:
         middle = (low + high) // 2
@@ -115,14 +114,11 @@ def simulate(plane, stack, n, u, y):
     pivot_band, pivot_fraction = int(stack[pivot, BAND]), stack[pivot, FRACTION]
     for t in range(u.size):
         x = u[t]
-        if not x >= lowest:
-            if math.isnan(x):
-                y[t] = x
-                continue
+        if x < lowest:
             x = lowest
         elif x > highest:
             x = highest
-        if x != value:
+        if x != value and not math.isnan(x):
             rising = x > value
             if rising == (top & 1 == 0):  # a reversal: the present extremum becomes the pivot
                 stack[top, VALUE], stack[top, OUTPUT] = value, output
