@@ -4,6 +4,7 @@ import pytest
 from fault_records import INPUTS, kinds, plant, record
 from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
+from minorloop.operators.preisach import Preisach
 
 
 @pytest.mark.parametrize("shape", INPUTS)
@@ -94,6 +95,13 @@ def test_an_output_that_saturates_smoothly_is_not_clipped():
     y = 1 - np.exp(-8 * (y - y.min()) / np.ptp(y))
     y += 0.003 * np.random.default_rng(1000).normal(size=y.size)
     assert kinds(u, y) == []
+
+
+def test_curves_that_all_end_at_saturation_without_noise_are_not_clipped():
+    fields = np.linspace(-1, 1, 9)
+    u = np.concatenate([np.concatenate([[1.0], fields[k:]]) for k in range(7, -1, -1)])
+    y = Preisach(fields, np.tril(np.full((8, 8), 0.02))).simulate(u, start="positive")
+    assert not kinds(u, y)
 
 
 def test_an_output_clipped_most_of_the_time_is_found():

@@ -169,7 +169,7 @@ def clipped(record: RoughRecord) -> Iterator[RecordFault]:
     y, noise = record.y[places], _least_noise(record)
     for word, way in (("highest", 1), ("lowest", -1)):
         depth = float((way * record.values).max()) - way * record.values
-        width = _equal(depth, record.span, noise)
+        width = _equal(record.u[record.places], depth, record.span, noise)
         if width is None:
             width = _rail(way * u, way * y, way * size, record.span, noise)
         if width is None:
@@ -201,14 +201,14 @@ def _least_noise(record: RoughRecord) -> float:
     return min(spread(values - record.rough[record.places]), noise_of(np.diff(values, 2), 2))
 
 
-def _equal(depth: FloatArray, span: float, noise: float) -> float | None:
+def _equal(u: FloatArray, depth: FloatArray, span: float, noise: float) -> float | None:
     """Width of a rail without noise in a record with noise; None without one."""
     width = _EQUAL * span
     near = depth[(depth > width) & (depth <= _BELOW * span)]
     others = int(np.unique(near, return_counts=True)[1].max(initial=1))
     at = depth <= width
     exact = np.count_nonzero(at) >= max(_FEWEST, _EXACT * others)
-    entered = bool((at[1:] & ~at[:-1]).any())
+    entered = bool((at[1:] & ~at[:-1]).any()) and np.ptp(u[at]) >= _LEAST_PATH * np.ptp(u)
     return width if exact and entered and noise > _LEAST_NOISE * span else None
 
 
