@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli._common import HOLD
-from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
     from minorloop.identification.adaptive import Adaptive
     from minorloop.identification.adaptive_run import RunFindings
     from minorloop.lab.actuator import Actuator
-    from minorloop.lab.store import Point, Setup, Store
+    from minorloop.lab.store import Point, Store
 
 
 def design_of(plant: Actuator, options: dict[str, Any]) -> dict[str, Any]:
@@ -45,30 +44,6 @@ def design_of(plant: Actuator, options: dict[str, Any]) -> dict[str, Any]:
     for end in ("low", "high"):
         check_input(plant.inputs, design[end])
     return design if options["step"] is None else {**design, "step": options["step"]}
-
-
-def is_adaptive(setup: Setup) -> bool:
-    """Whether a run chose its inputs to identify; a drive has a design of its own.
-
-    Raises
-    ------
-    ParameterError
-        If it has sines and no settled points.
-    """
-    if "sines" in (setup.design or {}):
-        raise ParameterError(
-            "the store has sines and no settled points; evaluate it with minorloop frequency"
-        )
-    return "holds" in (setup.design or {})
-
-
-def chooser_of(setup: Setup, points: Sequence[Point]) -> Adaptive:
-    """Return what chose the levels of a store, with the noise that its points show."""
-    from minorloop.identification.adaptive import Adaptive
-
-    chooser = Adaptive(**(setup.design or {}), seed=setup.seed)
-    chooser.learn_noise([point.sd for point in points])
-    return chooser
 
 
 def next_level(chooser: Adaptive, points: Sequence[Point]) -> float | None:

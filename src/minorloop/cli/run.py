@@ -170,21 +170,24 @@ def _input(plant: Actuator, plan: str, given: str | None) -> str | None:
 
 def _wanted(plan: str, setup: Setup, longest: float, settings: dict[str, Any]) -> Plan:
     """Return the plan of a file, or one whose levels are open."""
+    from minorloop.identification.reading import chooser_of
     from minorloop.lab.columns import read_headers
     from minorloop.lab.plan import Plan
 
     if setup.design is None:
         known = setup.input in read_headers(Path(plan))
         return Plan.from_csv(plan, input=setup.input if known else None, **settings)
-    levels_left_open = [float("nan")] * _adaptive.chooser_of(setup, []).most
+    levels_left_open = [float("nan")] * chooser_of(setup, []).most
     return Plan(levels_left_open, longest, input=setup.input, **settings)
 
 
 def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     """Carry out the rest of the plan in a store, and print the results."""
-    chooser = (
-        None if store.setup.design is None else _adaptive.chooser_of(store.setup, store.points())
-    )
+    chooser = None
+    if store.setup.design is not None:
+        from minorloop.identification.reading import chooser_of
+
+        chooser = chooser_of(store.setup, store.points())
     choose = None if chooser is None else partial(_adaptive.next_level, chooser)
     mode, faults = carry_out_levels(plant, store, choose, chooser)
     figures = summary(store)
