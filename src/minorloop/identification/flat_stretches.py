@@ -33,6 +33,8 @@ _COARSE = 35
 """Inputs reached upwards below which hardly any lie just below a rail."""
 _FEWEST, _LEAST_PATH = 4, 0.1
 """Readings at a rail, and the range of their inputs over that of all."""
+_HELD = 0.5
+"""Least share of readings at a rail among those after a rise to inputs that mostly lead there."""
 _NOISY, _RISES = 1.5, 0.35
 """Scatter of the readings at a rail over the noise at most, and their rise over the width."""
 _BELOW, _DENSER, _MORE = 0.06, 1.8, 1.5
@@ -234,6 +236,9 @@ def _rail(
         at = depth <= width if coarse else up & (depth <= width)
         if np.count_nonzero(at) < _FEWEST or np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
             continue
+        beyond = up & (u >= np.median(u[at]))
+        if np.count_nonzero(at & beyond) < _HELD * np.count_nonzero(beyond):
+            continue  # stuck: such inputs move the output elsewhere
         noisy = y[at].std() <= _NOISY * noise + _EQUAL * span
         if not noisy or _rise(u[at], y[at]) > _RISES * width:
             continue
