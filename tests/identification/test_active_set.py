@@ -42,6 +42,18 @@ def test_conjugate_gradients_reach_the_same_objective(strength, monkeypatch):
     assert other.kkt < 1e-6
 
 
+@pytest.mark.parametrize("strength", [0.0, 1e-4])
+def test_rows_of_the_gram_matrix_are_found_where_they_are_needed(strength, monkeypatch):
+    problem = a_problem(14, 500)
+    usual = problem.fit(strength)
+    monkeypatch.setattr(least_squares, "_LARGE", 20)
+    monkeypatch.setattr(type(problem.matrix), "gram", None)
+    monkeypatch.setattr(least_squares._System, "_coarse_guess", lambda self, strength: usual.x / 2)
+    other = problem.fit(strength)
+    assert objective(problem, other.x) == pytest.approx(objective(problem, usual.x), rel=1e-9)
+    assert other.kkt <= 1e-10
+
+
 def test_large_signed_fits_reach_it_or_say_that_they_do_not(monkeypatch):
     monkeypatch.setattr(active_set, "_FACTORISED", 10)
     for seed in (82, 97, 111, 123, 204, 274):

@@ -61,6 +61,9 @@ def test_gram_is_the_product_of_the_columns(relay, diagonal, start):
     for w in (None, weight):
         full = dense.T @ (dense if w is None else dense * w[:, None])
         np.testing.assert_allclose(np.tril(matrix.gram(w)), np.tril(full), atol=1e-10)
+    scale, which = np.linspace(1, 2, dense.shape[1]), np.arange(1, dense.shape[1], 2)
+    rows = matrix.gram_rows(weight, scale, which)
+    np.testing.assert_allclose(rows, (full * np.outer(scale, scale))[which], atol=1e-10)
 
 
 def test_packing_goes_both_ways():

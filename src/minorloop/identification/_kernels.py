@@ -240,6 +240,27 @@ def gram(index, coefficient, parent, weight, out):
             p = sibling[p]
 
 
+@njit(cache=True, nogil=True)
+def gram_rows(bands, index, coefficient, parent, weight, cells, out):
+    """Rows of the weighted Gram matrix of switched-on fractions, for cells (k,).
+
+    The Everett value of a single cell is one at the nodes above and left of it.
+    """
+    nodes, on = np.empty(bands * (bands + 1) // 2), np.empty(parent.size)
+    for k in range(cells.size):
+        i = np.int64((np.sqrt(8.0 * cells[k] + 1.0) - 1.0) / 2.0)
+        last = cells[k] - packed(i, np.int64(0)) + 1
+        nodes[:] = 0.0
+        for a in range(i, bands):
+            first = packed(a, np.int64(0))
+            nodes[first : first + last] = 1.0
+        forward(index, coefficient, parent, nodes, on)
+        for t in range(parent.size):
+            on[t] *= weight[t]
+        adjoint(index, coefficient, parent, on, out[k])
+    columns_to_cells(bands, out)
+
+
 @njit(**INSIDE)
 def add_terms(index, coefficient, factor, sums, nodes, listed, count):
     """Add terms of a row to sums; ``nodes`` lists where, each once. Gives their number."""
@@ -292,23 +313,16 @@ def scale_lower(x, scale):
 
 
 @njit(cache=True, nogil=True)
-def take_lower(x, picked, ridge, out):
-    """Rows and columns ``picked`` of a symmetric x kept in its lower triangle, plus a ridge."""
+def take_lower(x, place, picked, ridge, out):
+    """Rows and columns ``picked``, ascending, of a symmetric matrix, plus a ridge.
+
+    Row k of the matrix is row ``place[k]`` of x, of which the part up to column k is read.
+    """
     for k in range(picked.size):
-        row = x[picked[k]]
+        row = x[place[picked[k]]]
         for m in range(k + 1):
             out[k, m] = row[picked[m]]
         out[k, k] += ridge
-
-
-@njit(cache=True, nogil=True)
-def take_columns(x, picked, ridge, out):
-    """Columns ``picked`` of a symmetric x kept in its lower triangle, plus a ridge."""
-    for c in range(picked.size):
-        k = picked[c]
-        for m in range(x.shape[0]):
-            out[m, c] = x[k, m] if m <= k else x[m, k]
-        out[k, c] += ridge
 
 
 @njit(cache=True, nogil=True)
@@ -333,7 +347,7 @@ def add_columns(rows, columns, values, place, out):
 
 @njit(cache=True, nogil=True)
 def descend(x, gradient, z, bounded, sweeps):
-    """Coordinate descent on 1/2 z'Xz, X in its lower triangle with unit diagonal: a first guess."""
+    """Coordinate descent on 1/2 z'Xz, X symmetric with unit diagonal: a first guess."""
     size = z.size
     for _ in range(sweeps):
         for k in range(size):
@@ -345,10 +359,8 @@ def descend(x, gradient, z, bounded, sweeps):
                 continue
             z[k] = new
             row = x[k]
-            for m in range(k + 1):
+            for m in range(size):
                 gradient[m] += step * row[m]
-            for m in range(k + 1, size):
-                gradient[m] += step * x[m, k]
 
 
 @njit(cache=True, nogil=True)
@@ -359,16 +371,3 @@ def multiply_symmetric(rows, columns, values, z, out):
         out[k] += values[e] * z[m]
         if k != m:
             out[m] += values[e] * z[k]
-
-
-@njit(cache=True, nogil=True)
-def multiply_lower(x, z):
-    """Product of a symmetric matrix, given by its lower triangle, and a vector."""
-    out = np.zeros(z.size)
-    for k in range(z.size):
-        row, total = x[k], 0.0
-        for m in range(k):
-            total += row[m] * z[m]
-            out[m] += row[m] * z[k]
-        out[k] += total + row[k] * z[k]
-    return out

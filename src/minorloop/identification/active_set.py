@@ -28,6 +28,7 @@ from scipy.linalg import LinAlgError, lapack
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import _kernels
+from minorloop.identification.gram_rows import GramRows
 from minorloop.identification.refinement import Preconditioner, Rows, refine
 from minorloop.identification.updated_factor import LEAST, UpdatedFactor
 from minorloop.threads import one_thread
@@ -82,7 +83,7 @@ def optimality(z: FloatArray, gradient: FloatArray, bounded: BoolArray, scale: f
 
 
 def solve(
-    gram: FloatArray,
+    gram: FloatArray | GramRows,
     gradient: Callable[[FloatArray], FloatArray],
     hessian: Callable[[FloatArray], FloatArray],
     bounded: BoolArray,
@@ -97,8 +98,9 @@ def solve(
 
     Parameters
     ----------
-    gram : (n, n) array
-        A'A in its lower triangle, unit diagonal except where a column is zero.
+    gram : (n, n) array or GramRows
+        A'A, of an array the lower triangle. Its diagonal is about one except where a column is
+        zero. Rows are only needed of unknowns that become free if there is a guess.
     gradient : callable
         z -> A'(A z - y) + Q z, evaluated without forming A'A.
     hessian : callable
@@ -121,7 +123,8 @@ def solve(
     BoundedSolution
         The best one found, converged or not.
     """
-    solver = _Solver(gram, gradient, hessian, bounded, scale, penalty)
+    known = gram if isinstance(gram, GramRows) else GramRows.of(gram)
+    solver = _Solver(known, gradient, hessian, bounded, scale, penalty)
     solver.say = say
     with one_thread():
         found = solver.run(solver.first_guess() if guess is None else guess)
@@ -216,7 +219,7 @@ class Pivoting(ABC):
 class _Solver(Pivoting):
     def __init__(
         self,
-        gram: FloatArray,
+        gram: GramRows,
         gradient: Callable[[FloatArray], FloatArray],
         hessian: Callable[[FloatArray], FloatArray],
         bounded: BoolArray,
@@ -228,14 +231,14 @@ class _Solver(Pivoting):
         self.workspace = np.empty(0)
         self.scaling: Preconditioner | None = None
         self.updated: tuple[float, UpdatedFactor] | None = None
-        self.diagonal = gram.diagonal().copy()
+        self.diagonal = gram.diagonal.copy()
         if penalty is not None:
             on = penalty.rows == penalty.columns
             np.add.at(self.diagonal, penalty.rows[on], penalty.values[on])
 
     def first_guess(self) -> FloatArray:
         z = np.zeros(self.bounded.size)
-        _kernels.descend(self.gram, self.gradient(z), z, self.bounded, _FIRST_SWEEPS)
+        _kernels.descend(self.gram.all, self.gradient(z), z, self.bounded, _FIRST_SWEEPS)
         return z
 
     def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
@@ -256,8 +259,8 @@ class _Solver(Pivoting):
 
     def _columns(self, ridge: float, which: IntArray) -> FloatArray:
         """(n, k) columns of the normal equations with a ridge."""
-        columns = np.empty((self.bounded.size, which.size))
-        _kernels.take_columns(self.gram, which, ridge, columns)
+        columns = self.gram.rows(which).T
+        columns[which, np.arange(which.size)] += ridge
         if self.penalty is not None:
             place = np.full(self.bounded.size, -1)
             place[which] = np.arange(which.size)
@@ -298,7 +301,7 @@ class _Solver(Pivoting):
         """Cholesky factor of the normal equations of some unknowns, with a ridge."""
         self.scaling = self.updated = None
         matrix = self._matrix(picked.size)
-        _kernels.take_lower(self.gram, picked, ridge, matrix)
+        self.gram.lower(picked, ridge, matrix)
         if self.penalty is not None:
             place = np.full(self.bounded.size, -1)
             place[picked] = np.arange(picked.size)

@@ -236,11 +236,36 @@ class DesignMatrix:
         _kernels.nodes_to_cells(spec.bands, gram)
         touched = self._fraction_sums(counts)
         _kernels.finish_gram(gram, cells, self.swing, self.shift, touched, counts.sum())
-        columns = [np.ones(self.samples)] if spec.offset else []
-        columns += [self.u] if spec.slope else []
-        for k, column in enumerate(columns, start=cells):
-            gram[k] = self.adjoint(column * counts)
+        gram[cells:] = self._level_rows(counts)
         return gram
+
+    def gram_rows(self, weight: FloatArray, scale: FloatArray, which: IntArray) -> FloatArray:
+        """(k, n) rows of the Gram matrix of the columns times ``scale``, by their numbers (k,).
+
+        ``weight`` (M,) is that of each sample.
+        """
+        spec, cells, inside = self.spec, self.spec.cells, which[which < self.spec.cells]
+        rows = np.empty((which.size, spec.unknowns))
+        spread, touched = self._spread(weight), self._fraction_sums(weight)
+        tree = self.index, self.coefficient, self.parent
+        part, levels = rows[: inside.size], self._level_rows(weight)
+        _kernels.gram_rows(spec.bands, *tree, spread, inside, part)
+        part[:, :cells] *= self.swing**2
+        if self.shift:
+            part[:, :cells] += self.shift**2 * weight.sum()
+            part[:, :cells] -= self.shift * self.swing * (touched[inside][:, None] + touched)
+        part[:, cells:] = levels[:, inside].T
+        rows[inside.size :] = levels[which[inside.size :] - cells]
+        rows *= scale
+        rows *= scale[which][:, None]
+        return rows
+
+    def _level_rows(self, weight: FloatArray) -> FloatArray:
+        """(0 to 2, n) rows of the Gram matrix of offset and slope."""
+        columns = [np.ones(self.samples)] if self.spec.offset else []
+        columns += [self.u] if self.spec.slope else []
+        rows = [self.adjoint(column * weight) for column in columns]
+        return np.reshape(rows, (len(rows), self.spec.unknowns))
 
     @property
     def reversals(self) -> int:

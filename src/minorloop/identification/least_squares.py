@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -29,6 +29,7 @@ from minorloop.identification.design_matrix import (
     unpack,
 )
 from minorloop.identification.everett_system import quick_system
+from minorloop.identification.gram_rows import GramRows
 from minorloop.identification.refinement import Rows
 from minorloop.operators.plane import cell_areas
 from minorloop.threads import one_thread
@@ -207,22 +208,26 @@ class _System:
             self.bounded[spec.cells] = False
 
     @property
-    def gram(self) -> FloatArray:
-        """Gram matrix of columns of unit length, in the lower triangle."""
+    def gram(self) -> GramRows:
+        """Gram matrix of the scaled columns."""
         return self._normal[0]
 
     @property
     def scale(self) -> FloatArray:
-        """(n,) factors that give the columns unit length."""
+        """(n,) factors that give the columns about unit length."""
         return self._normal[1]
 
     @cached_property
-    def _normal(self) -> tuple[FloatArray, FloatArray]:
+    def _normal(self) -> tuple[GramRows, FloatArray]:
+        matrix, weight = self.problem.matrix, self.weight
+        if matrix.spec.cells > _LARGE and self.y.size <= _MANY:
+            squares = matrix.column_squares(weight)[0]
+            scale = _unit(squares)
+            return GramRows(squares * scale**2, partial(matrix.gram_rows, weight, scale)), scale
         gram = self._unscaled_gram()
-        squares = gram.diagonal().copy()
-        scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
+        scale = _unit(gram.diagonal())
         _kernels.scale_lower(gram, scale)
-        return gram, scale
+        return GramRows.of(gram), scale
 
     def _unscaled_gram(self) -> FloatArray:
         """Gram matrix; of many samples, that of all less that of the few left out."""
@@ -230,7 +235,7 @@ class _System:
         self.problem.say(f"summing {counted(self.y.size, 'sample')} over pairs of weights")
         if whole is None or self.weight.size <= _MANY:
             return matrix.gram(self.weight)
-        gram = whole.gram.copy()
+        gram = whole.gram.all.copy()
         _kernels.scale_lower(gram, 1.0 / whole.scale)
         return np.asarray(gram - matrix.gram(whole.weight - self.weight))
 
@@ -245,11 +250,12 @@ class _System:
             guess = found.x if np.isfinite(found.kkt) else guess
         if guess is None and spec.cells > _LARGE:
             guess = self._coarse_guess(strength)
+        gram, scale = self._normal
         factor = strength * self.weight.sum() * spec.bands**2
         penalty = self._penalty(factor) if strength else None
 
         def hessian(z: FloatArray) -> FloatArray:
-            h = self.scale * matrix.adjoint(matrix.forward(self.scale * z) * self.weight)
+            h = scale * matrix.adjoint(matrix.forward(scale * z) * self.weight)
             if penalty is not None:
                 _kernels.multiply_symmetric(penalty.rows, penalty.columns, penalty.values, z, h)
             return h
@@ -258,22 +264,22 @@ class _System:
 
         def gradient(z: FloatArray) -> FloatArray:
             if slope is not None:
-                g = np.asarray(_kernels.multiply_lower(self.gram, z) - slope)
+                g = np.asarray(gram.all @ z - slope)
             else:
-                residual = (matrix.forward(self.scale * z) - self.y) * self.weight
-                g = np.asarray(self.scale * matrix.adjoint(residual))
+                residual = (matrix.forward(scale * z) - self.y) * self.weight
+                g = np.asarray(scale * matrix.adjoint(residual))
             if penalty is not None:
                 _kernels.multiply_symmetric(penalty.rows, penalty.columns, penalty.values, z, g)
             return g
 
         whole = self._rows(factor)
-        scale = float(np.linalg.norm(whole.target)) or 1.0
+        size = float(np.linalg.norm(whole.target)) or 1.0
         solution = active_set.solve(
-            self.gram,
+            gram,
             gradient,
             hessian,
             self.bounded,
-            scale,
+            size,
             penalty=penalty,
             guess=None if guess is None else self._scaled(guess),
             rows=whole if slope is None else None,
@@ -281,9 +287,9 @@ class _System:
         )
         # Computed from the rows alone, without the rounding of the normal equations.
         z = solution.z
-        kkt = active_set.optimality(z, -whole.transpose(whole.residual(z)), self.bounded, scale)
+        kkt = active_set.optimality(z, -whole.transpose(whole.residual(z)), self.bounded, size)
         converged = solution.settled and kkt <= active_set.ACCEPTABLE
-        return FittedUnknowns(self._unscaled(z, self.scale), kkt, strength, converged)
+        return FittedUnknowns(self._unscaled(z, scale), kkt, strength, converged)
 
     def _penalty(self, factor: float) -> active_set.Sparse:
         """Scaled penalty of differences between neighbours."""
@@ -302,7 +308,7 @@ class _System:
         if self.problem.signed or spec.cells < _LEAST_SPARSE:
             return unused
         squares, varying = matrix.column_squares(self.weight)
-        scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
+        scale = _unit(squares)
         system = quick_system(matrix, self.weight, scale, _FILL * float(spec.cells) ** 2)
         if system is None:
             if spec.bands > MOST_DENSE:
@@ -383,6 +389,11 @@ class _System:
         if spec.offset:
             z[spec.cells] -= self.shift
         return z / (self.scale * self.unit)
+
+
+def _unit(squares: FloatArray) -> FloatArray:
+    """Factors that give columns of these squared lengths unit length."""
+    return np.asarray(1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0)))
 
 
 def neighbours(spec: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:

@@ -1,0 +1,70 @@
+"""Rows of a Gram matrix, each computed when it is first needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, IntArray
+from minorloop.identification import _kernels
+from minorloop.identification._prior_kernels import mirror
+
+_TOGETHER = 32
+"""Rows that are computed at once."""
+
+
+class GramRows:
+    """Rows of a symmetric (n, n) matrix that is too large to be computed where few are needed.
+
+    Parameters
+    ----------
+    diagonal : (n,) array
+        Its diagonal.
+    compute : callable
+        Rows (k, n) of these numbers (k,), ascending.
+    """
+
+    def __init__(self, diagonal: FloatArray, compute: Callable[[IntArray], FloatArray]) -> None:
+        self.diagonal, self._compute = diagonal, compute
+        self._place = np.full(diagonal.size, -1)
+        self._rows, self._count = np.empty((0, diagonal.size)), 0
+
+    @classmethod
+    def of(cls, gram: FloatArray) -> GramRows:
+        """Rows of a matrix that is given by its lower triangle."""
+        mirror(gram)
+        found = cls(gram.diagonal().copy(), lambda which: gram[which])
+        found._rows, found._place, found._count = gram, np.arange(len(gram)), len(gram)
+        return found
+
+    @property
+    def all(self) -> FloatArray:
+        """(n, n) matrix."""
+        order = np.arange(self.diagonal.size)
+        self._prepare(order)
+        return self._rows if np.array_equal(self._place, order) else self._rows[self._place]
+
+    def rows(self, which: IntArray) -> FloatArray:
+        """(k, n) rows of these numbers (k,)."""
+        self._prepare(which)
+        return np.asarray(self._rows[self._place[which]])
+
+    def lower(self, picked: IntArray, ridge: float, out: FloatArray) -> None:
+        """Write rows and columns ``picked``, plus a ridge, to the lower triangle of ``out``."""
+        self._prepare(picked)
+        _kernels.take_lower(self._rows, self._place, picked, ridge, out)
+
+    def _prepare(self, which: IntArray) -> None:
+        new = which[self._place[which] < 0]
+        count = self._count + new.size
+        if count > len(self._rows):
+            rows = np.empty((min(2 * count, self.diagonal.size), self.diagonal.size))
+            rows[: self._count] = self._rows[: self._count]
+            self._rows = rows
+        for begin in range(0, new.size, _TOGETHER):
+            some = new[begin : begin + _TOGETHER]
+            first = self._count + begin
+            self._rows[first : first + some.size] = self._compute(some)
+        self._place[new] = np.arange(self._count, count)
+        self._count = count
