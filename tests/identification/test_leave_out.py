@@ -83,7 +83,7 @@ def test_bands_without_groups_are_too_narrow_for_other_groups():
     grouped = identify(u[seen], y[seen], **options)
     alone = replace(grouped, groups=None, left_out=None)
     shares = [inside(one, u[other], y[other], LABELS[other]).mean() for one in (alone, grouped)]
-    assert shares[0] < 0.85 < shares[1]
+    assert shares[0] < 0.9 <= shares[1]
 
 
 def test_each_group_is_predicted_by_a_fit_to_the_others():

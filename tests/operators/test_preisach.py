@@ -171,7 +171,9 @@ def test_for_distant_targets_the_end_of_the_grid_is_nearest(far, slope):
     clipped = model.invert([far, -far, far, 0.5 * sum(model.range)], unreachable="clip")
     np.testing.assert_array_equal(clipped.u[:3], [1, -1, 1])
     assert clipped.reachable.tolist() == [False, False, False, True]
-    assert model.track().aim(far) == pytest.approx(1)
+    assert model.track().aim(far, unreachable="clip") == pytest.approx(1)
+    with pytest.raises(UnreachableError, match="beyond what the model can reach"):
+        model.track().aim(far)
 
 
 def test_negative_weights_are_not_inverted_unless_monotone():

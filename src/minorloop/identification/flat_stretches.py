@@ -32,7 +32,8 @@ _WIDTHS = np.array([_EQUAL, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.012, 0.018, 0.025, 0
 _COARSE = 35
 """Inputs reached upwards below which hardly any lie just below a rail."""
 _FEWEST, _LEAST_PATH = 4, 0.1
-"""Readings at a rail, and the range of their inputs over that of all."""
+"""Readings at a rail, of as many inputs where the record is not coarse, and the range of these
+inputs over that of all: below its threshold an actuator rests, at one or two inputs of a plan."""
 _HELD = 0.5
 """Least share of readings at a rail among those after a rise to inputs that mostly lead there."""
 _NOISY, _RISES = 1.5, 0.35
@@ -234,7 +235,8 @@ def _rail(
     depth = y.max() - y
     for width in map(float, _WIDTHS * span):
         at = depth <= width if coarse else up & (depth <= width)
-        if np.count_nonzero(at) < _FEWEST or np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
+        count = np.count_nonzero(at) if coarse else np.unique(u[at]).size
+        if count < _FEWEST or np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
             continue
         beyond = up & (u >= np.median(u[at]))
         if np.count_nonzero(at & beyond) < _HELD * np.count_nonzero(beyond):
