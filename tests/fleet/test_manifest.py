@@ -105,6 +105,14 @@ def test_columns_may_be_given_once_for_all(tmp_path):
     assert (one.input, one.output, one.file) == ("u", "y", tmp_path / "x" / "a.csv")
 
 
+def test_a_column_of_time_is_found_named_or_left_out(tmp_path):
+    (tmp_path / "m.csv").write_text(
+        f"{HEADER},time\na,a.csv,u,y,\nb,a.csv,u,y,t\nc,a.csv,u,y,none\n"
+    )
+    found = [one.columns.get("time", "found") for one in read_manifest(tmp_path / "m.csv")]
+    assert found == ["found", "t", None]
+
+
 @pytest.mark.parametrize(
     "text",
     [

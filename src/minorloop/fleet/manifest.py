@@ -44,7 +44,7 @@ class Specimen:
         Columns of the record.
     time, curves, groups, sd : str, optional
         Other columns of it, as for `minorloop.read`; time and standard deviations are found if they
-        are not given.
+        are not given, and left out if they are ``none``.
     listed : str, optional
         The file as the manifest names it.
     outside : bool
@@ -65,17 +65,20 @@ class Specimen:
 
     @property
     def columns(self) -> dict[str, Any]:
-        """Columns of the record that are named."""
+        """Columns of the record that are named; None for a time or deviation named ``none``."""
         named = {name: getattr(self, name) for name in ("input", "output", *OPTIONAL)}
-        return {name: column for name, column in named.items() if column is not None}
+        left_out = [name for name in ("time", "sd") if named[name] == "none"]
+        known = {name: column for name, column in named.items() if column is not None}
+        return known | dict.fromkeys(left_out)
 
     def shown_error(self, error: object) -> str:
         """Return why its record cannot be used, without content that must not be shown."""
         if not self.outside:
             return str(error)
+        columns = ", ".join(repr(column) for column in self.columns.values() if column)
         return (
-            f"{self.file} is not a record with the columns {self.input!r} and {self.output!r}; it "
-            "lies outside the folder of the manifest, so that its content is not shown"
+            f"{self.file} is not a record with the columns {columns}; it lies outside the folder "
+            "of the manifest, so that its content is not shown"
         )
 
     @property
