@@ -68,6 +68,7 @@ ELSEWHERE = {
     "head/vision/imaging.py": "head/console/test_server.py",
     "head/vision/measured.py": "head/procedures/test_head_file.py",
     "identification/band_model.py": "test_scoring.py",
+    "identification/gram_rows.py": "identification/test_design_matrix.py",
     "identification/oscillator_result.py": "identification/test_oscillator.py",
     "identification/simulation_error.py": "identification/test_oscillator.py",
     "lab/drivers/parts.py": "lab/drivers/test_bench.py",
