@@ -3,7 +3,7 @@
 PYTHON ?= $(shell if python3.11 -c '' 2>/dev/null; then echo python3.11; else echo python3; fi)
 UV ?= .venv/bin/uv
 UPGRADE ?=
-CASES ?= 100000
+CASES ?=
 EXTRAS ?=
 
 BIN := .venv/bin
@@ -22,7 +22,7 @@ BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo docs pages console screenshots studies test torture check bench judge figures format lock wheel sdist smoke fuzz clean
+.PHONY: help setup demo docs pages console screenshots studies test expected compare torture check bench judge figures format lock wheel sdist smoke fuzz clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -53,6 +53,12 @@ studies: setup ## the papers on 20 simulated specimens, the design study on 10; 
 
 test: setup $(BUILT) ## run the tests; those in a browser where there is one
 	$(BIN)/python -m pytest
+
+expected: setup $(BUILT) ## write the figures that every part is expected to give; CASES="models bench" for some
+	PYTHONPATH=tests $(BIN)/python -m expected write $(CASES)
+
+compare: setup $(BUILT) ## compute them anew and print a line for each that differs; CASES=--quick for those of seconds
+	PYTHONPATH=tests $(BIN)/python -m expected compare $(CASES)
 
 torture: setup $(BUILT) ## go wrong at every line of runs, kill runs, fleets and the console; prints what was left on or lost
 	PYTHONPATH=tests $(BIN)/python -m faults 670
@@ -107,7 +113,7 @@ smoke: setup $(BUILT) ## build, install in fresh environments and use, with each
 	$(BIN)/python tests/packaging/smoke.py $(EXTRAS)
 
 fuzz: setup ## damaged model files, tables and answers of instruments, CASES=100000 of them; prints counts
-	PYTHONPATH=tests $(BIN)/python -m fuzz $(CASES)
+	PYTHONPATH=tests $(BIN)/python -m fuzz $(or $(CASES),100000)
 
 clean: ## remove what was built or cached; .venv stays
 	rm -rf build dist demo studies console web/node_modules src/minorloop/head/console/static .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,0 +1,45 @@
+"""Cases of faults at instruments, whose counts are all zero, and of scores that take minutes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from expected.case import Case
+
+_ROOT = Path(__file__).parents[2]
+
+
+def _printed(*arguments: str) -> Any:
+    """Return the exit status of a module and the lines that it prints, without their layout."""
+    run = subprocess.run(
+        [sys.executable, "-m", *arguments],
+        cwd=_ROOT,
+        env={**os.environ, "PYTHONPATH": str(_ROOT / "tests")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return {
+        "status": run.returncode,
+        "rows": [" ".join(row.split()) for row in run.stdout.splitlines()],
+    }
+
+
+def _faults() -> Any:
+    found = _printed("faults", "60")
+    return {**found, "rows": [row.rpartition(" ")[0] for row in found["rows"]]}  # no seconds
+
+
+CASES = (
+    Case("faults", _faults, quick=False),
+    Case(
+        "cracks",
+        partial(_printed, "benchmarks.cracks", "score", "--first", "1000", "--count", "40"),
+        quick=False,
+    ),
+)

@@ -1,0 +1,17 @@
+"""Cases of the studies: their figures on three specimens."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from expected.case import Case, command
+
+_NAMES = ("ipmc", "fibre", "design", "benchmark", "stage", "head", "inspection")
+
+
+def _study(name: str) -> Any:
+    return command(f"study {name} --specimens 3 --seed 1000 --json")
+
+
+CASES = tuple(Case(f"study_{name}", partial(_study, name), quick=False) for name in _NAMES)
