@@ -31,6 +31,7 @@ def _both(kind: str) -> list[Row]:
         return []
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation has the bytecode
         command = [sys.executable, "-m", "benchmarks.first_use", kind]
         found = []
         for what, most in (("first", FIRST), ("second", SECOND)):

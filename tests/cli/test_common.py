@@ -75,7 +75,8 @@ def test_a_table_shows_text_without_markup(capsys):
 def test_progress_is_drawn_only_on_a_terminal(capsys):
     with _common.working("adding") as now:
         now("subtracting")
-    assert capsys.readouterr() == ("", "")
+        now("compiling", kept=True)
+    assert capsys.readouterr() == ("", "compiling\n")
 
 
 def test_progress_is_shown_on_stderr_only(monkeypatch, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import time
@@ -277,13 +278,13 @@ def working(what: str, *, logged: bool = False) -> Iterator[Progress]:
     """Show progress on stderr if that is a terminal.
 
     Yields a function that changes the text. Nothing else may be printed meanwhile. If stderr is no
-    terminal and ``logged`` is true, the text is printed there, at most every ten seconds unless it
-    is to be kept. If ``logged``, it is said that the command compiles.
+    terminal, a text that is to be kept is printed there, and if ``logged`` any other at most every
+    ten seconds. If ``logged``, it is said that the command compiles.
     """
     if not sys.stderr.isatty():
-        log = _logger()
+        log = _logger(0.0 if logged else math.inf)
         with compilation_said(partial(log, kept=True)) if logged else nullcontext():
-            yield log if logged else lambda stage, kept=False: None
+            yield log
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -302,14 +303,15 @@ def working(what: str, *, logged: bool = False) -> Iterator[Progress]:
             yield show
 
 
-def _logger() -> Progress:
-    due, last = time.monotonic(), ""
+def _logger(begins: float) -> Progress:
+    """Print texts that are to be kept at once, and others from a number of seconds on."""
+    due, last = time.monotonic() + begins, ""
 
     def log(stage: str, *, kept: bool = False) -> None:
         nonlocal due, last
         if stage != last and (kept or time.monotonic() >= due):
             typer.echo(stage, err=True)
-            due, last = time.monotonic() + _EVERY, stage
+            due, last = max(due, time.monotonic() + _EVERY), stage
 
     return log
 

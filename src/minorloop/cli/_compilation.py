@@ -7,7 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-COMPILES = "compiling what runs here for the first time; this takes up to two minutes"
+COMPILES = (
+    "compiling what runs here for the first time; this takes from seconds to two minutes, once"
+)
 _SHORT = 2.0
 """Seconds of compilation that need no sentence."""
 

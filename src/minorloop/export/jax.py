@@ -23,6 +23,7 @@ from minorloop.arrays import FloatArray, frozen
 from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.export import _gradient_kernels
 from minorloop.identification import _kernels as tree_kernels
+from minorloop.identification.design_matrix import everett_tree
 from minorloop.operators import _kernels, _play_kernels, plane
 from minorloop.operators._parallel import in_parallel
 from minorloop.operators.memory import Start
@@ -145,7 +146,8 @@ class _PreisachLoops:
         inputs = np.concatenate([self._past, u])
         y, stack = np.empty(inputs.size), np.empty((inputs.size + 2, 4))
         known = self._with(weights, float(offset), float(slope))
-        _kernels.simulate(known, stack, _kernels.saturate(known, stack), inputs, y)
+        stack[0] = known.levels[0], known.saturation, 0.0, 0.0
+        _kernels.simulate(known, stack, 1, inputs, y)
         return y[self._past.size :]
 
     def backward(self, *arrays: FloatArray) -> Sequence[FloatArray]:
@@ -163,17 +165,14 @@ class _PreisachLoops:
 
     def _pull_weights(self, inputs: FloatArray, spread: FloatArray) -> tuple[FloatArray, Any]:
         """Transpose of the map from cells to switched-on weight; ``spread`` is summed up."""
-        index = np.zeros((inputs.size, 6), dtype=np.int32)
-        coefficient = np.zeros((inputs.size, 6))
-        parent, corner = np.empty((2, inputs.size), dtype=np.int32)
-        axes = self._plane[:4]
-        tree_kernels.trace(*axes, self._spread, inputs, index, coefficient, parent, corner)
+        tree = everett_tree(self._plane.levels, self._spread, inputs)
+        index, coefficient, parent, _ = tree
         bands = self.shapes[0][0]
-        sums = np.zeros((bands * (bands + 1) // 2, 1))
-        tree_kernels.adjoint(index, coefficient, parent, spread, sums[:, 0])
+        sums = np.zeros(bands * (bands + 1) // 2)
+        tree_kernels.adjoint(index, coefficient, parent, spread, sums)
         tree_kernels.nodes_to_cells(bands, sums)
         square = np.zeros((bands, bands))
-        square[np.tril_indices(bands)] = sums[:, 0]
+        square[np.tril_indices(bands)] = sums
         return square, parent
 
     def _with(self, weights: FloatArray, offset: float, slope: float) -> _kernels.Plane:

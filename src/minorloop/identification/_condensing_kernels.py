@@ -138,15 +138,14 @@ def quadrature(u, measured, first, end, middle, half, number):
 
 
 @njit(cache=True, nogil=True)
-def closed_loops(u, first, tolerance, gap, narrowest, begin, end):
+def closed_loops(u, first, tolerance, gap, narrowest, turns, begin, end):
     """Write the first and the last sample of each closed loop; gives their number.
 
     A loop begins at a turning point and is closed where the input has come back to it, to within
     ``tolerance`` of the width of the loop. A loop whose last sample before that is further away
     than ``gap`` of its width is not written, and neither is one below the ``narrowest`` width.
-    ``first``: the first sample is a turning point.
+    ``first``: the first sample is a turning point. ``turns`` (T,) may hold anything.
     """
-    turns = np.empty(u.size, dtype=np.int64)
     top, way, count = 0, 0, 0
     if first:
         turns[0] = 0

@@ -21,7 +21,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from minorloop.operators._kernels import band_of
 from minorloop.operators._memory_kernels import INSIDE, wipes_out
 
 ROOT = -1
@@ -29,94 +28,38 @@ _SEARCHED = 64
 """Reversals with the same parent, the newest ones, that are compared."""
 
 
-@njit(**INSIDE)
-def packed(i, j):
-    """Index of cell (i, j), and of the node at its upper left corner."""
-    return i * (i + 1) // 2 + j
-
-
-@njit(**INSIDE)
-def put(index, coefficient, slot, i, j, value):
-    """Write one term of a row unless it is zero; gives the next slot."""
-    if value != 0.0:
-        index[slot] = i * (i + 1) // 2 + j
-        coefficient[slot] = value
-        slot += 1
-    return slot
-
-
-@njit(**INSIDE)
-def everett_terms(index, coefficient, i, s, j, f, sign, spread):
-    """Terms of the Everett value at fraction s of band i over fraction f of band j <= i."""
-    slot = np.int64(0)
-    if i == j:
-        x = s - f
-        put(index, coefficient, slot, i, i, sign * (x * x if spread else x))
-        return
-    slot = put(index, coefficient, slot, i - 1, j, sign * (1.0 - s) * (1.0 - f))
-    slot = put(index, coefficient, slot, i, j, sign * s * (1.0 - f))
-    if j + 1 < i:
-        slot = put(index, coefficient, slot, i - 1, j + 1, sign * (1.0 - s) * f)
-    slot = put(index, coefficient, slot, i, j + 1, sign * s * f)
-    if spread:
-        slot = put(index, coefficient, slot, i, i, -sign * s * (1.0 - s))
-        put(index, coefficient, slot, j, j, -sign * f * (1.0 - f))
-
-
-@njit(**INSIDE)
-def shared(newest, older, at, parent, sample, value):
-    """Earlier reversal with the same memory; this one, which is then compared too, if none is."""
-    if sample == ROOT:
-        return ROOT
-    above = parent[sample] + 1
-    node = newest[above]
-    for _ in range(_SEARCHED):
-        if node == ROOT:
-            break
-        if at[node] == value:
-            return node
-        node = older[node]
-    at[sample], older[sample], newest[above] = value, newest[above], sample
-    return sample
-
-
 @njit(cache=True, nogil=True)
-def trace(levels, per_band, buckets, per_unit, spread, u, index, coefficient, parent, corner):
-    """Fill the tree for an input that begins at negative saturation.
+def trace(low, u, parent, newest, older, at, values, samples):
+    """Fill ``parent`` (T,) for inputs within the levels that begin at negative saturation, ``low``.
 
-    ``corner`` becomes the cell in which the present branch ends: where this sample looks at the
-    Everett surface; -1 where it does not.
+    ``newest`` (T + 1,) holds `ROOT`; the other arrays, of T numbers, may hold anything.
     """
-    newest, older = np.empty(u.size + 1, np.int32), np.empty(u.size, np.int32)
-    newest[:] = ROOT
-    at = np.empty(u.size)
-    values, bands = np.empty(u.size + 2), np.empty(u.size + 2, np.int64)
-    fractions, samples = np.empty(u.size + 2), np.empty(u.size + 2, np.int64)
-    top, value, band, fraction, sample = 0, levels[0], 0, 0.0, np.int64(ROOT)
+    top, value, sample = 0, low, np.int64(ROOT)
     for t in range(u.size):
-        x = min(max(u[t], levels[0]), levels[-1])
+        x = u[t]
         parent[t] = sample
-        corner[t] = corner[t - 1] if t > 0 else ROOT
         if x == value:
             continue
         rising = x > value
         if rising == (top & 1 == 0):
-            sample = shared(newest, older, at, parent, sample, value)
-            values[top], bands[top], fractions[top], samples[top] = value, band, fraction, sample
+            if sample != ROOT:  # an earlier reversal with the same memory takes the place
+                above, left = parent[sample] + 1, _SEARCHED
+                node = newest[above]
+                while left > 0 and node != ROOT and at[node] != value:
+                    node, left = older[node], left - 1
+                if left == 0 or node == ROOT:
+                    at[sample], older[sample], newest[above] = value, newest[above], sample
+                else:
+                    sample = np.int64(node)
+            values[top], samples[top] = value, sample
             top += 1
         while top >= 2 and wipes_out(x, top, values[top - 2], rising):
             top -= 2
-        value, band = x, band_of(levels, buckets, per_unit, x)
-        fraction = (x - levels[band]) * per_band[band]
+        value = x
         if top == 0:
-            parent[t], sample, corner[t] = ROOT, np.int64(ROOT), ROOT
+            parent[t], sample = ROOT, np.int64(ROOT)
             continue
         parent[t], sample = samples[top - 1], t
-        i, s, j, f, sign = band, fraction, bands[top - 1], fractions[top - 1], 1.0
-        if not rising:
-            i, s, j, f, sign = j, f, i, s, -1.0
-        everett_terms(index[t], coefficient[t], i, s, j, f, sign, spread)
-        corner[t] = packed(i - 1 if s == 0.0 else i, j)
 
 
 @njit(cache=True, nogil=True)
@@ -155,31 +98,17 @@ def adjoint(index, coefficient, parent, samples, out):
 def cells_to_nodes(bands, x):
     """In place: Everett values from cell weights, F(a, b) = sum over i < a, j >= b."""
     for i in range(1, bands):
-        for j in range(i):
-            x[packed(i, j)] += x[packed(i - 1, j)]
-    for i in range(bands):
-        for j in range(i - 1, -1, -1):
-            x[packed(i, j)] += x[packed(i, j + 1)]
+        first = i * (i + 1) // 2
+        for k in range(first, first + i):
+            x[k] += x[k - i]
+    for i in range(1, bands):
+        first = i * (i + 1) // 2
+        for k in range(first + i - 1, first - 1, -1):
+            x[k] += x[k + 1]
 
 
 @njit(cache=True, nogil=True)
-def nodes_to_cells(bands, x):
-    """In place along the first axis of a two-dimensional x: transpose of `cells_to_nodes`."""
-    columns = x.shape[1]
-    for i in range(bands):
-        for j in range(1, i + 1):
-            p = packed(i, j)
-            for k in range(columns):
-                x[p, k] += x[p - 1, k]
-    for i in range(bands - 2, -1, -1):
-        for j in range(i + 1):
-            p, q = packed(i, j), packed(i + 1, j)
-            for k in range(columns):
-                x[p, k] += x[q, k]
-
-
-@njit(cache=True, nogil=True)
-def gram(index, coefficient, parent, weight, out):
+def gram(index, coefficient, parent, weight, links, before, sums, nodes, listed, out):
     """Half of the weighted Gram matrix of the rows: out + out' is all of it.
 
     Expanding a sum over tree rows by ancestry, every sample counts with the weight of all that
@@ -188,56 +117,70 @@ def gram(index, coefficient, parent, weight, out):
     walked depth first, so that the sum over the ancestors changes by one row at each step. The cost
     grows with the number of reversals and the nodes of the plane that a memory touches. Consumes
     ``weight``.
+
+    ``links`` (3, T + 1) begins at `ROOT`: first child, next child of the same parent, and number of
+    ancestral nodes before a sample. ``before`` (T, 6) may hold anything. ``sums`` and ``listed``
+    begin at zero, ``nodes`` lists where ``sums`` is not zero: each (2, n), of children and of
+    ancestors.
     """
-    child, sibling = np.empty(parent.size + 1, np.int64), np.empty(parent.size, np.int64)
-    child[:], sibling[:] = ROOT, ROOT
+    terms = index.shape[1]
     for t in range(parent.size - 1, -1, -1):
         n = weight[t]
         if n == 0.0:
             continue
-        for c in range(index.shape[1]):
-            row, a = out[index[t, c]], 0.5 * n * coefficient[t, c]
-            for d in range(index.shape[1]):
-                row[index[t, d]] += a * coefficient[t, d]
+        for c in range(terms):
+            a = 0.5 * n * coefficient[t, c]
+            for d in range(terms):
+                out[index[t, c], index[t, d]] += a * coefficient[t, d]
         if parent[t] != ROOT:
             weight[parent[t]] += n
-        sibling[t], child[parent[t]] = child[parent[t]], t  # the last child is that of the root
-    terms, others = np.empty(out.shape[0]), np.empty(out.shape[0])
-    terms[:], others[:] = 0.0, 0.0
-    nodes, far = np.empty(out.shape[0], np.int64), np.empty(out.shape[0], np.int64)
-    listed, far_listed = np.empty(out.shape[0], np.bool_), np.empty(out.shape[0], np.bool_)
-    listed[:], far_listed[:] = False, False
-    before = np.empty(index.size).reshape(index.shape)
-    remote_before = np.empty(parent.size, np.int64)
-    remote, p = np.int64(0), child[ROOT]
+        # The last child is that of the root.
+        links[1, t], links[0, parent[t]] = links[0, parent[t]], t
+    children, ancestors = np.int64(0), np.int64(1)
+    remote, p = np.int64(0), links[0, ROOT]
     while p != ROOT:
-        if child[p] != ROOT:
-            remote_before[p] = remote
-            for c in range(index.shape[1]):
-                before[p, c] = others[index[p, c]]
-            remote = add_terms(index[p], coefficient[p], 1.0, others, far, far_listed, remote)
-            count, t = np.int64(0), child[p]
+        if links[0, p] != ROOT:
+            links[2, p] = remote
+            for c in range(terms):
+                before[p, c] = sums[1, index[p, c]]
+            remote = add_terms(index, coefficient, p, 1.0, sums, nodes, listed, ancestors, remote)
+            count, t = np.int64(0), links[0, p]
             while t != ROOT:
-                count = add_terms(index[t], coefficient[t], weight[t], terms, nodes, listed, count)
-                t = sibling[t]
+                w = weight[t]
+                count = add_terms(index, coefficient, t, w, sums, nodes, listed, children, count)
+                t = links[1, t]
             for c in range(count):
-                row, a = out[nodes[c]], terms[nodes[c]]
+                node = nodes[0, c]
                 for d in range(remote):
-                    row[far[d]] += a * others[far[d]]
-                terms[nodes[c]], listed[nodes[c]] = 0.0, False
-            p = child[p]
+                    out[node, nodes[1, d]] += sums[0, node] * sums[1, nodes[1, d]]
+                sums[0, node], listed[0, node] = 0.0, False
+            p = links[0, p]
             continue
-        while p != ROOT and sibling[p] == ROOT:
+        while p != ROOT and links[1, p] == ROOT:
             p = parent[p]
             if p == ROOT:
                 break
-            for c in range(index.shape[1]):
-                others[index[p, c]] = before[p, c]
-            for d in range(remote_before[p], remote):
-                far_listed[far[d]] = False
-            remote = remote_before[p]
+            for c in range(terms):
+                sums[1, index[p, c]] = before[p, c]
+            for d in range(links[2, p], remote):
+                listed[1, nodes[1, d]] = False
+            remote = links[2, p]
         if p != ROOT:
-            p = sibling[p]
+            p = links[1, p]
+
+
+@njit(**INSIDE)
+def add_terms(index, coefficient, t, factor, sums, nodes, listed, which, count):
+    """Add terms of a row to a line of sums; ``nodes`` lists where, each once. Gives their count."""
+    for c in range(index.shape[1]):
+        if coefficient[t, c] == 0.0:
+            continue
+        node = index[t, c]
+        if not listed[which, node]:
+            nodes[which, count], listed[which, node] = node, True
+            count += 1
+        sums[which, node] += factor * coefficient[t, c]
+    return count
 
 
 @njit(cache=True, nogil=True)
@@ -249,67 +192,29 @@ def gram_rows(bands, index, coefficient, parent, weight, cells, out):
     nodes, on = np.empty(bands * (bands + 1) // 2), np.empty(parent.size)
     for k in range(cells.size):
         i = np.int64((np.sqrt(8.0 * cells[k] + 1.0) - 1.0) / 2.0)
-        last = cells[k] - packed(i, np.int64(0)) + 1
+        last = cells[k] - i * (i + 1) // 2 + 1
         nodes[:] = 0.0
         for a in range(i, bands):
-            first = packed(a, np.int64(0))
+            first = a * (a + 1) // 2
             nodes[first : first + last] = 1.0
         forward(index, coefficient, parent, nodes, on)
         for t in range(parent.size):
             on[t] *= weight[t]
         adjoint(index, coefficient, parent, on, out[k])
-    columns_to_cells(bands, out)
-
-
-@njit(**INSIDE)
-def add_terms(index, coefficient, factor, sums, nodes, listed, count):
-    """Add terms of a row to sums; ``nodes`` lists where, each once. Gives their number."""
-    for c in range(index.size):
-        if coefficient[c] == 0.0:
-            continue
-        if not listed[index[c]]:
-            nodes[count], listed[index[c]] = index[c], True
-            count += 1
-        sums[index[c]] += factor * coefficient[c]
-    return count
+        nodes_to_cells(bands, out[k])
 
 
 @njit(cache=True, nogil=True)
-def columns_to_cells(bands, x):
-    """In place along the last axis of a two-dimensional x: transpose of `cells_to_nodes`."""
-    for k in range(x.shape[0]):
-        row = x[k]
-        for i in range(bands):
-            for j in range(1, i + 1):
-                row[packed(i, j)] += row[packed(i, j) - 1]
-        for i in range(bands - 2, -1, -1):
-            first, above = packed(i, i) - i, packed(i, i) + 1
-            for j in range(i + 1):
-                row[first + j] += row[above + j]
-
-
-@njit(cache=True, nogil=True)
-def finish_gram(x, cells, swing, shift, touched, count):
-    """In place, lower triangle: Gram matrix of relay columns from half the one of fractions.
-
-    A column is ``swing`` times the switched-on fraction less ``shift``; ``touched`` holds the
-    sums of the fractions over the samples, ``count`` the number of samples.
-    """
-    block = 32  # reading across rows costs a cache line a number unless done block by block
-    for first in range(0, cells, block):
-        for k in range(first, cells):
-            for m in range(first, min(first + block, k + 1)):
-                both = x[k, m] + x[m, k]
-                cross = shift * swing * (touched[k] + touched[m])
-                x[k, m] = swing * swing * both - cross + shift * shift * count
-
-
-@njit(cache=True, nogil=True)
-def scale_lower(x, scale):
-    """In place, lower triangle: rows and columns times a scale."""
-    for k in range(x.shape[0]):
-        for m in range(k + 1):
-            x[k, m] *= scale[k] * scale[m]
+def nodes_to_cells(bands, x):
+    """In place: transpose of `cells_to_nodes`."""
+    for i in range(1, bands):
+        first = i * (i + 1) // 2
+        for k in range(first + 1, first + i + 1):
+            x[k] += x[k - 1]
+    for i in range(bands - 2, -1, -1):
+        first = i * (i + 1) // 2
+        for k in range(first, first + i + 1):
+            x[k] += x[k + i + 1]
 
 
 @njit(cache=True, nogil=True)

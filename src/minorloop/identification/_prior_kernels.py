@@ -1,7 +1,5 @@
 """Compiled loops of the prior on the plane: arrays in, arrays out."""
 
-import math
-
 import numpy as np
 from numba import njit
 
@@ -28,62 +26,6 @@ def walk(levels, spread, past, u, measured, rows, features):
         for k in range(3):
             features[m, k] = (stack[max(depth - 1 - k, 0)] - low) / (high - low)
         m += 1
-
-
-@njit(cache=True, nogil=True)
-def matern(x, y, at_x, at_y, out):
-    """Fill ``out`` (K, K) with the product of two Matern 3/2 kernels between points (K,)."""
-    root = math.sqrt(3.0)
-    for i in range(x.size):
-        for j in range(i + 1):
-            a = root * abs(x[i] - x[j]) / at_x
-            b = root * abs(y[i] - y[j]) / at_y
-            value = (1.0 + a) * (1.0 + b) * math.exp(-a - b)
-            out[i, j] = value
-            out[j, i] = value
-
-
-@njit(cache=True, nogil=True)
-def matern_slopes(x, y, at_x, at_y, correlation, weight):
-    """Derivatives of the weighted sum of the kernels with respect to the logs of both lengths.
-
-    ``correlation`` and ``weight`` (K, K) are symmetric.
-    """
-    root = math.sqrt(3.0)
-    by_x = by_y = 0.0
-    for i in range(x.size):
-        for j in range(i):
-            a = root * abs(x[i] - x[j]) / at_x
-            b = root * abs(y[i] - y[j]) / at_y
-            both = 2.0 * weight[i, j] * correlation[i, j]
-            by_x += both * a * a / (1.0 + a)
-            by_y += both * b * b / (1.0 + b)
-    return by_x, by_y
-
-
-@njit(cache=True, nogil=True)
-def add_covariance(correlation, size, nugget, at, out):
-    """Add a covariance to rows and columns ``at`` (K,) of ``out``.
-
-    It is the sum of the correlation (K, K), a constant part and an independent part of variances
-    ``nugget`` (K,), times sizes.
-    """
-    for i in range(size.size):
-        line = out[at[i]]
-        for j in range(size.size):
-            line[at[j]] += size[i] * (correlation[i, j] + 1.0) * size[j]
-        line[at[i]] += size[i] * nugget[i] * size[i]
-
-
-@njit(cache=True, nogil=True)
-def mirror(matrix):
-    """Copy the lower triangle to the upper one, in tiles that fit into the cache."""
-    n, tile = matrix.shape[0], 32
-    for top in range(0, n, tile):
-        for left in range(0, top + 1, tile):
-            for i in range(top, min(top + tile, n)):
-                for j in range(left, min(left + tile, i)):
-                    matrix[j, i] = matrix[i, j]
 
 
 @njit(cache=True, nogil=True)

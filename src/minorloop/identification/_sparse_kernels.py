@@ -20,15 +20,13 @@ _INFINITE = 1e64
 
 
 @njit(cache=True, nogil=True)
-def elimination_tree(first, rows):
+def elimination_tree(first, rows, parent, seen, count):
     """Parent of each column in the elimination tree, -1 for a root, and the size of each column.
 
-    ``first`` and ``rows`` are the columns of the matrix, both triangles. Liu, SIAM J. Matrix Anal.
-    Appl. 11, 1990.
+    ``first`` and ``rows`` are the columns of the matrix, both triangles. ``parent`` and ``seen``
+    begin at -1, ``count`` at 1. Liu, SIAM J. Matrix Anal. Appl. 11, 1990.
     """
-    n = first.size - 1
-    parent, seen, count = np.full(n, -1), np.full(n, -1), np.ones(n, dtype=np.int64)
-    for k in range(n):
+    for k in range(count.size):
         seen[k] = k
         for p in range(first[k], first[k + 1]):
             i = rows[p]
@@ -38,7 +36,6 @@ def elimination_tree(first, rows):
                 count[i] += 1
                 seen[i] = k
                 i = parent[i]
-    return parent, count
 
 
 @njit(cache=True, nogil=True)

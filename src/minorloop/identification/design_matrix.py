@@ -24,12 +24,15 @@ from minorloop.operators.preisach import Diagonal, Preisach
 Packed = FloatArray
 """(K,) numbers, one a cell, K = L (L + 1) / 2, row after row of the lower triangle."""
 
+_Indices = npt.NDArray[np.int32]
 
 MOST_BANDS = 500
 """Largest number of bands."""
 MOST_DENSE = 250
 """Largest number of bands with dense normal equations; those of a finer plane would take more than
 8 GB."""
+_TOGETHER = 32
+"""Rows of the Gram matrix that are finished at once."""
 _NEVER = 1e-14
 """Share of the samples up to which a cell is never on."""
 
@@ -133,23 +136,8 @@ class DesignMatrix:
         blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
         past = np.array(blank.memory(start).extrema[1:])
         inputs = np.concatenate([past, u])
-        self.index = np.zeros((inputs.size, 6), dtype=np.int32)
-        self.coefficient = np.zeros((inputs.size, 6))
-        self.parent = np.empty(inputs.size, dtype=np.int32)
-        corner = np.empty(inputs.size, dtype=np.int32)
-        plane = blank.tables
-        _kernels.trace(
-            plane.levels,
-            plane.per_band,
-            plane.buckets,
-            plane.per_unit,
-            spec.diagonal == "uniform",
-            inputs,
-            self.index,
-            self.coefficient,
-            self.parent,
-            corner,
-        )
+        tree = everett_tree(spec.levels, spec.diagonal == "uniform", inputs)
+        self.index, self.coefficient, self.parent, corner = tree
         self.measured = np.concatenate([np.zeros(past.size, dtype=np.bool_), measured])
         self.swing, self.shift = swing(spec.relay), -off_output(spec.relay)
         self.corner = corner[self.measured]
@@ -231,11 +219,22 @@ class DesignMatrix:
         counts = np.ones(self.samples) if weight is None else weight
         gram = np.zeros((spec.unknowns, spec.unknowns))
         spread = self._spread(counts)
-        _kernels.gram(self.index, self.coefficient, self.parent, spread, gram)
-        _kernels.columns_to_cells(spec.bands, gram)
-        _kernels.nodes_to_cells(spec.bands, gram)
-        touched = self._fraction_sums(counts)
-        _kernels.finish_gram(gram, cells, self.swing, self.shift, touched, counts.sum())
+        links = np.full((3, self.parent.size + 1), _kernels.ROOT)
+        sums, nodes = np.zeros((2, cells)), np.empty((2, cells), dtype=np.int64)
+        listed = np.zeros((2, cells), dtype=np.bool_)
+        tree, before = (self.index, self.coefficient, self.parent), np.empty(self.index.shape)
+        _kernels.gram(*tree, spread, links, before, sums, nodes, listed, gram)
+        for row in gram:
+            _kernels.nodes_to_cells(spec.bands, row)
+        _rows_to_cells(spec.bands, gram)
+        touched, total = self._fraction_sums(counts), counts.sum()
+        for first in range(0, cells, _TOGETHER):
+            last = min(first + _TOGETHER, cells)
+            rows = gram[first:last, :last]
+            rows += gram[:last, first:last].T
+            rows *= self.swing**2
+            rows -= self.shift * self.swing * (touched[first:last, None] + touched[:last])
+            rows += self.shift**2 * total
         gram[cells:] = self._level_rows(counts)
         return gram
 
@@ -328,10 +327,75 @@ class DesignMatrix:
 
     def _fraction_sums(self, r: FloatArray) -> Packed:
         """Transpose of the map from weights to switched-on weight."""
-        sums = np.zeros((self.spec.cells, 1))
-        _kernels.adjoint(self.index, self.coefficient, self.parent, self._spread(r), sums[:, 0])
+        sums = np.zeros(self.spec.cells)
+        _kernels.adjoint(self.index, self.coefficient, self.parent, self._spread(r), sums)
         _kernels.nodes_to_cells(self.spec.bands, sums)
-        return sums[:, 0]
+        return sums
+
+
+def everett_tree(
+    levels: Levels, spread: bool, u: FloatArray
+) -> tuple[_Indices, FloatArray, _Indices, _Indices]:
+    """Tree of Everett differences of inputs that begin at negative saturation.
+
+    Parameters
+    ----------
+    levels : (L + 1,) array
+        Thresholds.
+    spread : bool
+        Whether the density of a diagonal cell is spread over its triangle.
+    u : (T,) array
+        Inputs.
+
+    Returns
+    -------
+    index : (T, 6) array of int32
+        Nodes of the plane, as `_kernels` describes them.
+    coefficient : (T, 6) array
+        Their coefficients.
+    parent : (T,) array of int32
+        Sample at which the branch began; -1 for negative saturation.
+    corner : (T,) array of int32
+        Cell in which the branch ends: where the sample looks at the Everett surface; -1 at negative
+        saturation.
+    """
+    x, root = np.clip(u, levels[0], levels[-1]), np.int32(_kernels.ROOT)
+    parent, newest = np.empty(u.size, dtype=np.int32), np.full(u.size + 1, root)
+    older, samples = np.empty((2, u.size), dtype=np.int32)
+    at, values = np.empty((2, u.size))
+    _kernels.trace(float(levels[0]), x, parent, newest, older, at, values, samples)
+    x, begin, own = np.append(x, levels[0]), np.append(parent, root), np.arange(u.size + 1)
+    band = np.clip(np.searchsorted(levels, x, side="right") - 1, 0, levels.size - 2)
+    fraction = (x - levels[band]) * (1 / np.diff(levels))[band]
+    rises, moves = x > x[begin], x != x[begin]
+    high, low = np.where(rises, own, begin), np.where(rises, begin, own)
+    i, s, j, f = band[high], fraction[high], band[low], fraction[low]
+    node, same = i * (i + 1) // 2 + j, i == j
+    # The corners of the rectangle below and left of (i, j), and what bends within the bands.
+    nodes = [np.where(same, node, node - i), node, node - i + 1, node + 1]
+    nodes += [i * (i + 3) // 2, j * (j + 3) // 2]
+    index = np.stack(nodes, axis=1, dtype=np.int32)
+    a, b = 1.0 - s, 1.0 - f
+    coefficient = np.stack([a * b, s * b, a * f, s * f, -s * a, -f * b], axis=1)
+    coefficient[j + 1 >= i, 2] = 0.0
+    coefficient[:, 4:] *= spread
+    coefficient[same] = 0.0
+    coefficient[same, 0] = ((s - f) ** (1 + spread))[same]
+    coefficient *= np.where(rises, 1.0, -1.0)[:, None]
+    index[coefficient == 0.0] = 0
+    ends = np.where(s == 0.0, node - i, node)
+    ends = np.where(moves, ends, np.where(moves, ends, root)[begin]).astype(np.int32)
+    return index[:-1], coefficient[:-1], parent, ends[:-1]
+
+
+def _rows_to_cells(bands: int, x: FloatArray) -> None:
+    """In place along the first axis: `_kernels.nodes_to_cells` of all columns at once."""
+    first = np.cumsum(np.arange(bands + 1))
+    for i in range(bands):
+        rows = x[first[i] : first[i + 1]]
+        np.cumsum(rows, axis=0, out=rows)
+    for i in range(bands - 2, -1, -1):
+        x[first[i] : first[i + 1]] += x[first[i + 1] : first[i + 1] + i + 1]
 
 
 def check_bands(bands: int) -> None:

@@ -8,10 +8,24 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray
 from minorloop.identification import _kernels
-from minorloop.identification._prior_kernels import mirror
 
 _TOGETHER = 32
 """Rows that are computed at once."""
+
+
+def mirror(matrix: FloatArray) -> None:
+    """Copy the lower triangle of a matrix (n, n) to the upper one, some rows at a time."""
+    for first in range(0, len(matrix), _TOGETHER):
+        last = first + _TOGETHER
+        corner = np.tril(matrix[first:last, first:last])
+        matrix[first:last, first:last] = corner + np.tril(corner, -1).T
+        matrix[:first, first:last] = matrix[first:last, :first].T
+
+
+def scale_symmetric(matrix: FloatArray, scale: FloatArray) -> None:
+    """Multiply rows and columns of a matrix (n, n) by a scale (n,), in place."""
+    for first in range(0, len(matrix), _TOGETHER):
+        matrix[first : first + _TOGETHER] *= scale[first : first + _TOGETHER, None] * scale
 
 
 class GramRows:

@@ -29,7 +29,7 @@ from minorloop.identification.design_matrix import (
     unpack,
 )
 from minorloop.identification.everett_system import quick_system
-from minorloop.identification.gram_rows import GramRows
+from minorloop.identification.gram_rows import GramRows, scale_symmetric
 from minorloop.identification.refinement import Rows
 from minorloop.operators.plane import cell_areas
 from minorloop.threads import one_thread
@@ -226,7 +226,7 @@ class _System:
             return GramRows(squares * scale**2, partial(matrix.gram_rows, weight, scale)), scale
         gram = self._unscaled_gram()
         scale = _unit(gram.diagonal())
-        _kernels.scale_lower(gram, scale)
+        scale_symmetric(gram, scale)
         return GramRows.of(gram), scale
 
     def _unscaled_gram(self) -> FloatArray:
@@ -236,7 +236,7 @@ class _System:
         if whole is None or self.weight.size <= _MANY:
             return matrix.gram(self.weight)
         gram = whole.gram.all.copy()
-        _kernels.scale_lower(gram, 1.0 / whole.scale)
+        scale_symmetric(gram, 1.0 / whole.scale)
         return np.asarray(gram - matrix.gram(whole.weight - self.weight))
 
     def solve(self, strength: float, guess: FloatArray | None = None) -> FittedUnknowns:

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, writable
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.gram_rows import mirror
 from minorloop.identification.prior import Hyperparameters, PlanePrior
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import relay_outputs
@@ -103,7 +104,7 @@ class Evidence:
         ``within`` is the mean square of the samples about those that stand for them.
         """
         gram, count = matrix.gram(weight), float(weight.sum())
-        _kernels.mirror(gram)
+        mirror(gram)
         square = float(weight @ y**2) + within * count
         return cls(matrix.spec, count, square, gram=gram, slope=matrix.adjoint(weight * y))
 
@@ -344,7 +345,7 @@ def cholesky_inverse(root: FloatArray) -> FloatArray:
 
     # The lower triangle in C order is the upper one in Fortran order.
     inverse = np.asarray(lapack.dpotri(root.T, lower=0)[0].T)
-    _kernels.mirror(inverse)
+    mirror(inverse)
     return inverse
 
 

@@ -46,9 +46,10 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
     found = []
     for first, last in curves.parts(u.size):
         part = writable(u[first:last])
-        begin, end = np.empty(part.size, dtype=np.int64), np.empty(part.size, dtype=np.int64)
+        turns, begin, end = np.empty((3, part.size), dtype=np.int64)
         extreme = bool(min(part[0] - part.min(), part.max() - part[0]) <= near)
-        count = _kernels.closed_loops(part, extreme, _TOLERANCE, _GAP, narrowest, begin, end)
+        limits = _TOLERANCE, _GAP, narrowest
+        count = _kernels.closed_loops(part, extreme, *limits, turns, begin, end)
         found.append(first + np.column_stack([begin[:count], end[:count]]))
     loops = np.concatenate(found)
     before = np.concatenate([[0], np.cumsum(scored)])

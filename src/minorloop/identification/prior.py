@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.operators.plane import cell_areas, swing
 
@@ -129,12 +128,14 @@ class PlanePrior:
         covariance = np.zeros((n, n))
         correlation = self._correlation(h.along, h.across)
         size = bulk / scale[:cells]
-        nugget = h.nugget * self.independent
-        _kernels.add_covariance(correlation, size, nugget, np.arange(cells), covariance)
+        covariance[:cells, :cells] = size[:, None] * (correlation + 1.0) * size
+        nugget, each = h.nugget * self.independent, np.arange(n)
+        covariance[each[:cells], each[:cells]] += size * nugget * size
         correlation, size = self._reversible_correlation(h), reversible / scale[self.diagonal]
-        nugget = nugget[self.diagonal]
-        _kernels.add_covariance(correlation, size, nugget, self.diagonal, covariance)
-        covariance[np.arange(cells, n), np.arange(cells, n)] = 1.0
+        both = np.ix_(self.diagonal, self.diagonal)
+        covariance[both] += size[:, None] * (correlation + 1.0) * size
+        covariance[self.diagonal, self.diagonal] += size * nugget[self.diagonal] * size
+        covariance[each[cells:], each[cells:]] = 1.0
         return covariance
 
     def slopes(self, h: Hyperparameters, weight: FloatArray) -> FloatArray:
@@ -154,17 +155,15 @@ class PlanePrior:
         loose = h.nugget * self.independent * weighted.diagonal()
         nugget = float(loose.sum())
         each = np.sum(weighted * (correlation + 1.0), axis=1) + loose
-        along, across = _kernels.matern_slopes(
-            self.along, self.across, h.along, h.across, correlation, weighted
-        )
+        both = weighted * correlation
+        along = _length_slope(self.along, h.along, both)
+        across = _length_slope(self.across, h.across, both)
         decay = np.exp(-self.across / h.decay) * self.area
         distance = self.across / h.decay
         by_decay = 2 * float(each @ (distance - distance @ decay / decay.sum()))
         weighted = reversible[:, None] * weight[np.ix_(self.diagonal, self.diagonal)] * reversible
         correlation = self._reversible_correlation(h)
-        along += _kernels.matern_slopes(
-            self.middle, self._none, h.along, 1.0, correlation, weighted
-        )[0]
+        along += _length_slope(self.middle, h.along, weighted * correlation)
         own = float(h.nugget * self.independent[self.diagonal] @ weighted.diagonal())
         by_reversible = 2 * (float(np.sum(weighted * (correlation + 1.0))) + own)
         by_bulk = 2 * float(each.sum())
@@ -198,6 +197,19 @@ def matern(x: FloatArray, y: FloatArray, at_x: float, at_y: float) -> FloatArray
     at_x, at_y : float
         Correlation lengths.
     """
-    out = np.empty((x.size, x.size))
-    _kernels.matern(x, y, at_x, at_y, out)
+    a, b = _distances(x, at_x), _distances(y, at_y)
+    out = (1.0 + a) * (1.0 + b)
+    a += b
+    out *= np.exp(np.negative(a, out=a), out=a)
     return out
+
+
+def _distances(x: FloatArray, length: float) -> FloatArray:
+    """(K, K) distances between coordinates (K,), over the length of a Matern kernel."""
+    return np.asarray(np.sqrt(3.0) * np.abs(x[:, None] - x) / length)
+
+
+def _length_slope(x: FloatArray, length: float, weighted: FloatArray) -> float:
+    """Derivative of a sum of weighted kernels (K, K) with respect to the logarithm of a length."""
+    distances = _distances(x, length)
+    return float(np.sum(weighted * distances**2 / (1.0 + distances)))

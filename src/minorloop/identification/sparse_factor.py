@@ -50,7 +50,7 @@ class SparseFactor:
         self._pattern = coo_array((np.ones(ends.size), (ends, others)), shape=(n, n)).tocsc()
         least = _least_degree(self._pattern[: n - last, : n - last])
         self._order = np.append(least, np.arange(n - last, n))
-        tree = _kernels.elimination_tree(*_permuted(self._pattern, self._order))
+        tree = _elimination_tree(*_permuted(self._pattern, self._order))
         self._parent, self.counts = tree
         self._data: FloatArray | None = None
 
@@ -59,7 +59,7 @@ class SparseFactor:
         n = self._sign.size
         self._order = self._order[_kernels.postorder(self._parent)]
         first, below = _permuted(self._pattern, self._order)
-        parent, counts = _kernels.elimination_tree(first, below)
+        parent, counts = _elimination_tree(first, below)
         self._start, height = _kernels.panels(parent, counts)
         width = np.diff(self._start)
         self._at = np.append(0, np.cumsum(height))
@@ -160,3 +160,11 @@ def _permuted(pattern: csc_array[Any], order: IntArray) -> tuple[IntArray, IntAr
     """Columns of a permuted pattern: where each begins, and its rows."""
     moved = pattern[order][:, order]
     return moved.indptr.astype(np.int64), moved.indices.astype(np.int64)
+
+
+def _elimination_tree(first: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
+    """Parent of each column in the elimination tree, -1 for a root, and the size of each column."""
+    n = first.size - 1
+    parent, count = np.full(n, -1), np.ones(n, dtype=np.int64)
+    _kernels.elimination_tree(first, rows, parent, np.full(n, -1), count)
+    return parent, count

@@ -84,16 +84,6 @@ def everett_inside(nodes, bow, i, s, j, f):
 
 
 @njit(cache=True, nogil=True)
-def saturate(plane, stack):
-    """Set negative saturation; returns the rows in use."""
-    stack[0, VALUE] = plane.levels[0]
-    stack[0, OUTPUT] = plane.saturation
-    stack[0, BAND] = 0.0
-    stack[0, FRACTION] = 0.0
-    return 1
-
-
-@njit(cache=True, nogil=True)
 def simulate(plane, stack, n, u, y):
     """Fill y with the outputs for a whole input; returns the rows in use at the end.
 

@@ -11,6 +11,8 @@ import math
 
 from numba import njit
 
+from minorloop.operators._memory_kernels import INSIDE
+
 
 @njit(cache=True, nogil=True)
 def simulate(u, radii, slopes, offset, positions, y):
@@ -37,11 +39,15 @@ def invert(targets, radii, slopes, offset, positions, u):
         move(u[t], radii, positions)
 
 
-@njit(cache=True, nogil=True)
+@njit(**INSIDE)
 def move(u, radii, positions):
     """Update the position of every play for one sample."""
     for i in range(radii.size):
-        positions[i] = min(max(positions[i], u - radii[i]), u + radii[i])
+        low, high = u - radii[i], u + radii[i]
+        if positions[i] < low:
+            positions[i] = low
+        elif positions[i] > high:
+            positions[i] = high
 
 
 @njit(cache=True, nogil=True)

@@ -424,8 +424,8 @@ class Preisach(NotebookView):
         """
         extrema = np.array(self.memory(start).extrema)
         stack = np.empty((extrema.size + room + 2, 4))
-        rows = _kernels.saturate(self.tables, stack)
-        return stack, _kernels.simulate(self.tables, stack, rows, extrema, np.empty_like(extrema))
+        stack[0] = self.levels[0], self.all_off, 0.0, 0.0
+        return stack, _kernels.simulate(self.tables, stack, 1, extrema, np.empty_like(extrema))
 
     def _simulate_row(self, start: Start, u: FloatArray, y: FloatArray) -> None:
         stack, rows = self.stack(start, u.size)
