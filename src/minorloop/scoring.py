@@ -164,6 +164,12 @@ def simulate(
     if parts.begins.size > 1:
         log = log.with_memory_reset()
     notes = list(log.notes)
+    unsaid = log.curves is not None and start_of_curve is None and start == "negative"
+    if unsaid and not isinstance(known.model, Polynomial | Oscillator):
+        notes.append(
+            "each curve begins with the memory 'negative'; the model does not hold how those of "
+            "its record began: give start_of_curve (--start-of-curve) if they began otherwise"
+        )
     gaps, times = log.bridges, log.record.t
     t, inputs, added = gaps.inserted(times, u)
     y = np.delete(

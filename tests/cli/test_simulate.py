@@ -176,6 +176,12 @@ def test_times_may_begin_anew_with_each_curve_and_not_within_one(answer, refused
     found = answer(f"{line} --curves curve")["y"]
     assert found == answer("simulate model.json anew.csv --curves curve")["y"]
     assert "runs backwards in row 22" in refused(line)
+    saved = answer(f"{line} --curves curve --save saved.csv")
+    assert "--start-of-curve" in saved["notes"][0]
+    header, first = Path("saved.csv").read_text().splitlines()[:2]
+    assert header.startswith("time [s],curve,voltage [V],")
+    assert first.startswith("0.0,a,0.0,")
+    assert "notes" not in answer(f"{line} --curves curve --start-of-curve negative")
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ class TestRepeatedReadings:
         dead = np.full(20, 0.1)
         assert _verdicts([-1, 1, -1, 1], [dead] * 4) == ["", *["faulty"] * 3]
         said = _verdicts(STAIRS, [dead] * len(STAIRS))
-        assert said[:10] == [*[""] * 5, *["suspect"] * 4, "faulty"]
+        assert said[:11] == [*[""] * 5, *["suspect"] * 5, "faulty"]
 
     def test_a_noisy_sensor_that_stops_is_faulty_wherever_the_input_is(self):
         y = [0.3 * u + 0.01 * RNG.normal(size=20) for u in STAIRS]

@@ -68,7 +68,8 @@ def run(
             cells = ["" if isnan(value) else value for value in y.tolist()]
             header = output if known.output != known.input else f"predicted {output}"
             times = {} if found.t is None else {str(log.record.time): found.t}
-            columns = {**times, str(known.input): found.u, header: cells}
+            labels = {} if curves is None or log.curves is None else {curves: log.curves}
+            columns = {**times, **labels, str(known.input): found.u, header: cells}
             _common.write_csv(save, columns, force=force)
     _common.print_warnings(known.warnings)
     notes = [*found.notes, *found.of_levels]

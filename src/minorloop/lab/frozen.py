@@ -87,7 +87,8 @@ class RepeatedReadings:
     saturated. So it counts as faulty only
 
     - where the inputs of these holds reach across nearly the whole range of the run, unless the
-      readings show that it is coarse;
+      readings show that it is coarse; across all of it where no two readings differ, which do not
+      show how coarse it is;
     - or where it is `frozen`, and not at an extreme of its readings, as a saturated one is.
 
     Parameters
@@ -164,14 +165,15 @@ class RepeatedReadings:
         return replace(now, verdict="faulty" if faulty else "suspect" if suspect else "")
 
     def _is_across(self, share: float) -> bool:
-        change = self.inputs[1] - self.inputs[0]
-        least = share * (self.range[1] - self.range[0])
-        if not change or change < least:
+        change, whole = np.ptp(self.inputs), np.ptp(self.range)
+        if not change or change < share * whole:
             return False
         before = np.concatenate(self.latest)
         steps = np.abs(np.diff(before))
         steps = steps[steps > 0]
-        return bool(not steps.size or np.ptp(before) >= _STEPS * np.quantile(steps, _FINE))
+        if not steps.size:
+            return bool(share < _ACROSS or change == whole)
+        return bool(np.ptp(before) >= _STEPS * np.quantile(steps, _FINE))
 
     def _is_frozen(self) -> bool:
         before = np.concatenate(self.latest)
