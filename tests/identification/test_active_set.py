@@ -4,7 +4,7 @@ from benchmarks import optima
 from scipy.optimize import nnls
 from tests.fixed_options import identify
 
-from minorloop.identification import active_set, least_squares
+from minorloop.identification import active_set, gram_rows, least_squares
 from plane_problems import a_problem, objective
 
 
@@ -48,10 +48,20 @@ def test_rows_of_the_gram_matrix_are_found_where_they_are_needed(strength, monke
     usual = problem.fit(strength)
     monkeypatch.setattr(least_squares, "_LARGE", 20)
     monkeypatch.setattr(type(problem.matrix), "gram", None)
+    monkeypatch.setattr(gram_rows, "_SHARE", 1.0)
     monkeypatch.setattr(least_squares._System, "_coarse_guess", lambda self, strength: usual.x / 2)
     other = problem.fit(strength)
     assert objective(problem, other.x) == pytest.approx(objective(problem, usual.x), rel=1e-9)
     assert other.kkt <= 1e-10
+
+
+def test_the_whole_gram_matrix_is_computed_where_most_of_it_is_needed(monkeypatch):
+    problem = a_problem(14, 500)
+    usual = problem.fit(1e-4)
+    monkeypatch.setattr(least_squares, "_LARGE", 20)
+    monkeypatch.setattr(type(problem.matrix), "gram_rows", lambda *_: pytest.fail("single rows"))
+    other = problem.fit(1e-4)
+    assert objective(problem, other.x) == pytest.approx(objective(problem, usual.x), rel=1e-9)
 
 
 def test_large_signed_fits_reach_it_or_say_that_they_do_not(monkeypatch):

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from benchmarks import real_records
+from benchmarks import fit_times, real_records
 from scipy.optimize import nnls
 from tests.fixed_options import identify
 
 from minorloop.errors import ParameterError
-from minorloop.identification import everett_system, least_squares
+from minorloop.identification import active_set, everett_system, least_squares
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import Problem
 from plane_problems import a_problem, objective
@@ -72,6 +72,24 @@ def test_the_optimality_holds_in_simulated_outputs():
     found = identify(u, y, levels=model.levels, smoothness=0.0)
     assert found.kkt <= 1e-10
     assert real_records.violation(found.model, u, y) <= 1e-10
+
+
+@pytest.mark.parametrize(
+    ("shape", "seed"), [(fit_times.walk, 931006), (fit_times.random_staircase, 1000)]
+)
+def test_unknowns_hardly_determined_take_few_factorisations(shape, seed, monkeypatch):
+    model, u, y = fit_times.a_record(shape, 50, 1000, seed)
+    spec, every = PlaneSpec(model.levels), np.ones(u.size, dtype=bool)
+    done, factorise = list[int](), everett_system.EverettSystem.factorise
+
+    def counted(self, ridge):
+        done.append(1)
+        factorise(self, ridge)
+
+    monkeypatch.setattr(everett_system.EverettSystem, "factorise", counted)
+    fit = Problem(DesignMatrix(spec, u, every, "negative"), y).fit(0.0)
+    assert fit.kkt <= active_set.TOLERANCE
+    assert len(done) <= 60
 
 
 def test_planes_too_fine_for_dense_matrices_need_a_sparse_system(monkeypatch):

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from minorloop.operators._memory_kernels import INSIDE
+
 _WIDEST = 48
 _PADDING, _FEW = 0.3, 32
 """Zeros that a panel may store: this share of its numbers, or as many."""
@@ -144,19 +146,25 @@ def factorise(start, at, rows, offset, panel_of, sign, place, values, least, dat
         mine = rows[at[s] + width : at[s + 1]]
         i = 0
         while i < mine.size:
-            t, end = panel_of[mine[i]], i
-            while end < mine.size and mine[end] < start[t + 1]:
-                end += 1
-            his = rows[at[t] : at[t + 1]]
-            for k in range(his.size):
-                where[his[k]] = k
-            target = data[offset[t] : offset[t + 1]].reshape(his.size, start[t + 1] - start[t])
+            t, end = find_panel(mine, i, start, at, rows, panel_of, where)
+            target = data[offset[t] : offset[t + 1]].reshape(-1, start[t + 1] - start[t])
             block = product[i:, i:end] if small else np.dot(below[i:], signed[i:end].T)
             for r in range(i, mine.size):
                 line = target[where[mine[r]]]
                 for c in range(i, min(r + 1, end)):
                     line[mine[c] - start[t]] -= block[r - i, c - i]
             i = end
+
+
+@njit(**INSIDE)
+def find_panel(mine, i, start, at, rows, panel_of, where):
+    """Panel of row ``mine[i]``, and the end of its rows in ``mine``; ``where`` gets its rows."""
+    t, end = panel_of[mine[i]], i
+    while end < mine.size and mine[end] < start[t + 1]:
+        end += 1
+    for k in range(at[t], at[t + 1]):
+        where[rows[k]] = k - at[t]
+    return t, end
 
 
 @njit(cache=True, nogil=True)
@@ -265,13 +273,8 @@ def invert(start, at, rows, offset, panel_of, sign, data, out):
         later = np.empty((mine.size, mine.size))
         i = 0
         while i < mine.size:
-            t, end = panel_of[mine[i]], i
-            while end < mine.size and mine[end] < start[t + 1]:
-                end += 1
-            his = rows[at[t] : at[t + 1]]
-            for k in range(his.size):
-                where[his[k]] = k
-            source = out[offset[t] : offset[t + 1]].reshape(his.size, start[t + 1] - start[t])
+            t, end = find_panel(mine, i, start, at, rows, panel_of, where)
+            source = out[offset[t] : offset[t + 1]].reshape(-1, start[t + 1] - start[t])
             for r in range(i, mine.size):
                 line = source[where[mine[r]]]
                 for c in range(i, min(r + 1, end)):

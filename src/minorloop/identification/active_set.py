@@ -40,6 +40,9 @@ ACCEPTABLE = 1e-6
 
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
 _OUTER, _PIVOTS, _PATIENCE = 80, 14, 3
+_QUICK = 0.01
+"""Ratio of a violation to the one before up to which the ridge stays, so that a factor is used
+again."""
 _FIRST_SWEEPS = 5
 _FACTORISED = 5100
 """Free unknowns up to which a factorisation is cheaper."""
@@ -135,11 +138,10 @@ class Pivoting(ABC):
     """Proximal-point iteration with block pivoting.
 
     ``gradient``, ``bounded`` and ``scale`` as in `solve`; unknowns beyond ``searched`` that are at
-    their bounds stay there. The iteration ends at a violation of ``enough``. A subclass solves for
-    the free unknowns.
+    their bounds stay there. A subclass solves for the free unknowns.
     """
 
-    enough = TOLERANCE
+    least_ridge = _LEAST_RIDGE
 
     def __init__(
         self,
@@ -158,26 +160,42 @@ class Pivoting(ABC):
         """(n,) Newton step of the free unknowns, zero for the others."""
 
     def run(self, z: FloatArray, ridge: float = _FIRST_RIDGE) -> BoundedSolution:
-        """Iterate from z and a first ridge to the best solution, converged or not."""
-        free = ~self.bounded | (z > 0)
-        best = BoundedSolution(z, np.inf, 0)
+        """Iterate from z and a first ridge to the best solution, converged or not.
+
+        The ridge is only reduced where the violation falls slowly. Where the pivoting did not
+        settle, it stays higher until the free unknowns rest; the solutions with one ridge are then
+        extrapolated (Güler, SIAM J. Optim. 2, 1992), as they change little in one direction.
+        """
+        free, least = ~self.bounded | (z > 0), self.least_ridge
+        best, before, last = BoundedSolution(z, np.inf, 0), z, np.inf
+        settled, pivots, steps = False, 0, 0
         for _ in range(_OUTER):
             gradient = self.gradient(z)
             kkt = optimality(z, gradient, self.bounded, self.scale)
             if kkt < best.kkt:
                 best = BoundedSolution(z, kkt, self.factorisations)
-            if kkt <= self.enough or (kkt > best.kkt and ridge <= _LEAST_RIDGE):
+            grows, slow, wide = kkt > last, kkt > _QUICK * last, ridge
+            if kkt <= TOLERANCE or (grows and steps < 2 and ridge <= self.least_ridge):
                 break
+            if settled and slow:
+                ridge = max(ridge * (0.01 if pivots <= 4 else 0.1), least)
+            steps = steps + 1 if settled and slow and not grows and ridge == wide else 0
+            last = kkt
             self.say(f"{np.count_nonzero(free):,} of {free.size:,} unknowns are not zero")
-            trial, settled, pivots = self._pivot(z, gradient, free, ridge)
+            centre = z
+            if steps > 1:
+                centre = z + (steps - 1) / (steps + 2) * (z - before)
+                gradient = self.gradient(centre)
+            trial, settled, pivots = self._pivot(centre, gradient, free, ridge)
             if not settled:
                 if ridge >= _MOST_RIDGE:
                     break
-                ridge *= 10.0
+                ridge = least = 10.0 * ridge
                 continue
-            free = trial[1]
+            if np.array_equal(free, trial[1]):
+                least = max(0.1 * least, self.least_ridge)
+            free, before = trial[1], z
             z = np.where(self.bounded, np.maximum(trial[0], 0.0), trial[0])
-            ridge = max(ridge * (0.01 if pivots <= 4 else 0.1), _LEAST_RIDGE)
         return BoundedSolution(best.z, best.kkt, self.factorisations)
 
     def _pivot(

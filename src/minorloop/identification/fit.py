@@ -38,8 +38,10 @@ from minorloop.lab.records import Record
 from minorloop.operators.memory import Start
 from minorloop.operators.plane import RELAYS, Relay
 from minorloop.operators.preisach import Diagonal
+from minorloop.threads import one_thread
 
 
+@one_thread()
 def identify(
     u: npt.ArrayLike | Log | Record,
     y: npt.ArrayLike | None = None,

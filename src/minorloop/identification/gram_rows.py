@@ -11,6 +11,9 @@ from minorloop.identification import _kernels
 
 _TOGETHER = 32
 """Rows that are computed at once."""
+_SHARE = 1 / 3
+"""Share of the rows from which the whole matrix is quicker; on 100 bands, 35 % of 20,000 samples
+of random steps, and 60 % of 2,000."""
 
 
 def mirror(matrix: FloatArray) -> None:
@@ -37,27 +40,32 @@ class GramRows:
         Its diagonal.
     compute : callable
         Rows (k, n) of these numbers (k,), ascending.
+    whole : callable
+        Lower triangle of the matrix (n, n); quicker than most of its rows.
     """
 
-    def __init__(self, diagonal: FloatArray, compute: Callable[[IntArray], FloatArray]) -> None:
-        self.diagonal, self._compute = diagonal, compute
+    def __init__(
+        self,
+        diagonal: FloatArray,
+        compute: Callable[[IntArray], FloatArray],
+        whole: Callable[[], FloatArray],
+    ) -> None:
+        self.diagonal, self._compute, self._whole = diagonal, compute, whole
         self._place = np.full(diagonal.size, -1)
         self._rows, self._count = np.empty((0, diagonal.size)), 0
 
     @classmethod
     def of(cls, gram: FloatArray) -> GramRows:
         """Rows of a matrix that is given by its lower triangle."""
-        mirror(gram)
-        found = cls(gram.diagonal().copy(), lambda which: gram[which])
-        found._rows, found._place, found._count = gram, np.arange(len(gram)), len(gram)
+        found = cls(gram.diagonal().copy(), lambda which: gram[which], lambda: gram)
+        found._take_whole()
         return found
 
     @property
     def all(self) -> FloatArray:
         """(n, n) matrix."""
-        order = np.arange(self.diagonal.size)
-        self._prepare(order)
-        return self._rows if np.array_equal(self._place, order) else self._rows[self._place]
+        self._prepare(np.arange(self.diagonal.size))
+        return self._rows
 
     def rows(self, which: IntArray) -> FloatArray:
         """(k, n) rows of these numbers (k,)."""
@@ -72,6 +80,9 @@ class GramRows:
     def _prepare(self, which: IntArray) -> None:
         new = which[self._place[which] < 0]
         count = self._count + new.size
+        if new.size and count > _SHARE * self.diagonal.size:
+            self._take_whole()
+            return
         if count > len(self._rows):
             rows = np.empty((min(2 * count, self.diagonal.size), self.diagonal.size))
             rows[: self._count] = self._rows[: self._count]
@@ -82,3 +93,9 @@ class GramRows:
             self._rows[first : first + some.size] = self._compute(some)
         self._place[new] = np.arange(self._count, count)
         self._count = count
+
+    def _take_whole(self) -> None:
+        self._rows = self._whole()
+        mirror(self._rows)
+        self._count = self.diagonal.size
+        self._place = np.arange(self._count)

@@ -21,8 +21,9 @@ _LEAST_RIDGE = 1e-8
 fewer than unknowns."""
 _AT_BOUND = 1e4
 """Ridge that keeps an unknown at its bound, to a diagonal of one."""
-_GAP, _INFEASIBLE = 1e-14, 1e-9
-"""Complementarity and dual residual at which pivoting takes over, relative."""
+_GAP = 1e-13
+"""Complementarity at which pivoting takes over, relative. Where the samples hardly determine the
+unknowns, the dual residual hardly falls from there on: the least ridge holds the unknowns back."""
 _MOST, _BOUNDARY, _STUCK = 40, 0.997, 1e-3
 """Most iterations, share of the way to the boundary, and step from which there is no progress."""
 _FIRST_RIDGE = 1e-6
@@ -31,8 +32,8 @@ _FIRST_RIDGE = 1e-6
 _CORRECTOR_STEPS, _CORRECTOR_TOLERANCE = 6, 1e-3
 """Most conjugate gradients of a Newton step, and their relative residual; by trial. The factor is
 accurate, so that one is usual."""
-_PIVOT_STEPS, _PIVOT_TOLERANCE = 100, 1e-10
-"""The same of a pivoting step, whose error is that of the result. Four are usual."""
+_PIVOT_STEPS, _PIVOT_TOLERANCE = 100, 1e-13
+"""The same of a pivoting step, whose error is that of the result, relative to the outputs."""
 
 
 def solve(
@@ -77,13 +78,14 @@ def polish(
 
 class _SparsePivoting(Pivoting):
     system: EverettSystem
-    enough = 1e-11
-    """The accuracy of the factor; the result is to meet the conditions to 1e-10."""
+    least_ridge = 1e-10
+    """The accuracy of the factor: below it, conjugate gradients are many."""
 
     def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
         self.system.factorise(np.where(free, ridge, _AT_BOUND))
         self.factorisations += 1
-        return self.system.solve(downhill, free, _PIVOT_TOLERANCE, _PIVOT_STEPS)
+        enough = _PIVOT_TOLERANCE * self.scale / (float(np.linalg.norm(downhill)) or 1.0)
+        return self.system.solve(downhill, free, enough, _PIVOT_STEPS)
 
 
 def _interior_point(
@@ -103,7 +105,7 @@ def _interior_point(
         dual[places] -= slack
         dual[~free] = 0.0
         gap = float(z[places] @ slack)
-        if gap <= _GAP * scale**2 and np.abs(dual).max() <= _INFEASIBLE * scale:
+        if gap <= _GAP * scale**2:
             break
         ridge[places] = _LEAST_RIDGE + slack / z[places]
         system.factorise(ridge)

@@ -223,11 +223,17 @@ class _System:
         if matrix.spec.cells > _LARGE and self.y.size <= _MANY:
             squares = matrix.column_squares(weight)[0]
             scale = _unit(squares)
-            return GramRows(squares * scale**2, partial(matrix.gram_rows, weight, scale)), scale
+            compute, whole = partial(matrix.gram_rows, weight, scale), partial(self._gram, scale)
+            return GramRows(squares * scale**2, compute, whole), scale
         gram = self._unscaled_gram()
         scale = _unit(gram.diagonal())
         scale_symmetric(gram, scale)
         return GramRows.of(gram), scale
+
+    def _gram(self, scale: FloatArray) -> FloatArray:
+        gram = self._unscaled_gram()
+        scale_symmetric(gram, scale)
+        return gram
 
     def _unscaled_gram(self) -> FloatArray:
         """Gram matrix; of many samples, that of all less that of the few left out."""
