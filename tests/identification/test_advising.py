@@ -115,6 +115,22 @@ def test_a_smaller_range_at_the_end_is_no_overfitting():
     assert "more than twice" not in " ".join(found.advice)
 
 
+@pytest.mark.parametrize("shape", INPUTS)
+def test_exchanged_columns_are_named_unless_weights_may_be_negative(shape):
+    u, y = record(shape)
+    says = "loops run clockwise"
+    assert says in " ".join(identify(y, u, levels=8, holdout=0.3).warnings)
+    assert says not in " ".join(identify(u, y, levels=8, holdout=0.3).warnings)
+    assert says not in " ".join(identify(y, u, levels=8, holdout=0.3, signed=True).warnings)
+
+
+@pytest.mark.parametrize("seed", range(1000, 1004))
+def test_noise_on_loops_that_decay_is_no_error_of_the_model(seed):
+    u, y = record("staircase", noise=0.0)
+    y += 0.02 * np.ptp(y) * np.random.default_rng(seed).normal(size=y.size)
+    assert not identify(u, y, levels=10, holdout=0.3).warnings
+
+
 def test_advice_names_one_measured_major_loop(shared_data):
     columns = read_columns(
         shared_data / "piezo_micromanipulator_model.csv", ["input_V", "displacement_um"]

@@ -11,7 +11,7 @@ import numpy as np
 from minorloop.arrays import BoolArray
 from minorloop.errors import are, counted
 from minorloop.identification import active_set
-from minorloop.identification.baseline import percent, polynomial_nrmse, rms
+from minorloop.identification.baseline import lateness, percent, polynomial_nrmse, rms
 from minorloop.identification.refinement import UNSETTLED
 from minorloop.identification.residual_advice import residual_advice
 from minorloop.lab.codes import codes
@@ -28,6 +28,9 @@ _UNLIKE = 2.0
 _NEARLY_AS_GOOD = 0.8
 _FALLING = -0.5
 """Correlation of input and output below which the output falls."""
+_CLOCKWISE, _SURE = -0.5, -4.0
+"""Lateness of the output, and the same in its standard deviations, from which it comes before the
+input."""
 _ROUNDING = 1e-9
 _SHOWN = 6
 _RARE = 10
@@ -182,7 +185,7 @@ def _accuracy(result: Fit) -> Iterator[str]:
             f"that on fitted data ({percent(result.nrmse)}): fit inputs similar to those you will "
             "apply, or use fewer levels"
         )
-    _, score, base = _errors_without_outliers(result)  # as where the polynomial is better
+    score, base = _scores_without_outliers(result)  # as where the polynomial is better
     if base >= score > max(_NEARLY_AS_GOOD * base, _ROUNDING) and not _falls(result):
         yield (
             f"a polynomial of the delayed input is nearly as good ({percent(base)} against "
@@ -204,11 +207,13 @@ def _of_another_group(result: Fit) -> str:
 
 def _error_warnings(result: Fit) -> Iterator[str]:
     """Give warnings about the errors of the model."""
-    errors, score, base = _errors_without_outliers(result)
-    expected = _expected(result)
-    if expected > _WRONG or max(errors.values(), default=0.0) > _WORST:
+    score, base = _scores_without_outliers(result)
+    parts, expected = _parts(result), _expected(result)
+    errors = [rms((result.prediction - result.y)[rows]) for rows in parts.values()]
+    if expected > _WRONG or max(errors, default=0.0) > _WORST * _whole(result):
         listed = [
-            f"on {which} data is {percent(error)} of range" for which, error in errors.items()
+            f"on {which} data is {percent(error / result.span(rows))} of range"
+            for error, (which, rows) in zip(errors, parts.items(), strict=True)
         ]
         without = "without the outliers, " if _has_outliers(result) else ""
         more = f"; expect {expected:.0%} on other inputs, beyond noise" if expected > _WRONG else ""
@@ -218,6 +223,12 @@ def _error_warnings(result: Fit) -> Iterator[str]:
         )
     if _falls(result):
         yield _FALLS
+    elif _clockwise(result):
+        yield (
+            "loops run clockwise: the output turns before the input, which weights that are not "
+            "negative cannot describe. If the columns of input and output are exchanged, exchange "
+            "them; otherwise allow negative weights with signed=True (--signed)"
+        )
     elif score > base and score > _ROUNDING:
         yield (
             f"a polynomial of the delayed input is better ({percent(base)} "
@@ -248,41 +259,48 @@ def _has_outliers(result: Fit) -> bool:
     return any(finding.kind == "outlier" for finding in result.findings)
 
 
-def _errors_without_outliers(result: Fit) -> tuple[dict[str, float], float, float]:
-    """Errors on fitted and held-out samples over their ranges; the score; that of the polynomial.
+def _parts(result: Fit) -> dict[str, BoolArray]:
+    """Fitted and held-out rows that are no outliers, where there are some."""
+    parts = {"fitted": result.fitted & _known(result), "held-out": result.held_out & _known(result)}
+    return {name: rows for name, rows in parts.items() if rows.any()}
 
-    Scored on held-out samples, or else on fitted ones, without outliers.
-    """
+
+def _whole(result: Fit) -> float:
+    """Range of the output in fitted and held-out rows that are no outliers."""
+    return result.span((result.fitted | result.held_out) & _known(result))
+
+
+def _scores_without_outliers(result: Fit) -> tuple[float, float]:
+    """Error over the range and that of the polynomial, on held-out rows or else on fitted ones."""
     scored = result.held_out if result.held_out.any() else result.fitted
     known = _known(result)
     if not (scored & known).any():
-        return {}, 0.0, 0.0
+        return 0.0, 0.0
     scored = scored & known
-    residual = result.prediction - result.y
-    samples = {"fitted": result.fitted & known, "held-out": result.held_out & known}
-    errors = {name: rms(residual[x]) / result.span(x) for name, x in samples.items() if x.any()}
     base = result.baseline_nrmse
     if (result.held_out | result.fitted)[~known].any():
         base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored, result.curves)
-    return errors, rms(residual[scored]) / result.span(scored), base
+    return rms((result.prediction - result.y)[scored]) / result.span(scored), base
 
 
 def _expected(result: Fit) -> float:
     """Error to expect on other inputs without noise, over the range of the output.
 
-    The greater of that on held-out data and twice that on fitted data. In the residual, noise is
-    what neighbours do not share.
+    The greatest of twice that on fitted data, that on held-out data, and that on held-out data over
+    their own range, as far as it is more than twice the noise: a range may be small. In the
+    residual, noise is what neighbours do not share.
     """
-    known, shared = _known(result), result.residual.autocorrelation
-    residual = result.prediction - result.y
-    fitted, held_out = (
-        float(np.mean(residual[rows & known] ** 2)) if (rows & known).any() else 0.0
-        for rows in (result.fitted, result.held_out)
-    )
+    parts, shared = _parts(result), result.residual.autocorrelation
+    square = {x: float(np.mean((result.prediction - result.y)[parts[x]] ** 2)) for x in parts}
+    fitted, held_out = square.get("fitted", 0.0), square.get("held-out", 0.0)
     noise = fitted * min(1 - shared, 1.0) if isfinite(shared) else fitted
-    beyond = max(fitted - noise, 0.0), max(held_out - noise, 0.0)
-    spans = result.span(result.fitted) / _OVERFIT, result.span(result.held_out) if held_out else 1.0
-    return max(float(np.sqrt(square)) / span for square, span in zip(beyond, spans, strict=True))
+    own = result.span(parts["held-out"]) if held_out else 1.0
+    beyond = (
+        (_OVERFIT**2 * (fitted - noise), result.span(result.fitted)),
+        (held_out - noise, _whole(result)),
+        (held_out - _OVERFIT**2 * noise, own),
+    )
+    return max(float(np.sqrt(max(excess, 0.0))) / span for excess, span in beyond)
 
 
 def _falls(result: Fit) -> bool:
@@ -291,6 +309,14 @@ def _falls(result: Fit) -> bool:
     u, y = result.u[result.fitted], result.y[result.fitted]
     against = float(np.corrcoef(u, y)[0, 1]) < _FALLING if np.ptp(u) > 0 else False
     return against and bool((weights >= 0).all())
+
+
+def _clockwise(result: Fit) -> bool:
+    """Whether the output comes before the input, but no weight is negative."""
+    known = result.fitted & _known(result)
+    late = lateness(result.u, result.y, known, result.curves)
+    sure = late * np.sqrt(np.count_nonzero(known)) < _SURE
+    return late < _CLOCKWISE and bool(sure and (result.model.weights >= 0).all())
 
 
 def _numerics(result: Fit) -> Iterator[str]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.curves import Curves
+from minorloop.identification.rough_model import Basis
 from minorloop.threads import one_thread
 
 _FULL = 100.0
@@ -16,6 +17,9 @@ _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 """Its multiples fill the interval from 0 to 1 evenly (Weyl)."""
 _DEPENDENT = 1e-10
 """Part of a polynomial that the lower ones do not explain, below which it is rounding."""
+_PLAY, _DEGREE = 2, 6
+"""Which play of the rough model shows in what direction loops run, of about a tenth of the range;
+and degree of the polynomial beside it."""
 DEGREES = range(1, 8)
 DELAYS = range(21)
 """Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
@@ -78,6 +82,18 @@ def polynomial_nrmse(
     best, *_ = np.linalg.lstsq(powers, wanted, rcond=None)
     predicted = np.polynomial.chebyshev.chebval(late(np.flatnonzero(scored), best_delay), best)
     return nrmse(predicted - y[scored], y[scored])
+
+
+def lateness(u: FloatArray, y: FloatArray, rows: BoolArray, curves: Curves) -> float:
+    """Correlation of output and play in some rows, without what polynomials of the input explain.
+
+    It is negative where loops run clockwise: there the output comes before the input.
+    """
+    places = _spread(np.flatnonzero(rows))
+    plays = Basis.of(u, curves, places.size).plays[places]
+    q, _ = np.linalg.qr(np.polynomial.chebyshev.chebvander(plays[:, 0], _DEGREE))
+    play, output = (x - q @ (q.T @ x) for x in (plays[:, _PLAY], y[places] - y[places].mean()))
+    return float(play @ output / (np.linalg.norm(play) * np.linalg.norm(output) or 1.0))
 
 
 def _spread(rows: IntArray) -> IntArray:
