@@ -81,10 +81,19 @@ def test_a_rail_with_noise_on_it_is_named(shape, side, noise):
     assert kinds(u, y) == ["clipped"]
 
 
+def test_a_rail_under_much_noise_is_found():
+    u, y = record("levels")
+    y = np.maximum(y, y.min() + 0.25 * np.ptp(y))
+    much = 0.025 * np.ptp(y)
+    noise = (much * np.random.default_rng(k).normal(size=y.size) for k in range(1000, 1010))
+    assert sum("clipped" in kinds(u, y + one) for one in noise) >= 9
+
+
 @pytest.mark.parametrize("shape", INPUTS)
-def test_an_input_that_the_source_limits_is_named(shape):
+@pytest.mark.parametrize("limit", [0.7, 0.73])
+def test_an_input_that_the_source_limits_is_named(shape, limit):
     u, _ = record(shape)
-    y = plant(np.minimum(u, 0.7))
+    y = plant(np.minimum(u, limit))
     y += 0.003 * np.ptp(y) * np.random.default_rng(1000).normal(size=y.size)
     (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
     assert "the source limits the input" in finding.text
@@ -95,6 +104,16 @@ def test_an_output_that_saturates_smoothly_is_not_clipped():
     y = 1 - np.exp(-8 * (y - y.min()) / np.ptp(y))
     y += 0.003 * np.random.default_rng(1000).normal(size=y.size)
     assert kinds(u, y) == []
+
+
+def test_few_inputs_at_random_to_an_output_that_saturates_seldom_look_clipped():
+    found = 0
+    for seed in range(1000, 1040):
+        rng = np.random.default_rng(seed)
+        u = np.r_[0, 1, rng.uniform(size=50)]
+        y = plant(u)
+        found += "clipped" in kinds(u, np.tanh(4 * y / np.ptp(y)) + 0.003 * rng.normal(size=u.size))
+    assert found <= 6
 
 
 def test_curves_that_all_end_at_saturation_without_noise_are_not_clipped():

@@ -27,26 +27,26 @@ that does not move is stuck."""
 _LEAST_OF_NOISE = 6.0
 """The same in standard deviations of the noise, for a noisy sensor that repeats itself exactly."""
 
-_WIDTHS = np.array([_EQUAL, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.012, 0.018, 0.025, 0.035, 0.05, 0.07])
+_WIDTHS = np.array(
+    [_EQUAL, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.012, 0.018, 0.025, 0.035, 0.05, 0.07, 0.1, 0.14]
+)
 """Widths of a rail that are tried, in spans: up to six standard deviations of noise."""
-_COARSE = 35
-"""Inputs reached upwards below which hardly any lie just below a rail."""
-_FEWEST, _LEAST_PATH = 4, 0.1
+_COARSE, _LONG_STEP = 35, 0.2
+"""Inputs reached upwards below which hardly any lie just below a rail; and usual step, over the
+range of the input, from which the last one to a rail says nothing."""
+_FEWEST, _LEAST_PATH = 3, 0.1
 """Readings at a rail, of as many inputs where the record is not coarse, and the range of these
 inputs over that of all: below its threshold an actuator rests, at one or two inputs of a plan."""
 _HELD = 0.5
 """Least share of readings at a rail among those after a rise to inputs that mostly lead there."""
-_NOISY, _RISES = 1.5, 0.35
+_NOISY, _RISES = 1.35, 0.35
 """Scatter of the readings at a rail over the noise at most, and their rise over the width."""
-_BELOW, _DENSER, _MORE = 0.06, 1.8, 1.5
+_BELOW, _DENSER, _MORE = 0.06, 2.0, 1.5
 """Least width of the two bands below a rail, in spans; readings in the upper band over those in the
 lower one up to which the output does not saturate by itself: 1 where it rises straight, 2.2 and
 more where it saturates exponentially; and readings at the rail over those in the lower band."""
-_LAST_STEP, _LEAST_STEP = 0.3, 0.03
+_LAST_STEP, _LEAST_STEP = 0.2, 0.03
 """Last step of a coarse record to a rail, over the step before, and in spans."""
-_EXACT, _LEAST_NOISE = 3, 1e-4
-"""Readings that equal an extreme, over those that equal another one near it; and noise, in spans,
-from which they do not by chance."""
 
 
 def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
@@ -171,12 +171,10 @@ def clipped(record: RoughRecord) -> Iterator[RecordFault]:
     u, size, places = _landings(record)
     y, noise = record.y[places], _least_noise(record)
     for word, way in (("highest", 1), ("lowest", -1)):
-        depth = float((way * record.values).max()) - way * record.values
-        width = _equal(record.u[record.places], depth, record.span, noise)
-        if width is None:
-            width = _rail(way * u, way * y, way * size, record.span, noise)
+        width = _rail(way * u, way * y, way * size, record.span, noise)
         if width is None:
             continue
+        depth = float((way * record.values).max()) - way * record.values
         samples = record.places[depth <= width]
         extreme = record.values[np.argmin(depth)]
         yield RecordFault(
@@ -204,17 +202,6 @@ def _least_noise(record: RoughRecord) -> float:
     return min(spread(values - record.rough[record.places]), noise_of(np.diff(values, 2), 2))
 
 
-def _equal(u: FloatArray, depth: FloatArray, span: float, noise: float) -> float | None:
-    """Width of a rail without noise in a record with noise; None without one."""
-    width = _EQUAL * span
-    near = depth[(depth > width) & (depth <= _BELOW * span)]
-    others = int(np.unique(near, return_counts=True)[1].max(initial=1))
-    at = depth <= width
-    exact = np.count_nonzero(at) >= max(_FEWEST, _EXACT * others)
-    entered = bool((at[1:] & ~at[:-1]).any()) and np.ptp(u[at]) >= _LEAST_PATH * np.ptp(u)
-    return width if exact and entered and noise > _LEAST_NOISE * span else None
-
-
 def _rail(
     u: FloatArray, y: FloatArray, size: FloatArray, span: float, noise: float
 ) -> float | None:
@@ -230,8 +217,9 @@ def _rail(
         Range of the output, and standard deviation of its noise.
     """
     up = size > 0
-    coarse = np.count_nonzero(up) < _COARSE
-    weights = np.minimum(size / np.median(size[up]), 1.0) if up.any() else size
+    step = float(np.median(size[up])) if up.any() else 1.0
+    coarse = np.count_nonzero(up) < _COARSE and step < _LONG_STEP * np.ptp(u)
+    weights = np.minimum(size / step, 1.0)
     depth = y.max() - y
     for width in map(float, _WIDTHS * span):
         at = depth <= width if coarse else up & (depth <= width)
