@@ -7,6 +7,7 @@ CASES ?=
 EXTRAS ?=
 
 BIN := .venv/bin
+TESTS := .:tests:packages/minorloop/tests:packages/minorloop-head/tests
 CORE := .venv/.core
 STAMP := .venv/.installed
 LOCK := requirements.lock
@@ -14,7 +15,7 @@ CORE_LOCK := requirements-core.lock
 JUDGE_LOCK := requirements-judge.lock
 SCENES ?= 200
 
-PAGES := src/minorloop/head/console/static/index.html
+PAGES := packages/minorloop-head/src/minorloop_head/console/static/index.html
 # The pages are built where there is a node to build them; without, everything else still works.
 BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 
@@ -22,7 +23,7 @@ BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo docs pages console screenshots studies test expected compare torture check bench judge figures format lock wheel sdist smoke fuzz clean
+.PHONY: help setup demo docs pages console screenshots studies test expected compare torture check bench judge figures format lock wheel smoke fuzz clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -39,32 +40,32 @@ console: setup $(BUILT) ## steer a simulated catheter head, and identify models,
 	$(BIN)/minorloop console
 
 screenshots: setup $(PAGES) ## take the pictures of the pages for the README anew; needs chromium
-	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 tests/head/console/test_pages.py
+	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 packages/minorloop-head/tests/console/test_pages.py
 
 studies: setup ## the papers on 20 simulated specimens, the design study on 10; reports in studies/
 	rm -rf studies
-	$(BIN)/minorloop study ipmc --specimens 20 --out studies/ipmc
-	$(BIN)/minorloop study fibre --specimens 20 --out studies/fibre
-	$(BIN)/minorloop study design --specimens 10 --out studies/design
-	$(BIN)/minorloop study benchmark --specimens 10 --out studies/benchmark
-	$(BIN)/minorloop study stage --specimens 20 --out studies/stage
-	$(BIN)/minorloop study head --specimens 20 --out studies/head
-	$(BIN)/minorloop study inspection --specimens 20 --out studies/inspection
+	$(BIN)/python -m papers ipmc --specimens 20 --out studies/ipmc
+	$(BIN)/python -m papers fibre --specimens 20 --out studies/fibre
+	$(BIN)/python -m papers design --specimens 10 --out studies/design
+	$(BIN)/python -m papers benchmark --specimens 10 --out studies/benchmark
+	$(BIN)/python -m papers stage --specimens 20 --out studies/stage
+	$(BIN)/python -m papers head --specimens 20 --out studies/head
+	$(BIN)/python -m papers inspection --specimens 20 --out studies/inspection
 
 test: setup $(BUILT) ## run the tests; those in a browser where there is one
 	$(BIN)/python -m pytest
 
 expected: setup $(BUILT) ## write the figures that every part is expected to give; CASES="models bench" for some
-	PYTHONPATH=tests $(BIN)/python -m expected write $(CASES)
+	PYTHONPATH=$(TESTS) $(BIN)/python -m expected write $(CASES)
 
 compare: setup $(BUILT) ## compute them anew and print a line for each that differs; CASES=--quick for those of seconds
-	PYTHONPATH=tests $(BIN)/python -m expected compare $(CASES)
+	PYTHONPATH=$(TESTS) $(BIN)/python -m expected compare $(CASES)
 
 torture: setup $(BUILT) ## go wrong at every line of runs, kill runs, fleets and the console; prints what was left on or lost
-	PYTHONPATH=tests $(BIN)/python -m faults 670
-	PYTHONPATH=tests $(BIN)/python -m fleet_torture 3
+	PYTHONPATH=$(TESTS) $(BIN)/python -m faults 670
+	PYTHONPATH=$(TESTS) $(BIN)/python -m fleet_torture 3
 	$(BIN)/python -m benchmarks --only faults
-	MINORLOOP_KILLED_RUNS=50 $(BIN)/python -m pytest tests/cli/test_resume.py -k killed
+	MINORLOOP_KILLED_RUNS=50 $(BIN)/python -m pytest packages/minorloop/tests/cli/test_resume.py -k killed
 
 check: setup ## check format, style, types and who imports whom
 	$(BIN)/ruff format --check .
@@ -94,30 +95,27 @@ format: setup ## format the code and mend what ruff can mend
 	$(BIN)/ruff format .
 
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --generate-hashes \
-  --no-header --no-annotate --no-emit-index-url --no-emit-find-links
+  --no-emit-package minorloop --no-header --no-annotate --no-emit-index-url --no-emit-find-links
 
 lock: ## write all locks anew; UPGRADE="numpy scipy" moves those packages on
 	@$(UV) --version >/dev/null 2>&1 || { echo "uv is missing; run 'make setup' first, or name one with UV=uv" >&2; exit 1; }
-	$(COMPILE) --group dev --all-extras $(addprefix --upgrade-package ,$(UPGRADE)) --output-file $(LOCK) pyproject.toml
-	$(COMPILE) --group build --constraint $(LOCK) --output-file $(CORE_LOCK) pyproject.toml
-	$(COMPILE) --group judge --constraint $(LOCK) --output-file $(JUDGE_LOCK) pyproject.toml
+	$(COMPILE) --group pyproject.toml:dev --all-extras $(addprefix --upgrade-package ,$(UPGRADE)) --output-file $(LOCK) packages/minorloop/pyproject.toml packages/minorloop-head/pyproject.toml
+	$(COMPILE) --group pyproject.toml:build --constraint $(LOCK) --output-file $(CORE_LOCK) packages/minorloop/pyproject.toml
+	$(COMPILE) --group pyproject.toml:judge --constraint $(LOCK) --output-file $(JUDGE_LOCK) packages/minorloop/pyproject.toml
 	@! grep -n '://' $(LOCK) $(CORE_LOCK) $(JUDGE_LOCK) || { echo "a lock names a download address; it must not" >&2; exit 1; }
 
-wheel: setup $(PAGES) ## build the wheel into dist/, pages included
-	$(BIN)/hatchling build -t wheel
-
-sdist: setup $(PAGES) ## build the source distribution into dist/, pages included
-	$(BIN)/hatchling build -t sdist
+wheel: setup $(PAGES) ## build both wheels and source distributions into dist/, pages included
+	for each in packages/*; do (cd $$each && ../../$(BIN)/hatchling build -d ../../dist) || exit 1; done
 
 smoke: setup $(BUILT) ## build, install in fresh environments and use, with each extra alone; EXTRAS="jax mesh" for some
 	$(BIN)/python tests/packaging/smoke.py $(EXTRAS)
 
 fuzz: setup ## damaged model files, tables and answers of instruments, CASES=100000 of them; prints counts
-	PYTHONPATH=tests $(BIN)/python -m fuzz $(or $(CASES),100000)
+	PYTHONPATH=$(TESTS) $(BIN)/python -m fuzz $(or $(CASES),100000)
 
 clean: ## remove what was built or cached; .venv stays
-	rm -rf build dist demo studies console web/node_modules src/minorloop/head/console/static .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
-	find src tests $(wildcard benchmarks examples) -name __pycache__ -prune -exec rm -rf {} +
+	rm -rf build dist demo studies console web/node_modules packages/minorloop-head/src/minorloop_head/console/static .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find packages papers tests benchmarks examples -name __pycache__ -prune -exec rm -rf {} +
 
 $(PAGES): web/package-lock.json web/vite.config.ts $(wildcard web/*.html) $(wildcard web/src/*)
 	npm --prefix web ci --no-audit --no-fund --loglevel=error
@@ -125,15 +123,16 @@ $(PAGES): web/package-lock.json web/vite.config.ts $(wildcard web/*.html) $(wild
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-$(CORE): $(CORE_LOCK) pyproject.toml
+$(CORE): $(CORE_LOCK) packages/minorloop/pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	  echo "minorloop needs Python 3.11 or newer and '$(PYTHON)' is not; name one: make setup PYTHON=python3.12" >&2; \
 	  exit 1; }
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear .venv
 	$(INSTALL) --require-hashes -r $(CORE_LOCK)
-	$(INSTALL) --no-deps --no-build-isolation -e .
+	$(INSTALL) --no-deps --no-build-isolation -e packages/minorloop
 	@touch $@
 
-$(STAMP): $(CORE) $(LOCK)
+$(STAMP): $(CORE) $(LOCK) packages/minorloop-head/pyproject.toml
 	$(INSTALL) --require-hashes -r $(LOCK)
+	$(INSTALL) --no-deps --no-build-isolation -e packages/minorloop-head
 	@touch $@

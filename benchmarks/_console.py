@@ -171,7 +171,7 @@ async def piloted(server: Server):
 
 def recorded(folder: Path, without: Container[Path] = ()) -> list[list[dict]]:
     """The states of each recording in a folder, but for some files."""
-    from minorloop.head.console.recording import SUFFIX, TEXT, entries
+    from minorloop_head.console.recording import SUFFIX, TEXT, entries
 
     found = []
     for path in sorted(set(folder.glob(f"*{SUFFIX}"))):

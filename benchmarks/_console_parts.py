@@ -90,11 +90,11 @@ async def _hostile(server: Server, k: int, grant: int, rng: np.random.Generator)
 
 def still() -> Row:
     """Motion of a tracked target by the operator's head, from two runs that differ in it alone."""
-    from minorloop.head.console.identified_head import head_of
-    from minorloop.head.console.messages import Drive, Pick, SetMode
-    from minorloop.head.console.perception import Perception
-    from minorloop.head.console.plant import open_plant, open_tip
-    from minorloop.head.console.session import Session
+    from minorloop_head.console.identified_head import head_of
+    from minorloop_head.console.messages import Drive, Pick, SetMode
+    from minorloop_head.console.perception import Perception
+    from minorloop_head.console.plant import open_plant, open_tip
+    from minorloop_head.console.session import Session
 
     control, paths = head_of("twin:pipe", None), []
     for swing in (0.0, np.radians(30.0)):

@@ -18,7 +18,7 @@ from benchmarks._plants import Array, Plant, bouc_wen, magnet
 from benchmarks._timing import Row
 from minorloop import Preisach, connect, excitation, identify
 from minorloop.arrays import uniform_levels
-from minorloop.studies.positioning import ExperimentProtocol, run_positioning
+from minorloop.positioning import ExperimentProtocol, run_positioning
 from minorloop.twins.ipmc_laser import NOISE
 
 NOISES = (1e-3, 5e-3, 2e-2)

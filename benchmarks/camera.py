@@ -19,9 +19,9 @@ FRAME, FINDING, TRACKING = 8e-3, 0.1, 8e-3
 
 
 def rows(quick: bool = False) -> list[Row]:
-    from minorloop.head.studies.detection import NEAR, search_scene
-    from minorloop.head.vision.defects import LEAST_EVIDENCE, find_holes
-    from minorloop.head.vision.tracking import TRACKED, PatchTracker
+    from minorloop_head.vision.defects import LEAST_EVIDENCE, find_holes
+    from minorloop_head.vision.tracking import TRACKED, PatchTracker
+    from papers.catheter.detection import NEAR, search_scene
 
     rounds, frames, finding, tracking, found = 2 if quick else 8, [], [], [], 0
     searches = [search_scene(FIRST + n, True)[0] for n in range(rounds)]

@@ -56,12 +56,7 @@ def rows(quick: bool = False) -> list[Row]:
 
 def figures(seeds: range) -> dict[str, dict[str, float]]:
     """Bias, deviation and coverage of the bands by console and study, on scenes by seed."""
-    from minorloop.head.studies.scan_trials import (
-        band_figures,
-        depth_figures,
-        draw_trial,
-        run_trial,
-    )
+    from papers.catheter.scan_trials import band_figures, depth_figures, draw_trial, run_trial
 
     scored = {
         "console": [console_depth(draw_trial(seed), seed) for seed in seeds],
@@ -72,9 +67,9 @@ def figures(seeds: range) -> dict[str, dict[str, float]]:
 
 def console_depth(scene: Any, seed: int) -> Any:
     """Scan one scene with a session; return what the study scores."""
-    from minorloop.head.console import depth_work
-    from minorloop.head.studies.scan_trials import ScoredScan
-    from minorloop.head.ultrasound.pits import PitDepth
+    from minorloop_head.console import depth_work
+    from minorloop_head.ultrasound.pits import PitDepth
+    from papers.catheter.scan_trials import ScoredScan
 
     job = scan_job(scene, seed)
     began = time.process_time()
@@ -89,19 +84,19 @@ def console_depth(scene: Any, seed: int) -> Any:
 
 def scan_job(scene: Any, seed: int) -> dict[str, Any]:
     """Scan one scene with a session; return its job for the worker."""
-    from minorloop.head.console import messages
-    from minorloop.head.console.identified_head import head_of
-    from minorloop.head.console.perception import Perception
-    from minorloop.head.console.reports import camera_finding
-    from minorloop.head.console.session import Session
-    from minorloop.head.geometry import Mount
-    from minorloop.head.procedures.calibration import HeadCalibration
-    from minorloop.head.twins.camera import LENS
-    from minorloop.head.twins.catheter import Catheter
-    from minorloop.head.twins.head import Head
-    from minorloop.head.twins.pipe import Pipe
-    from minorloop.head.twins.rig import Rig, SimulatedTip
-    from minorloop.head.twins.surroundings import Filling, Sway
+    from minorloop_head.console import messages
+    from minorloop_head.console.identified_head import head_of
+    from minorloop_head.console.perception import Perception
+    from minorloop_head.console.reports import camera_finding
+    from minorloop_head.console.session import Session
+    from minorloop_head.geometry import Mount
+    from minorloop_head.procedures.calibration import HeadCalibration
+    from minorloop_head.twins.camera import LENS
+    from minorloop_head.twins.catheter import Catheter
+    from minorloop_head.twins.head import Head
+    from minorloop_head.twins.pipe import Pipe
+    from minorloop_head.twins.rig import Rig, SimulatedTip
+    from minorloop_head.twins.surroundings import Filling, Sway
 
     probe = dict(scene.settings)
     warm = probe.pop("temperature")

@@ -16,21 +16,16 @@ import numpy as np
 from scipy.optimize import minimize
 
 from minorloop.arrays import FloatArray
-from minorloop.head.procedures.trace import between
-from minorloop.head.studies.crack_trials import (
-    CrackSearch,
-    crack_figures,
-    score_cracks,
-    search_cracks,
-)
-from minorloop.head.vision.crack_evidence import (
+from minorloop_head.procedures.trace import between
+from minorloop_head.vision.crack_evidence import (
     Profiles,
     features_of,
     likely_parts,
     profiles_of,
     whole_features,
 )
-from minorloop.head.vision.cracks import DarkWall, dark_wall, whole_courses
+from minorloop_head.vision.cracks import DarkWall, dark_wall, whole_courses
+from papers.catheter.crack_trials import CrackSearch, crack_figures, score_cracks, search_cracks
 
 ON, OFF = 0.15e-3, 0.3e-3
 """Distances from the course in metres of places that are and are not on a crack."""

@@ -25,15 +25,15 @@ from pathlib import Path
 
 import numpy as np
 
-from minorloop.head.geometry import wrapped
-from minorloop.head.studies.detection import FAR, NEAR, misjudged, shots, wilson
-from minorloop.head.twins.scene_view import draw_view
-from minorloop.head.twins.sized_view import DIAMETERS, draw_sized_view
-from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.candidates import FEATURES, KINDS, Candidate, candidates
-from minorloop.head.vision.defects import MODES, SIZED, SIZES, SWITCHED, Hole, scales, strongest
-from minorloop.head.vision.frame_alignment import aligned
-from minorloop.head.vision.reflectance_map import LitFrame, lay_flat
+from minorloop_head.geometry import wrapped
+from minorloop_head.twins.scene_view import draw_view
+from minorloop_head.twins.sized_view import DIAMETERS, draw_sized_view
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.candidates import FEATURES, KINDS, Candidate, candidates
+from minorloop_head.vision.defects import MODES, SIZED, SIZES, SWITCHED, Hole, scales, strongest
+from minorloop_head.vision.frame_alignment import aligned
+from minorloop_head.vision.reflectance_map import LitFrame, lay_flat
+from papers.catheter.detection import FAR, NEAR, misjudged, shots, wilson
 
 OURS, RENDERED, FLOODED = "ours", "rendered", "flooded"
 FALSE = 0.05
@@ -285,7 +285,7 @@ def source(tables: dict, thresholds: dict, seeds: range, others: int) -> str:
 
 def score(scenes: list[Scene], mode: str) -> dict:
     """Score the detector."""
-    from minorloop.head.vision._evidence import THRESHOLDS, WEIGHTS
+    from minorloop_head.vision._evidence import THRESHOLDS, WEIGHTS
 
     false, right = judged(scenes, mode, WEIGHTS[mode])
     least = THRESHOLDS[mode]

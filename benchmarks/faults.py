@@ -262,7 +262,7 @@ class _Trial:
 
     def _check_recording(self, began: float) -> list[dict]:
         """The states of the recording, which must reach to the fault without a gap."""
-        from minorloop.head.console.recording import TEXT, entries
+        from minorloop_head.console.recording import TEXT, entries
 
         texts = [json.loads(c) for kind, _, c in entries(self._recording) if kind == TEXT]
         states = [each for each in texts if each["type"] == "state"]

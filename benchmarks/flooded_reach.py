@@ -11,12 +11,12 @@ import math
 
 import numpy as np
 
-from minorloop.head.geometry import Probe
-from minorloop.head.studies import scoring
-from minorloop.head.studies.flooded import TEMPERATURES, needed
-from minorloop.head.twins.head import Head
-from minorloop.head.twins.surroundings import Surroundings, convection
-from minorloop.head.twins.wire import DIAMETER
+from minorloop_head.geometry import Probe
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.surroundings import Surroundings, convection
+from minorloop_head.twins.wire import DIAMETER
+from papers.catheter import scoring
+from papers.catheter.flooded import TEMPERATURES, needed
 
 GAS = 0.026
 """Conductivity of air, in W/(m K)."""

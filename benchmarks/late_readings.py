@@ -12,11 +12,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from minorloop.head.control.by_camera import LEAD, camera_control
-from minorloop.head.control.head import HeadControl
-from minorloop.head.studies.head_static import identify_head
-from minorloop.head.twins.head import Head
-from minorloop.head.twins.surroundings import Course, Surroundings
+from minorloop_head.control.by_camera import LEAD, camera_control
+from minorloop_head.control.head import HeadControl
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.surroundings import Course, Surroundings
+from papers.catheter.head_static import identify_head
 
 TICK, SECONDS = 0.04, 24.0
 AGE = 0.06

@@ -23,7 +23,7 @@ def rows(quick: bool = False) -> list[Row]:
 
 
 def _loop(currents: np.ndarray, substeps: int) -> np.ndarray:
-    from minorloop.head.twins.head import Head
+    from minorloop_head.twins.head import Head
 
     plant = Head(noise=0.0, delay=0.04, substeps=substeps)
     return np.array([plant.exchange(u) for u in currents])

@@ -6,15 +6,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from minorloop.drawing.operators import draw_density
-from minorloop.head.studies import head
-from minorloop.head.studies.head_report import draw_steps
-from minorloop.head.studies.head_static import identify_head
-from minorloop.studies import benchmark, design, stage
-from minorloop.studies.benchmark_report import draw_law
-from minorloop.studies.claims import for_each, medians
-from minorloop.studies.design_report import draw_curves
-from minorloop.studies.positioning import Positioning, run_positioning
-from minorloop.studies.stage_report import draw_errors
+from minorloop.positioning import Positioning, run_positioning
+from papers import benchmark, design, stage
+from papers.benchmark_report import draw_law
+from papers.catheter import head
+from papers.catheter.head_report import draw_steps
+from papers.catheter.head_static import identify_head
+from papers.claims import for_each, medians
+from papers.design_report import draw_curves
+from papers.stage_report import draw_errors
 
 FOLDER = Path(__file__).parent.parent / "docs" / "figures"
 

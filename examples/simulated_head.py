@@ -1,7 +1,7 @@
 """Two heated wires behind the converters of an emulated board, on a network port.
 
 It is a program of its own, made of Python's standard library only. The firmware that
-`minorloop export board` writes has a second serial port in place of its converters: the emulator
+`minorloop head board` writes has a second serial port in place of its converters: the emulator
 connects it to this program, which is sent the currents in A and the digital lines, "0.25 0.1 7",
 and answers with the angles in degrees, "12.5 3.25"::
 

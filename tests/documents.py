@@ -22,17 +22,20 @@ import typer.main
 from markdown_it import MarkdownIt
 
 from minorloop.cli import app, main
+from papers.__main__ import command
 
 ROOT = Path(__file__).parent.parent
 PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
+    *sorted(ROOT.glob("packages/*/README.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
 SHOWN = {"text", "c", "csv"}  # not code that could be carried out
 NUMBER = re.compile(r"((?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w]|\.\d))")
 MARK = re.compile(r"<!-- parsed only: .{10,} -->")
 VERBS = typer.main.get_command(app)
+PAPERS = command()
 
 
 @dataclass(frozen=True)
@@ -128,16 +131,19 @@ def check_exists(command):
         for target in (word for word in words[1:] if "=" not in word):
             assert re.search(rf"^{target}:", text, re.MULTILINE), command
     elif program == "pip":
-        extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-        named = re.fullmatch(r"minorloop(?:\[(\w+)\])?", words[-1])
+        named = re.fullmatch(r"(minorloop(?:-head)?)(?:\[(\w+)\])?", words[-1])
         assert words[1] == "install", command
         assert named, command
-        assert named[1] is None or named[1] in extras["optional-dependencies"], command
+        text = (ROOT / "packages" / named[1] / "pyproject.toml").read_text()
+        extras = tomllib.loads(text)["project"].get("optional-dependencies", {})
+        assert named[2] is None or named[2] in extras, command
+    elif program == "python" and words[1:3] == ["-m", "papers"]:
+        PAPERS.make_context("papers", words[3:]).close()
     elif program == "python" and words[1:3] == ["-m", "benchmarks"]:
         for part in words[4:]:
             assert (ROOT / "benchmarks" / f"{part}.py").exists(), command
     elif program == "python" and words[1:3] == ["-m", "pytest"]:
-        for path in (word for word in words if word.startswith("tests/")):
+        for path in (word for word in words if "tests/" in word):
             assert (ROOT / path).exists(), command
     else:
         assert program in {"source", ".ci/run", "cc", "git"}, f"unknown command: {command}"

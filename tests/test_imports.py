@@ -4,14 +4,17 @@ import ast
 from collections import Counter
 from pathlib import Path
 
-import minorloop
-
-SOURCE = Path(minorloop.__file__).parent
+ROOT = Path(__file__).parents[1]
+SOURCES = {
+    "minorloop": ROOT / "packages/minorloop/src",
+    "minorloop_head": ROOT / "packages/minorloop-head/src",
+    "papers": ROOT,
+}
 FILES = {
-    ".".join(("minorloop", *path.relative_to(SOURCE).with_suffix("").parts)).removesuffix(
-        ".__init__"
-    ): path
-    for path in SOURCE.rglob("*.py")
+    ".".join(path.relative_to(source).with_suffix("").parts).removesuffix(".__init__"): path
+    for package, source in SOURCES.items()
+    for path in (source / package).rglob("*.py")
+    if "tests" not in path.relative_to(source).parts
 }
 
 

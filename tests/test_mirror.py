@@ -4,95 +4,108 @@ from pathlib import Path
 
 import pytest
 
-TESTS = Path(__file__).parent
-SOURCE = TESTS.parent / "src/minorloop"
+ROOT = Path(__file__).parents[1]
+PLACES = {
+    "minorloop": (ROOT / "packages/minorloop/src/minorloop", ROOT / "packages/minorloop/tests"),
+    "minorloop_head": (
+        ROOT / "packages/minorloop-head/src/minorloop_head",
+        ROOT / "packages/minorloop-head/tests",
+    ),
+    "papers": (ROOT / "papers", ROOT / "papers/tests"),
+}
+"""Source and tests of each package."""
 
 ELSEWHERE = {
-    "identification/after_effect_result.py": "identification/test_after_effect.py",
-    "drawing/lab.py": "lab/test_reduction.py",
-    "drawing/layout.py": "drawing/test_dynamics.py",
-    "drawing/linear.py": "identification/test_linear_fit.py",
-    "drawing/oscillator.py": "identification/test_oscillator.py",
-    "errors.py": "test_public_names.py",
-    "figures.py": "drawing/test_operators.py",
-    "head/console/admission.py": "head/console/test_server.py",
-    "head/console/identified_head.py": "head/console/test_loop.py",
-    "head/console/numbered_findings.py": "head/console/test_session.py",
-    "head/console/outgoing.py": "head/console/test_session.py",
-    "head/console/scan_echoes.py": "head/console/test_depth_work.py",
-    "head/console/scanning.py": "head/console/test_session.py",
-    "head/control/guard_log.py": "head/control/test_guard.py",
-    "head/control/guard_state.py": "head/control/test_guard.py",
-    "head/control/head.py": "head/control/test_head_control.py",
-    "head/control/transient.py": "head/control/test_heating.py",
-    "head/procedures/calibrate.py": "cli/test_head.py",
-    "head/procedures/inspected_view.py": "head/procedures/test_inspection.py",
-    "head/studies/calibration_scene.py": "cli/test_head.py",
-    "head/studies/crack_report.py": "head/studies/test_crack_trials.py",
-    "head/studies/crack_scans.py": "head/studies/test_crack_trials.py",
-    "head/studies/crack_scenes.py": "head/studies/test_crack_trials.py",
-    "head/studies/detection.py": "head/studies/test_inspection_parts.py",
-    "head/studies/detection_report.py": "head/studies/test_inspection_parts.py",
-    "head/studies/head.py": "head/studies/test_head_study.py",
-    "head/studies/head_loop.py": "head/studies/test_head_study.py",
-    "head/studies/head_report.py": "head/studies/test_head_study.py",
-    "head/studies/head_static.py": "head/studies/test_head_study.py",
-    "head/studies/inspection.py": "head/studies/test_inspection_parts.py",
-    "head/studies/inspection_report.py": "head/studies/test_inspection_parts.py",
-    "head/studies/judged.py": "head/test_judge.py",
-    "head/studies/mission.py": "head/studies/test_inspection_parts.py",
-    "head/studies/missions.py": "head/studies/test_inspection_parts.py",
-    "head/studies/sweeps.py": "head/studies/test_sweep_trials.py",
-    "head/studies/scans.py": "head/studies/test_inspection_parts.py",
-    "head/studies/mission_cracks.py": "head/studies/test_inspection_parts.py",
-    "head/studies/mission_scene.py": "head/studies/test_inspection_parts.py",
-    "head/procedures/ring.py": "head/studies/test_inspection_parts.py",
-    "head/studies/mission_report.py": "head/studies/test_inspection_parts.py",
-    "head/studies/head_camera_report.py": "head/studies/test_head_study.py",
-    "head/studies/picture_sensor.py": "head/studies/test_head_camera.py",
-    "head/studies/servo_integral_report.py": "head/studies/test_servo_integral.py",
-    "head/studies/sight.py": "head/studies/test_head_study.py",
-    "head/studies/sight_report.py": "head/studies/test_head_study.py",
-    "head/studies/sight_trials.py": "head/studies/test_head_study.py",
-    "head/studies/touch_trials.py": "head/studies/test_head_study.py",
-    "head/studies/tracking_trials.py": "head/studies/test_head_study.py",
-    "head/twins/tool.py": "head/procedures/test_mark.py",
-    "head/twins/turbid_water.py": "head/twins/test_camera.py",
-    "head/ultrasound/wall_echoes.py": "head/ultrasound/test_c_scan.py",
-    "head/vision/new_mark.py": "head/procedures/test_mark.py",
-    "head/vision/patch_pictures.py": "head/vision/test_wall_angles.py",
-    "head/vision/wall_patches.py": "head/vision/test_wall_angles.py",
-    "head/vision/wall_views.py": "head/vision/test_tracking.py",
-    "head/twins/mounted.py": "head/twins/test_camera.py",
-    "head/vision/crack_evidence.py": "head/vision/test_cracks.py",
-    "head/vision/imaging.py": "head/console/test_server.py",
-    "head/vision/measured.py": "head/procedures/test_head_file.py",
-    "identification/band_model.py": "test_scoring.py",
-    "identification/gram_rows.py": "identification/test_design_matrix.py",
-    "identification/oscillator_result.py": "identification/test_oscillator.py",
-    "identification/simulation_error.py": "identification/test_oscillator.py",
-    "lab/drivers/parts.py": "lab/drivers/test_bench.py",
-    "lab/readings.py": "lab/test_reduction.py",
-    "lab/text_tables.py": "lab/test_columns.py",
-    "lab/wrapped_actuator.py": "lab/test_converted_actuator.py",
-    "operators/operator.py": "dynamics/test_cascade.py",
-    "studies/benchmark_report.py": "studies/test_benchmark.py",
-    "studies/design_report.py": "studies/test_design.py",
-    "studies/drawing.py": "studies/test_design.py",
-    "studies/fibre_report.py": "studies/test_fibre.py",
-    "studies/ipmc_report.py": "studies/test_ipmc.py",
-    "studies/stage_report.py": "studies/test_stage.py",
-    "version.py": "cli/test_main.py",
+    "minorloop/drawing/lab.py": "minorloop/lab/test_reduction.py",
+    "minorloop/drawing/layout.py": "minorloop/drawing/test_dynamics.py",
+    "minorloop/drawing/linear.py": "minorloop/identification/test_linear_fit.py",
+    "minorloop/drawing/oscillator.py": "minorloop/identification/test_oscillator.py",
+    "minorloop/errors.py": "minorloop/test_public_names.py",
+    "minorloop/figures.py": "minorloop/drawing/test_operators.py",
+    "minorloop/identification/after_effect_result.py": (
+        "minorloop/identification/test_after_effect.py"
+    ),
+    "minorloop/identification/band_model.py": "minorloop/test_scoring.py",
+    "minorloop/identification/gram_rows.py": "minorloop/identification/test_design_matrix.py",
+    "minorloop/identification/oscillator_result.py": "minorloop/identification/test_oscillator.py",
+    "minorloop/identification/simulation_error.py": "minorloop/identification/test_oscillator.py",
+    "minorloop/lab/drivers/parts.py": "minorloop/lab/drivers/test_bench.py",
+    "minorloop/lab/readings.py": "minorloop/lab/test_reduction.py",
+    "minorloop/lab/text_tables.py": "minorloop/lab/test_columns.py",
+    "minorloop/lab/wrapped_actuator.py": "minorloop/lab/test_converted_actuator.py",
+    "minorloop/operators/operator.py": "minorloop/dynamics/test_cascade.py",
+    "minorloop/version.py": "minorloop/cli/test_main.py",
+    "minorloop_head/console/admission.py": "minorloop_head/console/test_server.py",
+    "minorloop_head/console/identified_head.py": "minorloop_head/console/test_loop.py",
+    "minorloop_head/console/numbered_findings.py": "minorloop_head/console/test_session.py",
+    "minorloop_head/console/outgoing.py": "minorloop_head/console/test_session.py",
+    "minorloop_head/console/scan_echoes.py": "minorloop_head/console/test_depth_work.py",
+    "minorloop_head/console/scanning.py": "minorloop_head/console/test_session.py",
+    "minorloop_head/control/guard_log.py": "minorloop_head/control/test_guard.py",
+    "minorloop_head/control/guard_state.py": "minorloop_head/control/test_guard.py",
+    "minorloop_head/control/head.py": "minorloop_head/control/test_head_control.py",
+    "minorloop_head/control/transient.py": "minorloop_head/control/test_heating.py",
+    "minorloop_head/procedures/calibrate.py": "minorloop_head/cli/test_head.py",
+    "minorloop_head/procedures/inspected_view.py": "minorloop_head/procedures/test_inspection.py",
+    "minorloop_head/procedures/ring.py": "papers/catheter/test_inspection_parts.py",
+    "minorloop_head/twins/mounted.py": "minorloop_head/twins/test_camera.py",
+    "minorloop_head/twins/tool.py": "minorloop_head/procedures/test_mark.py",
+    "minorloop_head/twins/turbid_water.py": "minorloop_head/twins/test_camera.py",
+    "minorloop_head/ultrasound/wall_echoes.py": "minorloop_head/ultrasound/test_c_scan.py",
+    "minorloop_head/version.py": "tests/packaging/test_wheel.py",
+    "minorloop_head/vision/crack_evidence.py": "minorloop_head/vision/test_cracks.py",
+    "minorloop_head/vision/imaging.py": "minorloop_head/console/test_server.py",
+    "minorloop_head/vision/measured.py": "minorloop_head/procedures/test_head_file.py",
+    "minorloop_head/vision/new_mark.py": "minorloop_head/procedures/test_mark.py",
+    "minorloop_head/vision/patch_pictures.py": "minorloop_head/vision/test_wall_angles.py",
+    "minorloop_head/vision/wall_patches.py": "minorloop_head/vision/test_wall_angles.py",
+    "minorloop_head/vision/wall_views.py": "minorloop_head/vision/test_tracking.py",
+    "papers/benchmark_report.py": "papers/test_benchmark.py",
+    "papers/catheter/calibration_scene.py": "minorloop_head/cli/test_head.py",
+    "papers/catheter/crack_report.py": "papers/catheter/test_crack_trials.py",
+    "papers/catheter/crack_scans.py": "papers/catheter/test_crack_trials.py",
+    "papers/catheter/crack_scenes.py": "papers/catheter/test_crack_trials.py",
+    "papers/catheter/detection.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/detection_report.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/head.py": "papers/catheter/test_head_study.py",
+    "papers/catheter/head_camera_report.py": "papers/catheter/test_head_study.py",
+    "papers/catheter/head_loop.py": "papers/catheter/test_head_study.py",
+    "papers/catheter/head_report.py": "papers/catheter/test_head_study.py",
+    "papers/catheter/head_static.py": "papers/catheter/test_head_study.py",
+    "papers/catheter/inspection.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/inspection_report.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/judged.py": "tests/test_judge.py",
+    "papers/catheter/mission.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/mission_cracks.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/mission_report.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/mission_scene.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/missions.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/picture_sensor.py": "papers/catheter/test_head_camera.py",
+    "papers/catheter/scans.py": "papers/catheter/test_inspection_parts.py",
+    "papers/catheter/servo_integral_report.py": "papers/catheter/test_servo_integral.py",
+    "papers/catheter/sight.py": "papers/catheter/test_head_study.py",
+    "papers/catheter/sight_report.py": "papers/catheter/test_head_study.py",
+    "papers/catheter/sight_trials.py": "papers/catheter/test_head_study.py",
+    "papers/catheter/sweeps.py": "papers/catheter/test_sweep_trials.py",
+    "papers/catheter/touch_trials.py": "papers/catheter/test_head_study.py",
+    "papers/catheter/tracking_trials.py": "papers/catheter/test_head_study.py",
+    "papers/design_report.py": "papers/test_design.py",
+    "papers/drawing.py": "papers/test_design.py",
+    "papers/fibre_report.py": "papers/test_fibre.py",
+    "papers/ipmc_report.py": "papers/test_ipmc.py",
+    "papers/stage_report.py": "papers/test_stage.py",
 }
 
 
 def untested():
     """Public modules without a test file of their name."""
-    modules = (path.relative_to(SOURCE) for path in SOURCE.rglob("*.py") if path.stem[0] != "_")
     return {
-        module.as_posix()
-        for module in modules
-        if not (TESTS / module.parent / f"test_{module.name}").exists()
+        f"{package}/{module.as_posix()}"
+        for package, (source, tests) in PLACES.items()
+        for path in source.rglob("*.py")
+        if path.stem[0] != "_" and tests not in path.parents
+        for module in [path.relative_to(source)]
+        if not (tests / module.parent / f"test_{module.name}").exists()
     }
 
 
@@ -102,4 +115,5 @@ def test_every_module_without_a_test_file_of_its_name_is_listed():
 
 @pytest.mark.parametrize("file", sorted(set(ELSEWHERE.values())))
 def test_the_files_that_test_other_modules_exist(file):
-    assert (TESTS / file).exists()
+    package, _, name = file.partition("/")
+    assert (PLACES.get(package, (ROOT, ROOT / package))[1] / name).exists()

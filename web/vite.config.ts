@@ -3,7 +3,7 @@ import { defineConfig } from "vite";
 export default defineConfig({
   base: "/",
   build: {
-    outDir: "../src/minorloop/head/console/static",
+    outDir: "../packages/minorloop-head/src/minorloop_head/console/static",
     emptyOutDir: true,
     target: "es2022",
     chunkSizeWarningLimit: 900,

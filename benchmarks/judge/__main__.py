@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.judge import scenes
 from benchmarks.judge.scenes import Scene
-from minorloop.head.studies.judged import SCENES, outdated
+from papers.catheter.judged import SCENES, outdated
 
 SAMPLES = 8
 """Paths through a pixel: their noise is then below that of the camera in direct light."""

@@ -9,10 +9,10 @@ import numpy as np
 from scipy import ndimage
 
 from benchmarks.judge.scenes import HEIGHT, LEVER, RADIUS, WIDTH, Scene
-from minorloop.head.geometry import Mount, Pinhole
-from minorloop.head.procedures.meter import LIMITS
-from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.lab.actuator import Frame
+from minorloop_head.geometry import Mount, Pinhole
+from minorloop_head.procedures.meter import LIMITS
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
 
 _ELECTRONS, _READ, _UNEVEN = 30.0, 0.9, 0.006
 """Electrons for a grey level at gain 1, read noise in grey levels, and relative spread of the

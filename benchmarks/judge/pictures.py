@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.judge.scenes import Scene
 from benchmarks.judge.score import Trial, tried
-from minorloop.head.vision.defects import LEAST_EVIDENCE, SWITCHED, Hole
+from minorloop_head.vision.defects import LEAST_EVIDENCE, SWITCHED, Hole
 
 _HALF, _SCALE = 70, 3
 """Half of the side of a detail in pixels of the frame, and its enlargement."""

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.judge import sound
-from minorloop.head.geometry import Mount, Probe
-from minorloop.head.ultrasound.echoes import average
-from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.ultrasound.pits import PitDepth, measure_pit, raster
-from minorloop.head.ultrasound.water import sound_speed
 from minorloop.lab.actuator import Shot
+from minorloop_head.geometry import Mount, Probe
+from minorloop_head.ultrasound.echoes import average
+from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.pits import PitDepth, measure_pit, raster
+from minorloop_head.ultrasound.water import sound_speed
 
 RADIUS = 10e-3
 DEPTHS, DIAMETERS = (0.3e-3, 0.5e-3, 0.75e-3, 0.99e-3), (0.6e-3, 0.9e-3, 1.2e-3, 1.5e-3)

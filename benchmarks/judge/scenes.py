@@ -3,7 +3,7 @@
 Nothing here is imported from the twins. Lengths are in millimetres. The pipe's axis is z, a place
 of the wall is (phi, z). The camera looks along its own z axis, x right and y down; a head that
 pans and tilts about its pivot turns it by Rz(roll) Ry(pan) Rx(tilt), as the documentation of
-``minorloop.head.geometry`` defines it.
+``minorloop_head.geometry`` defines it.
 """
 
 from __future__ import annotations

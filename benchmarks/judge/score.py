@@ -12,13 +12,13 @@ import numpy as np
 
 from benchmarks.judge.camera import RenderedCamera, calibrated, metered
 from benchmarks.judge.scenes import Scene, wall
-from minorloop.head.geometry import wrapped
-from minorloop.head.procedures.extract import acquire
-from minorloop.head.studies.detection import FAR, NEAR, wilson
-from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.defects import LEAST_EVIDENCE, SWITCHED, Hole, find_holes
-from minorloop.head.vision.frame_checks import GOOD
-from minorloop.head.vision.reflectance_map import LitFrame
+from minorloop_head.geometry import wrapped
+from minorloop_head.procedures.extract import acquire
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.defects import LEAST_EVIDENCE, SWITCHED, Hole, find_holes
+from minorloop_head.vision.frame_checks import GOOD
+from minorloop_head.vision.reflectance_map import LitFrame
+from papers.catheter.detection import FAR, NEAR, wilson
 
 
 @dataclass(frozen=True, eq=False)

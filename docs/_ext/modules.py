@@ -1,5 +1,7 @@
 """Public modules of packages: ``.. modules:: operators`` makes a section for each module.
 
+Those of other packages have their whole name, ``.. modules:: minorloop_head.control``.
+
 Modules listed below the directive come first, in that order; the others follow by name. A new
 module of a package is thus in the reference without being listed.
 """
@@ -17,7 +19,8 @@ from sphinx.util.docutils import SphinxDirective
 
 def public_modules(package: str) -> list[str]:
     """Return the names of the public modules of a package, or its own if it is one module."""
-    found = importlib.import_module(f"minorloop.{package}")
+    whole = package if package.startswith("minorloop") else f"minorloop.{package}"
+    found = importlib.import_module(whole)
     if not hasattr(found, "__path__"):
         return [found.__name__]
     inside = pkgutil.walk_packages(found.__path__, f"{found.__name__}.")

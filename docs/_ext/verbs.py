@@ -1,8 +1,8 @@
-"""The command line's own help as a page: ``.. verbs::`` lists every verb and its options."""
+"""The command line's own help as a page: ``.. verbs:: minorloop`` lists every verb of a package."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from docutils import nodes
 from sphinx.application import Sphinx
@@ -25,13 +25,19 @@ def _is_group(verb: Any) -> bool:
 class Verbs(SphinxDirective):
     """A section for each verb, with its arguments and options as the command line has them."""
 
+    required_arguments: ClassVar[int] = 1
+
     def run(self) -> list[nodes.Node]:
         import typer.main
 
         from minorloop.cli import app
 
         group: Any = typer.main.get_command(app)
-        return [self.section(name, verb) for name, verb in flat(group)]
+        return [
+            self.section(name, verb)
+            for name, verb in flat(group)
+            if verb.callback.__module__.split(".")[0] == self.arguments[0]
+        ]
 
     def section(self, name: str, verb: Any) -> nodes.section:
         title = f"minorloop {name}"

@@ -70,11 +70,11 @@ def within(folder: Path) -> Iterator[None]:
         os.chdir(before)
 
 
-def command(line: str) -> Any:
+def command(line: str, program: Callable[[list[str]], int] = main) -> Any:
     """Return the exit status of a command line, and the JSON object or the error that it prints."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
-        status = main(shlex.split(line))
+        status = program(shlex.split(line))
     try:
         answer = json.loads(out.getvalue())
     except ValueError:

@@ -8,7 +8,7 @@ import msgspec
 
 from console_rig import DirectCamera, Pilot, right
 from expected.case import Case
-from minorloop.head.console import messages
+from minorloop_head.console import messages
 
 _EVERY = 25
 """Ticks between the replies that are kept: one a second."""

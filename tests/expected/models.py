@@ -14,9 +14,9 @@ import numpy as np
 import minorloop as ml
 from expected import inputs
 from expected.case import Case
-from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.errors import MinorloopError
 from minorloop.operators.dead_zones import DeadZones
+from minorloop_head.heated_wire import HeatedWire
 
 _RNG = np.random.default_rng(1000)
 _LEVELS = np.linspace(-1, 1, 9)

@@ -6,12 +6,13 @@ from functools import partial
 from typing import Any
 
 from expected.case import Case, command
+from papers.__main__ import main
 
 _NAMES = ("ipmc", "fibre", "design", "benchmark", "stage", "head", "inspection")
 
 
 def _study(name: str) -> Any:
-    return command(f"study {name} --specimens 3 --seed 1000 --json")
+    return command(f"{name} --specimens 3 --seed 1000 --json", main)
 
 
 CASES = tuple(Case(f"study_{name}", partial(_study, name), quick=False) for name in _NAMES)

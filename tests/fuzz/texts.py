@@ -15,10 +15,10 @@ from fuzz.readers import Reader, _expect, cells_of, printable
 from minorloop import Preisach, modelfile
 from minorloop.errors import MinorloopError
 from minorloop.fleet.manifest import read_manifest
-from minorloop.head.console import messages
-from minorloop.head.reconstruction.findings import Finding, finding_table
 from minorloop.lab.actuator import Channel
 from minorloop.lab.records import Record
+from minorloop_head.console import messages
+from minorloop_head.reconstruction.findings import Finding, finding_table
 
 PIECES = [
     *(

@@ -1,10 +1,10 @@
 """``python tests/packaging/smoke.py [EXTRA ...]``: does what is built work where nothing else is?
 
-Builds the source distribution, and the wheel from that; installs the wheel in a fresh environment
-and uses it; runs the core's tests there; then installs each extra alone, in an environment of its
-own on top of the plain one, and uses what it brings. Before that, the plain one has to say which
-extra is missing. All of it is in build/smoke, with the locked versions. ``core`` as the extra runs
-the core's tests and no extra.
+Builds the source distributions, and the wheels from these; installs that of the core in a fresh
+environment and uses it; runs the core's tests there; then installs each extra, and the head, alone,
+in an environment of its own on top of the plain one, and uses what it brings. Before that, the
+plain one has to say which extra is missing. All of it is in build/smoke, with the locked versions.
+``core`` as the extra runs the core's tests and no extra.
 """
 
 from __future__ import annotations
@@ -138,15 +138,15 @@ except InstrumentError as error:
     "head": """
 import cv2
 import numpy as np
-from minorloop.head.console.auth import Authentication
-from minorloop.head.console.loop import LoopSettings
-from minorloop.head.console.server import STATIC, Console
+from minorloop_head.console.auth import Authentication
+from minorloop_head.console.loop import LoopSettings
+from minorloop_head.console.server import STATIC, Console
 import uvicorn, websockets
 authentication = Authentication("127.0.0.1")
 app = Console(authentication=authentication, loop=LoopSettings(address="twin:rig")).app()
 assert app.routes
-from minorloop.head.reconstruction.mesh import mesh_of
-from minorloop.head.reconstruction.depth_map import DepthMap, Patch
+from minorloop_head.reconstruction.mesh import mesh_of
+from minorloop_head.reconstruction.depth_map import DepthMap, Patch
 patch = Patch(0.0, 0.0, 4, 5, step=0.001)
 flat = np.zeros((patch.rows, patch.columns))
 wall = DepthMap(patch, flat, flat + 1e-5, flat.astype(np.uint8) + 1)
@@ -165,7 +165,6 @@ SAYS = {
     "daqmx": (USES["daqmx"], "nidaqmx"),
     "labjack": (USES["labjack"], "labjack-ljm"),
     "modbus": (USES["modbus"], "pymodbus"),
-    "head": ("import minorloop.head.console.server", "starlette"),
 }
 """What each extra is asked for by, and what is said to be missing without it."""
 
@@ -191,7 +190,7 @@ def main(extras: list[str]) -> None:
     began = time.perf_counter()
     shutil.rmtree(PLACE, ignore_errors=True)
     PLACE.mkdir(parents=True)
-    wheel = build()
+    wheel, head = build("minorloop"), build("minorloop-head")
     (PLACE / "constraints.txt").write_text(constraints())
     plain = environment("plain", None)
     install(plain, str(wheel))
@@ -207,7 +206,7 @@ def main(extras: list[str]) -> None:
         say(began, "core", test_core(plain))
     for extra in [name for name in extras if name != "core"] if extras else wanted_extras():
         place = environment(extra, plain)
-        install(place, f"{wheel}[{extra}]")
+        install(place, str(head) if extra == "head" else f"{wheel}[{extra}]")
         use(place, USES[extra])
         shutil.rmtree(place)
         say(began, extra, "installs alone and works")
@@ -218,7 +217,7 @@ def test_core(plain: Path) -> str:
     use(plain, ABSENT)
     place = environment("core", plain)
     install(place, *CORE_TESTS)
-    pytest = [str(place / "bin" / "python"), "-m", "pytest", "--ignore", "tests/head"]
+    pytest = [str(place / "bin" / "python"), "-m", "pytest", "packages/minorloop/tests"]
     said = run(pytest, TESTS, ROOT)
     shutil.rmtree(place)
     return said.strip().splitlines()[-1]
@@ -226,22 +225,22 @@ def test_core(plain: Path) -> str:
 
 def wanted_extras() -> list[str]:
     """The extras of the project; each has to have a use here."""
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        extras = list(tomllib.load(file)["project"]["optional-dependencies"])
+    with (ROOT / "packages/minorloop/pyproject.toml").open("rb") as file:
+        extras = [*tomllib.load(file)["project"]["optional-dependencies"], "head"]
     assert set(extras) == set(USES), f"extras and uses differ: {set(extras) ^ set(USES)}"
     return extras
 
 
-def build() -> Path:
+def build(package: str) -> Path:
     """The wheel that the source distribution makes; it has to be that of the tree."""
-    hatchling = [sys.executable, "-m", "hatchling", "build"]
-    run([*hatchling, "-d", str(PLACE / "dist")], USE, ROOT)
-    (sdist,) = (PLACE / "dist").glob("*.tar.gz")
+    place, hatchling = PLACE / package, [sys.executable, "-m", "hatchling", "build"]
+    run([*hatchling, "-d", str(place / "dist")], USE, ROOT / "packages" / package)
+    (sdist,) = (place / "dist").glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
-        archive.extractall(PLACE / "source", filter="data")
-    (source,) = (PLACE / "source").iterdir()
-    run([*hatchling, "-t", "wheel", "-d", str(PLACE / "rebuilt")], USE, source)
-    (first,), (second,) = ((PLACE / at).glob("*.whl") for at in ("dist", "rebuilt"))
+        archive.extractall(place / "source", filter="data")
+    (source,) = (place / "source").iterdir()
+    run([*hatchling, "-t", "wheel", "-d", str(place / "rebuilt")], USE, source)
+    (first,), (second,) = ((place / at).glob("*.whl") for at in ("dist", "rebuilt"))
     inside = [set(zipfile.ZipFile(file).namelist()) for file in (first, second)]
     assert inside[0] == inside[1], f"wheels differ: {sorted(inside[0] ^ inside[1])[:9]}"
     return second

@@ -6,68 +6,69 @@ from pathlib import Path
 
 import pytest
 
+import minorloop.version
+import minorloop_head.version
+
 ROOT = Path(__file__).resolve().parents[2]
-BUILT_BY_NODE = "minorloop/head/console/static/"
+PACKAGES = {"minorloop": "minorloop", "minorloop-head": "minorloop_head"}
+BUILT_BY_NODE = "minorloop_head/console/static/"
+packages = pytest.mark.parametrize("folder", PACKAGES)
 
 
-def present(*folders):
-    """Files of the tree, without what is built, cached or installed there."""
-    built = ("__pycache__", "node_modules", "static")
+def present(folder):
+    """Files of the source of a package, without what is built, cached or installed there."""
+    source = ROOT / "packages" / folder / "src"
+    built = ("__pycache__", "static")
     return {
-        file.relative_to(ROOT).as_posix()
-        for folder in folders
-        for file in (ROOT / folder).rglob("*")
+        file.relative_to(source).as_posix()
+        for file in source.rglob("*")
         if file.is_file() and not set(file.parts) & set(built) and ".egg-info" not in str(file)
     }
 
 
-def built(kind):
+def built(folder, kind):
     wheel = pytest.importorskip("hatchling.builders.wheel", reason="hatchling is not installed")
     sdist = pytest.importorskip("hatchling.builders.sdist")
-    builder = {"wheel": wheel.WheelBuilder, "sdist": sdist.SdistBuilder}[kind](str(ROOT))
-    return {file.distribution_path.replace("\\", "/") for file in builder.recurse_included_files()}
+    builder = {"wheel": wheel.WheelBuilder, "sdist": sdist.SdistBuilder}[kind]
+    files = builder(str(ROOT / "packages" / folder)).recurse_included_files()
+    return {file.distribution_path.replace("\\", "/") for file in files}
 
 
-def test_the_wheel_is_the_package():
-    files = {name for name in built("wheel") if not name.startswith(BUILT_BY_NODE)}
-    assert {f"src/{name}" for name in files} == present("src")
-    for name in ("py.typed", "export/templates/model.c", "templates/report.html"):
-        assert f"minorloop/{name}" in files
+@packages
+def test_wheel_and_source_distribution_are_the_package(folder):
+    files = {name for name in built(folder, "wheel") if not name.startswith(BUILT_BY_NODE)}
+    assert files == present(folder)
+    assert f"{PACKAGES[folder]}/py.typed" in files
+    inside = built(folder, "sdist")
+    assert {f"src/{name}" for name in files} <= inside
+    assert not any("__pycache__" in name for name in inside)
 
 
 def test_the_pages_are_in_the_wheel_once_they_are_built():
-    if not (ROOT / "src" / BUILT_BY_NODE / "index.html").exists():
+    source = ROOT / "packages/minorloop-head/src"
+    if not (source / BUILT_BY_NODE / "index.html").exists():
         pytest.skip("the pages are not built; make pages builds them")
     for kind, before in (("wheel", ""), ("sdist", "src/")):
-        assert f"{before}{BUILT_BY_NODE}index.html" in built(kind)
+        assert f"{before}{BUILT_BY_NODE}index.html" in built("minorloop-head", kind)
 
 
-def test_the_source_distribution_is_enough_to_build_test_and_read():
-    files = built("sdist")
-    wanted = present("src", "tests", "docs", "benchmarks", "examples", "web") | {
-        *("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE", "Makefile"),
-        "SECURITY.md",
-        *("pyproject.toml", "requirements.lock"),
-        *("requirements-core.lock", "requirements-judge.lock"),
-    }
-    assert wanted - files == set()
-    strange = {n for n in files if n.split("/")[0] in ("build", "dist", "demo", ".git", ".venv")}
-    assert not strange
-    assert not any("node_modules" in name or "__pycache__" in name for name in files)
+def test_both_packages_have_one_version():
+    assert minorloop.version.__version__ == minorloop_head.version.__version__
+
+
+def project(folder):
+    with (ROOT / "packages" / folder / "pyproject.toml").open("rb") as file:
+        return tomllib.load(file)["project"]
 
 
 def test_the_citation_file_can_be_cited():
     yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
     content = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        project = tomllib.load(file)["project"]
-    from minorloop import __version__
-
     assert content["cff-version"] == "1.2.0"
     assert {"message", "title", "authors"} <= set(content)
-    assert content["version"] == __version__
-    assert content["license"] == project["license"]
-    assert content["authors"][0]["name"] == project["authors"][0]["name"]
+    assert content["version"] == minorloop.__version__
+    assert content["license"] == project("minorloop")["license"]
+    assert content["authors"][0]["name"] == project("minorloop")["authors"][0]["name"]
     kinds = {"article", "conference-paper"}
     families = [[a["family-names"] for a in paper["authors"]] for paper in content["references"]]
     assert [names[0] for names in families] == ["Chen", "Sohn", "Boudjabi"]
@@ -81,7 +82,5 @@ def test_the_citation_file_can_be_cited():
 
 
 def test_every_extra_is_used_by_the_smoke_test():
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        extras = tomllib.load(file)["project"]["optional-dependencies"]
     uses = runpy.run_path(str(Path(__file__).with_name("smoke.py")))["USES"]
-    assert set(uses) == set(extras)
+    assert set(uses) == {*project("minorloop")["optional-dependencies"], "head"}

@@ -1,0 +1,155 @@
+"""Common to all tests: repeatable examples, figures without a screen, measured data."""
+
+import gc
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+os.environ["MPLBACKEND"] = "Agg"
+# The tests share the cores already: threads of their algebra would only wait for one another. Set
+# before NumPy is imported, here and in every process that a test starts.
+for library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+# The C library then keeps the memory of large arrays for the next ones, instead of asking the
+# system for cleared pages each time; it reads this when a worker starts.
+os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(1 << 28))
+os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(1 << 29))
+
+settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=60)
+settings.load_profile("repeatable")
+
+# A shell without job control, and nohup, let commands ignore these, and some tests send them.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+for name in ("SIGQUIT", "SIGHUP"):
+    if hasattr(signal, name):
+        signal.signal(getattr(signal, name), signal.SIG_DFL)
+
+# The heap of a worker has half a million objects of modules. To look through them for garbage as
+# often as the default does takes a tenth of the time of all Python code.
+gc.set_threshold(50_000, 20, 50)
+
+HERE = Path(__file__).resolve().parent
+SHARED_DATA = HERE.parent / "shared" / "data"
+
+# The longest files, the longest first: no worker is left with one of them at the end. The pages
+# come after files that compile what the console needs: its processes would all compile it at once.
+LONGEST = (
+    "papers/tests/catheter/test_inspection_parts.py",
+    "packages/minorloop-head/tests/ultrasound/test_pits.py",
+    "tests/test_documents.py",
+    "papers/tests/catheter/test_head_study.py",
+    "packages/minorloop/tests/identification/test_dynamics.py",
+    "packages/minorloop-head/tests/console/test_pages.py",
+    "packages/minorloop/tests/export/test_c99.py",
+    "packages/minorloop/tests/identification/test_offset_steps.py",
+    "packages/minorloop/tests/cli/test_identify.py",
+    "packages/minorloop/tests/fleet/test_cluster.py",
+    "packages/minorloop/tests/lab/test_store.py",
+    "packages/minorloop/tests/cli/test_resume.py",
+    "packages/minorloop-head/tests/control/test_head_control.py",
+    "packages/minorloop/tests/fleet/test_pool.py",
+    "packages/minorloop/tests/test_modelfile.py",
+    "packages/minorloop-head/tests/console/test_session.py",
+    "packages/minorloop/tests/identification/test_rational.py",
+    "packages/minorloop-head/tests/console/test_processes.py",
+    "packages/minorloop-head/tests/console/test_lab_work.py",
+    "papers/tests/catheter/test_head_camera.py",
+    "papers/tests/test_ipmc.py",
+    "packages/minorloop/tests/identification/test_adaptive.py",
+    "packages/minorloop/tests/identification/test_prior.py",
+    "packages/minorloop-head/tests/console/test_loop.py",
+    "packages/minorloop-head/tests/console/test_lab.py",
+)
+
+
+def compile_in_turn():
+    """Let one worker at a time compile the functions of a file: the others load them."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.dispatcher import Dispatcher
+
+    compiled, held = Dispatcher.compile, set()
+
+    def compile_function(self, sig):
+        source = self.py_func.__code__.co_filename
+        if source in held or self._cache.cache_path is None:
+            return compiled(self, sig)
+        with global_compiler_lock, open(source, "rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            held.add(source)
+            try:
+                return compiled(self, sig)
+            finally:
+                held.discard(source)
+
+    Dispatcher.compile = compile_function
+
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    compile_in_turn()
+
+
+def pytest_configure(config):
+    """Let each worker begin to collect the whole at another file.
+
+    Where no test was compiled before, each then compiles its share and loads those of the others.
+    """
+    whole = [HERE / each for each in config.args] == [
+        HERE / each for each in config.getini("testpaths")
+    ]
+    if whole and "PYTEST_XDIST_WORKER" in os.environ:
+        worker = int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw"))
+        files = sorted(file for place in config.args for file in Path(place).rglob("test_*.py"))
+        first = len(files) * worker // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+        config.args[:] = map(str, files[first:] + files[:first])
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the longest files; pytest-xdist hands them out in this order."""
+    rank = {HERE / name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: (rank.get(item.path, len(LONGEST)), item.path))
+
+
+def pytest_collection_finish():
+    """Leave what the collection has made out of every later search for garbage."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="session")
+def shared_data():
+    """Folder of measured records, beside the repository."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip("needs the measured records in ../shared/data, which are not here")
+    return SHARED_DATA
+
+
+@pytest.fixture
+def laid_out():
+    """Pictures of reports with their layout, where all others are without."""
+
+
+@pytest.fixture
+def without_layout(request, monkeypatch):
+    """Pictures of reports without a layout, which takes two thirds of a report.
+
+    The tests of reports, those with `laid_out` and the code blocks of the pages lay them out.
+    """
+    from minorloop.report import Picture
+
+    if "laid_out" in request.fixturenames:
+        return
+
+    address = Picture.address.fget
+
+    def drawn(picture):
+        picture.figure.set_layout_engine("none")
+        return address(picture)
+
+    monkeypatch.setattr(Picture, "address", property(drawn))

@@ -1,0 +1,54 @@
+"""The catheter head: two heated wires that turn a camera and an ultrasonic probe in a pipe.
+
+Its public names are here, and are imported when they are first asked for.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from minorloop_head.control.head import HeadControl, head_control
+    from minorloop_head.control.heating import identify_heating, moving_levels, wire_holds
+    from minorloop_head.control.limits import WireLimits
+    from minorloop_head.control.planning import Planner
+    from minorloop_head.heated_wire import HeatedWire
+    from minorloop_head.twins.sensor import Fault
+    from minorloop_head.twins.surroundings import Course, Surroundings, convection
+
+__all__ = [
+    "Course",
+    "Fault",
+    "HeadControl",
+    "HeatedWire",
+    "Planner",
+    "Surroundings",
+    "WireLimits",
+    "convection",
+    "head_control",
+    "identify_heating",
+    "moving_levels",
+    "wire_holds",
+]
+
+_MODULES = {
+    "heated_wire": ("HeatedWire",),
+    "control.head": ("HeadControl", "head_control"),
+    "control.heating": ("identify_heating", "moving_levels", "wire_holds"),
+    "control.limits": ("WireLimits",),
+    "control.planning": ("Planner",),
+    "twins.sensor": ("Fault",),
+    "twins.surroundings": ("Course", "Surroundings", "convection"),
+}
+_MODULE = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULE:
+        return getattr(import_module(f"minorloop_head.{_MODULE[name]}"), name)
+    raise AttributeError(f"module 'minorloop_head' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,276 @@
+"""Commands of ``minorloop head`` that calibrate its camera: take pictures, and evaluate them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.errors import ParameterError
+
+if TYPE_CHECKING:
+    from minorloop_head.procedures.head_file import HeadFile
+    from minorloop_head.vision.measured import Measured
+
+_MM = 1e-3
+_PATIENCE = 3.0
+"""Seconds that a camera may take for a picture."""
+
+
+def photograph(
+    camera: Annotated[
+        str, typer.Option(show_default=False, help="Address, such as camera:/dev/video2.")
+    ],
+    out: Annotated[
+        Path, typer.Option(show_default=False, help="New or empty folder for the pictures.")
+    ],
+    actuator: Annotated[
+        str | None,
+        typer.Option(help="Head to turn between pictures, such as bench:head.toml; none by hand."),
+    ] = None,
+    highest: Annotated[float, _common.number_option("With a head: largest current, in A.")] = 0.35,
+    steps: Annotated[int, _common.whole_option("With a head: levels of each current.")] = 4,
+    hold: Annotated[float, _common.number_option("With a head: time at each level, in s.")] = 40.0,
+    count: Annotated[int, _common.whole_option("By hand: pictures.")] = 16,
+    every: Annotated[float, _common.number_option("By hand: time for each, in s.")] = 4.0,
+    exposure: Annotated[
+        float | None, _common.number_option("Exposure in ms, where the camera offers it.")
+    ] = None,
+    as_json: _common.Json = False,
+) -> None:
+    """Take pictures for head calibrate, by hand or at several angles of the joints."""
+    from minorloop.files import new_folder
+    from minorloop_head.cli import _photographs
+    from minorloop_head.procedures.identify import check_head
+    from minorloop_head.vision.video import LiveCamera, check_camera
+
+    limits: dict[str, tuple[float, int, int]] = {
+        "steps": (steps, 2, 20),
+        "count": (count, 1, 1000),
+        "hold": (hold, 1, 3600),
+        "every": (every, 0, 3600),
+    }
+    for name, (value, least, most) in limits.items():
+        if not least <= value <= most:
+            raise ParameterError(f"--{name} is {value:g}; give {least} to {most}")
+    if exposure is not None and not 0.01 <= exposure <= 1000:
+        raise ParameterError(f"--exposure is {exposure:g}; give 0.01 to 1000 ms")
+    check_camera(camera)
+    taken = 0
+    with new_folder(out) as folder:
+        live = LiveCamera(camera, patience=_PATIENCE)
+        try:
+            if exposure is not None:
+                if not live.exposes:
+                    raise ParameterError(
+                        f"{camera} does not let its exposure be set from here; set it at the "
+                        "camera, and leave --exposure out"
+                    )
+                live.expose(1e-3 * exposure)
+            if actuator is None:
+                for name in _photographs.by_hand(count, every):
+                    _photographs.keep(live, folder / f"{name}.png")
+                    taken += 1
+            else:
+                with _common.connected(actuator) as plant, _common.working("turning") as now:
+                    check_head(plant)
+                    for name, (pan, tilt) in _photographs.at_angles(plant, highest, steps, hold):
+                        _photographs.keep(live, folder / f"{name}.png")
+                        taken += 1
+                        now(f"picture {taken} of {steps**2}: pan {pan:.1f}, tilt {tilt:.1f} deg")
+        finally:
+            live.close()
+    if as_json:
+        _common.print_json({"folder": str(folder), "pictures": taken})
+        return
+    typer.echo(f"{taken} pictures in {folder}; next: minorloop head calibrate")
+
+
+def calibrate(
+    head: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of the head to write. If it exists, what is not measured is kept, and "
+            "a calibration is replaced with --force."
+        ),
+    ] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of pictures of the target everywhere in the image, for the lens."
+        ),
+    ] = None,
+    mount: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of pictures of the target at rest, at several angles of the joints, named "
+            "such as pan12.5_tilt-3.png."
+        ),
+    ] = None,
+    angles: Annotated[
+        Path | None,
+        typer.Option(
+            help="Instead of angles in the names: table with a row for each picture, its name in "
+            "the column picture, and pan and tilt in deg."
+        ),
+    ] = None,
+    on_axis: Annotated[
+        bool,
+        typer.Option(
+            "--on-axis",
+            help="In the pictures of --mount the target is square to the pipe, upright, with its "
+            "middle on the axis: measure the place of the head in the pipe too.",
+        ),
+    ] = False,
+    angle_sd: Annotated[
+        float, _common.number_option("Standard deviation of the angles of the joints, in deg.")
+    ] = 0.1,
+    led_pictures: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder with a folder for each LED: dark pictures of its reflection in a glossy "
+            "target."
+        ),
+    ] = None,
+    leds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z;...",
+            help="Places of the LEDs in mm: right of the lens, below it, before it.",
+        ),
+    ] = None,
+    target: Annotated[str, typer.Option(help="Kind of the target: charuco or chessboard.")] = (
+        "charuco"
+    ),
+    squares: Annotated[str, typer.Option(help="Columns and rows of its squares.")] = "9x7",
+    side: Annotated[
+        float, _common.number_option("Side of a square of the target as measured, in mm.")
+    ] = 3.0,
+    radius: Annotated[
+        float | None, _common.number_option("Radius of the pipe, in mm; 10 if never given.")
+    ] = None,
+    thickness: Annotated[
+        float | None, _common.number_option("Thickness of its wall, in mm; 2 if never given.")
+    ] = None,
+    serial: Annotated[
+        str | None, typer.Option(help="Serial number of the head; needed for a new file.")
+    ] = None,
+    print_target: Annotated[
+        Path | None,
+        typer.Option(help="Only write the target to this PDF, SVG or PNG file, to print at scale."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Write a report with pictures of coverage and residuals.")
+    ] = None,
+    force: _common.Force = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Calibrate lens, mount and LEDs of a head from pictures of a printed target."""
+    from minorloop_head.cli import _calibration
+    from minorloop_head.procedures import calibrate as steps
+    from minorloop_head.procedures.head_file import save_head
+    from minorloop_head.vision.targets import Target
+
+    columns, rows = _calibration.squares(squares)
+    board = Target(target, columns, rows, _MM * side)
+    if print_target is not None:
+        _calibration.print_target(board, print_target, force=force)
+        if as_json:
+            _common.print_json({"target": str(print_target)})
+            return
+        typer.echo(f"kept in {print_target}; print it at 100 %, and measure the bar and a square")
+        return
+    if head is None:
+        raise ParameterError("no file of a head is given; name it with --head")
+    _check_calibration(pictures, mount, angles, led_pictures, leds, angle_sd, radius, thickness)
+    before = _before(head, serial, force)
+    _common.check_outputs([report], inputs=[head], force=force)
+    lens = fit = None
+    used: dict[str, int] = {}
+    left_out: dict[str, str] = {}
+    with _common.working("looking for the target") as now:
+
+        def looked(folder: Path, what: str) -> steps.TargetPictures:
+            now(f"looking for the target in {folder}")
+            found = steps.look_through(folder, board)
+            used[what] = len(found.seen)
+            left_out.update({f"{folder.name}/{n}": why for n, why in found.left_out.items()})
+            return found
+
+        sd = steps.CORNER_SD
+        if pictures is not None:
+            lens = steps.calibrate_lens(looked(pictures, "the lens"))
+            sd = lens.rms / 2**0.5
+            left_out.update({f"{pictures.name}/{n}": why for n, why in lens.left_out.items()})
+            used["the lens"] = len(lens.seen)
+        known = lens.lens if lens is not None else steps.lens_of(before)
+        doubts: tuple[str, ...] = ()
+        if mount is not None:
+            shown_at = looked(mount, "the mount")
+            fit = steps.calibrate_mount(
+                shown_at, board, known, angles,
+                corner_sd=sd, angle_sd=angle_sd, on_axis=on_axis,
+                centre_sd=steps.centre_sd_of(before.measured if lens is None else lens.measured),
+            )  # fmt: skip
+            names = [each.name for each in shown_at.seen]
+            doubts = steps.mount_doubts(fit, names, angle_sd)
+        places = None if leds is None else _calibration.led_places(leds)
+        measured: tuple[Measured, ...] = ()
+        if led_pictures is not None:
+            folders = steps.led_folders(led_pictures)
+            shown = [looked(each, f"LED {n}") for n, each in enumerate(folders, 1)]
+            places, measured = steps.calibrate_leds(shown, known, sd)
+    found, advice = steps.calibrated_head(
+        before, lens=lens, mount=fit, leds=places, measured=measured,
+        radius=None if radius is None else _MM * radius,
+        thickness=None if thickness is None else _MM * thickness,
+    )  # fmt: skip
+    result = steps.CalibratedHead(found, lens, fit, left_out, used, advice, doubts)
+    save_head(found, head, force=True)
+    if report is not None:
+        _common.write_report(lambda: _calibration.report(result), report, force=force)
+    _calibration.show(result, head, as_json)
+    if doubts:
+        raise typer.Exit(1)
+
+
+def _before(path: Path, serial: str | None, force: bool) -> HeadFile:
+    """Return the head as known so far; refuse that of another one."""
+    from minorloop_head.procedures.head_file import HeadFile, read_head
+
+    before = read_head(path) if path.exists() else None
+    if before is None and serial is None:
+        raise ParameterError(f"{path} is new; give the serial number of the head with --serial")
+    known = before or HeadFile(serial=str(serial))
+    replace(known, identified=None).check_fits(serial, path)
+    replaces = known.calibration is not None
+    _common.check_outputs([path], force=force or not replaces)
+    return known
+
+
+def _check_calibration(
+    pictures: Path | None,
+    mount: Path | None,
+    angles: Path | None,
+    led_pictures: Path | None,
+    leds: str | None,
+    angle_sd: float,
+    radius: float | None,
+    thickness: float | None,
+) -> None:
+    if not any((pictures, mount, led_pictures, leds)):
+        raise ParameterError(
+            "there is nothing to calibrate; give --pictures, --mount, --led-pictures or --leds"
+        )
+    if angles is not None and mount is None:
+        raise ParameterError("--angles are those of the pictures of --mount; give it too")
+    if leds is not None and led_pictures is not None:
+        raise ParameterError("give either --leds or --led-pictures")
+    if not 1e-3 <= angle_sd <= 10.0:
+        raise ParameterError(f"--angle-sd is {angle_sd}; give 0.001 to 10 degrees")
+    for name, value, most in (("radius", radius, 1000.0), ("thickness", thickness, 100.0)):
+        if value is not None and not 0.1 <= value <= most:
+            raise ParameterError(f"--{name} is {value}; give 0.1 to {most:g} mm")

@@ -1,0 +1,320 @@
+"""The report of ``minorloop head inspect``, for who answers for the pipe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from minorloop.errors import counted
+
+if TYPE_CHECKING:
+    from minorloop.report import Report
+    from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
+    from minorloop_head.procedures.inspected_wall import SeenWall
+    from minorloop_head.reconstruction.depth_map import DepthMap, WaterLine
+    from minorloop_head.ultrasound.c_scan import CScan
+
+ANGLES = (
+    "Angles are counted around the pipe as the camera looks into it: 0 degrees at the right, 90 at "
+    "the bottom, 180 at the left, -90 at the top. z is counted along the pipe from where the "
+    "advance of the catheter reads 0. All findings are on the inner wall. The number after ± is "
+    "one standard deviation."
+)
+_VERDICT = (
+    "The verdict is that of the echoes, and names what failed on the way. A depth counts if it is "
+    "measured, and no step failed."
+)
+COLUMNS = (
+    "no.",
+    "kind",
+    "angle [deg]",
+    "z [mm]",
+    "width [mm]",
+    "length [mm]",
+    "depth [mm]",
+    "verdict",
+)
+LOST_COLUMNS = ("kind", "phi [deg]", "z [mm]", "evidence", "seen in", "why")
+"""Of candidates that were not confirmed."""
+MISSED_COLUMNS = ("view", "verdict", "pan [deg]", "tilt [deg]", "advance [mm]", "roll [deg]")
+"""Of directions that were not searched, as lines of sight, with the place of the catheter."""
+BEYOND_COLUMNS = ("view", "why")
+"""Of directions that the wires do not reach."""
+_MOST_ODDS = 1000
+THROUGH = "hole"
+"""Kind of a through-hole."""
+_DIGITS = {"phi [deg]": 1, "z [mm]": 2, "width [mm]": 2, "length [mm]": 2, "depth [mm]": 3}
+_MEANING = {
+    "not scanned": "not scanned: the head has no probe, or the inspection ended before",
+    "no water": "the pipe was dry, and the probe needs water",
+    "no coupling": "no echo of the wall: the place or the probe is above the water",
+    "no floor echo": "the wall answers, but no floor of the defect does",
+    "too few echoes": "too few bursts could be used",
+}
+"""What a verdict means for who does not know the probe."""
+
+
+def finding_cells(number: int, row: Mapping[str, Any]) -> list[str]:
+    """Return a finding as cells of `COLUMNS`."""
+    values = [with_sd(row, name, digits) for name, digits in _DIGITS.items()]
+    if row["kind"] == THROUGH:
+        values[-1] = "through"
+    return [str(number), str(row["kind"]), *values, str(row["verdict"])]
+
+
+def with_sd(row: Mapping[str, Any], name: str, digits: int) -> str:
+    """Return a value of a finding with its standard deviation, ``-`` if it is not known."""
+    what, unit = name.split(" ", 1)
+    value, sd = row[name], row[f"{what}_sd {unit}"]
+    if value is None:
+        return "-"
+    return (
+        f"{value:.{digits}f}" if sd is None else f"{value:.{digits}f}\u00a0±\u00a0{sd:.{digits}f}"
+    )
+
+
+def inspection_report(
+    content: Mapping[str, Any],
+    summary: str,
+    *,
+    found: Sequence[InspectedView],
+    lost: Sequence[Unconfirmed],
+    seen: SeenWall | None,
+    water: WaterLine | None,
+    walls: Mapping[str, DepthMap],
+    scans: Mapping[str, CScan],
+    log: Sequence[Mapping[str, Any]],
+) -> Report:
+    """Return the report of an inspection.
+
+    Parameters
+    ----------
+    content : dict
+        Of ``findings.json``.
+    summary : str
+    found : sequence of InspectedView
+        Views with a finding, in the order of ``content["findings"]``.
+    lost : sequence of Unconfirmed
+    seen : SeenWall, optional
+        What the camera saw.
+    water : WaterLine, optional
+    walls : mapping of str to DepthMap
+        The wall about findings that were scanned, by the name of the view.
+    scans : mapping of str to CScan
+        Amplitude and depth of their echoes.
+    log : sequence of dict
+        Lines of the journal with steps.
+    """
+    from minorloop.report import Picture, Report, Table
+    from minorloop_head.procedures.finding_map import draw_c_scan, draw_finding
+    from minorloop_head.procedures.inspected_wall import draw_wall
+    from minorloop_head.procedures.pictures import annotated
+
+    rows = content["findings"]
+    report = Report(f"Inspection by head {content['head']}", summary)
+    cells = [finding_cells(number, row) for number, row in enumerate(rows, 1)]
+    report.add(
+        "Findings",
+        text=(ANGLES, _VERDICT) if cells else ANGLES,
+        table=Table(COLUMNS, cells) if cells else None,
+        notes=() if cells else ("Nothing was found.",),
+    )
+    if reasons := _without_depth(rows):
+        report.add("Depths that are not known, and why", table=Table(("no.", "why"), reasons))
+    if content["unconfirmed"]:
+        report.add(
+            "Not confirmed",
+            text="Candidates that another view did not show, or that were not visited. They may "
+            "be reflections, dirt, or defects.",
+            table=Table(LOST_COLUMNS, table(content["unconfirmed"], LOST_COLUMNS)),
+        )
+    report.add(
+        "What was inspected", text=wall_words(content), table=Table(("", ""), _facts(content))
+    )
+    if content["not searched"]:
+        missed = table(content["not searched"], MISSED_COLUMNS)
+        report.add("Not searched", table=Table(MISSED_COLUMNS, missed))
+    if content["out of reach"]:
+        beyond = table(content["out of reach"], BEYOND_COLUMNS)
+        report.add("Directions out of reach", table=Table(BEYOND_COLUMNS, beyond))
+    if seen is not None:
+        drawn = draw_wall(seen, found, lost, water)
+        report.add(
+            "Map of the pipe", pictures=[Picture(drawn, _map_caption(seen, found, lost, water))]
+        )
+    for number, (row, view) in enumerate(zip(rows, found, strict=True), 1):
+        name = view.picture.name
+        marked = annotated(view.image, view.picture.findings, number)
+        pictures = [Picture(figure_of(marked), f"As the camera saw it: {name}.")]
+        if name in scans:
+            caption = (
+                "C-scan: the echoes about it, seen from the axis; blank without an echo. The "
+                "colours are the same in every C-scan."
+            )
+            pictures.append(Picture(draw_c_scan(scans[name]), caption))
+        if name in walls:
+            caption = "The wall about it by camera and echoes."
+            pictures.append(Picture(draw_finding(walls[name]), caption))
+        report.add(f"Finding {number}: {row['kind']}", text=_sentence(row), pictures=pictures)
+    steps = [[f"{each['t']:.0f}", each["step"], _outcome(each)] for each in log]
+    if steps:
+        report.add("Log", table=Table(("t [s]", "step", "outcome"), steps))
+    return report
+
+
+def _map_caption(
+    seen: SeenWall,
+    found: Sequence[InspectedView],
+    lost: Sequence[Unconfirmed],
+    water: WaterLine | None,
+) -> str:
+    """Return what the map of the pipe shows: of its marks, those that are there."""
+    marks = {
+        "light blue was not seen": seen.seen_share < 1.0,
+        "findings are numbered": bool(found),
+        "crosses are candidates that were not confirmed": bool(lost),
+        "blue patches were measured by echoes": bool(seen.probed.any()),
+        "dashed lines are the level of the water": water is not None and water.seen,
+    }
+    shown = [words for words, there in marks.items() if there]
+    return "; ".join(["The inner wall, unrolled, as the camera saw it", *shown]) + "."
+
+
+def _facts(content: Mapping[str, Any]) -> list[list[str]]:
+    """Return what was inspected, by what, and when, as rows of a table."""
+    between = ", without the time between" if content["resumed"] else ""
+    known = {
+        "began": content["began"],
+        "cut off, and resumed at": ", ".join(content["resumed"]),
+        "duration": f"{content['seconds']:.0f} s{between}",
+        "ended": content["ended"],
+        "head": content["head"],
+        "at": content["actuator"],
+        "looked round from": f"{', '.join(f'{z:g}' for z in content['advances [mm]'])} mm",
+        "temperature of the water": f"{content['water [C]']:g} C" if "water [C]" in content else "",
+        "level of the water": _level(content.get("water [mm above the axis]")),
+        "gas": f"{content['gas']}, {content['gas [bar]']:g} bar" if "gas" in content else "",
+    }
+    return [[name, str(value)] for name, value in known.items() if value]
+
+
+def wall_words(content: Mapping[str, Any]) -> list[str]:
+    """Return sentences on the wall that was seen by the camera, and measured by echoes."""
+    wall = content.get("wall")
+    if wall is None:
+        return ["No view could be used, so that no wall was inspected."]
+    low, high = wall["z [mm]"]
+    first, last = wall["angles [deg]"]
+    around = "all round" if last - first >= 360.0 else f"from {first:.0f} to {last:.0f} degrees"
+    pipe = f" of the {wall['pipe [mm]']:.0f} mm of pipe" if wall["pipe [mm]"] else ""
+    said = [
+        f"The camera searched {high - low:.1f} mm{pipe}: the inner wall from z {low:.1f} to "
+        f"{high:.1f} mm, {around}, of which it saw {wall['seen']:.0%}. "
+        "A defect beyond it, or one that the edge of each picture cuts, is not found; --advances "
+        "with a place nearer to it shows it whole."
+    ]
+    if unclear := content.get("lens"):
+        said.append(f"{unclear[0].upper()}{unclear[1:]}.")
+    if wall["probed"]:
+        said.append(
+            f"Echoes gave the depth of {wall['probed']:.2%} of it: the places of findings only."
+        )
+    else:
+        said.append("Echoes gave no depth of any part of it.")
+    if content["out of reach"]:
+        many, each = len(content["out of reach"]), content["out of reach"][0]
+        said.append(
+            f"The wires did not reach {counted(many, 'direction')} in which to look "
+            f"({each['view']}: {each['why']})."
+        )
+    if "water above the axis [mm]" in content:
+        said.append(f"The water stood {content['water level']}.")
+    elif "water level" in content:
+        said.append(f"The level of the water: {content['water level']}.")
+    return said
+
+
+def _level(given: str | None) -> str:
+    """Return the level of the water as given to a simulated pipe; empty if none was."""
+    if given is None or not given[-1].isdigit():
+        return f"{given} pipe" if given else ""
+    return f"{given} mm above the axis"
+
+
+def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[list[str]]:
+    """Return rows as text."""
+    return [[_cell(row[name]) for name in columns] for row in rows]
+
+
+def figure_of(marked: Any) -> Any:
+    """Return a colour picture of OpenCV as a figure."""
+    from matplotlib.figure import Figure
+
+    height, width = marked.shape[:2]
+    figure = Figure(figsize=(5.0, 5.0 * height / width))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(marked[..., ::-1])
+    axes.set_axis_off()
+    return figure
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(value)
+    return "" if value is None else str(value)
+
+
+def _without_depth(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Return number and reason of findings without a depth, and of steps that failed."""
+    found = []
+    for number, row in enumerate(rows, 1):
+        if row["depth [mm]"] is None and row["kind"] != THROUGH:
+            verdict = str(row["verdict"])
+            base = verdict.split(", but failed")[0]
+            found.append([str(number), _MEANING.get(base, verdict)])
+    return found
+
+
+def _sentence(row: Mapping[str, Any]) -> str:
+    """Return how far the visit of a finding came."""
+    known = {
+        "centred": "centred in the picture",
+        "reached": "within reach of the probe",
+        "touched": "touched by the tool",
+        "scanned": "scanned with echoes of the wall",
+    }
+    yes = [words for name, words in known.items() if row.get(name)]
+    no = [words for name, words in known.items() if row.get(name) is False]
+    said = f"It was found{''.join(f', {each}' for each in yes)}."
+    said += f" It was not {', not '.join(no)}." if no else ""
+    if row["evidence"] is None:
+        return f"{said} Its line was traced again from another place."
+    return (
+        f"{said} By its pictures the odds that it is a hole or a pit are {_odds(row['evidence'])}."
+    )
+
+
+def _odds(evidence: float) -> str:
+    """Return odds by their logarithm; they are not known beyond the number of fitted scenes."""
+    if abs(evidence) > math.log(_MOST_ODDS):
+        words = f"more than {_MOST_ODDS} to 1"
+    else:
+        words = f"{math.exp(abs(evidence)):.0f} to 1"
+    return words if evidence >= 0 else f"{words} against it"
+
+
+def _outcome(step: Mapping[str, Any]) -> str:
+    return str(step["outcome"]) if step["succeeded"] else f"failed: {step['outcome']}"
+
+
+def not_found(unconfirmed: Sequence[Mapping[str, Any]]) -> str:
+    """Return how many candidates were not confirmed, and how many not visited."""
+    from minorloop_head.procedures.inspection import NOT_VISITED
+
+    lost = [
+        counted(len(row["seen in"]), "view") for row in unconfirmed if row["why"] != NOT_VISITED
+    ]
+    words = [f"; seen in {each} ({lost.count(each)}), not confirmed" for each in sorted(set(lost))]
+    left = len(unconfirmed) - len(lost)
+    return "".join([*words, f"; {left} {NOT_VISITED}" if left else ""])

@@ -1,0 +1,447 @@
+"""``minorloop head``: calibrate a head, identify its wires, drive it, and inspect a pipe by it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.cli._completion import addresses, one_of
+from minorloop.cli.run import carry_out_levels
+from minorloop.errors import OutputError, ParameterError
+from minorloop_head.cli import _water
+from minorloop_head.cli._board import board
+from minorloop_head.cli._head_calibration import calibrate, photograph
+
+if TYPE_CHECKING:
+    from minorloop.lab.actuator import Actuator
+    from minorloop_head.procedures.head_file import HeadFile
+
+NAME = "head"
+HELP = "Calibrate a catheter head, identify its two wires, drive it, and inspect a pipe by it."
+app = typer.Typer(help=HELP)
+
+_AGAIN = "the runs before this one are kept whole; the same command continues it"
+_MM = 1e-3
+_CAMERA_HELPS = "; for a head whose angles a camera gives, name it with --camera"
+_FARTHEST = 10_000.0
+"""Longest advance in mm: a catheter is some metres long."""
+_Address = Annotated[
+    str,
+    typer.Option(
+        show_default=False,
+        help="Address of the head, such as bench:head.toml, see minorloop devices; or a simulated "
+        "one: twin:head, or twin:pipe, which has a camera.",
+        autocompletion=one_of(addresses),
+    ),
+]
+_Seeing = Annotated[
+    str | None,
+    typer.Option(
+        help="Camera that gives the angles, for a head without sensors at its joints, such as "
+        "camera:0, camera:http://... or module:PACKAGE.FUNCTION; its calibration is that in the "
+        "file of the head. The simulated pipe, twin:pipe, has its own.",
+    ),
+]
+_PipeSeed = Annotated[
+    int, _common.whole_option("With twin:pipe: seed that draws its pipe and the noise.")
+]
+_File = Annotated[
+    Path, typer.Option(show_default=False, help="File of the head, as head identify writes it.")
+]
+
+
+@app.command(
+    epilog="Example: minorloop head identify --actuator twin:head --noise 0.05 --store runs "
+    "--head head.json"
+)
+def identify(
+    actuator: _Address,
+    store: Annotated[
+        Path, typer.Option(show_default=False, help="Folder of the runs; they are continued.")
+    ],
+    head: Annotated[
+        Path,
+        typer.Option(
+            show_default=False,
+            help="File to write. If it exists, it keeps its calibration, and its wires are "
+            "replaced with --force.",
+        ),
+    ],
+    serial: Annotated[
+        str | None,
+        typer.Option(help="Serial number of the head; only if the actuator does not know it."),
+    ] = None,
+    highest: Annotated[float, _common.number_option("Largest current, in A.")] = 0.4,
+    bands: Annotated[int, _common.whole_option("Bands of the model of each wire.")] = 12,
+    hold: Annotated[float, _common.seconds_option("Longest hold of a current, in s.")] = 40.0,
+    minor_loops: Annotated[
+        bool,
+        typer.Option(
+            "--minor-loops",
+            help="Measure a decaying staircase too, for inputs that turn back often: almost twice "
+            "the holds of the curves, and somewhat less error in wide loops; may be added later, "
+            "with --force.",
+        ),
+    ] = False,
+    camera: _Seeing = None,
+    specimen: _common.Specimen = None,
+    noise: _common.Noise = 0.0,
+    seed: _common.Seed = 0,
+    force: _common.Force = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Measure both wires of a head, identify and check them; the same command continues it.
+
+    The exit status is 1 if a model is off by more than 5 % of the range of its wire in the check.
+    """
+    from minorloop.connect import is_simulated
+    from minorloop_head.cli._camera_angles import kept_in, kept_view, seen_head, swept_view
+    from minorloop_head.cli._head_runs import RunsLeft
+    from minorloop_head.console.settings import is_pipe
+    from minorloop_head.procedures.head_file import HeadFile, read_head, save_head
+    from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
+
+    if store.exists() and not store.is_dir():
+        raise OutputError(f"--store is {store}, a file; give the name of a folder")
+    before = read_head(head) if head.exists() else None
+    if serial is not None:
+        replace(before or HeadFile(serial=serial), identified=None).check_fits(serial, head)
+    replaces = before is not None and before.identified is not None
+    if replaces and not force:
+        raise OutputError(
+            f"{head} has wires already; --force replaces them and keeps the calibration of the "
+            "camera"
+        )
+    _common.check_outputs([head], force=True)
+    opened: Any = partial(_common.connected, actuator, specimen=specimen, noise=noise)
+    pipe = is_pipe(actuator)
+    seen = _seen(actuator, camera, noise)
+    view = None if before is None or pipe else before.calibration
+
+    def checked(plant: Actuator) -> str:
+        number = _serial(plant, serial)
+        if before is not None:
+            replace(before, identified=None).check_fits(number, head)
+        if seen:
+            kept_view(store, number)
+        return number
+
+    if seen:
+        opened = partial(seen_head, actuator, camera, view, specimen=specimen, check=checked)
+    measurement = HeadMeasurement(
+        store,
+        {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}},
+        HeadExcitation(highest=highest, bands=bands, hold=hold, minor_loops=minor_loops),
+        lambda seed: opened(seed=seed),
+        lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN)[0],
+        pipe or is_simulated(actuator),
+    )
+    left = measurement.left()
+    with _common.interruptible(lambda: kept_in(store, seen=seen)), opened(seed=seed) as plant:
+        check_head(plant, seen=_CAMERA_HELPS)
+        number = checked(plant)
+        measurement = replace(measurement, told=RunsLeft(left, hold).told)
+        store.mkdir(parents=True, exist_ok=True)
+        if seen:
+            view = swept_view(store, plant, highest, number) or view
+            opened = partial(seen_head, actuator, camera, view, specimen=specimen)
+    found = replace(before or HeadFile(serial=number), identified=measurement.identified())
+    if found.calibration is not None and not pipe:
+        found = replace(found, calibration=view)
+    found.check_fits(number, head)  # old runs may be older than the calibration
+    save_head(found, head, force=True)
+    _show(found, head, as_json)
+    if found.identified is not None and found.identified.untrusted:
+        raise typer.Exit(1)
+
+
+def _seen(actuator: str, camera: str | None, noise: float) -> bool:
+    """Return whether a camera gives the angles, which then have no noise of sensors."""
+    from minorloop_head.console.settings import is_pipe
+
+    seen = camera is not None or is_pipe(actuator)
+    if seen and noise:
+        raise ParameterError(
+            f"--noise is {noise:g}, and the angles are those of pictures; leave it out"
+        )
+    return seen
+
+
+def _serial(plant: Actuator, given: str | None) -> str:
+    """Return the serial number of a head, by the actuator or as given."""
+    known: str | None = getattr(plant, "serial", None)
+    if known is None and given is None:
+        raise ParameterError("the actuator has no serial number; give one with --serial")
+    if known is not None and given is not None and known != given:
+        raise ParameterError(f"--serial is {given!r}, and the head here is {known!r}; leave it out")
+    return str(known or given)
+
+
+def _show(found: HeadFile, path: Path, as_json: bool) -> None:
+    known = found.identified
+    assert known is not None
+    errors = {
+        axis: {"rms_deg": each.rms, "largest_deg": each.largest}
+        for axis, each in zip(("pan", "tilt"), known.check, strict=True)
+    }
+    lags, advice = [wire.lag for wire in known.wires], [*known.untrusted, *known.advice]
+    if as_json:
+        content: dict[str, Any] = {"head": str(path), "serial": found.serial, "check": errors}
+        _common.print_json({**content, "lag_s": lags, "coupling": known.coupling, "advice": advice})
+        return
+    rows = [
+        (axis, f"{lag:.3g}", f"{each['rms_deg']:.2f}", f"{each['largest_deg']:.2f}")
+        for (axis, each), lag in zip(errors.items(), lags, strict=True)
+    ]
+    columns = ("axis", "lag [s]", "check, rms [deg]", "largest [deg]")
+    _common.print_table(columns, rows, f"head {found.serial}, checked on random inputs")
+    _common.print_advice(advice)
+    then = "" if known.untrusted else f"; next: minorloop head drive, or console --head {path}"
+    typer.echo(f"kept in {path}{then}")
+
+
+@app.command(
+    epilog="Example: minorloop head drive targets.csv --head head.json --actuator twin:head"
+)
+def drive(
+    file: _common.DataFile,
+    head: _File,
+    actuator: _Address,
+    pan: Annotated[str, typer.Option(help="Column of the wanted pan, in deg.")] = "pan",
+    tilt: Annotated[str, typer.Option(help="Column of the wanted tilt, in deg.")] = "tilt",
+    hold: Annotated[float, _common.number_option("Seconds for each target.")] = 8.0,
+    camera: _Seeing = None,
+    specimen: _common.Specimen = None,
+    noise: _common.Noise = 0.0,
+    seed: _common.Seed = 0,
+    save: _common.Save = None,
+    force: _common.Force = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Bring both axes of a head to targets under control, one row after the other.
+
+    Faults of the readings are named with their times. An angle whose readings were not used is
+    that of the model, and is marked so. The exit status is 1 if a target was not reached within
+    5 % of the reach of its wire, was not held still within as much, or is not confirmed by used
+    readings, or a wire was cooled because of its readings.
+    """
+    import numpy as np
+
+    from minorloop_head.cli._camera_angles import seen_head
+    from minorloop_head.cli._head_drive import (
+        UnfinishedDrive,
+        save_drive,
+        show_drive,
+        show_warnings,
+    )
+    from minorloop_head.procedures.head_file import read_head
+    from minorloop_head.procedures.identify import check_head
+    from minorloop_head.procedures.steer import check_targets, steer
+
+    if pan == tilt:
+        raise ParameterError(f"--pan and --tilt are both {pan!r}; name a column for each")
+    _common.check_outputs([save], inputs=[file, head], force=force)
+    known = read_head(head)
+    columns = [_common.read_column(file, name, "deg", "a head is driven") for name in (pan, tilt)]
+    opened: Any = partial(_common.connected, actuator, noise=noise)
+    seen = _seen(actuator, camera, noise)
+    control = known.control(by_camera=seen)
+
+    def fits(plant: Actuator) -> None:
+        known.check_fits(getattr(plant, "serial", None), head)
+
+    if seen:
+        opened = partial(
+            seen_head, actuator, camera, known.calibration, cold=control.cold, check=fits
+        )
+    if known.identified is not None:
+        for doubt in known.identified.untrusted:
+            typer.echo(f"! {doubt}", err=True)
+    targets, unfinished = np.column_stack(columns), UnfinishedDrive(save, force, as_json)
+    check_targets(control, targets, hold)
+    with unfinished.said(), opened(specimen=specimen, seed=seed) as plant:
+        check_head(plant, seen=_CAMERA_HELPS)
+        fits(plant)
+        control = known.control(interval=plant.tick, by_camera=seen)
+        result = steer(plant, control, targets, hold, unfinished=unfinished)
+    if save is not None:
+        save_drive(result, save, force)
+    show_drive(result, as_json)
+    show_warnings(result)
+    if not result.done:
+        raise typer.Exit(1)
+
+
+@app.command(
+    epilog="Example: minorloop head inspect --actuator bench:head.toml --camera camera:/dev/video2 "
+    "--head head.json --out inspected"
+)
+def inspect(
+    actuator: Annotated[
+        str,
+        typer.Option(
+            show_default=False,
+            help="Address of the head, such as bench:head.toml, see minorloop devices; or "
+            "twin:pipe, a simulated one in its pipe.",
+            autocompletion=one_of(addresses),
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            show_default=False,
+            help="New or empty folder for journal.jsonl, findings.csv, unconfirmed.csv, "
+            "findings.json, report.html, pictures, and 3-D models of what was scanned.",
+        ),
+    ],
+    advances: Annotated[
+        str,
+        typer.Option(
+            metavar="MM,...",
+            help="Advances of the catheter in mm from which it looks round; 0 without a catheter.",
+        ),
+    ] = "0",
+    camera: Annotated[
+        str | None,
+        typer.Option(help="Address, such as camera:/dev/video2. twin:pipe has its own."),
+    ] = None,
+    head: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of the head, as head identify writes it. twin:pipe is identified without."
+        ),
+    ] = None,
+    specimen: _common.Specimen = None,
+    seed: _PipeSeed = 0,
+    water: _water.Level = _water.FULL,
+    temperature: _water.Temperature = _water.ROOM,
+    gas: _water.Gas = _water.AIR,
+    pressure: _water.Pressure = _water.ATMOSPHERE,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on with the inspection in --out that was cut off, with the other options as "
+            "they were.",
+        ),
+    ] = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Search the wall within reach for holes, pits and cracks, and measure each, without operator.
+
+    The camera finds them. A head with a probe, that of twin:pipe, also touches each, scans it in
+    the flooded pipe and measures its depth. The head is made safe at the end, and after an error
+    or Ctrl-C. What was found until then is kept, and --resume goes on from there, also after a
+    power cut. The exit status is 1 if no view could be searched.
+    """
+    from minorloop_head.cli import _inspection
+    from minorloop_head.cli._inspection_head import inspected_head
+    from minorloop_head.cli.inspect import check_usable
+    from minorloop_head.vision.imaging import opencv
+
+    places = _common.numbers("advances", advances, range(1, 1001), "advances in mm")
+    for place in places:
+        if not 0.0 <= place <= _FARTHEST:
+            raise ParameterError(f"--advances has {place:g}; give 0 to {_FARTHEST:g} mm")
+    if len(set(places)) < len(places):
+        raise ParameterError(
+            f"--advances is {advances}; give each place once, since what two views show counts more"
+        )
+    opencv()  # before anything moves
+    filling = _water.GivenFilling(water, temperature, gas, pressure)
+    inspected = inspected_head(actuator, camera, head, specimen, seed, filling)
+    content = _inspection.carried_out(
+        inspected, out, [_MM * each for each in places], resume=resume
+    )
+    if as_json:
+        _common.print_json(content)
+    else:
+        _inspection.show(content, out)
+    check_usable(content)
+
+
+@app.command(
+    epilog="Example: minorloop head sweep --actuator twin:pipe --around 10,40 --along 19,21 "
+    "--out swept"
+)
+def sweep(
+    actuator: Annotated[
+        str,
+        typer.Option(
+            show_default=False,
+            help="Its address: twin:pipe, the only head with a probe.",
+            autocompletion=one_of(["twin:pipe"]),
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            show_default=False,
+            help="New or empty folder for journal.jsonl, findings.csv, findings.json and "
+            "report.html.",
+        ),
+    ],
+    around: Annotated[
+        str,
+        typer.Option(
+            metavar="DEG,DEG",
+            help="First and last angle around the pipe, 90 at the bottom.",
+        ),
+    ] = "0,180",
+    along: Annotated[
+        str, typer.Option(metavar="MM,MM", help="First and last place along the pipe.")
+    ] = "19,21",
+    specimen: _common.Specimen = None,
+    seed: _PipeSeed = 0,
+    water: _water.Level = _water.FULL,
+    temperature: _water.Temperature = _water.ROOM,
+    gas: _water.Gas = _water.AIR,
+    pressure: _water.Pressure = _water.ATMOSPHERE,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on with the sweep in --out that was cut off, with the other options as they "
+            "were. What is before a damaged line of its journal is kept.",
+        ),
+    ] = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Map the flooded wall by ultrasound, and find pits and cracks in it, without the camera.
+
+    The probe fires while the catheter rolls. A square centimetre takes the head two to three
+    minutes. After Ctrl-C, the map of what was fired is kept, and --resume goes on from there, also
+    after a power cut. Only the simulated head has a probe.
+    """
+    from minorloop_head.cli import _sweep
+
+    ends = [
+        _common.numbers(name, text, (2,), f"two numbers in {unit}")
+        for name, text, unit in (("around", around, "degrees"), ("along", along, "mm"))
+    ]
+    filling = _water.GivenFilling(water, temperature, gas, pressure)
+    content = _sweep.carried_out(
+        actuator, ends[0], ends[1], out, specimen, seed, filling, resume=resume
+    )
+    if as_json:
+        _common.print_json(content)
+    else:
+        _sweep.show(content, out)
+
+
+app.command(epilog="Example: minorloop head board head.json --out firmware --float32 --memory 32")(
+    board
+)
+app.command(
+    epilog="Example: minorloop head photograph --camera camera:/dev/video2 "
+    "--actuator bench:head.toml --out mount"
+)(photograph)
+app.command(
+    epilog="Example: minorloop head calibrate --pictures lens --mount mount --target charuco "
+    "--squares 9x7 --side 3 --head head.json --serial H-07"
+)(calibrate)

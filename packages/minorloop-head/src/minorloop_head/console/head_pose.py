@@ -1,0 +1,258 @@
+"""Map from the pose of the operator's head to pan and tilt of the catheter's head.
+
+Poses are unit quaternions (x, y, z, w) that rotate the frame of the operator's head into the
+world, with x to the right, y up and z backward, as headsets and phones give them. Commands are pan
+and tilt in radians about the middle of the cone of visibility; positive pan looks right, positive
+tilt up.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+from minorloop.arrays import as_finite
+from minorloop.errors import ParameterError
+from minorloop_head.console.messages import Pair
+from minorloop_head.geometry import REACH, wrapped
+
+Quaternion: TypeAlias = tuple[float, float, float, float]
+
+_STEEPEST = 0.1
+"""Cosine of the pitch below which the yaw is undefined in practice."""
+_WIDEST = math.radians(45.0)
+"""Largest half-angle of the cone."""
+_LEAST_NORM, _MOST_NORM = 0.5, 1.5
+"""Lengths of a quaternion that is accepted as a pose."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadPoseMap:
+    """Parameters of the map from poses to commands.
+
+    Parameters
+    ----------
+    cone : float
+        Half-angle of the cone of visibility in radians, above 0 and up to an eighth of a turn.
+    reach : float
+        Turn of the operator's head that corresponds to the edge of the cone, in radians.
+    dead_band : float
+        Turns up to this many radians have no effect; it is subtracted from larger ones.
+    calm, agility : float
+        Cut-off of the filter at rest in Hz, and its increase for each radian per second.
+    heating, cooling : float
+        Fastest rise and fall of a command that the wires can follow, in rad/s.
+    timeout : float
+        Age of a pose in seconds beyond which it counts as lost.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+    """
+
+    cone: float = REACH
+    reach: float = math.radians(45.0)
+    dead_band: float = math.radians(1.0)
+    calm: float = 1.5
+    agility: float = 0.08 / math.radians(1.0)
+    heating: float = math.radians(12.0)
+    cooling: float = math.radians(8.0)
+    timeout: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if as_finite(name, value) < 0:
+                raise ParameterError(f"{name} is {value}; give a number of at least 0")
+        for name in ("cone", "reach", "calm", "heating", "cooling", "timeout"):
+            if getattr(self, name) == 0:
+                raise ParameterError(f"{name} is 0; give a positive number")
+        if self.cone > _WIDEST:
+            raise ParameterError(f"cone is {self.cone} rad; give at most {_WIDEST:.3f}")
+
+    @property
+    def scale(self) -> float:
+        """Turn of the command over that of the operator's head."""
+        return self.cone / self.reach
+
+
+@dataclass(frozen=True)
+class HeadPoseState:
+    """State of the map.
+
+    Parameters
+    ----------
+    command : (float, float)
+        Pan and tilt now, in radians.
+    base : (float, float)
+        Command at the reference pose.
+    reference : quaternion, optional
+        Pose that corresponds to ``base``; None until a pose comes.
+    turned : (float, float)
+        Newest yaw and pitch from the reference in radians, without jumps of a whole turn.
+    smooth, speed : (float, float)
+        Filtered turn in radians and its filtered rate in rad/s.
+    """
+
+    command: Pair = (0.0, 0.0)
+    base: Pair = (0.0, 0.0)
+    reference: Quaternion | None = None
+    turned: Pair = (0.0, 0.0)
+    smooth: Pair = (0.0, 0.0)
+    speed: Pair = (0.0, 0.0)
+
+
+def anchored(state: HeadPoseState, command: Pair | None = None) -> HeadPoseState:
+    """Return a state whose next pose, whatever it is, corresponds to the present command.
+
+    Parameters
+    ----------
+    state : HeadPoseState
+    command : (float, float), optional
+        The present command in radians, if another source set it.
+    """
+    now = state.command if command is None else command
+    return HeadPoseState(command=now, base=now)
+
+
+def gaze(
+    config: HeadPoseMap,
+    state: HeadPoseState,
+    pose: Quaternion | None,
+    interval: float,
+    *,
+    clutch: bool = False,
+) -> HeadPoseState:
+    """Return the state after an interval with a pose.
+
+    Parameters
+    ----------
+    config : HeadPoseMap
+    state : HeadPoseState
+    pose : quaternion, optional
+        Newest pose; without one the command stays.
+    interval : float
+        Since the last step, in seconds.
+    clutch : bool
+        Whether the clutch is pressed: the command stays, and the pose at its release is the new
+        reference.
+    """
+    if clutch:
+        return anchored(state)
+    if pose is None or not is_pose(pose):
+        return state
+    if state.reference is None:
+        return replace(anchored(state), reference=pose)
+    turned = _turned(state, pose)
+    smooth, speed = _filtered(config, state, turned, interval)
+    x, y = _beyond(smooth, config.dead_band)
+    wanted = into_cone(
+        (state.base[0] + config.scale * x, state.base[1] + config.scale * y), config.cone
+    )
+    command = slewed(config, state.command, wanted, interval)
+    return replace(state, turned=turned, smooth=smooth, speed=speed, command=command)
+
+
+def pose_of(yaw: float, pitch: float, roll: float) -> Quaternion:
+    """Return the pose of a head turned right by a yaw, then up by a pitch, then by a roll.
+
+    All are in radians; a positive roll leans the head to the left.
+    """
+    turned = 0.0, math.sin(-yaw / 2), 0.0, math.cos(yaw / 2)
+    raised = math.sin(pitch / 2), 0.0, 0.0, math.cos(pitch / 2)
+    leaning = 0.0, 0.0, math.sin(roll / 2), math.cos(roll / 2)
+    return _times(_times(turned, raised), leaning)
+
+
+def is_pose(pose: Quaternion) -> bool:
+    """Return whether four numbers are close enough to a unit quaternion to be a pose."""
+    return _LEAST_NORM <= math.hypot(*pose) <= _MOST_NORM
+
+
+def turn(reference: Quaternion, pose: Quaternion) -> Pair:
+    """Return yaw to the right and pitch upward of a pose from a reference, in radians.
+
+    If the head looks straight up or down from the reference, the yaw is NaN.
+    """
+    x, y, z, w = _times(_inverse(_unit(reference)), _unit(pose))
+    # The line of sight: -z in the frame of the reference.
+    ahead = (-2 * (x * z + w * y), -2 * (y * z - w * x), -(1 - 2 * (x * x + y * y)))
+    level = math.hypot(ahead[0], ahead[2])
+    yaw = math.atan2(ahead[0], -ahead[2]) if level > _STEEPEST else math.nan
+    return yaw, math.atan2(ahead[1], level)
+
+
+def into_cone(angles: Pair, cone: float) -> Pair:
+    """Return angles; those outside the cone are moved radially to its edge."""
+    away = math.hypot(*angles)
+    if away <= cone:
+        return angles
+    return angles[0] * cone / away, angles[1] * cone / away
+
+
+def slewed(config: HeadPoseMap, before: Pair, wanted: Pair, interval: float) -> Pair:
+    """Return the command nearest to the wanted one that the wires can follow."""
+    up, down = config.heating * interval, config.cooling * interval
+    pan, tilt = (
+        old + min(max(new - old, -down), up) for old, new in zip(before, wanted, strict=True)
+    )
+    # Axes with different rates could leave the cone between two of its points. A command that a
+    # scan left outside comes back at the rate of the wires, and not at once.
+    return into_cone((pan, tilt), max(config.cone, math.hypot(*before)))
+
+
+def _turned(state: HeadPoseState, pose: Quaternion) -> Pair:
+    assert state.reference is not None
+    yaw, pitch = turn(state.reference, pose)
+    last = state.turned[0]
+    if math.isnan(yaw):
+        return last, pitch
+    return last + float(wrapped(yaw - last)), pitch
+
+
+def _beyond(turned: Pair, dead_band: float) -> Pair:
+    away = math.hypot(*turned)
+    if away <= dead_band:
+        return 0.0, 0.0
+    share = 1.0 - dead_band / away
+    return turned[0] * share, turned[1] * share
+
+
+def _filtered(
+    config: HeadPoseMap, state: HeadPoseState, turned: Pair, interval: float
+) -> tuple[Pair, Pair]:
+    """Filter a turn with the 1 euro filter of Casiez, Roussel and Vogel, Proc. ACM CHI 2012.
+
+    Both axes have one cut-off, by the magnitude of the rate, so that a turn keeps its direction.
+    """
+    keep = _share(1.0, interval)
+    rates = ((new - old) / interval for new, old in zip(turned, state.turned, strict=True))
+    vx, vy = (old + keep * (rate - old) for old, rate in zip(state.speed, rates, strict=True))
+    share = _share(config.calm + config.agility * math.hypot(vx, vy), interval)
+    x, y = (old + share * (new - old) for old, new in zip(state.smooth, turned, strict=True))
+    return (x, y), (vx, vy)
+
+
+def _share(cutoff: float, interval: float) -> float:
+    return 1.0 / (1.0 + 1.0 / (2.0 * math.pi * cutoff * interval))
+
+
+def _unit(q: Quaternion) -> Quaternion:
+    size = math.hypot(*q)
+    return q[0] / size, q[1] / size, q[2] / size, q[3] / size
+
+
+def _inverse(q: Quaternion) -> Quaternion:
+    return -q[0], -q[1], -q[2], q[3]
+
+
+def _times(a: Quaternion, b: Quaternion) -> Quaternion:
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )

@@ -1,0 +1,343 @@
+"""Requests of the lab page: uploaded files, identification, moves and inversion."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+import time
+from collections.abc import AsyncIterator, Coroutine, Iterator
+from functools import partial
+from typing import Annotated, Any, Literal
+
+import msgspec
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import BaseRoute, Route
+
+from minorloop_head.console.uploads import RESULTS, FullError, Quota, Upload, Uploads
+from minorloop_head.console.workers import Workers
+
+_LONGEST_REQUEST = 512 * 1024
+"""Bytes of a request other than a file; 10,000 targets fit into it."""
+_LONGEST_NAME = 120
+"""Bytes of the name under which a file is kept; systems allow 255."""
+_MOST_JOBS = 32
+"""Requests that may compute or wait at once."""
+_AT_ONCE = 4
+"""Large files that may be received at once."""
+_PAUSE, _WHOLE = 10.0, 600.0
+"""Most seconds without a byte, and for a whole body."""
+
+
+class _Choice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Columns and options of an identification; rows from ``first`` up to ``last`` are used."""
+
+    input: str
+    output: str
+    time: str | None = None
+    first: Annotated[int, msgspec.Meta(ge=0)] = 0
+    last: Annotated[int, msgspec.Meta(ge=1)] | None = None
+    skip: Annotated[int, msgspec.Meta(ge=0)] = 0
+    curves: str | None = None
+    start_of_curve: Literal["negative", "positive", "demagnetised", "as-left"] | None = None
+    groups: str | None = None
+    start: Literal["negative", "positive", "demagnetised"] = "negative"
+    levels: Annotated[int, msgspec.Meta(ge=1, le=100)] | Literal["auto"] = "auto"
+    diagonal: Literal["auto", "uniform", "reversible"] = "auto"
+    slope: bool | Literal["auto"] = "auto"
+    lag: Annotated[int, msgspec.Meta(ge=0, le=1000)] | Literal["auto"] = "auto"
+    holdout: Annotated[float, msgspec.Meta(ge=0.0, le=0.9)] = 0.3
+    spacing: Literal["uniform", "adaptive"] = "uniform"
+    relay: Literal["bipolar", "unipolar"] = "bipolar"
+    signed: bool = False
+    dynamics: Literal["none", "auto"] = "none"
+    creep: Literal["none", "auto", "thermal", "spectrum"] = "none"
+    rate: bool = False
+
+
+class _Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One more input to the model; ``memory`` is the result of the last move."""
+
+    u: float
+    memory: Annotated[list[float], msgspec.Meta(max_length=1000)] | None = None
+
+
+class _Targets(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Wanted outputs, in order."""
+
+    targets: Annotated[list[float], msgspec.Meta(max_length=10_000)]
+    start: Literal["negative", "positive", "demagnetised"] = "negative"
+
+
+# Made while the module is imported: see `minorloop_head.console.messages`.
+_choices = msgspec.json.Decoder(_Choice)
+_moves = msgspec.json.Decoder(_Move)
+_targets = msgspec.json.Decoder(_Targets)
+
+
+class LabPage:
+    """Uploaded files and the workers that compute with them.
+
+    Parameters
+    ----------
+    workers : int
+        Simultaneous computations; of two or more, one is kept free for small files.
+    quota : Quota, optional
+        Limits of uploads.
+    """
+
+    def __init__(self, *, workers: int = 2, quota: Quota | None = None) -> None:
+        self._quota = quota = quota or Quota()
+        limited = partial(Workers, memory=quota.memory, file=quota.result)
+        self._workers, self._quick = limited(workers), limited(1, longest=20.0)
+        self._uploads = Uploads(self._quota)
+        self._jobs, self._large = 0, 0
+        self._reading = asyncio.Semaphore(_AT_ONCE)
+        self._for_large = asyncio.Semaphore(max(workers - 1, 1))
+
+    def routes(self) -> list[BaseRoute]:
+        """Return the routes of the lab page."""
+        return [
+            Route("/api/lab", self._drop, methods=["POST"]),
+            Route("/api/lab/{user}/identify", self._identify, methods=["POST"]),
+            Route("/api/lab/{user}/move", self._move, methods=["POST"]),
+            Route("/api/lab/{user}/invert", self._invert, methods=["POST"]),
+            Route("/api/lab/{user}/{file}", self._download),
+        ]
+
+    async def start(self) -> None:
+        """Make the folder of uploads."""
+        await self._uploads.start()
+        self._expiring = asyncio.create_task(self._uploads.expire())
+
+    def prepare(self) -> None:
+        """Start the workers, for a user who has opened the page."""
+        self._workers.start()
+        self._quick.start()
+
+    async def stop(self) -> None:
+        """Stop the workers and remove the files."""
+        self._expiring.cancel()
+        await self._workers.stop()
+        await self._quick.stop()
+        await self._uploads.stop()
+
+    async def _drop(self, request: Request) -> Response:
+        """Receive a file and describe its columns."""
+        try:
+            size = _length(request, self._quota.file)
+            with self._job(size):
+                upload = await self._received(request, size)
+                described = await self._described(request, upload)
+        except _RefusedError as error:
+            return _refusal(str(error), error.status)
+        except FullError as error:
+            return _refusal(str(error), 507)
+        return JSONResponse({"user": upload.key, **described})
+
+    async def _received(self, request: Request, size: int) -> Upload:
+        """Write the file of a request to disk; nothing is left of an incomplete one."""
+        name = _name(request.query_params.get("name", ""))
+        upload = await self._uploads.add(name, size)
+        try:
+            async with contextlib.AsyncExitStack() as stack:
+                if size > self._quota.small:
+                    await stack.enter_async_context(self._reading)
+                stack.enter_context(upload.in_use())
+                await self._uploads.write(upload, _chunks(request, self._quota.file))
+        except BaseException:
+            await self._uploads.remove(upload)
+            raise
+        return upload
+
+    async def _described(self, request: Request, upload: Upload) -> dict[str, Any]:
+        """Describe a file; it is removed if its page has closed, or it is unusable."""
+        found: dict[str, Any] = {}
+        try:
+            found = await _while_connected(request, self._look(upload))
+            if "error" in found:
+                raise _RefusedError(found["error"])
+        finally:
+            if "columns" not in found:
+                await self._uploads.remove(upload)
+        return found
+
+    async def _look(self, upload: Upload) -> dict[str, Any]:
+        options = {"folder": str(upload.folder), "name": upload.name}
+        with upload.in_use():
+            if not self._is_large(upload):
+                return await self._quick.ask("look", **options)
+            async with self._for_large:
+                return await self._workers.ask("look", **options)
+
+    async def _identify(self, request: Request) -> Response:
+        """Send stages and the result, a line of JSON each."""
+        try:
+            upload = self._upload(request)
+            choice = await _decoded(request, _choices)
+        except _RefusedError as error:
+            return _refusal(str(error), error.status)
+        return StreamingResponse(
+            self._identified(upload, msgspec.structs.asdict(choice)),
+            media_type="application/x-ndjson",
+            headers={"Cache-Control": "no-store"},
+        )
+
+    async def _identified(self, upload: Upload, choice: dict[str, Any]) -> AsyncIterator[bytes]:
+        options = {"folder": str(upload.folder), "name": upload.name, **choice}
+        try:
+            async with contextlib.AsyncExitStack() as stack:
+                stack.enter_context(upload.in_use())
+                stack.enter_context(self._job(upload.length))
+                if self._is_large(upload):
+                    if self._for_large.locked():
+                        yield _line({"stage": "waiting for other large files"})
+                    await stack.enter_async_context(self._for_large)
+                async for report in self._workers.run("identify_file", **options):
+                    yield _line(report)
+        except _RefusedError as error:
+            yield _line({"error": str(error)})
+
+    async def _move(self, request: Request) -> Response:
+        return await self._asked(request, "move", _moves)
+
+    async def _invert(self, request: Request) -> Response:
+        return await self._asked(request, "invert", _targets)
+
+    async def _asked(
+        self, request: Request, task: str, decoder: msgspec.json.Decoder[Any]
+    ) -> Response:
+        try:
+            upload = self._upload(request)
+            options = msgspec.structs.asdict(await _decoded(request, decoder))
+            with upload.in_use(), self._job(0):
+                found = await self._quick.ask(task, folder=str(upload.folder), **options)
+        except _RefusedError as error:
+            return _refusal(str(error), error.status)
+        return _refusal(found["error"]) if "error" in found else JSONResponse(found)
+
+    async def _download(self, request: Request) -> Response:
+        try:
+            upload = self._upload(request)
+        except _RefusedError as error:
+            return _refusal(str(error), 404)
+        name = request.path_params["file"]
+        file = upload.folder / name
+        if name not in RESULTS or not file.is_file():
+            return _refusal("there is no such file yet", 404)
+        return FileResponse(file, filename=name, headers={"Cache-Control": "no-store"})
+
+    def _upload(self, request: Request) -> Upload:
+        upload = self._uploads.find(request.path_params["user"])
+        if upload is None:
+            raise _RefusedError("this file was removed; drop it again")
+        return upload
+
+    def _is_large(self, upload: Upload) -> bool:
+        return upload.length > self._quota.small
+
+    @contextlib.contextmanager
+    def _job(self, size: int) -> Iterator[None]:
+        """Count a job while it runs or waits; there is a separate limit for large files."""
+        large = int(size > self._quota.small)
+        if self._jobs >= _MOST_JOBS or self._large + large > self._quota.large:
+            raise _RefusedError("the lab is busy; try again in a minute", 503)
+        self._jobs, self._large = self._jobs + 1, self._large + large
+        try:
+            yield
+        finally:
+            self._jobs, self._large = self._jobs - 1, self._large - large
+
+
+class _RefusedError(Exception):
+    """A request that is refused with a sentence."""
+
+    def __init__(self, sentence: str, status: int = 422) -> None:
+        super().__init__(sentence)
+        self.status = status
+
+
+async def _while_connected(request: Request, work: Coroutine[Any, Any, dict[str, Any]]) -> Any:
+    """Return the result of some work; cancel it if the page closes."""
+    job = asyncio.ensure_future(work)
+    closed = asyncio.ensure_future(
+        request.receive()
+    )  # after the body, only the end of the connection comes
+    try:
+        await asyncio.wait((job, closed), return_when=asyncio.FIRST_COMPLETED)
+        if not job.done():
+            raise _RefusedError(_CLOSED)
+        return job.result()
+    finally:
+        job.cancel()
+        closed.cancel()
+        await asyncio.gather(job, closed, return_exceptions=True)
+
+
+_CLOSED = "the page was closed"
+
+
+def _too_large(most: int) -> _RefusedError:
+    shown = f"{most >> 20} MiB" if most >> 20 else f"{most >> 10} KiB"
+    return _RefusedError(
+        f"what was sent is larger than {shown}; give a smaller file, or use "
+        "'minorloop identify' on the command line",
+        413,
+    )
+
+
+def _length(request: Request, most: int) -> int:
+    """Return the announced bytes of a body; the most allowed if they are not announced."""
+    announced = request.headers.get("content-length")
+    length = most if announced is None else int(announced)
+    if length > most:
+        raise _too_large(most)
+    return length
+
+
+async def _chunks(request: Request, most: int) -> AsyncIterator[bytes]:
+    """Yield the parts of a body; refuse one that is too large or too slow."""
+    size, end = 0, time.monotonic() + _WHOLE
+    stream = aiter(request.stream())
+    try:
+        while True:
+            async with asyncio.timeout(min(_PAUSE, end - time.monotonic())):
+                chunk = await anext(stream, None)
+            if chunk is None:
+                return
+            size += len(chunk)
+            if size > most:
+                raise _too_large(most)
+            yield chunk
+    except ClientDisconnect:
+        raise _RefusedError(_CLOSED) from None
+    except TimeoutError:
+        raise _RefusedError("the request came too slowly; send it again", 408) from None
+
+
+async def _decoded(request: Request, decoder: msgspec.json.Decoder[Any]) -> Any:
+    _length(request, _LONGEST_REQUEST)
+    content = b"".join([chunk async for chunk in _chunks(request, _LONGEST_REQUEST)])
+    try:
+        return decoder.decode(content)
+    except (ValueError, RecursionError) as error:
+        raise _RefusedError(f"the request cannot be read: {error}") from None
+
+
+def _line(report: dict[str, Any]) -> bytes:
+    return msgspec.json.encode(report) + b"\n"
+
+
+def _refusal(sentence: str, status: int = 422) -> Response:
+    return JSONResponse({"error": sentence}, status_code=status)
+
+
+def _name(given: str) -> str:
+    """Return a file name that stays in its folder and that file systems accept."""
+    last = given[-10 * _LONGEST_NAME :].replace("\\", "/").rsplit("/", 1)[-1]
+    plain = re.sub(r"[^\w .()+-]", "_", last)[-80:]
+    while len(plain.encode()) > _LONGEST_NAME:
+        plain = plain[1:]
+    plain = plain.strip(" .")
+    return plain if plain and plain not in RESULTS else "data.csv"

@@ -1,0 +1,346 @@
+"""Tasks of the lab page, which run in worker processes.
+
+A task is a generator whose reports are sent to the page. Each file has a folder of its own, and the
+worker changes into it, so that messages contain the name of the file only.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from time import perf_counter
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop import modelfile, report
+from minorloop.drawing.identification import loop_points
+from minorloop.errors import ParameterError, RecordError
+from minorloop.files import table_text, write_atomically
+from minorloop.identification import (
+    AfterEffectIdentification,
+    DynamicIdentification,
+    Identification,
+    identify,
+    identify_after_effect,
+    identify_dynamics,
+    read,
+)
+from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
+from minorloop.identification.scores import OF_OPERATOR, score_rows
+from minorloop.lab.bounds import Bounds
+from minorloop.lab.columns import read_each, split_header
+from minorloop.lab.logs import AUTO, Log, read_times
+from minorloop.lab.timebase import time_column
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Preisach
+from minorloop_head.console.lab_words import on_page
+from minorloop_head.console.uploads import INPUTS, MODEL, REPORT
+
+Reports: TypeAlias = Iterator[dict[str, Any]]
+
+_SHOWN, _PREVIEWED = 2500, 400
+"""Points of a curve that are sent to the page."""
+_WITH_TIME = ("diagonal", "spacing", "start", "start_of_curve", "skip")
+"""Options of the page that models with time in the plane have too."""
+# Limits that keep a task within the time and memory of a worker.
+_MOST_LEVELS, _MOST_TARGETS = 100, 10_000
+BOUNDS = Bounds(
+    rows=500_000,
+    columns=100,
+    advice=" here, or use 'minorloop identify' on the command line",
+)
+"""The largest table that the page reads."""
+
+
+def warm_up() -> None:
+    """Compile what the first user would wait for."""
+    u = np.concatenate([np.linspace(0, 1, 40), np.linspace(1, 0.2, 40), np.linspace(0.2, 1, 40)])
+    rng = np.random.default_rng(0)
+    model = identify(u, u**2 + rng.normal(0, 0.01, u.size), levels=4, lag="auto", holdout=0.2).model
+    model.invert([0.3, 0.2])
+    model.step(Memory.negative(0.0), 0.5)
+
+
+def look(folder: str, name: str) -> Reports:
+    """Describe the columns of a CSV file: unit, rows, range, and whether it looks like time."""
+    os.chdir(folder)
+    columns: list[dict[str, Any]] = []
+    found = read_each(name, BOUNDS)
+    for index, (header, values) in enumerate(found):
+        if isinstance(values, RecordError):
+            columns.append({"header": header, "trouble": str(values)})
+            continue
+        finite = values[np.isfinite(values)]
+        columns.append(
+            {
+                "header": header,
+                "unit": split_header(header)[1],
+                "rows": int(values.size),
+                "measured": int(finite.size),
+                "least": _number(finite.min()) if finite.size else None,
+                "greatest": _number(finite.max()) if finite.size else None,
+                "course": _listed(values[_few(values.size, _PREVIEWED)]),
+                "time": index == 0 and finite.size > 2 and bool((np.diff(finite) > 0).all()),
+            }
+        )
+    usable = [c for c in columns if "trouble" not in c]
+    if len(usable) < 2:
+        trouble = next((c["trouble"] for c in columns if "trouble" in c), "")
+        raise RecordError(trouble or f"{name} has one column; give an input and an output")
+    time = None
+    with suppress(RecordError):  # two columns could be time, or it is no clock
+        if time := time_column([header for header, _ in found]):
+            read_times(name, time)
+    yield {"name": name, "columns": columns, "time": time}
+
+
+def identify_file(
+    folder: str,
+    name: str,
+    input: str,
+    output: str,
+    *,
+    time: str | None = None,
+    first: int = 0,
+    last: int | None = None,
+    curves: str | None = None,
+    groups: str | None = None,
+    dynamics: str = "none",
+    creep: str = "none",
+    rate: bool = False,
+    **options: Any,
+) -> Reports:
+    """Identify a model; report stages, the result, and the end of the report.
+
+    Parameters
+    ----------
+    folder, name : str
+        Of the file.
+    input, output, time, curves, groups : str
+        Columns.
+    first, last : int
+        Rows to use, counted from 0, ``last`` not included.
+    dynamics : {"none", "auto"}
+        Whether to identify dead time, poles and creep too; this needs times.
+    creep, rate
+        Laws of time in the plane to compare, as in `minorloop.identify_after_effect`; with
+        ``"none"`` and false, none. They need times.
+    **options
+        Options of `minorloop.identify`.
+    """
+    os.chdir(folder)
+    if input == output:
+        raise ParameterError("input and output are the same column; choose two")
+    yield {"stage": f"reading {name}"}
+    levels = options.get("levels", AUTO)
+    count = DEFAULT_LEVELS if levels == AUTO else levels
+    if not isinstance(count, int) or not 1 <= count <= _MOST_LEVELS:
+        raise ParameterError(f"levels is {levels!r}; give 1 to {_MOST_LEVELS} here")
+    log = read(name, input=input, output=output, time=time, curves=curves, groups=groups)
+    log = log.only(first, last)
+    measured = int(np.isfinite(log.record.y[log.part]).sum())
+    began = perf_counter()
+    if creep != "none" or rate:
+        if dynamics != "none":
+            raise ParameterError("dynamics cannot be combined with creep or rate; choose one")
+        yield {"stage": f"comparing laws of time on {measured} rows"}
+        given = {option: options[option] for option in _WITH_TIME if option in options}
+        if given.get("diagonal") == AUTO:
+            del given["diagonal"]
+        found = identify_after_effect(
+            log,
+            creep=creep,  # type: ignore[arg-type]
+            rate=True if rate else AUTO if creep == AUTO else False,
+            levels=count,
+            **given,
+        )
+        _save(found, log, name)
+        yield {"result": _shown_in_time(found, log, perf_counter() - began)}
+        yield {"stage": "drawing the report"}
+        report.after_effect_report(found, **_labels(log, name)).write(REPORT, force=True)
+        yield {"report": True}
+        return
+    cells = count * (count + 1) // 2
+    yield {"stage": f"fitting {cells} cells to {measured} of {log.record.y[log.part].size} rows"}
+    dynamic = None
+    if dynamics != "none":
+        left_out = ("lag", "start_of_curve")
+        given = {option: value for option, value in options.items() if option not in left_out}
+        dynamic = identify_dynamics(log, **given)
+    result = dynamic.static if dynamic else identify(log, **options)
+    seconds = perf_counter() - began
+    yield {"stage": "scoring"}
+    _save(dynamic if dynamic and dynamic.dynamic else result, log, name)
+    yield {"result": _shown(result, log, seconds, dynamic)}
+    yield {"stage": "drawing the report"}
+    report.identification_report(
+        result, dynamic=dynamic, time=result.t, **_labels(log, name)
+    ).write(REPORT, force=True)
+    yield {"report": True}
+
+
+def _save(found: modelfile.Identified, log: Log, source: str) -> None:
+    """Write the model file of an identification."""
+    modelfile.save(
+        found,
+        MODEL,
+        provenance=modelfile.Provenance.of(Path(source)),
+        input=log.record.input,
+        output=log.record.output,
+        force=True,
+    )
+
+
+def _labels(log: Log, source: str) -> dict[str, str]:
+    """Return what a report is about."""
+    names = {"input_label": str(log.record.input), "output_label": str(log.record.output)}
+    return {"source": source, **names}
+
+
+def move(folder: str, memory: list[float] | None, u: float) -> Reports:
+    """Report output and memory after one more input."""
+    model = _preisach(_model(folder))
+    before = Memory.negative(float(model.levels[0])) if memory is None else Memory(memory)
+    y, after = model.step(before, u)
+    yield {"y": float(np.asarray(y)), "memory": list(after.extrema)}
+
+
+def invert(folder: str, targets: list[float], start: str) -> Reports:
+    """Report inputs for targets; targets out of reach are approached and marked."""
+    if not 0 < len(targets) <= _MOST_TARGETS:
+        raise ParameterError(f"there are {len(targets)} targets; give 1 to {_MOST_TARGETS}")
+    known = _model(folder)
+    found = _preisach(known).invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
+    columns = known.inverse_columns(targets, found)
+    os.chdir(folder)
+    write_atomically(INPUTS, table_text(columns, zip(*columns.values(), strict=True)))
+    yield {
+        "u": found.u.tolist(),
+        "y": found.y.tolist(),
+        "reachable": found.reachable.tolist(),
+        "worst": found.worst,
+        "warnings": list(map(on_page, known.warnings)),
+    }
+
+
+def _shown(
+    result: Identification,
+    log: Log,
+    seconds: float,
+    dynamic: DynamicIdentification | None = None,
+) -> dict[str, Any]:
+    """Return what the page shows of a result.
+
+    Lines of the loop are interrupted at null. In ``rows`` are times where they are known, and
+    ``held`` is the first of them that was held out. With dynamics, the loop is that of the operator
+    and the others are of the whole model.
+    """
+    shown = _few(result.u.size, _SHOWN)
+    model, whole = result.model, dynamic or result
+    rows = score_rows(result)
+    if dynamic:
+        rows = [*dynamic.rows, *(row for row in rows if row[0] in OF_OPERATOR)]
+    (u, y), (_, fit) = (loop_points(result, each) for each in (result.y, result.prediction))
+    drawn = _few(u.size, _SHOWN)
+    t = dynamic.t if dynamic else result.t
+    x = np.arange(result.u.size, dtype=np.float64) if t is None else t
+    return {
+        "input": str(log.record.input),
+        "output": str(log.record.output),
+        "u": _listed(whole.u[shown]),
+        "y": _listed(whole.y[shown]),
+        "fit": _listed(whole.prediction[shown]),
+        "loop": {
+            "u": _listed(u[drawn]),
+            "y": _listed(y[drawn]),
+            "fit": _listed(fit[drawn]),
+            "joined": drawn.size == u.size,
+        },
+        "rows": x[shown].tolist(),
+        "clock": "row" if t is None else str(log.record.time),
+        "held": float(x[np.argmax(result.held_out)]) if result.held_out.any() else None,
+        "levels": model.levels.tolist(),
+        "weights": [_listed(row[: k + 1]) for k, row in enumerate(model.weights)],
+        "range": list(model.range),
+        "scores": {
+            "fit": whole.nrmse,
+            "holdout": whole.holdout_nrmse,
+            "polynomial": result.baseline_nrmse,
+            "lag": result.lag,
+            "samples": result.samples,
+            "unknowns": result.unknowns,
+            "excited": result.excited_fraction,
+            "seconds": seconds,
+        },
+        "table": rows,
+        "choices": list(map(on_page, whole.chosen)),
+        "advice": list(map(on_page, whole.advice)),
+        "warnings": list(map(on_page, whole.warnings)),
+    }
+
+
+def _shown_in_time(found: AfterEffectIdentification, log: Log, seconds: float) -> dict[str, Any]:
+    """Return what the page shows of a model with time in the plane, with its settled weights."""
+    shown, settled = _few(found.u.size, _SHOWN), found.model.settled
+    y = np.where(found.fitted, found.y, np.nan)[shown]
+    u, fit = _listed(found.u[shown]), _listed(found.prediction[shown])
+    return {
+        "input": str(log.record.input),
+        "output": str(log.record.output),
+        "u": u,
+        "y": _listed(y),
+        "fit": fit,
+        "loop": {"u": u, "y": _listed(y), "fit": fit, "joined": shown.size == found.u.size},
+        "rows": found.t[shown].tolist(),
+        "clock": str(log.record.time),
+        "held": None,
+        "levels": settled.levels.tolist(),
+        "weights": [_listed(row[: k + 1]) for k, row in enumerate(settled.weights)],
+        "range": list(found.model.range),
+        "scores": {
+            "fit": found.nrmse,
+            "lag": 0,
+            "samples": int(found.fitted.sum()),
+            "unknowns": (1 + found.model.times.size) * settled.bands * (settled.bands + 1) // 2,
+            "seconds": seconds,
+        },
+        "table": found.rows,
+        "choices": list(map(on_page, found.told.chosen)),
+        "advice": list(map(on_page, found.advice)),
+        "warnings": list(map(on_page, found.warnings)),
+    }
+
+
+def _model(folder: str) -> modelfile.ModelFile:
+    """Return the model that was identified in a folder."""
+    file = Path(folder) / MODEL
+    if not file.is_file():
+        raise ParameterError("there is no model yet; identify one first")
+    return _loaded(str(file), file.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=16)
+def _loaded(file: str, changed: int) -> modelfile.ModelFile:
+    return modelfile.read(file)
+
+
+def _preisach(known: modelfile.ModelFile) -> Preisach:
+    assert isinstance(known.operator, Preisach)  # the only kind that is identified here
+    return known.operator
+
+
+def _few(count: int, most: int) -> npt.NDArray[np.intp]:
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
+
+
+def _listed(values: npt.ArrayLike) -> list[float | None]:
+    return [_number(x) for x in np.asarray(values, dtype=np.float64)]
+
+
+def _number(x: float) -> float | None:
+    return float(f"{x:.6g}") if np.isfinite(x) else None

@@ -1,0 +1,98 @@
+"""A touch of the tracked point with the micro-tool from the console: what is said of it.
+
+TRACK is its mode: leaving it ends the touch. The head turns until the point is where the tool would
+meet the wall. The camera process carries out the rest, as `minorloop_head.procedures.mark.Marking`
+does for a rig. Every touch ends with a sentence.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop_head.console.messages import Pair
+from minorloop_head.procedures import mark as touches
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.centre import Centring
+from minorloop_head.procedures.mark import Marking, tool_pixel
+from minorloop_head.procedures.steps import WITHIN
+from minorloop_head.procedures.values import Reading
+from minorloop_head.vision.tracking import PatchTracker
+
+PATIENCE = 30.0
+"""Longest duration of a stage in seconds: in the simulated pipe the head takes 5 to 12 s to come to
+rest, and the tool 2 s to the wall and back."""
+_UNSEEN = 0.5
+"""Seconds for which a point may not be recognised while the head comes to rest: on wall with little
+texture this is one picture of ten, and a loaded machine gives them late. TRACK ends at 0.6 s."""
+TOUCHED = "the tool has touched the wall, and is withdrawn"
+NOT_SHOWN = "the camera does not show its mark"
+NO_CONTACT = (
+    f"the tool was withdrawn: no contact up to {1e3 * Marking.beyond:g} mm behind the wall; "
+    "if the point is in a hole, pick one beside it; if it is on plain wall, pick it again from "
+    "nearer"
+)
+OUT_OF_REACH = (
+    "the tool does not reach this point from here; move the catheter, or pick another point"
+)
+
+
+def marking(view: HeadCalibration) -> Marking:
+    """Return the procedure as the camera process carries it out; the head is turned by TRACK."""
+    close = Centring.in_middle
+    return Marking(calibration=view, close=close, patience=PATIENCE, unseen=_UNSEEN, tries=1)
+
+
+def reaches(view: HeadCalibration, pixel: npt.ArrayLike, now: Reading) -> bool:
+    """Return whether the tool reaches what a pixel (2,) shows."""
+    place = np.asarray(view.camera_at(now.place).place(pixel, *now.angles.tolist()))
+    known = bool(np.isfinite(place).all())
+    return known and Marking(calibration=view).angles(place, now.place) is not None
+
+
+def servoed(view: HeadCalibration, pixel: Pair, now: Reading) -> FloatArray:
+    """Return the pixel (2,) to be centred, so that a point gets to where the tool meets it."""
+    assert view.tool is not None
+    met = tool_pixel(view, view.tool, now.place, now.angles)
+    return np.asarray(np.asarray(pixel) - met + np.asarray(view.lens.centre))
+
+
+def ended(verdict: str, off: float | None, score: float = 1.0) -> str:
+    """Return the sentence on a touch.
+
+    Parameters
+    ----------
+    verdict : str
+        Of `Marking`.
+    off : float, optional
+        Distance of the mark from the picked point in metres; None if it is not seen.
+    score : float
+        Of the recognition of the point when the touch began.
+    """
+    said = _ended(verdict, off)
+    if score < PatchTracker.surely:
+        said += (
+            f"; the point was hard to recognise, with a score of {score:.2f}, and "
+            f"{PatchTracker.surely:g} is sure: pick one that stands out"
+        )
+    return said
+
+
+def _ended(verdict: str, off: float | None) -> str:
+    if verdict == touches.TOUCHED:
+        if off is None:
+            return unmeasured(NOT_SHOWN)
+        most = f", farther than {1e3 * WITHIN:g} mm" if off > WITHIN else ""
+        return TOUCHED.replace(",", f" {1e3 * off:.2f} mm from the picked point{most},")
+    known = {touches.NO_CONTACT: NO_CONTACT, touches.BEYOND: OUT_OF_REACH}
+    return known.get(
+        verdict,
+        "the tool was withdrawn: the head did not come to rest with the tool at the point in "
+        f"{PATIENCE:g} s; move the catheter, or pick another point",
+    )
+
+
+def unmeasured(why: str) -> str:
+    """Return the sentence on a touch whose mark was not measured."""
+    return f"{TOUCHED}; its distance from the picked point is not known: {why}"

@@ -1,0 +1,191 @@
+"""Modes of the console: who moves the head.
+
+In HEAD the head follows the operator's head. In TRACK the camera keeps a point of the image in the
+middle, whatever the operator's head does. In SCAN the probe visits the points of a scan. In HOLD
+head and catheter stand still. A change of mode moves nothing: each mode starts at the present
+command.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import get_args
+
+from minorloop_head.console.head_pose import (
+    HeadPoseMap,
+    HeadPoseState,
+    Quaternion,
+    anchored,
+    gaze,
+    into_cone,
+    slewed,
+)
+from minorloop_head.console.joystick import Rates, StickMap, push
+from minorloop_head.console.messages import Mode, Pair
+
+MODES: tuple[Mode, ...] = get_args(Mode)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TeleopConfig:
+    """Settings of the teleoperation.
+
+    Parameters
+    ----------
+    gaze : HeadPoseMap
+    stick : StickMap
+    blind : float
+        Seconds that a target may be out of sight before TRACK ends.
+    pictures : float
+        Seconds that may pass without a picture.
+    """
+
+    gaze: HeadPoseMap = field(default_factory=HeadPoseMap)
+    stick: StickMap = field(default_factory=StickMap)
+    blind: float = 0.6
+    pictures: float = 0.12
+
+
+@dataclass(frozen=True, kw_only=True)
+class TickInput:
+    """Input of a tick from operator and camera.
+
+    Parameters
+    ----------
+    request : str, optional
+        Requested mode; None without a request.
+    pose : quaternion, optional
+        Newest pose of the operator's head.
+    pose_age, link_age : float
+        Age of the pose and of the last message of the operator's page, in seconds; infinite
+        if there was none.
+    stick : (float, float)
+        Forward and right, -1 to 1.
+    lost : str
+        What to say if there is no pose, or an old one.
+    clutch : bool
+        Whether the clutch is pressed.
+    blind : str
+        What to say if the camera gives no pictures, or no angles; empty if it does.
+    servo : (float, float), optional
+        Rates of pan and tilt that centre the target, in rad/s; None while the target is not
+        visible.
+    scan : ((float, float), (float, float)), optional
+        Pan and tilt in radians and rates of the catheter in m/s and rad/s that a scan requests;
+        None without a scan.
+    """
+
+    request: Mode | None = None
+    pose: Quaternion | None = None
+    pose_age: float = math.inf
+    link_age: float = math.inf
+    stick: Pair = (0.0, 0.0)
+    lost: str = "the pose of the operator's head was lost"
+    clutch: bool = False
+    blind: str = ""
+    servo: Pair | None = None
+    scan: tuple[Pair, Rates] | None = None
+
+
+@dataclass(frozen=True)
+class TeleopState:
+    """Mode and commands.
+
+    Parameters
+    ----------
+    mode : str
+    reason : str
+        Why the mode is on, if it was not requested; empty otherwise.
+    gaze : HeadPoseState
+        Its ``command`` is that of the head, in radians about the middle of the cone.
+    rates : (float, float)
+        Of the catheter, in m/s and rad/s.
+    unseen : float
+        Seconds that the target has been out of sight.
+    """
+
+    mode: Mode = "HOLD"
+    reason: str = "no mode has been chosen yet; take the controls and press one"
+    gaze: HeadPoseState = field(default_factory=HeadPoseState)
+    rates: Rates = (0.0, 0.0)
+    unseen: float = 0.0
+
+    @property
+    def command(self) -> Pair:
+        """Pan and tilt in radians about the middle of the cone."""
+        return self.gaze.command
+
+
+def advance(
+    config: TeleopConfig, state: TeleopState, inputs: TickInput, interval: float
+) -> TeleopState:
+    """Return the state after one tick."""
+    state = _entered(config, state, inputs)
+    if state.mode == "HOLD":
+        return replace(state, rates=(0.0, 0.0))
+    if state.mode == "SCAN":
+        return _scanned(config, state, inputs.scan, interval)
+    rates = push(config.stick, state.rates, inputs.stick, interval)
+    if state.mode == "HEAD":
+        after = gaze(config.gaze, state.gaze, inputs.pose, interval, clutch=inputs.clutch)
+        return replace(state, gaze=after, rates=rates)
+    unseen = 0.0 if inputs.servo is not None else state.unseen + interval
+    moved = _servoed(config, state.command, inputs.servo, interval)
+    return replace(state, gaze=anchored(state.gaze, moved), rates=rates, unseen=unseen)
+
+
+def held(state: TeleopState, reason: str) -> TeleopState:
+    """Return the state in HOLD with the same command."""
+    return TeleopState("HOLD", reason, anchored(state.gaze))
+
+
+def _entered(config: TeleopConfig, state: TeleopState, inputs: TickInput) -> TeleopState:
+    """Return the state in the mode of this tick."""
+    wanted = inputs.request or state.mode
+    refusal = _refusal(config, state, inputs, wanted)
+    if refusal:
+        return held(state, refusal) if state.mode != "HOLD" or inputs.request else state
+    if wanted == state.mode and not (inputs.request and state.reason):
+        return state
+    return TeleopState(wanted, "", anchored(state.gaze), state.rates)
+
+
+def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted: Mode) -> str:
+    """Return why a mode cannot be on; empty if it can."""
+    if wanted == "HOLD":
+        return ""
+    # Written so that an infinite timeout does not admit a page that never sent anything.
+    if not inputs.link_age <= config.stick.timeout:
+        return (
+            f"no message came from the operator's page for {config.stick.timeout:g} s; press a "
+            "mode to continue, or start the console with a longer --timeout"
+        )
+    if inputs.blind:
+        return inputs.blind
+    if wanted == "HEAD" and (inputs.pose is None or not inputs.pose_age <= config.gaze.timeout):
+        return f"{inputs.lost}; press HEAD to continue"
+    entering = inputs.request is not None and state.mode != "TRACK"
+    if wanted == "TRACK" and entering and inputs.servo is None:
+        return "there is no target in sight; pick one, wait until it is marked, then press TRACK"
+    if wanted == "SCAN" and inputs.scan is None:
+        return "there is nothing to scan; measure a finding first"
+    if wanted == "TRACK" and state.mode == "TRACK" and state.unseen > config.blind:
+        return "the target was lost from sight; press TRACK when it is back, or pick it again"
+    return ""
+
+
+def _servoed(config: TeleopConfig, command: Pair, servo: Pair | None, interval: float) -> Pair:
+    if servo is None or not math.isfinite(servo[0] + servo[1]):
+        return command
+    wanted = command[0] + interval * servo[0], command[1] + interval * servo[1]
+    return slewed(config.gaze, command, into_cone(wanted, config.gaze.cone), interval)
+
+
+def _scanned(
+    config: TeleopConfig, state: TeleopState, requested: tuple[Pair, Rates] | None, interval: float
+) -> TeleopState:
+    assert requested is not None
+    wanted = into_cone(requested[0], config.gaze.cone)
+    moved = slewed(config.gaze, state.command, wanted, interval)
+    return replace(state, gaze=anchored(state.gaze, moved), rates=requested[1])

@@ -1,0 +1,585 @@
+"""Processing of camera and probe, tick by tick.
+
+Candidates come from frames under switched lights. A picked point is tracked on the unrolled wall,
+the focus is swept on it, and its outline gives place and size. Echoes are kept until they are
+fitted in another process. Everything here uses the measured angles and the calibration only.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import MinorloopError, SignalError
+from minorloop.lab.actuator import Frame
+from minorloop_head.console.camera_protocol import FEW_PICTURES, CameraReport, CameraRequest
+from minorloop_head.console.finder import Finder
+from minorloop_head.console.mark import marking
+from minorloop_head.console.plant import reading_at
+from minorloop_head.console.scan_echoes import ScanEchoes
+from minorloop_head.console.sweep import SweepEchoes
+from minorloop_head.console.units import Position
+from minorloop_head.geometry import wall_distance
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.centre import Centring
+from minorloop_head.procedures.extract import Acquisition, nearest
+from minorloop_head.procedures.focus import Focusing
+from minorloop_head.procedures.mark import TOUCHED, MarkState, seen_mark
+from minorloop_head.procedures.meter import LIMITS, Metering
+from minorloop_head.procedures.seen_angles import SeenAngles
+from minorloop_head.procedures.values import (
+    ALL_LIGHTS,
+    Procedure,
+    Reading,
+    Request,
+    Tip,
+    ToolTip,
+    apply_to_tip,
+)
+from minorloop_head.vision.calibrated_camera import Image
+from minorloop_head.vision.defects import Findings
+from minorloop_head.vision.reflectance_map import LitFrame
+from minorloop_head.vision.tracking import TRACKED, TrackState
+
+_POLL = 0.04
+"""Seconds between two looks for the result of a computation."""
+_MOST_QUEUED = 4
+"""Commands that wait for the camera."""
+_SNAP = 18.0
+"""Pixels from a candidate within which a pick takes the candidate."""
+
+Later: TypeAlias = Callable[[Callable[[], Any]], Callable[[], Any | None]]
+"""Starts a computation; what it returns gives the result, or None until there is one."""
+
+
+def at_once(work: Callable[[], Any]) -> Callable[[], Any | None]:
+    """Compute immediately; for tests."""
+    result = work()
+    return lambda: result
+
+
+def _unpicked(picked: tuple[float, float], pixel: FloatArray, error: MinorloopError) -> str:
+    """Return the sentence on a picked pixel that cannot be tracked, at the pixel that was tried."""
+    moved = ", by the middle of the outline there," if math.dist(picked, pixel) > 1.0 else ""
+    u, v = picked
+    return f"pixel ({u:.0f}, {v:.0f}) was not picked{moved} and there is no target now: {error}"
+
+
+@dataclass(eq=False)
+class _Work:
+    """A procedure that uses the camera, and what to do with its last state."""
+
+    procedure: Procedure[Any]
+    state: Any
+    after: Callable[[Any], None]
+
+
+class Perception:
+    """Camera, probe, and the processing of their data.
+
+    Parameters
+    ----------
+    tip : Tip
+    view : HeadCalibration
+        Their calibration.
+    later : Later
+        Runs longer computations.
+    seen : SeenAngles, optional
+        Reads the angles of joints without sensors from the pictures.
+    """
+
+    def __init__(
+        self,
+        tip: Tip,
+        view: HeadCalibration,
+        later: Later = at_once,
+        seen: SeenAngles | None = None,
+    ) -> None:
+        self._tip, self.view, self._later = tip, view, later
+        self._newest: Callable[[], Frame | None] | None = getattr(tip, "newest", None)
+        self._seen_angles = seen
+        self._finder = Finder(view)
+        self._centring = Centring(calibration=view)
+        self._metering = Metering(calibration=view, seconds=math.inf)
+        self._meter = self._metering.begin()
+        self._track: TrackState | None = None
+        self._picked: tuple[float, float] | None = None
+        self._wanted: tuple[float, float] | None = None
+        self._visible, self._score = False, 0.0
+        self._work: _Work | None = None
+        self._all_lights = True
+        self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
+        self._marking = marking(view)
+        self._mark: MarkState | None = None
+        self._queue: list[Callable[[], None]] = []
+        self._echoes: ScanEchoes | None = None
+        self._sweep: SweepEchoes | None = None
+        self._position: Position = (0.0, 0.0, 0.0, 0.0)
+        self._now = 0.0
+        self._events: list[dict[str, Any]] = []
+        self.image: Image | None = None
+        self.shown, self.taken = False, 0.0
+        self.jobs: list[dict[str, Any]] = []
+        self.commands: dict[str, Callable[..., None]] = {
+            "pick": self._pick,
+            "find": self._find,
+            "focus": self._focus,
+            "autofocus": self._autofocus,
+            "sharpen": self._sharpen,
+            "extract": self._extract,
+            "mark": self._begin_mark,
+            "end_mark": self._end_mark,
+            "begin_scan": self._begin_scan,
+            "fire": self._fire,
+            "finish_scan": self._finish_scan,
+            "end_scan": self._end_scan,
+            "begin_sweep": self._begin_sweep,
+            "fire_on": self._fire_on,
+            "end_sweep": self._end_sweep,
+        }
+
+    def tick(self, request: CameraRequest) -> CameraReport:
+        """Carry out the commands, process a frame and report.
+
+        ``image`` is the one to show, ``taken`` its time, and ``shown`` says whether it is of this
+        tick. While a camera has only pictures of the lights before, the report has what the angles
+        give.
+        """
+        self._position, joints = request.position, None
+        self._tip.move_to(request.stance)
+        if self._echoes is not None:
+            self._echoes.read(request.t, request.position)
+        if self._sweep is not None:
+            self._sweep.read(request.t, request.position)
+        self._now = request.t
+        self._finder.note(request.position)
+        for name, numbers in request.commands:
+            self._try(self.commands[name], numbers)
+        if self._queue and not self._busy:  # commands that came while the camera was in use
+            self._queue.pop(0)()
+        if (
+            not self._busy
+            and not self._fires
+            and (self._seen_angles is None or self._seen_angles.known)
+            and self._finder.at_rest
+            and not self._finder.has_searched(request.position)
+        ):
+            self._find()
+        self.shown = False
+        frame = self._frame(request)
+        # A simulated camera draws its picture now.
+        self.taken = request.t if self._newest is None or frame is None else frame.t
+        if self._seen_angles is not None and frame is not None and self._all_lights:
+            joints = self._joints(self._seen_angles, frame, request.cold)
+        if self._echoes is not None and self._all_lights:
+            self._scanned(self._echoes, None if frame is None else frame.image)
+        place = self._track.place if self._track is not None and request.centring else None
+        self._meter = replace(self._meter, place=place)
+        target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
+        self._take_results()
+        events, self._events = self._events, []
+        return CameraReport(
+            number=request.number,
+            target=target,
+            spots=self._finder.shown(self._position),
+            events=events,
+            joints=joints,
+            unseen="" if self._seen_angles is None else self._seen_angles.why,
+            zero=self._seen_angles is None or self._seen_angles.known,
+        )
+
+    def _joints(self, seen: SeenAngles, frame: Frame, cold: bool) -> tuple[float, float] | None:
+        """Return the angles that a picture shows, which are its position too."""
+        read = seen.read(frame, cold=cold)
+        if not np.isfinite(read).all():
+            return None
+        pan, tilt = self.view.line_of_sight(np.radians(read)).tolist()
+        self._position = pan, tilt, *self._position[2:]
+        return float(read[0]), float(read[1])
+
+    def _seen(self, image: Image) -> tuple[float, float, float, bool] | None:
+        """Process an image; return the tracked point in it."""
+        lit, free, fresh = self._all_lights, self._work is None, True
+        reading = self._reading(image)
+        if lit:
+            self.image, self.shown = image, True
+            fresh = self._picked is None
+            if not fresh:  # the track starts at this frame, so it is not followed in it
+                self._try(self._begin_track, [reading])
+        target = self._follow(reading, lit and fresh and free)
+        if self._work is not None:
+            self._continue(self._work, reading)
+        else:
+            self._meter, wanted = self._metering.step(self._meter, reading)
+            apply_to_tip(self._tip, wanted)
+        return target
+
+    def _frame(self, request: CameraRequest) -> Frame | None:
+        """Return the frame of a tick; None while it may show the lights before.
+
+        Between bursts a scan needs none, nor a head that holds where its view was searched, or
+        rests there and tracks nothing, so that a simulated camera draws only some to show; a device
+        that stops is noticed in each tick.
+        """
+        if self._newest is not None:
+            return self._newest()
+        used = self._work is not None or self._picked is not None
+        used = used or (self._echoes is not None and self._echoes.waiting)
+        still = request.holding or (self._track is None and self._finder.at_rest)
+        known = still and self._finder.has_searched(self._position)
+        few = not used and (known or self._fires)
+        return None if few and request.number % FEW_PICTURES else self._tip.frame()
+
+    def _reading(self, image: Image | None = None) -> Reading:
+        return reading_at(self._position, t=self._now, image=image)
+
+    def reset(self) -> None:
+        """Forget candidates, track and events."""
+        self._finder, self._track, self._visible = Finder(self.view), None, False
+        self._pending, self._events = [], []
+
+    def _try(self, work: Callable[..., None], given: list[Any]) -> None:
+        try:
+            work(*given)
+        except MinorloopError as error:
+            self._report("notice", text=str(error))
+
+    def _report(self, what: str, **content: Any) -> None:
+        self._events.append({"what": what, **content})
+
+    # --- the tracked point
+
+    def _pick(self, u: float, v: float) -> None:
+        """Track what is at a pixel, from the next frame under all lights."""
+        self._picked = self._wanted = (u, v)
+
+    def _begin_track(self, reading: Reading) -> None:
+        """Track the candidate near the picked point, or the outline about it once it is known.
+
+        What was tracked is not what is wanted now: nothing may touch it.
+        """
+        assert self._picked is not None
+        assert reading.image is not None
+        picked, self._picked = self._picked, None
+        self._track, self._visible, self._mark = None, False, None
+        self._report("picked")
+        for spot in self._finder.shown(self._position):
+            if math.dist(spot[:2], picked) < max(_SNAP, 0.7 * spot[2]):
+                self._track_from(reading, picked, np.array(spot[:2]))
+                return
+        frame = LitFrame(reading.image, *reading.angles.tolist())
+        frames = self._finder.frames_with(frame, self._position)
+        # It takes as long as many frames.
+        outline = self._later(lambda: self._outlined(frames, picked, reading))
+        self._pending.append((outline, partial(self._track_from, reading, picked)))
+
+    def _outlined(
+        self, frames: tuple[LitFrame, ...], picked: tuple[float, float], reading: Reading
+    ) -> FloatArray:
+        try:
+            return self._centring.outlined(frames, picked, reading)
+        except MinorloopError:
+            return np.array(picked)
+
+    def _track_from(self, reading: Reading, picked: tuple[float, float], pixel: FloatArray) -> None:
+        """Track what the picture of a reading shows at a pixel, unless another one was picked."""
+        if picked is not self._wanted:
+            return
+        assert reading.image is not None
+        try:
+            track, self._track = self._centring.pick(reading.image, pixel, reading)
+        except MinorloopError as error:
+            self._report("unpicked", text=_unpicked(picked, pixel, error))
+            return
+        self._visible, self._score = True, track.score
+
+    def _follow(self, reading: Reading, usable: bool) -> tuple[float, float, float, bool] | None:
+        """Return pixel, score and visibility of the tracked point."""
+        if self._track is None:
+            return None
+        pixel = self._pixel_of(self._track)
+        if self._mark is not None:
+            image = reading.image if usable else None
+            self._go_on_marking(self._mark, replace(reading, image=image))
+            pixel = self._pixel_of(self._track)
+        elif usable:  # under other lights, or out of focus, only the angles are used
+            now, self._track = self._centring.follow(self._track, reading, reading.image)
+            self._visible = now.verdict == TRACKED
+            if math.isfinite(now.score):
+                self._score = now.score
+            pixel = now.pixel
+        if not np.isfinite(pixel).all():
+            return (0.0, 0.0, 0.0, False)
+        return float(pixel[0]), float(pixel[1]), self._score, self._visible
+
+    def _pixel_of(self, track: TrackState) -> Any:
+        """Return the pixel of the tracked place by the measured angles."""
+        camera = self.view.camera_at(self._position[2:])
+        return camera.pixel(track.place, *self._position[:2])
+
+    # --- procedures that use the camera
+
+    def _use(self, procedure: Procedure[Any], state: Any, after: Callable[[Any], None]) -> None:
+        """Give the camera to a procedure, from the frame of this tick on."""
+        self._work = _Work(procedure, state, after)
+        self._continue(self._work, self._reading())
+
+    def _continue(self, work: _Work, reading: Reading) -> None:
+        """Do one step of the procedure that uses the camera."""
+        work.state, request = work.procedure.step(work.state, reading)
+        if request.lights is not None:
+            self._all_lights = all(request.lights)
+        apply_to_tip(self._tip, request)
+        if work.state.done:
+            self._work = None
+            work.after(work.state)
+
+    def _abort(self) -> None:
+        """End the procedure that uses the camera, and restore lights and exposure."""
+        if self._work is not None:
+            self._work, self._all_lights = None, True
+            exposure = LIMITS.exposure, self._meter.gain
+            apply_to_tip(self._tip, Request(lights=ALL_LIGHTS, exposure=exposure))
+
+    def _set_autofocus(self, on: bool) -> None:
+        """Choose whether the focus follows the wall ahead, or stays where it was set."""
+        self._metering = replace(self._metering, focusing=on)
+
+    def _focus(self, distance: float) -> None:
+        self._set_autofocus(False)
+        self._tip.focus_at(distance)
+
+    def _autofocus(self) -> None:
+        self._set_autofocus(True)
+
+    def _sharpen(self) -> None:
+        """Sweep the focus on the tracked point."""
+        if self._track is None:
+            return
+        if self._work is not None:
+            self._queue.append(self._sharpen)
+            return
+        focusing = Focusing(lens=self.view.lens)
+        guess = self._metering.ahead(self._reading())
+        self._use(focusing, focusing.begin(self._pixel_of(self._track), guess), self._sharpened)
+
+    def _sharpened(self, state: Any) -> None:
+        self._set_autofocus(False)
+        self._report("focused", distance=float(state.found.distance), verdict=state.found.verdict)
+
+    # --- the micro-tool
+
+    def _begin_mark(self) -> None:
+        """Touch the tracked point, and look for the mark."""
+        if self._track is not None:
+            self._mark = self._marking.resume(self._track, self._meter.gain)
+
+    def _end_mark(self) -> None:
+        """Withdraw the tool, whatever it does."""
+        self._mark = None
+        apply_to_tip(self._tip, Request(extension=0.0))
+
+    def _go_on_marking(self, before: MarkState, reading: Reading) -> None:
+        """Do one step of a touch, which tracks the point too."""
+        extension, touching = self._tip.tool_state() if isinstance(self._tip, ToolTip) else (0, 0)
+        reading = replace(reading, extension=extension, touching=bool(touching))
+        self._mark, request = self._marking.step(before, reading)
+        try:
+            apply_to_tip(self._tip, Request(extension=request.extension))
+        except MinorloopError as error:
+            self._mark = None
+            self._report("not extended", text=str(error))
+            return
+        assert self._mark.track is not None
+        self._track, self._visible = self._mark.track, self._mark.track.missed == 0
+        if self._mark.verdict == TOUCHED != before.verdict:
+            self._report("touched")
+        if self._mark.done:
+            off = self._mark_off(self._mark, self._track, reading)
+            self._report("marked", verdict=self._mark.verdict, off=off)
+            self._mark = None
+
+    def _mark_off(self, state: MarkState, track: TrackState, reading: Reading) -> float | None:
+        """Return the distance of the mark from the picked point; None if it is not seen."""
+        if state.mark is None or reading.image is None:
+            return None
+        assert state.before is not None
+        assert state.contact is not None
+        # The edge of a pit may be off by a pixel: it is as much brighter as it is darker.
+        after = reading.image, reading.angles + track.turn
+        if seen_mark(self.view, reading.place, state.contact, after, state.before) is not None:
+            return None
+        return float(wall_distance(state.mark, state.place, self.view.radius))
+
+    # --- defects
+
+    def _find(self) -> None:
+        """Search the view for defects."""
+        self._acquire(self._found)
+
+    def _found(self, findings: Findings) -> None:
+        self._finder.add(findings)
+        self._report("found", count=len(findings.holes), verdict=findings.verdict)
+
+    def _extract(self) -> None:
+        """Measure place and size of the tracked point by its outline."""
+        if self._track is None:
+            self._report("extracted", hole=None, verdict="no target is tracked")
+            return
+        self._acquire(self._extracted)
+
+    def _extracted(self, findings: Findings) -> None:
+        self._finder.add(findings)
+        assert self._track is not None
+        # Without an outline in these frames, one that was seen from farther away is used.
+        hole = nearest(findings.holes, self._track.place, self.view.radius)
+        hole = hole or self._finder.near(self._track.place)
+        if hole is None:
+            reason = "nothing round is seen at the target; go nearer, or pick a framed candidate"
+            if findings.verdict != "good":
+                reason = f"the frames cannot be used: {findings.verdict}"
+            self._report("extracted", hole=None, verdict=reason)
+            return
+        measured = {
+            "phi": float(hole.place[0]),
+            "z": float(hole.place[1]),
+            "diameter": float(hole.diameter),
+            "evidence": float(hole.evidence),
+        }
+        self._report("extracted", hole=measured, verdict=hole.kind)
+
+    def _acquire(self, then: Callable[[Findings], None]) -> None:
+        """Take five frames under switched lights, then search them for defects.
+
+        Only one acquisition is searched at a time, and few wait: a busy machine is slower than
+        the camera, and each acquisition has megabytes.
+        """
+        if self._busy:
+            if len(self._queue) < _MOST_QUEUED:
+                self._queue.append(lambda: self._acquire(then))
+            else:
+                self._report("notice", text="pictures are still searched; try it again later")
+            return
+        position = self._position
+        self._finder.searched(position)
+
+        def after(state: Any) -> None:
+            frames = state.frames
+            self._finder.keep(frames)
+            self._pending.append((self._later(lambda: self._finder.find(frames, position)), then))
+
+        acquisition = Acquisition()
+        self._use(acquisition, acquisition.begin(self._meter.gain), after)
+
+    @property
+    def _busy(self) -> bool:
+        """Whether the camera is in use, or an acquisition is searched."""
+        return self._work is not None or bool(self._pending) or self._mark is not None
+
+    @property
+    def _fires(self) -> bool:
+        """Whether a scan or a sweep is on."""
+        return self._echoes is not None or self._sweep is not None
+
+    def finish(self) -> None:
+        """Wait for longer computations, and take their results."""
+        while self._pending:
+            self._take_results()
+            time.sleep(_POLL)
+
+    def _take_results(self) -> None:
+        waiting = []
+        for ask, then in self._pending:
+            result = ask()
+            if result is None:
+                waiting.append((ask, then))
+            else:
+                then(result)
+        self._pending = waiting
+
+    # --- echoes
+
+    def _begin_scan(self, finding: float, phi: float, z: float, diameter: float) -> None:
+        """Begin a scan about a finding; the pipe is flooded once a picture of it was taken."""
+        self._abort()
+        self._echoes = ScanEchoes(self.view, int(finding), (phi, z), diameter)
+        self._echoes.read(self._now, self._position)
+
+    def _scanned(self, echoes: ScanEchoes, image: Image | None) -> None:
+        """Use a picture for the scan, and report a burst whose pose is known."""
+        begun = echoes.begun
+        if image is not None:
+            echoes.see(image, self.taken)
+            if not begun:
+                self._flood(echoes)
+        verdict = echoes.arrived(self._now)
+        if verdict is not None:
+            self._report("burst", count=len(echoes.bursts), verdict=verdict)
+
+    def _flood(self, echoes: ScanEchoes) -> None:
+        """Let the water in, after the first picture of a scan; end the scan if it is of no use."""
+        problem = "" if echoes.begun else echoes.why
+        try:
+            if not problem:
+                self._tip.flood(True)
+        except MinorloopError as error:
+            problem = str(error)
+        if problem:
+            self._echoes = None
+            self._report("unscanned", text=problem)
+
+    def _fire(self, pan: float, tilt: float) -> None:
+        """Fire at a point of the scan, which was requested at a pan and tilt."""
+        if self._echoes is None:
+            self._report("unscanned", text="the camera was started anew")
+            return
+        self._echoes.fire(self._tip, self._now, self._position, (pan, tilt))
+
+    def _finish_scan(self) -> None:
+        """Hand the echoes over to be fitted, and end the scan."""
+        if self._echoes is None:
+            raise SignalError("no scan is on")
+        self.jobs.append(self._echoes.job())
+        self._end_scan()
+
+    def _end_scan(self) -> None:
+        """Drain the pipe, and drop the echoes."""
+        self._tip.flood(False)
+        self._echoes = None
+
+    # --- the echoes of a sweep
+
+    def _begin_sweep(self, *area: float) -> None:
+        """Flood the pipe for a sweep between two phi in radians and two z in metres."""
+        self._abort()
+        try:
+            self._tip.flood(True)
+        except MinorloopError as error:
+            self._report("unscanned", text=str(error))
+            return
+        phi, phi_end, z, z_end = area
+        self._sweep = SweepEchoes(self.view, (phi, phi_end), (z, z_end))
+        self._sweep.read(self._now, self._position)
+
+    def _fire_on(self) -> None:
+        """Fire on the way along a line of the sweep."""
+        if self._sweep is None:
+            self._report("unscanned", text="the camera was started anew")
+        else:
+            self._sweep.fire(self._tip)
+
+    def _end_sweep(self, whole: float) -> None:
+        """Drain the pipe, and hand over what was fired to be mapped."""
+        sweep, self._sweep = self._sweep, None
+        if sweep is not None and sweep.bursts:
+            self.jobs.append(sweep.job(whole=bool(whole)))
+        elif sweep is not None:
+            self._report("notice", text="nothing of the sweep was fired yet, so nothing is mapped")
+        self._tip.flood(False)

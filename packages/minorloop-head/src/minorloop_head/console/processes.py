@@ -1,0 +1,165 @@
+"""The processes of the console: plant, control loop, camera and server, under a supervisor.
+
+Each process imports only what it needs, and the supervisor none of it, so that they start fast.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from minorloop.lab.signals import Stopped, ended_by_signals
+from minorloop_head.console.auth import Authentication
+from minorloop_head.console.channel import NewestPipe
+from minorloop_head.console.settings import LoopSettings
+from minorloop_head.console.supervisor import Part, ProcessHandle, Supervisor, be_nice
+
+if TYPE_CHECKING:
+    from minorloop_head.control.head import HeadControl
+    from minorloop_head.procedures.calibration import HeadCalibration
+    from minorloop_head.procedures.head_file import HeadFile
+
+PIPES = (
+    ("loop", "plant"),
+    ("loop", "camera"),
+    ("loop", "server"),
+    ("camera", "server"),
+    ("plant", "camera"),
+)
+"""Processes that have a pipe to each other; that of plant and camera is for lights and pump."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Serving:
+    """Settings of the server.
+
+    Parameters
+    ----------
+    authentication : Authentication
+    listening : socket
+        Bound; a restarted server uses the same.
+    certificate, private_key : Path, optional
+        Files, for https.
+    """
+
+    authentication: Authentication
+    listening: socket.socket
+    certificate: Path | None = None
+    private_key: Path | None = None
+
+
+def supervised(
+    settings: LoopSettings,
+    how: Serving,
+    notify: Callable[[str], None],
+    tracking: socket.socket | None = None,
+    head: HeadFile | None = None,
+) -> None:
+    """Run the console until a signal ends it.
+
+    Parameters
+    ----------
+    settings : LoopSettings
+    how : Serving
+    notify : callable
+        Shows a sentence on a restarted process to the user.
+    tracking : socket, optional
+        Receives the packets of a tracker of the operator's head; a restarted loop uses the same.
+    head : HeadFile, optional
+        Of the head, which is identified at the start without it.
+    """
+    control, calibration, cold = None, None, (0.0, 0.0)
+    if head is not None:
+        control = head.control(interval=settings.interval, by_camera=not settings.sensors)
+        calibration, cold = head.calibration, tuple(control.cold.tolist())
+    parts = [
+        Part(name="plant", target=run_plant, args=(settings,), patience=settings.plant_patience),
+        Part(name="loop", target=run_loop, args=(settings, tracking, control)),
+        Part(name="camera", target=run_camera, args=(settings, calibration, cold), patience=2.0),
+        Part(name="server", target=serve, args=(settings, how), patience=2.0),
+    ]
+    supervisor = Supervisor(parts, PIPES, notify=notify)
+    try:
+        with contextlib.suppress(Stopped), ended_by_signals(exiting=True):
+            supervisor.start()
+            supervisor.run()
+    finally:
+        supervisor.end()
+
+
+def run_plant(handle: ProcessHandle, settings: LoopSettings) -> None:
+    """Run the plant; for a process of its own."""
+    from minorloop_head.console.watchdog import run
+
+    run(handle, settings)
+
+
+def run_loop(
+    handle: ProcessHandle,
+    settings: LoopSettings,
+    tracking: socket.socket | None,
+    control: HeadControl | None,
+) -> None:
+    """Run the control loop; for a process of its own."""
+    from minorloop_head.console.loop import run
+
+    run(handle, settings, tracking, control)
+
+
+def run_camera(
+    handle: ProcessHandle,
+    settings: LoopSettings,
+    calibration: HeadCalibration | None,
+    cold: tuple[float, float],
+) -> None:
+    """Run the camera; for a process of its own."""
+    from minorloop_head.console.camera_process import run
+
+    run(handle, settings, calibration, cold)
+
+
+def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
+    """Serve the pages until the supervisor ends; for a process of its own.
+
+    Parameters
+    ----------
+    handle : ProcessHandle
+        Gives pipes to the control loop and to the camera.
+    settings : LoopSettings
+    how : Serving
+    """
+    import uvicorn
+
+    from minorloop_head.console import serving
+    from minorloop_head.console.link import ConsoleLink
+    from minorloop_head.console.server import Console
+
+    loop, camera = NewestPipe(), NewestPipe()
+    stop = handle.begin(loop=loop, camera=camera)
+
+    class Supervised(uvicorn.Server):
+        async def on_tick(self, counter: int) -> bool:
+            handle.beat()
+            return stop.is_set() or await super().on_tick(counter)
+
+        @contextlib.contextmanager
+        def capture_signals(self) -> Iterator[None]:
+            yield  # signals are for the supervisor
+
+    be_nice(-5)  # the operator should not wait for other programs
+    serving.serve(
+        Console(
+            authentication=how.authentication,
+            loop=settings,
+            link=partial(ConsoleLink, loop=loop, camera=camera),
+        ),
+        how.listening,
+        certificate=how.certificate,
+        private_key=how.private_key,
+        server=Supervised,
+    )

@@ -1,0 +1,149 @@
+"""Findings and introduction as they are sent to the pages, in degrees and mm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from minorloop.arrays import FloatArray
+from minorloop_head.console import messages
+from minorloop_head.console.messages import DepthPatch, Pair, ReportedFinding
+from minorloop_head.console.modes import TeleopConfig
+from minorloop_head.console.units import degrees, mm
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.reconstruction import findings as tables
+from minorloop_head.reconstruction.findings import kind_of
+
+NO_ECHOES = "no echoes yet"
+"""Verdict before a finding was scanned."""
+
+
+def camera_finding(
+    number: int, t: float, hole: Mapping[str, float], radius: float
+) -> ReportedFinding:
+    """Return a finding by its outline alone."""
+    found = tables.outlined(hole["phi"], hole["z"], hole["diameter"], NO_ECHOES, radius=radius)
+    return _reported(number, t, found, round(hole["evidence"], 2))
+
+
+def swept_finding(number: int, t: float, found: Mapping[str, Any]) -> ReportedFinding:
+    """Return a find of a sweep; ``found`` has the fields of a `tables.Finding`."""
+    return _reported(number, t, tables.Finding(**found), None)
+
+
+def _reported(
+    number: int, t: float, found: tables.Finding, evidence: float | None
+) -> ReportedFinding:
+    return ReportedFinding(
+        number=number,
+        t=t,
+        kind=found.kind,
+        verdict=found.verdict,
+        phi=round(math.degrees(found.phi) % 360.0, 3),
+        phi_sd=degrees(found.phi_sd, 3),
+        z=mm(found.z),
+        z_sd=mm(found.z_sd),
+        diameter=mm(found.width),
+        diameter_sd=mm(found.width_sd),
+        depth=None if math.isnan(found.depth) else mm(found.depth),
+        depth_sd=None if math.isnan(found.depth_sd) else mm(found.depth_sd),
+        evidence=evidence,
+    )
+
+
+def with_depth(
+    finding: ReportedFinding, result: Mapping[str, Any], radius: float
+) -> ReportedFinding:
+    """Return the finding with the result of its echoes; values they did not give stay as before."""
+    changed: dict[str, Any] = {"verdict": result["verdict"], "kind": kind_of(result["verdict"])}
+    if result.get("diameter") is not None:
+        changed |= {
+            "phi": round(math.degrees(result["phi"]) % 360.0, 4),
+            "phi_sd": degrees(result["place_sd"] / radius),
+            "z": mm(result["z"]),
+            "z_sd": mm(result["place_sd"]),
+            "diameter": mm(result["diameter"]),
+            "diameter_sd": mm(result["diameter_sd"]),
+        }
+    for name in ("depth", "depth_sd"):
+        value = result.get(name)
+        changed[name] = None if value is None else mm(value)
+    patch = result.get("patch")
+    changed["patch"] = None if patch is None else msgspec.convert(patch, DepthPatch)
+    return msgspec.structs.replace(finding, **changed)
+
+
+def table_of(rows: Sequence[ReportedFinding]) -> str:
+    """Return findings as CSV, under the numbers that the pages show."""
+    header, *lines = tables.finding_table([in_si(row) for row in rows]).splitlines()
+    numbered = (
+        f"{row.number},{line.split(',', 1)[1]}" for row, line in zip(rows, lines, strict=True)
+    )
+    return "\n".join([header, *numbered, ""])
+
+
+def in_si(row: ReportedFinding) -> tables.Finding:
+    """Return a finding in radians and metres; its width and length are the diameter."""
+
+    def m(value: float | None) -> float:
+        return math.nan if value is None else 1e-3 * value
+
+    return tables.Finding(
+        row.kind,
+        row.verdict,
+        math.radians(row.phi),
+        math.radians(row.phi_sd),
+        m(row.z),
+        m(row.z_sd),
+        m(row.diameter),
+        m(row.diameter_sd),
+        m(row.diameter),
+        m(row.diameter_sd),
+        m(row.depth),
+        m(row.depth_sd),
+    )
+
+
+def introduction(
+    interval: float,
+    view: HeadCalibration,
+    config: TeleopConfig,
+    wires: Iterable[Any],
+    no_probe: str = "",
+) -> bytes:
+    """Return the message with camera, cone, planes of the wires, and why there is no probe."""
+    lens = view.lens
+    return messages.encode(
+        messages.Hello(
+            interval=interval,
+            view=messages.CameraView(
+                width=lens.width,
+                height=lens.height,
+                focal=lens.focal,
+                centre=lens.centre,
+                lever=view.lever,
+                radius=view.radius,
+            ),
+            known=view.to_dict(),
+            cone=degrees(config.gaze.cone),
+            stick=(mm(config.stick.advance), degrees(config.stick.roll)),
+            planes=[
+                messages.PlaneWeights(levels=wire.levels.tolist(), weights=_rows(wire.weights))
+                for wire in wires
+            ],
+            no_probe=no_probe,
+        )
+    )
+
+
+def pair(values: Iterable[float], digits: int = 3) -> Pair:
+    """Return two numbers, rounded for a message; NaN becomes null there."""
+    first, second = values
+    return round(float(first), digits), round(float(second), digits)
+
+
+def _rows(rows: FloatArray) -> list[list[float]]:
+    return [[round(float(x), 4) for x in row[: k + 1]] for k, row in enumerate(rows)]

@@ -1,0 +1,139 @@
+"""The echoes of a scan of a finding, collected point by point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.lab.actuator import Shot
+from minorloop_head.console.messages import Pair
+from minorloop_head.console.units import Position
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.measure import has_coupling
+from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.seen_base import SeenBase
+from minorloop_head.procedures.values import Tip
+from minorloop_head.ultrasound.echoes import Burst
+from minorloop_head.vision.calibrated_camera import Image
+
+_PATIENCE = 0.5
+"""Seconds after a burst for which a picture of its pose is waited for: more than the latency of a
+usual camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fired:
+    """A burst at a time, where joints and catheter were then, and where they were wanted."""
+
+    t: float
+    shots: list[Shot]
+    position: Position
+    wanted: Pair
+
+
+class ScanEchoes:
+    """Bursts of a scan in progress, each with the pose that the pictures show.
+
+    Parameters
+    ----------
+    view : HeadCalibration
+    finding : int
+        Its number.
+    centre : (float, float)
+        Phi in radians and z in metres by the camera.
+    diameter : float
+        By the camera, in metres.
+    """
+
+    def __init__(self, view: HeadCalibration, finding: int, centre: Pair, diameter: float) -> None:
+        self._view, self._finding = view, finding
+        self._centre, self._diameter = centre, diameter
+        self._scan = RasterScan(calibration=view)
+        self._base = SeenBase(view)
+        self._fired: _Fired | None = None
+        self._reference: FloatArray | None = None
+        self.bursts: list[Burst] = []
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a picture of the drained pipe, in which nothing sways the head."""
+        return self._base.begun
+
+    @property
+    def why(self) -> str:
+        """Why the last picture did not show how the head is turned; empty if it did."""
+        return self._base.why
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a picture is needed now."""
+        return not self.begun or self._fired is not None
+
+    def read(self, t: float, position: Position) -> None:
+        """Note where joints and catheter are at a time in seconds."""
+        self._base.read(t, position[:2], position[2:])
+
+    def see(self, image: Image, t: float) -> None:
+        """Use a picture under all lights that was taken at a time; the first is of a drained pipe.
+
+        Parameters
+        ----------
+        image : (height, width) array of uint8
+        t : float
+            In seconds.
+        """
+        if self.begun:
+            self._base.see(image, t)
+        else:
+            self._base.begin(image, t)
+
+    def fire(self, tip: Tip, t: float, position: Position, wanted: Pair) -> None:
+        """Fire a burst at a time in seconds, at a position, where a pan and tilt were wanted."""
+        self._fired = _Fired(t, tip.shots(self._scan.shots), position, wanted)
+
+    def arrived(self, t: float) -> str | None:
+        """Return the verdict of the burst that was fired; None until pictures show its pose.
+
+        A burst whose pose is not seen in time is dropped.
+
+        Parameters
+        ----------
+        t : float
+            Now, in seconds.
+        """
+        fired = self._fired
+        if fired is None:
+            return None
+        base = self._base.at(fired.t)
+        if np.isfinite(base).all():
+            self._fired = None
+            return self._kept(fired, np.add(fired.position[:2], base))
+        if t - fired.t < _PATIENCE:
+            return None
+        self._fired = None
+        return f"pose not seen: {self.why}"
+
+    def _kept(self, fired: _Fired, angles: FloatArray) -> str:
+        """Keep a burst that was fired at a line of sight, and return why it is unusable."""
+        place, coupled = fired.position[2:], has_coupling(self.bursts)
+        if self._reference is None:
+            self._reference = self._scan.rolled(self._centre[0], place)
+        about = fired.wanted, place, self._reference
+        burst = self._scan.burst(fired.shots, angles, *about, coupled=coupled)
+        self.bursts.append(burst)
+        return burst.verdict
+
+    def job(self) -> dict[str, Any]:
+        """Return the arguments of `minorloop_head.console.depth_work.depth`."""
+        return {
+            "finding": self._finding,
+            "bursts": self.bursts,
+            "probe": self._view.probe_at(
+                (0.0, 0.0) if self._reference is None else self._reference
+            ),
+            "centre": self._centre,
+            "diameter": self._diameter,
+        }

@@ -1,0 +1,222 @@
+"""Run the server of the pages with uvicorn, with limits for strangers.
+
+uvicorn limits neither the time of a slow request nor the number of connections (its
+``limit_concurrency`` refuses the pilot with all others). The listening socket does both. The
+protocol below answers requests that are too long, in such a way that the answer arrives.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import h11
+import uvicorn
+from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.exceptions import InvalidState
+
+from minorloop_head.console.connections import Limits, Listener, Selector, mark
+from minorloop_head.console.server import Console
+
+LONGEST_HEADER = 8000
+"""Bytes of the address of a request, and of each header; the websocket library allows no more."""
+_LONGEST_HEAD, _MOST_HEADERS = 1 << 16, 100
+"""Bytes and number of all headers of a request."""
+_LINGER = 2.0
+"""Seconds that a refused connection stays open, for the answer to arrive."""
+_LONG = (
+    f"the address of the request or one of its headers is longer than {LONGEST_HEADER} bytes, or "
+    f"there are more than {_MOST_HEADERS} headers; shorten the name of the file, or remove the "
+    "cookies of this host in your browser"
+)
+_UNREADABLE = "this is not a valid HTTP request; open the address that the console printed"
+
+
+def serve(
+    console: Console,
+    listening: socket.socket,
+    *,
+    certificate: Path | str | None = None,
+    private_key: Path | str | None = None,
+    limits: Limits | None = None,
+    server: type[uvicorn.Server] = uvicorn.Server,
+) -> None:
+    """Serve until a signal ends it.
+
+    It may run again with the same authentication: browsers that have the cookie stay connected.
+
+    Parameters
+    ----------
+    console : Console
+    listening : socket.socket
+        A bound socket; it is closed at the end.
+    certificate, private_key : path, optional
+        PEM files, for https.
+    limits : Limits, optional
+        Limits of strangers.
+    server : type, optional
+        Its class; a subclass may decide when it ends.
+    """
+    listener = Listener(listening, limits)
+    config = uvicorn.Config(
+        _Marking(console.app(), listener),
+        http=ConsoleHttp,
+        ws=Sockets,
+        log_level="warning",
+        access_log=False,
+        proxy_headers=False,  # connections are found by the address of their client
+        h11_max_incomplete_event_size=_LONGEST_HEAD,
+        ws_max_size=1 << 14,
+        ws_max_queue=64,
+        ws_per_message_deflate=False,
+        ws_ping_interval=10.0,
+        ws_ping_timeout=10.0,
+        ssl_certfile=None if certificate is None else str(certificate),
+        ssl_keyfile=None if private_key is None else str(private_key),
+        timeout_graceful_shutdown=2,
+        server_header=False,
+    )
+    for name in ("uvicorn.error", "asyncio"):
+        logging.getLogger(name).addFilter(RateLimitedLog())
+
+    def events() -> asyncio.AbstractEventLoop:
+        return asyncio.SelectorEventLoop(Selector(listener))
+
+    with asyncio.Runner(loop_factory=events) as runner:
+        runner.run(_served(server(config), listener))
+
+
+async def _served(server: uvicorn.Server, listener: Listener) -> None:
+    sweeping = asyncio.create_task(listener.sweeping())
+    try:
+        await server.serve(sockets=[listener])
+    finally:
+        sweeping.cancel()
+
+
+class _Marking:
+    """Writes the connection of each request into its scope.
+
+    A request that is cut off when the server ends is no error of the application.
+    """
+
+    def __init__(self, app: ASGIApp, listener: Listener) -> None:
+        self._app, self._listener = app, listener
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "lifespan":
+            mark(scope, self._listener)
+        with suppress(asyncio.CancelledError):
+            await self._app(scope, receive, send)
+
+
+class ConsoleHttp(H11Protocol):
+    """HTTP protocol that answers a bad request with a sentence before it closes the connection."""
+
+    _refused = False
+
+    def data_received(self, data: bytes) -> None:
+        """Receive data; data after a refusal is read and ignored, so that the answer arrives."""
+        if not self._refused:
+            super().data_received(data)
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        """Refuse a request that the websocket library would close without an answer."""
+        if self._too_long(event):
+            self._refuse(431, _LONG)
+        else:
+            super().handle_websocket_upgrade(event)
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer a request that cannot be read."""
+        hint = getattr(sys.exc_info()[1], "error_status_hint", 400)
+        self._refuse(hint, _LONG if hint == 431 else _UNREADABLE)
+
+    def shutdown(self) -> None:
+        """Close the connection, also one that was refused."""
+        if self._refused:
+            self.transport.close()
+        else:
+            super().shutdown()
+
+    def _too_long(self, event: h11.Request) -> bool:
+        headers = event.headers.raw_items()
+        longest = max([len(event.target), *(len(name) + len(value) for name, value in headers)])
+        return longest > LONGEST_HEADER or len(headers) > _MOST_HEADERS
+
+    def _refuse(self, status: int, sentence: str) -> None:
+        self._refused = True
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+            if self.cycle.response_started:
+                self.transport.close()
+                return
+        body = (sentence + "\n").encode()
+        head = (
+            f"HTTP/1.1 {status} Refused\r\nContent-Type: text/plain; charset=utf-8\r\n"
+            f"Content-Length: {len(body)}\r\nConnection: close\r\n"
+            "X-Content-Type-Options: nosniff\r\n\r\n"
+        )
+        self.transport.write(head.encode() + body)
+        self.flow.resume_reading()
+        self.loop.call_later(_LINGER, self.transport.abort)
+
+
+class Sockets(WebSocketsSansIOProtocol):
+    """Websocket protocol that may already be closing when the server ends.
+
+    A text that is not UTF-8 closes the connection with a reason, instead of a traceback in the log.
+    """
+
+    def send_receive_event_to_app(self) -> None:
+        """Pass on a whole message."""
+        try:
+            if self.curr_msg_data_type == "text":
+                b"".join(self.frames).decode()
+        except UnicodeDecodeError:
+            self.frames = []
+            self.conn.send_close(1007, "the message is not UTF-8; send JSON texts")
+            self.handle_parser_exception()
+        else:
+            super().send_receive_event_to_app()
+
+    def shutdown(self) -> None:
+        """Close the connection."""
+        try:
+            super().shutdown()
+        except InvalidState:
+            self.transport.close()
+
+
+class RateLimitedLog(logging.Filter):
+    """Log filter that lets few messages through in a time.
+
+    Parameters
+    ----------
+    most : int
+    seconds : float
+    """
+
+    def __init__(self, most: int = 5, seconds: float = 10.0) -> None:
+        super().__init__()
+        self._most, self._seconds = most, seconds
+        self._began, self._count = -seconds, 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether a message may pass; the first after a pause says how many did not."""
+        now = time.monotonic()
+        if now - self._began >= self._seconds:
+            missing, self._began, self._count = self._count - self._most, now, 0
+            if missing > 0:
+                record.msg = f"{record.getMessage()} ({missing} more messages were left out)"
+                record.args = ()
+        self._count += 1
+        return self._count <= self._most

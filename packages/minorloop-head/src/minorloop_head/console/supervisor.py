@@ -1,0 +1,292 @@
+"""The supervisor: it starts the processes of the console, and restarts those that end or hang.
+
+The processes have pipes to one another (`NewestPipe`); when one is restarted, the others get new
+pipes to it. When the supervisor ends, however it ends, each of them ends by itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import multiprocessing
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing import connection, resource_tracker
+from multiprocessing.connection import Connection
+from typing import Any, cast
+
+from minorloop_head.console.channel import NewestPipe
+
+_CONTEXT = multiprocessing.get_context("spawn")
+_POLL = 0.05
+_SUSPENDED = 0.5
+"""Seconds between two checks after which the machine itself was suspended, not a process."""
+BEGINNING = 180.0
+"""Seconds in which a process must start, on a busy machine."""
+_LEAST_INTERVAL = 1.0
+"""Seconds between two starts of the same process."""
+_ENDING = 8.0
+"""Seconds in which a process must end before it is killed."""
+_TERMINAL = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP")
+    if hasattr(signal, name)
+]
+_SET_DEATH_SIGNAL, _SET_NAME = 1, 15  # of prctl
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """A process of the console.
+
+    Parameters
+    ----------
+    name : str
+    target : callable
+        Function that it runs, with a `ProcessHandle` and the arguments.
+    args : tuple
+    patience : float
+        Seconds without a heartbeat after which it counts as hanging.
+    """
+
+    name: str
+    target: Callable[..., None]
+    args: tuple[Any, ...] = ()
+    patience: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessHandle:
+    """Connection of a process to its supervisor.
+
+    Parameters
+    ----------
+    name : str
+        Of the process.
+    names : tuple of str
+        Of all of them.
+    control : socket
+        Delivers new pipes, and ends with the supervisor.
+    beats : array of float
+        Time of the last heartbeat of each process, on the monotonic clock; 0 before the first.
+    again : bool
+        Whether the process was restarted.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    control: socket.socket
+    beats: Any
+    again: bool = False
+
+    def begin(self, **channels: NewestPipe) -> threading.Event:
+        """Start receiving pipes; return an event that is set when this process has to end."""
+        for number in _TERMINAL:  # signals of the terminal are for the supervisor
+            signal.signal(number, _nothing)
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, _TERMINAL)
+        bind_to_parent(f"console-{self.name}", signal.SIGCONT)  # a stopped one continues, and ends
+        stop = threading.Event()
+        threading.Thread(target=self._receive_pipes, args=(channels, stop), daemon=True).start()
+        return stop
+
+    def beat(self) -> None:
+        """Give a heartbeat."""
+        self.beats[self.names.index(self.name)] = time.monotonic()
+
+    def _receive_pipes(self, channels: Mapping[str, NewestPipe], stop: threading.Event) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                number, handles, *_ = socket.recv_fds(self.control, 1, 1)
+                if not number:
+                    break
+                channels[self.names[number[0]]].renew(Connection(handles[0]))
+        stop.set()
+        time.sleep(_ENDING)
+        os._exit(1)
+
+
+class _Running:
+    """A started process."""
+
+    def __init__(self, part: Part, names: tuple[str, ...], beats: Any, again: bool) -> None:
+        self.part, self._beats, self._place = part, beats, names.index(part.name)
+        beats[self._place] = 0.0
+        self.control, theirs = socket.socketpair()
+        handle = ProcessHandle(part.name, names, theirs, beats, again)
+        self.process = _CONTEXT.Process(
+            target=part.target, args=(handle, *part.args), name=part.name
+        )
+        self.began, self.killed = time.monotonic(), False
+        self._not_stopped = self.began
+        with theirs, _signals_blocked():
+            self.process.start()
+
+    def hangs(self, now: float) -> bool:
+        """Return whether heartbeats are missing, or it was stopped before the first."""
+        beat = self._beats[self._place]
+        if beat != 0.0:
+            return bool(now - beat > self.part.patience)
+        if not is_stopped(self.process.pid or 0):
+            self._not_stopped = now
+        return now - self._not_stopped > self.part.patience or now - self.began > BEGINNING
+
+    def give(self, number: int, pipe: Connection) -> None:
+        """Send a pipe to the process, and close it here."""
+        with pipe, contextlib.suppress(OSError):  # a process that has just ended is restarted
+            socket.send_fds(self.control, [bytes([number])], [pipe.fileno()])
+
+
+class Supervisor:
+    """Processes and the pipes between them.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        In the order of their start.
+    pipes : sequence of (str, str)
+        Names of processes that have a pipe to each other.
+    notify : callable, optional
+        Shows a sentence to the user.
+    """
+
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        pipes: Sequence[tuple[str, str]],
+        *,
+        notify: Callable[[str], None] = lambda sentence: None,
+    ) -> None:
+        self._parts, self._pipes, self._notify = parts, pipes, notify
+        self._names = tuple(part.name for part in parts)
+        self._beats = _CONTEXT.RawArray("d", len(parts))
+        self._running: dict[str, _Running] = {}
+
+    def start(self) -> None:
+        """Start all processes."""
+        resource_tracker.ensure_running()  # later, it would let signals through to a new process
+        for part in self._parts:
+            self._start(part)
+
+    def run(self) -> None:
+        """Supervise forever; an exception, such as Ctrl-C, ends it."""
+        while True:
+            self.check()
+
+    def check(self) -> None:
+        """Wait a moment, then restart processes that have ended, and kill those that hang.
+
+        One that ends with status 0 does so because another did: only of the other is the user told.
+        """
+        before = time.monotonic()
+        alive = {p.sentinel: p for p in (r.process for r in self._running.values()) if p.is_alive()}
+        for ended in connection.wait(list(alive), timeout=_POLL):
+            alive[cast(int, ended)].join(_POLL)  # its pipes are closed before it has ended
+        now = time.monotonic()
+        suspended = now - before > _SUSPENDED
+        for name, running in list(self._running.items()):
+            if running.process.is_alive():
+                if not suspended and not running.killed and running.hangs(now):
+                    self._notify(f"the {name} process hangs; it is killed and restarted")
+                    running.killed = True
+                    running.process.kill()
+            elif now - running.began > _LEAST_INTERVAL:
+                if not running.killed and running.process.exitcode != 0:
+                    self._notify(f"the {name} process has ended; it is restarted")
+                running.control.close()
+                running.process.close()
+                self._start(running.part)
+
+    def pid(self, name: str) -> int:
+        """Return the process id of a process by its name."""
+        return self._running[name].process.pid or 0
+
+    def end(self) -> None:
+        """Ask all processes to end, and kill those that do not."""
+        for running in self._running.values():
+            running.control.close()
+        deadline = time.monotonic() + _ENDING
+        for running in self._running.values():
+            running.process.join(max(deadline - time.monotonic(), 0.0))
+            if running.process.is_alive():
+                running.process.kill()
+                running.process.join()
+
+    def _start(self, part: Part) -> None:
+        again = part.name in self._running
+        self._running[part.name] = _Running(part, self._names, self._beats, again)
+        for pair in self._pipes:
+            if part.name in pair and all(name in self._running for name in pair):
+                ends = _CONTEXT.Pipe()
+                for name, other, end in zip(pair, reversed(pair), ends, strict=True):
+                    self._running[name].give(self._names.index(other), end)
+
+
+def bind_to_parent(name: str, death: int) -> None:
+    """Name this process and have Linux signal it when its parent ends; elsewhere do nothing."""
+    with contextlib.suppress(OSError, AttributeError):
+        system = ctypes.CDLL(None)
+        system.prctl(_SET_NAME, name.encode()[:15], 0, 0, 0)
+        system.prctl(_SET_DEATH_SIGNAL, death, 0, 0, 0)
+
+
+def raise_priority() -> None:
+    """Give this thread real-time priority, where the system allows it.
+
+    A tick takes some milliseconds of forty, so that other programs still run.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+
+
+def be_nice(by: int) -> None:
+    """Change the niceness of this process; few systems allow less of it."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(by)
+
+
+def limit_resources(memory: int, file: int) -> None:
+    """Limit this process to bytes of memory for data, and of each file that it writes.
+
+    An allocation beyond the limit then raises `MemoryError`, and a write `OSError`. Address space
+    is no measure: libraries reserve more of it than they use. Windows has no such limits, and
+    macOS does not enforce that of memory.
+    """
+    with contextlib.suppress(ImportError):
+        import resource
+
+        for kind, most in ((resource.RLIMIT_DATA, memory), (resource.RLIMIT_FSIZE, file)):
+            _, hard = resource.getrlimit(kind)
+            lower = most if hard == resource.RLIM_INFINITY else min(most, hard)
+            resource.setrlimit(kind, (lower, hard))
+
+
+def is_stopped(child: int) -> bool:
+    """Return whether a signal has stopped a child; False if the system cannot tell."""
+    if not hasattr(os, "waitid"):
+        return False
+    with contextlib.suppress(ChildProcessError):
+        return os.waitid(os.P_PID, child, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    return False
+
+
+@contextlib.contextmanager
+def _signals_blocked() -> Iterator[None]:
+    """Block signals of the terminal; a process that is started meanwhile unblocks them itself."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _TERMINAL)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _nothing(*_: object) -> None:
+    """Do nothing with a signal; child processes inherit ignored signals, but not this handler."""

@@ -1,0 +1,129 @@
+"""Pose of the operator's head from a tracker that speaks the UDP protocol of OpenTrack.
+
+A packet is six little-endian doubles: x, y and z in cm, then yaw, pitch and roll in degrees. Yaw to
+the right and pitch upward are positive; a tracker that counts otherwise has a setting to invert an
+axis. Only the angles are used. The packets have no sender's name and no checksum, so whoever
+reaches the port can turn the head within its cone while it follows the tracker.
+"""
+
+from __future__ import annotations
+
+import math
+import socket
+import struct
+
+from minorloop.errors import ParameterError
+from minorloop_head.console.head_pose import Quaternion, pose_of
+
+PACKET = struct.Struct("<6d")
+"""x, y, z in cm; yaw, pitch, roll in degrees."""
+_FARTHEST, _WIDEST = 1e4, 360.0
+"""Largest position in cm and angle in degrees that is accepted."""
+_JUMP = math.radians(30.0)
+"""Largest turn from one packet to the next. A head turns by 600 degrees a second at most, and
+trackers send 30 packets a second or more."""
+_MOST = 1000
+"""Packets that are read in a tick; a flood must not delay it."""
+
+
+class UdpTracker:
+    """A tracker that sends packets to a socket.
+
+    Parameters
+    ----------
+    receiving : socket
+        Bound, as `listening_for` makes it.
+    """
+
+    def __init__(self, receiving: socket.socket) -> None:
+        self._socket = receiving
+        self._socket.setblocking(False)
+        self._pose: Quaternion | None = None
+        self._at = -math.inf
+
+    def read(self, now: float) -> tuple[Quaternion | None, float, str]:
+        """Read the packets since the last call, without waiting.
+
+        Parameters
+        ----------
+        now : float
+            Time in seconds.
+
+        Returns
+        -------
+        pose : quaternion or None
+            Newest pose; None if a packet since the last call was damaged or jumped.
+        age : float
+            Seconds since it was read; infinite if there was none.
+        problem : str
+            Why there is no pose, or why it may become too old.
+        """
+        problem = ""
+        for _ in range(_MOST):
+            try:
+                packet = self._socket.recv(PACKET.size + 1)
+            except OSError:  # there is none
+                break
+            problem = self._take(packet, now) or problem
+        if problem:
+            return None, math.inf, problem
+        return self._pose, now - self._at, "the tracker sends nothing"
+
+    def _take(self, packet: bytes, now: float) -> str:
+        """Take in a packet; return what is wrong with it, empty if nothing is."""
+        pose, before = decoded(packet), self._pose
+        if pose is None:
+            return "the tracker sent a damaged packet"
+        self._pose, self._at = pose, now
+        if before is not None and angle_between(before, pose) > _JUMP:
+            return "the pose of the tracker jumped"
+        return ""
+
+
+def decoded(packet: bytes) -> Quaternion | None:
+    """Return the pose in a packet; None if the packet is damaged."""
+    if len(packet) != PACKET.size:
+        return None
+    numbers = PACKET.unpack(packet)
+    place, angles = numbers[:3], numbers[3:]
+    # Written so that NaN is refused.
+    if not (all(abs(x) <= _FARTHEST for x in place) and all(abs(x) <= _WIDEST for x in angles)):
+        return None
+    return pose_of(*(math.radians(angle) for angle in angles))
+
+
+def angle_between(one: Quaternion, other: Quaternion) -> float:
+    """Return the angle of the turn from one pose to another, in radians."""
+    cosine = abs(sum(a * b for a, b in zip(one, other, strict=True)))
+    return 2.0 * math.acos(min(cosine, 1.0))
+
+
+def listening_for(address: str) -> socket.socket:
+    """Return a socket that receives the packets of a tracker.
+
+    Parameters
+    ----------
+    address : str
+        ``udp:PORT`` receives from this machine only, ``udp:HOST:PORT`` at the address of this
+        machine that is called HOST; ``udp:0.0.0.0:PORT`` at all of them.
+
+    Raises
+    ------
+    ParameterError
+        If the address is not one of a tracker, or its port cannot be used.
+    """
+    kind, _, place = address.partition(":")
+    host, _, port = place.rpartition(":")
+    if kind != "udp" or not (port.isascii() and port.isdigit() and 0 <= int(port) <= 65535):
+        raise ParameterError(f"there is no tracker at {address!r}; give udp:PORT or udp:HOST:PORT")
+    host = host.strip("[]") or "127.0.0.1"
+    receiving = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        receiving.bind((host, int(port)))
+    except OSError as error:
+        receiving.close()
+        raise ParameterError(
+            f"cannot listen for a tracker on {host} port {port}: {error.strerror or error}; give "
+            "another port to --tracker"
+        ) from None
+    return receiving

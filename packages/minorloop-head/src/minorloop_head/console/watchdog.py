@@ -1,0 +1,343 @@
+"""The process of the plant, which makes the plant safe when no command comes.
+
+The control loop sends the inputs of each tick and gets the readings back. When the loop is silent
+or ends, the plant is made safe, and stays safe until a loop acknowledges it: each command carries
+the last such time that its sender has acknowledged, and is ignored if that is not the last one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+import threading
+import time
+from multiprocessing import connection
+from multiprocessing.connection import Connection
+
+import msgspec
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import MinorloopError, SafetyError
+from minorloop_head.console.bench_lines import carry_out
+from minorloop_head.console.channel import NewestPipe
+from minorloop_head.console.plant import open_plant
+from minorloop_head.console.settings import LoopSettings
+from minorloop_head.console.supervisor import ProcessHandle, raise_priority
+from minorloop_head.procedures.values import Plant
+
+_LOST = (math.nan,) * 4
+_REST = np.zeros(4)
+_SILENT = "no command came from the control loop for {:g} s"
+_ENDED = "the control loop ended"
+_RESTARTED = "its process was restarted"
+_BACK = "a device of the head was lost, and is back"
+_POLL = 0.1
+_AGAIN = 0.5
+"""Seconds until a plant that is missing is opened again."""
+
+
+class Command(msgspec.Struct, frozen=True, array_like=True):
+    """Inputs of a tick, and when the plant was last made safe, as the loop has acknowledged."""
+
+    known: float
+    u: list[float]
+
+
+class Answer(msgspec.Struct, frozen=True, array_like=True):
+    """Readings at the end of a tick.
+
+    Parameters
+    ----------
+    safe_at : float
+        When the plant was last made safe, in seconds on the monotonic clock; 0 if never.
+    why : str
+        Why it was made safe.
+    tick : float
+        In seconds.
+    y, stance : list of float
+        As of `Plant`; NaN where a sensor is lost, and where nothing was read.
+    safe : bool
+        Whether the plant has confirmed that it is safe, when it was last made safe.
+    time : float, optional
+        As of `Plant`.
+    """
+
+    safe_at: float
+    why: str
+    tick: float
+    y: list[float]
+    stance: list[float]
+    safe: bool = True
+    time: float | None = None
+
+
+# Made while the module is imported: see `minorloop_head.console.messages`.
+_commands = msgspec.msgpack.Decoder(Command)
+_answers = msgspec.msgpack.Decoder(Answer)
+
+
+def run(handle: ProcessHandle, settings: LoopSettings) -> None:
+    """Pass commands on to the plant until the supervisor ends; for a process of its own."""
+    loop, camera = NewestPipe(), NewestPipe()
+    stop = handle.begin(loop=loop, camera=camera)
+    plant = _opened(settings, loop, handle, stop)
+    if plant is None:
+        return
+    raise_priority()
+    watched = WatchedPlant(plant, settings.patience, _RESTARTED if handle.again else "")
+    try:
+        watched.serve(loop, handle, stop, camera)
+    finally:
+        _end(plant)
+
+
+def _end(plant: Plant) -> None:
+    """Make the plant safe, and close its devices; say so if it may still be on."""
+    try:
+        plant.safe()
+    except SafetyError as error:
+        print(f"error: {error}", file=sys.stderr)
+    finally:
+        _close(plant)
+
+
+def _close(plant: Plant | None) -> None:
+    """Close the devices of a plant that has any."""
+    getattr(plant, "close", lambda: None)()
+
+
+def _opened(
+    settings: LoopSettings, loop: NewestPipe, handle: ProcessHandle, stop: threading.Event
+) -> Plant | None:
+    """Return the plant as soon as it can be opened, and tell loops why it cannot.
+
+    The first heartbeat comes after the first attempt, which may have to import and compile.
+    """
+    last = None
+    while not stop.is_set():
+        plant = None
+        try:
+            plant = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
+            plant.exchange(_REST)  # compiles what the first command would wait for
+            return plant
+        except (MinorloopError, ImportError) as error:
+            why = str(error)
+            _close(plant)
+        handle.beat()
+        pipe = loop.next(last, _AGAIN)
+        if pipe is not None:
+            last = pipe
+            missing = Answer(time.monotonic(), why, settings.interval, list(_LOST), [], safe=False)
+            with contextlib.suppress(OSError):
+                pipe.send_bytes(msgspec.msgpack.encode(missing))
+        stop.wait(_AGAIN)
+    return None
+
+
+class WatchedPlant:
+    """A plant that is made safe when no command comes.
+
+    Parameters
+    ----------
+    plant : Plant
+    patience : float
+        Seconds to wait for a command.
+    why : str
+        Why it must be made safe before anything else; empty if it was not used before.
+    """
+
+    def __init__(self, plant: Plant, patience: float, why: str = "") -> None:
+        self._plant, self._patience = plant, patience
+        self.safe_at, self.why, self.is_safe = 0.0, "", True
+        self._y, self._used = list(_LOST), False
+        self._lines: NewestPipe | None = None
+        self._make_safe(why)
+        if not why and self.is_safe:
+            self.safe_at = 0.0
+
+    def serve(
+        self,
+        loop: NewestPipe,
+        handle: ProcessHandle,
+        stop: threading.Event,
+        lines: NewestPipe | None = None,
+    ) -> None:
+        """Answer one loop after the other until the event is set.
+
+        Parameters
+        ----------
+        loop : NewestPipe
+        handle : ProcessHandle
+        stop : Event
+        lines : NewestPipe, optional
+            Commands for lights and pump.
+        """
+        self._lines, last = lines, None
+        while not stop.is_set():
+            handle.beat()
+            pipe = loop.next(last, _POLL)
+            if pipe is None:
+                continue
+            last = pipe
+            with contextlib.suppress(EOFError, OSError):
+                while pipe.poll():  # sent while the plant was missing
+                    pipe.recv_bytes()
+                pipe.send_bytes(msgspec.msgpack.encode(self._answer()))
+                while not stop.is_set():
+                    handle.beat()
+                    self._answer_next(pipe)
+            self._stop(_ENDED)
+
+    def _answer_next(self, pipe: Connection) -> None:
+        if not self._waited(pipe):
+            self._stop(_SILENT.format(self._patience))
+            return
+        command = _commands.decode(pipe.recv_bytes())
+        if not self.is_safe:
+            self._make_safe(_BACK)
+        elif command.known == self.safe_at:
+            self._carry_out(command)
+        pipe.send_bytes(msgspec.msgpack.encode(self._answer()))
+
+    def _waited(self, pipe: Connection) -> bool:
+        """Return whether a command comes in time; switch lights and pump meanwhile."""
+        deadline = time.monotonic() + self._patience
+        while True:
+            lines = None if self._lines is None else self._lines.next(None, 0.0)
+            waiting = [pipe] if lines is None or lines.closed else [pipe, lines]
+            ready = connection.wait(waiting, max(deadline - time.monotonic(), 0.0))
+            if pipe in ready:
+                return True
+            if not ready:
+                return False
+            self._switch(waiting[1])
+
+    def _switch(self, lines: Connection) -> None:
+        """Switch lights and pump; after a failure the plant was made safe."""
+        try:
+            carry_out(self._plant, lines)  # type: ignore[arg-type]
+        except (EOFError, OSError):
+            lines.close()
+
+    def _carry_out(self, command: Command) -> None:
+        self._used = True
+        try:
+            self._y = np.asarray(self._plant.exchange(np.array(command.u))).tolist()
+        except (MinorloopError, OSError) as error:
+            self._y = list(_LOST)
+            self._make_safe(f"a command could not be carried out: {error}")
+
+    def _stop(self, why: str) -> None:
+        """Make it safe if it was used since it was last made safe."""
+        if self._used:
+            self._make_safe(why)
+
+    def _make_safe(self, why: str) -> None:
+        """Make the plant safe; where it does not confirm, the next command tries again."""
+        was_safe, self.is_safe = self.is_safe, True
+        try:
+            self._plant.safe()
+        except SafetyError as error:
+            self.is_safe = False
+            if not was_safe:
+                return
+            why = str(error)
+        self.safe_at, self.why, self._used = time.monotonic(), why, False
+
+    def _answer(self) -> Answer:
+        stance = list(self._plant.stance())
+        tick, now = self._plant.tick, self._plant.time
+        return Answer(self.safe_at, self.why, tick, self._y, stance, self.is_safe, now)
+
+
+class RemotePlant:
+    """The plant in another process, for the control loop.
+
+    Parameters
+    ----------
+    channel : NewestPipe
+        To that process.
+    patience : float
+        Seconds without an answer after which it counts as silent, and nothing waits any more.
+    wait : float, optional
+        Longest time in seconds that one exchange waits; the patience without it. A plant that is
+        late then costs a reading, which is NaN, and does not delay the loop.
+    """
+
+    def __init__(self, channel: NewestPipe, patience: float, wait: float | None = None) -> None:
+        self._channel, self._patience = channel, patience
+        self._wait = patience if wait is None else wait
+        self._pipe: Connection | None = None
+        self._waiting, self._sent = True, -math.inf
+        self.responds = False
+        self.answer = Answer(0.0, "", 0.0, list(_LOST), [])
+        self._known = 0.0
+
+    @property
+    def tick(self) -> float:
+        """How long one ``exchange`` takes, in seconds."""
+        return self.answer.tick
+
+    @property
+    def time(self) -> float | None:
+        """As of `Plant`, at its last answer."""
+        return self.answer.time
+
+    def meet(self, timeout: float) -> bool:
+        """Wait for its first answer, which has the first readings; return whether it came."""
+        pipe = self._channel.next(self._pipe, timeout)
+        if pipe is not None:
+            self._pipe, self._waiting = pipe, True
+        self.responds = self._receive(timeout)
+        return self.responds
+
+    def exchange(self, u: FloatArray) -> FloatArray:
+        """Apply inputs for a tick; return the readings, NaN without an answer in time.
+
+        While an answer is late nothing further is sent.
+        """
+        pipe = self._channel.next(self._pipe, 0.0)
+        if pipe is not None:
+            self._pipe, self._waiting = pipe, True
+        if not self._waiting and self._pipe is not None:
+            self._sent = -math.inf  # one that has ended takes nothing
+            with contextlib.suppress(OSError):
+                command = Command(self._known, np.asarray(u).tolist())
+                self._pipe.send_bytes(msgspec.msgpack.encode(command))
+                self._waiting, self._sent = True, time.monotonic()
+        answered = self._receive(self._wait if self.responds else 0.0)
+        late = time.monotonic() - self._sent < self._patience
+        self.responds = answered or (self.responds and late)
+        return np.array(self.answer.y if answered else _LOST)
+
+    def accept(self) -> None:
+        """Acknowledge that it was made safe; commands are carried out again."""
+        self._known = self.answer.safe_at
+
+    @property
+    def made_safe(self) -> bool:
+        """Whether it was made safe since the last `accept`."""
+        return self.answer.safe_at != self._known
+
+    def stance(self) -> tuple[float, ...]:
+        """Return where the simulated tip is; see `Plant.stance`."""
+        return tuple(self.answer.stance)
+
+    def safe(self) -> None:
+        """Close the pipe; the plant then makes itself safe."""
+        if self._pipe is not None:
+            self._pipe.close()
+
+    def _receive(self, patience: float) -> bool:
+        if self._pipe is None or not self._waiting:
+            return False
+        try:
+            if self._pipe.poll(patience):
+                self.answer = _answers.decode(self._pipe.recv_bytes())
+                self._waiting = False
+                return True
+        except (EOFError, OSError):  # it has ended: nothing is late
+            self._sent = -math.inf
+        return False

@@ -1,0 +1,255 @@
+"""Certainty equivalence: control with the newest estimate of the model.
+
+The observer's bias, which is fast, compensates ambient and convection. What a bias does not
+explain, because it differs between targets, changes the weights of the operator: from settled
+samples only, in small steps, undone if predictions become worse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from minorloop.identification.recursive import Recursive, RecursiveState
+from minorloop.operators.preisach import Preisach
+from minorloop_head.control.controller import width, within
+from minorloop_head.control.observer import Estimate, ObserverControl, ObserverState
+from minorloop_head.heated_wire import HeatedState, HeatedWire
+
+_STILL_DEGREES, _STILL_POWER = 0.4, 0.01
+"""A wire is settled within so many degrees of its target and this share of the range of power."""
+_MOVED = 0.02
+"""Share of the range of power between samples that are learnt: nearer ones tell nothing new."""
+_BIAS_SHARE, _SCORE_SHARE = 0.2, 0.1
+"""Share of a new sample in the slow bias and in the smoothed errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveEstimate:
+    """Estimate of the model.
+
+    Parameters
+    ----------
+    control : ObserverControl
+        The law with the estimated operator.
+    recursion : RecursiveState
+        Of its weights.
+    free : HeatedState
+        The estimated wire, simulated with the current and the slow bias.
+    identified : HeatedState
+        The identified wire, simulated likewise.
+    ambient : float
+        Slow bias in A^2: the common part of settled samples.
+    score, identified_score : float
+        Smoothed absolute errors at settled samples of the estimated and of the identified wire,
+        in degrees.
+    updates, rollbacks : int
+        How often weights were changed, and reset.
+    """
+
+    control: ObserverControl
+    recursion: RecursiveState
+    free: HeatedState
+    identified: HeatedState
+    ambient: float
+    score: float = 0.0
+    identified_score: float = 0.0
+    updates: int = 0
+    rollbacks: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveState:
+    """State of the loop.
+
+    Parameters
+    ----------
+    observer : ObserverState
+        Of the law.
+    adapted : AdaptiveEstimate
+        Of the model.
+    still : float
+        Seconds for which the wire has been settled at its target.
+    anchor : float
+        Effective power at the beginning of that time, in A^2.
+    learnt : float
+        Effective power of the last sample that was used, in A^2.
+    applied : float
+        Present current in A.
+    """
+
+    observer: ObserverState
+    adapted: AdaptiveEstimate
+    still: float
+    anchor: float
+    learnt: float
+    applied: float
+
+    @property
+    def estimate(self) -> Estimate:
+        """Estimate of the observer."""
+        return self.observer.estimate
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AdaptiveControl:
+    """Observer control that updates its operator while it runs.
+
+    Parameters
+    ----------
+    control : ObserverControl
+        The law, with the identified wire.
+    settling : float
+        Seconds for which the wire must be settled at its target before a sample is used.
+    forgetting : float
+        Weight that a sample keeps per update.
+    prior : float
+        Strength of the prior at the present weights, in samples.
+    largest_update : float
+        Largest sum of changes of the weights in one update, as a share of the range.
+    tolerance : float
+        Degrees by which the estimated wire may predict worse than the identified one before the
+        weights are reset.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    References
+    ----------
+    Tan and Baras, Automatica 40, 2004: adaptive inverse control with a recursive density.
+    """
+
+    control: ObserverControl
+    settling: float = 2.0
+    forgetting: float = 0.98
+    prior: float = 1.0
+    largest_update: float = 0.02
+    tolerance: float = 0.3
+    _recursive: Recursive = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        within("settling", self.settling, self.control.interval, 600.0, "s")
+        within("largest_update", self.largest_update, 0.0, 1.0)
+        within("tolerance", self.tolerance, 0.0, 180.0, "degrees")
+        operator = self.control.wire.operator
+        recursive = Recursive(
+            operator.levels,
+            forgetting=self.forgetting,
+            prior=self.prior,
+            relay=operator.relay,
+            diagonal=operator.diagonal,
+        )
+        object.__setattr__(self, "_recursive", recursive)
+
+    @property
+    def interval(self) -> float:
+        """Time between two steps in seconds."""
+        return self.control.interval
+
+    def begin(self, measurement: float = 0.0, current: float = 0.0) -> AdaptiveState:
+        """Return the state of a wire that has settled at an angle under a current."""
+        observer = self.control.begin(measurement, current)
+        wire = observer.estimate.wire
+        adapted = AdaptiveEstimate(
+            control=self.control,
+            recursion=self._recursive.begin(model=self.control.wire.operator),
+            free=wire,
+            identified=wire,
+            ambient=observer.estimate.ambient,
+        )
+        return AdaptiveState(observer, adapted, 0.0, wire.power, wire.power, current)
+
+    def step(
+        self, state: AdaptiveState, reference: float, measurement: float
+    ) -> tuple[float, AdaptiveState]:
+        """Return the current for the next interval and the next state."""
+        adapted = self._followed(state.adapted, state.applied)
+        before = replace(state.observer, applied=state.applied)
+        current, observer = adapted.control.step(before, reference, measurement)
+        power = observer.estimate.wire.power
+        near = abs(reference - measurement) < _STILL_DEGREES
+        span = width(self.control.wire)
+        if not (near and abs(power - state.anchor) < _STILL_POWER * span):
+            return current, AdaptiveState(observer, adapted, 0.0, power, state.learnt, current)
+        still = state.still + self.interval
+        new = AdaptiveState(observer, adapted, still, state.anchor, state.learnt, current)
+        if still < self.settling or abs(power - state.learnt) < _MOVED * span:
+            return current, new
+        return current, self._learnt(new, reference)
+
+    def _followed(self, adapted: AdaptiveEstimate, current: float) -> AdaptiveEstimate:
+        """Simulate the two free wires for an interval."""
+        options = {"ambient": adapted.ambient}
+        power = current**2
+        return replace(
+            adapted,
+            free=adapted.control.wire.step(adapted.free, power, self.interval, **options),
+            identified=self.control.wire.step(adapted.identified, power, self.interval, **options),
+        )
+
+    def _learnt(self, state: AdaptiveState, angle: float) -> AdaptiveState:
+        """Return the state after a settled sample at an angle."""
+        adapted, estimate = state.adapted, state.observer.estimate
+        ambient = adapted.ambient + _BIAS_SHARE * (estimate.ambient - adapted.ambient)
+        adapted = self._scored(replace(adapted, ambient=ambient), angle)
+        if adapted.score > adapted.identified_score + self.tolerance:
+            adapted = replace(
+                self._with(adapted, self.control.wire.operator),
+                recursion=self._recursive.begin(model=self.control.wire.operator),
+                score=adapted.identified_score,
+                rollbacks=adapted.rollbacks + 1,
+            )
+        else:
+            adapted = self._updated(adapted, angle)
+        observer = replace(state.observer, estimate=_carried(estimate, adapted.control.wire))
+        return replace(state, observer=observer, adapted=adapted, learnt=estimate.wire.power)
+
+    def _scored(self, adapted: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
+        """Update the smoothed errors of the two free wires, before the sample is used."""
+        own, first = abs(adapted.free.angle - angle), abs(adapted.identified.angle - angle)
+        return replace(
+            adapted,
+            score=adapted.score + _SCORE_SHARE * (own - adapted.score),
+            identified_score=adapted.identified_score
+            + _SCORE_SHARE * (first - adapted.identified_score),
+        )
+
+    def _updated(self, adapted: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
+        """Change the weights to explain the sample, within the limit of one update."""
+        memory = adapted.free.tracker.memory
+        before = replace(adapted.recursion, memory=memory, updates=0)
+        after = self._recursive.update(before, memory.u, angle)
+        change = after.theta - before.theta
+        size = float(np.abs(change).sum())
+        if not np.isfinite(size) or size == 0.0:
+            return adapted
+        theta = before.theta + min(1.0, self._most / size) * change
+        updates = adapted.updates + 1
+        recursion = replace(after, theta=theta, updates=updates)
+        learnt = replace(adapted, recursion=recursion, updates=updates)
+        return self._with(learnt, self._recursive.model(recursion))
+
+    def _with(self, adapted: AdaptiveEstimate, operator: Preisach) -> AdaptiveEstimate:
+        """Return the estimate with another operator, its free wire at the same effective power."""
+        wire = replace(self.control.wire, operator=operator)
+        control = replace(adapted.control, wire=wire)
+        return replace(adapted, control=control, free=_moved_to(adapted.free, wire))
+
+    @cached_property
+    def _most(self) -> float:
+        low, high = self.control.wire.operator.range
+        return self.largest_update * (high - low)
+
+
+def _moved_to(state: HeatedState, wire: HeatedWire) -> HeatedState:
+    """Return a state with the same memory and effective power in another operator."""
+    return wire.moved(wire.begin(state.power, state.tracker.memory), state.power)
+
+
+def _carried(estimate: Estimate, wire: HeatedWire) -> Estimate:
+    """Return an estimate with another operator: same power, same past angles."""
+    return replace(estimate, wire=_moved_to(estimate.wire, wire))

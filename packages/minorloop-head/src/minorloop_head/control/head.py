@@ -1,0 +1,366 @@
+"""Control of several wires at once, with compensation of the coupling of their sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, check_kind, check_option, frozen
+from minorloop.errors import ParameterError
+from minorloop_head.control.controller import Controller
+from minorloop_head.control.feedforward import Feedforward
+from minorloop_head.control.feedforward_pi import FeedforwardPI
+from minorloop_head.control.guard import Guard
+from minorloop_head.control.guard_state import Event, GuardState
+from minorloop_head.control.internal_model import InternalModel
+from minorloop_head.control.limits import WireLimits
+from minorloop_head.control.model_reference import ModelReference
+from minorloop_head.control.observer import ObserverControl, PowerObserver
+from minorloop_head.control.pi import ProportionalIntegral
+from minorloop_head.control.sensing import Sensed, SensorWatch, as_number
+from minorloop_head.control.unread import Unread, UnreadWatch
+from minorloop_head.heated_wire import HeatedWire
+
+_LAWS: dict[str, Any] = {
+    "observer": ObserverControl,
+    "feedforward": Feedforward,
+    "pi": ProportionalIntegral,
+    "internal_model": InternalModel,
+    "adaptive": ObserverControl,
+    "feedforward_pi": FeedforwardPI,
+    "model_reference": ModelReference,
+}
+"""Law of each; the adaptive one has its options from the observer that it adapts."""
+CONTROLLERS = tuple(_LAWS)
+"""Names for `head_control`."""
+_LARGEST = 1e6
+"""Angle in degrees from which a number counts as none."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeadState:
+    """State of the control of a head: one state for each axis, and that of missing readings."""
+
+    axes: tuple[GuardState, ...]
+    unread: Unread = field(default_factory=Unread)
+
+    @property
+    def log(self) -> tuple[tuple[int, Event], ...]:
+        """Axis and event, in the order of the steps."""
+        events = [(axis, event) for axis, state in enumerate(self.axes) for event in state.log]
+        return tuple(sorted(events, key=lambda pair: pair[1].step))
+
+
+@dataclass(frozen=True, eq=False)
+class HeadControl:
+    """A guarded controller for each axis of a head.
+
+    Parameters
+    ----------
+    axes : tuple of Guard
+        One for each wire.
+    coupling : (axes, axes) array_like, optional
+        ``coupling[i, j]``: change of the sensor of axis i for a degree of axis j, 1 on the
+        diagonal. Without it, the axes are independent.
+    lead : float
+        Most degrees by which a wanted reading is ahead of the newest one that may be used. Infinite
+        for no limit.
+        Less once the view was lost, as in `minorloop_head.control.unread.Unread.slower`.
+    unread : UnreadWatch, optional
+        Keeps the head where it is while it is not read. Without it, it goes on by the models.
+
+    Raises
+    ------
+    ParameterError
+        If the lead is not positive, or the coupling has another shape, is not finite, or is so
+        strong that the axes cannot be separated.
+    """
+
+    axes: tuple[Guard, ...]
+    coupling: FloatArray | None = None
+    lead: float = math.inf
+    unread: UnreadWatch | None = None
+
+    def __post_init__(self) -> None:
+        lead = as_number(self.lead)
+        if not lead > 0:
+            raise ParameterError(f"lead is {self.lead!r}; give a number of degrees above 0")
+        object.__setattr__(self, "lead", lead)
+        count = len(self.axes)
+        try:
+            matrix = np.eye(count) if self.coupling is None else np.asarray(self.coupling, float)
+        except (TypeError, ValueError):
+            raise ParameterError(
+                f"the coupling is {self.coupling!r}; give numbers, ({count}, {count})"
+            ) from None
+        if count == 0 or matrix.shape != (count, count):
+            raise ParameterError(
+                f"the coupling has shape {matrix.shape}; give ({count}, {count}), one row an axis"
+            )
+        if not np.isfinite(matrix).all():
+            raise ParameterError("the coupling has entries that are not finite; give numbers")
+        if not (np.abs(matrix - np.eye(count)).sum(axis=1) < 0.5).all():
+            raise ParameterError(
+                "the coupling has rows that differ from the unit matrix by 0.5 or more; such "
+                "axes cannot be separated"
+            )
+        object.__setattr__(self, "coupling", frozen(matrix))
+
+    def begin(
+        self, measurement: npt.ArrayLike | None = None, current: npt.ArrayLike | None = None
+    ) -> HeadState:
+        """Return the state of a head that has settled at angles (axes,) under currents (axes,).
+
+        Parameters
+        ----------
+        measurement : (axes,) array_like, optional
+            Readings, in degrees.
+        current : (axes,) array_like, optional
+            In A.
+        """
+        count = len(self.axes)
+        angles = np.zeros(count) if measurement is None else _numbers(measurement, count)
+        currents = np.zeros(count) if current is None else _numbers(current, count)
+        own = self._undo @ np.where(np.abs(angles) < _LARGEST, angles, 0.0)
+        pairs = zip(self.axes, own.tolist(), currents.tolist(), strict=True)
+        return HeadState(tuple(axis.begin(angle, on) for axis, angle, on in pairs))
+
+    def step(
+        self,
+        state: HeadState,
+        reference: npt.ArrayLike,
+        measurement: npt.ArrayLike,
+        *,
+        t: float | None = None,
+        searched: bool = True,
+    ) -> tuple[FloatArray, HeadState]:
+        """Return the currents for the next interval, within the limits; nothing is raised.
+
+        Parameters
+        ----------
+        state : HeadState
+        reference : (axes,) array_like
+            Wanted readings of the sensors, in degrees.
+        measurement : (axes,) array_like
+            Newest readings in degrees; NaN where there is none.
+        t : float, optional
+            Time of the readings in seconds.
+        searched : bool
+            Whether missing readings were looked for, as in `UnreadWatch.step`.
+
+        Returns
+        -------
+        current : (axes,) array
+            In A.
+        state : HeadState
+        """
+        count = len(self.axes)
+        asked = _each(reference, count)
+        wanted, seen = _numbers(reference, count), _numbers(measurement, count)
+        estimated = np.array([axis.estimate.angle for axis in state.axes])
+        last = np.array([axis.reference for axis in state.axes])
+        unread = state.unread
+        newest = np.array([_bounding(axis.sensed) for axis in state.axes])
+        wanted = self._near(wanted, newest, self.lead / unread.slower)
+        if self.unread is not None:
+            gap = max(max(axis.sensed.missing, axis.sensed.odd) for axis in state.axes)
+            modelled = estimated + self._mixing @ estimated
+            unread = self.unread.step(unread, gap, modelled, searched=searched)
+            wanted = self.unread.near(unread, wanted)
+        working = np.array([not axis.fault for axis in state.axes])
+        readings = self._own(seen, estimated, working)
+        targets = self._own_targets(wanted, last)
+        current, states = np.empty(count), []
+        for k, axis in enumerate(self.axes):
+            pair = float(targets[k]), float(readings[k])
+            current[k], after = axis.step(
+                state.axes[k], *pair, t=t, raw=float(seen[k]), asked=asked[k]
+            )
+            states.append(after)
+        return current, HeadState(tuple(states), unread)
+
+    @property
+    def cold(self) -> FloatArray:
+        """(axes,) readings in degrees of wires that were heated and are cold again, by the models.
+
+        A wire with hysteresis does not come back all the way to where it was when it was new.
+        """
+        return np.asarray(self.coupling) @ [
+            axis.observer.wire.operator.range[0] for axis in self.axes
+        ]
+
+    def modelled(self, state: HeadState) -> FloatArray:
+        """Return the angles (axes,) that the sensors read by the estimates now, in degrees."""
+        return np.asarray(self.coupling) @ [axis.estimate.angle for axis in state.axes]
+
+    def later(self, takes: int, older: int) -> HeadControl:
+        """Return the control for steps that take longer, with older readings; states remain valid.
+
+        Parameters
+        ----------
+        takes : int
+            Intervals that a step takes.
+        older : int
+            Intervals by which readings are older than those that the control is set up for.
+        """
+        unread = self.unread and replace(self.unread, takes=takes)
+        return replace(self, axes=tuple(axis.later(older) for axis in self.axes), unread=unread)
+
+    def reach(self, reference: npt.ArrayLike, ends: npt.ArrayLike | None = None) -> FloatArray:
+        """Return the least and largest readings (axes, 2) with the other axes where they belong.
+
+        Parameters
+        ----------
+        reference : (axes,) array_like
+            Wanted readings in degrees, which say where the other wires are.
+        ends : (axes, 2) array_like, optional
+            Least and largest angle of each wire; those in the surroundings of the identification
+            without it.
+        """
+        ends = np.array([axis.reach for axis in self.axes]) if ends is None else np.asarray(ends)
+        wanted = _numbers(reference, len(self.axes))
+        own = np.clip(self._undo @ wanted, ends[:, 0], ends[:, 1])
+        return np.asarray(ends + (self._mixing @ own)[:, np.newaxis])
+
+    def _own(self, seen: FloatArray, instead: FloatArray, working: BoolArray) -> FloatArray:
+        """Return the angles (axes,) of the wires without coupling; NaN where there is no reading.
+
+        For the effect on other axes, ``instead`` replaces angles that are faulty or not numbers.
+        """
+        known = np.abs(seen) < _LARGEST
+        filled = np.where(known & working, seen, instead + self._mixing @ instead)
+        return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
+
+    def _near(self, wanted: FloatArray, newest: FloatArray, lead: float) -> FloatArray:
+        """Return wanted readings (axes,) no farther from the newest ones than a lead."""
+        near = np.clip(wanted, newest - lead, newest + lead)
+        return np.where(np.isnan(newest), wanted, near)
+
+    def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
+        """Return the wanted angles (axes,) of the wires without coupling; NaN where there is none.
+
+        A wire that would have to leave its stroke stops at its end; the others compensate that.
+        """
+        known = np.abs(wanted) < _LARGEST
+        filled = np.where(known, wanted, instead + self._mixing @ instead)
+        ends = np.array([axis.observer.wire.operator.range for axis in self.axes])
+        own = np.clip(self._undo @ filled, ends[:, 0], ends[:, 1])
+        return np.where(known, wanted - self._mixing @ own, np.nan)
+
+    @cached_property
+    def _mixing(self) -> FloatArray:
+        """Coupling of other axes into the sensors."""
+        return np.asarray(self.coupling) - np.eye(len(self.axes))
+
+    @cached_property
+    def _undo(self) -> FloatArray:
+        return np.asarray(np.linalg.inv(np.asarray(self.coupling)))
+
+
+def head_control(
+    name: str,
+    wires: tuple[HeatedWire, ...],
+    *,
+    coupling: FloatArray | None = None,
+    limits: WireLimits | None = None,
+    sensor: SensorWatch | None = None,
+    lead: float = math.inf,
+    unread: UnreadWatch | None = None,
+    **options: Any,
+) -> HeadControl:
+    """Return the control of a head by the name of its controller.
+
+    Parameters
+    ----------
+    name : str
+        Which controller, one of `CONTROLLERS`.
+    wires : tuple of HeatedWire
+        Model of each axis.
+    coupling : (axes, axes) array_like, optional
+        As in `HeadControl`.
+    limits, sensor
+        As in `Guard`, for every axis; the defaults of the head without them.
+    lead, unread
+        As in `HeadControl`.
+    **options
+        Of the controller, for every axis: `interval`, `delay` and `highest` of any; `response`
+        of feedforward, internal_model, observer and adaptive; and further options of
+        `ObserverControl`, `ProportionalIntegral` and `InternalModel`.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such controller, or an option is out of its range.
+    """
+    given: object = wires
+    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
+        raise ParameterError(f"wires is {wires!r:.60}; give a tuple of HeatedWire, one an axis")
+    axes = tuple(
+        Guard(
+            controller=controller(name, wire, **options),
+            observer=PowerObserver(wire=wire, **_clock(options)),
+            limits=WireLimits() if limits is None else limits,
+            sensor=SensorWatch() if sensor is None else sensor,
+        )
+        for wire in wires
+    )
+    return HeadControl(axes, coupling, lead, unread)
+
+
+def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:
+    """Return a controller by its name, for one wire, without its guard.
+
+    Raises
+    ------
+    ParameterError
+        If the name or an option is unknown, or an option is out of its range.
+    """
+    check_option("controller", name, CONTROLLERS)
+    check_kind("the model of a wire", wire, HeatedWire)
+    kind = _LAWS[name]
+    known = {each.name for each in fields(kind)} - {"wire"}
+    unknown = sorted(options.keys() - known)
+    if unknown:
+        raise ParameterError(
+            f"controller {name!r} has no option {unknown[0]!r}; give {', '.join(sorted(known))}"
+        )
+    if name == "pi":
+        return ProportionalIntegral(**options)
+    law = kind(wire=wire, **options)
+    if name == "adaptive":
+        from minorloop_head.control.adaptive import AdaptiveControl
+
+        law = AdaptiveControl(control=law)
+    found: Controller = law
+    return found
+
+
+def _bounding(sensed: Sensed) -> float:
+    """Return the newest reading, which a wanted one stays near; NaN if it is not to be believed."""
+    return math.nan if sensed.fault in ("late", "unconfirmed", "reversed") else sensed.last
+
+
+def _clock(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: options[name] for name in ("interval", "delay", "highest") if name in options}
+
+
+def _numbers(values: npt.ArrayLike, count: int) -> FloatArray:
+    """Return (count,) numbers, NaN for anything else."""
+    return np.array([as_number(value) for value in _each(values, count)])
+
+
+def _each(values: npt.ArrayLike, count: int) -> list[object]:
+    """Return one value for each axis; all of them for each if there are not as many."""
+    each: list[object]
+    try:
+        plain = isinstance(values, np.ndarray) and values.dtype == np.float64
+        each = np.ravel(np.asarray(values, dtype=None if plain else object)).tolist()
+    except ValueError:
+        each = []
+    return each if len(each) == count else [[values]] * count

@@ -1,0 +1,129 @@
+"""Internal-model control around the inverse operator.
+
+The inverse operator cancels the hysteresis, so that from its input v to the angle a lag and a
+delay remain: H(s) = e^(-sd) / (1 + tau_H s). The model is simulated beside the plant, and the
+difference is fed back. The model follows the current that was applied, not the requested one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from minorloop.operators.preisach import Preisach
+from minorloop.operators.tracker import Tracker
+from minorloop_head.control.controller import Loop, mean_slope, within
+from minorloop_head.heated_wire import HeatedWire
+
+
+@dataclass(frozen=True, eq=False)
+class InternalModelState:
+    """State of the loop.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        Memory of the inverse operator; it is copied and never pushed.
+    filter : float
+        State of the controller C(s), in degrees.
+    lag : float
+        Angle of the model H(s) before its delay.
+    past : tuple of float
+        Angles of the model, newest first, up to the age of a reading.
+    applied : float
+        Present current in A.
+    missing : float
+        Last difference between plant and model, in degrees.
+    """
+
+    tracker: Tracker[Preisach]
+    filter: float
+    lag: float
+    past: tuple[float, ...]
+    applied: float
+    missing: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InternalModel(Loop):
+    """Control by the difference between plant and model.
+
+    v = C (r - (y - H v)), u = sqrt(Gamma^-1[v]), C(s) = (1 + tau_H s) / (1 + lambda s).
+
+    Parameters
+    ----------
+    wire : HeatedWire
+        Its operator is inverted.
+    response : float
+        lambda: time constant with which the angle follows, in seconds.
+    lag : float, optional
+        tau_H in seconds; without it, the lag of the wire with the latent heat of its mean
+        slope.
+    interval, delay, highest
+        As in `Loop`.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    References
+    ----------
+    Morari and Zafiriou, Robust Process Control, 1989, chapter 4: design of C(s).
+    Boudjabi, Ferreira and Krupa, Proc. IEEE ICRA 2003, Fig. 9: the loop around the inverse.
+    """
+
+    wire: HeatedWire
+    response: float = 0.6
+    lag: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        within("response", self.response, self.interval, 60.0, "s")
+        if self.lag is not None:
+            within("lag", self.lag, self.interval, 60.0, "s")
+
+    @property
+    def model_lag(self) -> float:
+        """tau_H in seconds."""
+        if self.lag is not None:
+            return self.lag
+        return self.wire.lag + self.wire.latent * mean_slope(self.wire)
+
+    def begin(self, measurement: float = 0.0, current: float = 0.0) -> InternalModelState:
+        """Return a state that keeps the present current if the reference is the measurement."""
+        found = self.wire.found(current**2, measurement)
+        tracker = found.tracker.copy()
+        angle = tracker.push(current**2)
+        return InternalModelState(
+            tracker, angle, angle, (angle,) * self.delay, current, measurement - angle
+        )
+
+    def step(
+        self, state: InternalModelState, reference: float, measurement: float
+    ) -> tuple[float, InternalModelState]:
+        """Return the next current and state; a missing reading keeps the last difference."""
+        tracker = state.tracker.copy()
+        achieved = tracker.push(state.applied**2)
+        lag = achieved + (state.lag - achieved) * math.exp(-self.interval / self.model_lag)
+        seen = (lag, *state.past)
+        missing = state.missing
+        if math.isfinite(measurement):
+            missing = measurement - seen[-1]
+        wanted = reference - missing
+        ratio = self.model_lag / self.response
+        v = state.filter + ratio * (wanted - state.filter)
+        current = self.inverse(tracker, v)
+        # The filter sees the input that would have given what is achieved (Hanus, 1987).
+        settled = tracker.peek(current**2)
+        driven = state.filter + (settled - state.filter) / ratio
+        filtered = driven + (state.filter - driven) * math.exp(-self.interval / self.response)
+        return current, replace(
+            state,
+            tracker=tracker,
+            filter=filtered,
+            lag=lag,
+            past=seen[: self.delay],
+            applied=current,
+            missing=missing,
+        )

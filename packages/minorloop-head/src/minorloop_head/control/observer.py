@@ -1,0 +1,244 @@
+"""Observer of the effective power of a wire and of the bias of its surroundings, and control.
+
+The model is simulated with the current that was applied. The difference between its angle and the
+reading moves the effective power along the operator, and slowly changes the bias that ambient and
+convection add. Inside a loop, where the wire hardly moves, it does neither: it is an offset of the
+angle, so that the observer still knows at which power the wire will move on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+from minorloop_head.control.controller import Loop, heating, mean_slope, within
+from minorloop_head.heated_wire import HeatedState, HeatedWire
+
+_FLATTEST = 0.3
+"""Least slope over the mean slope of the operator with which a power is corrected."""
+_MOST_OFFSET = 0.3
+"""Degrees up to which a difference may be no error of the power: a larger one says that the wire is
+elsewhere in its loop."""
+_LARGEST_ERROR = 0.45
+"""Differences above this many degrees change the bias no faster: they are motion."""
+_CALM = 0.6
+"""Product of the correction and the age of readings up to which the estimate does not swing: an
+integral with a delay swings from 1.6 on, and the bias takes a part of that."""
+_MOST_BIAS = 0.6
+"""Largest bias as a share of full power."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Estimate of a wire.
+
+    Parameters
+    ----------
+    wire : HeatedState
+        Effective power and memory now.
+    ambient : float
+        Power that the surroundings add, in A^2.
+    error : float
+        Smoothed difference between reading and model, in degrees.
+    past : tuple of float
+        Angles of the model, newest first, up to the age of a reading.
+    offset : float
+        Angle less that of the model where no power explains the difference, in degrees.
+    way : float
+        Change of the effective power in the last interval, in A^2.
+    """
+
+    wire: HeatedState
+    ambient: float
+    error: float
+    past: tuple[float, ...]
+    offset: float = 0.0
+    way: float = 0.0
+
+    @property
+    def angle(self) -> float:
+        """Angle of the wire now, in degrees."""
+        return self.wire.angle + self.offset
+
+    @property
+    def expected(self) -> float:
+        """Angle that is read now, in degrees: that of a predicted estimate."""
+        return self.past[-1] + self.offset
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PowerObserver(Loop):
+    """Observer of the effective power and of the bias of the surroundings.
+
+    Parameters
+    ----------
+    wire : HeatedWire
+        The model.
+    correction : float
+        Rate at which the effective power follows the readings, in 1/s.
+    learning : float
+        Rate at which the bias changes, in 1/s.
+    smoothing : float
+        Time constant of the filter on the difference between reading and model, in seconds.
+    dead_band : float
+        Differences up to this many degrees count as noise.
+    interval, delay, highest
+        As in `Loop`.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    Notes
+    -----
+    The power explains the share of a difference that is the slope of the branch, in the direction
+    in which the power moves, over the mean slope of the operator, up to all of it; an offset of the
+    angle, up to 0.3 degrees, explains the rest, and fades where the branch is steep. The slope by
+    which a power is corrected is at least 0.3 of the mean one.
+    """
+
+    wire: HeatedWire
+    correction: float = 3.75
+    learning: float = 3.75
+    smoothing: float = 0.044
+    dead_band: float = 0.05
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        within("correction", self.correction, 0.0, 1.0 / self.interval, "1/s")
+        within("learning", self.learning, 0.0, 1.0 / self.interval, "1/s")
+        within("smoothing", self.smoothing, 0.0, 10.0, "s")
+        within("dead_band", self.dead_band, 0.0, 10.0, "degrees")
+
+    def later(self, steps: int) -> Self:
+        """Return the loop for readings that are older by some intervals; states remain valid.
+
+        It follows them more slowly: what is corrected now is only seen after their age.
+        """
+        found = super().later(steps)
+        most = _CALM / max(found.delay * self.interval, 1e-9)
+        slower = min(most / max(self.correction, 1e-9), 1.0)
+        return replace(
+            found, correction=slower * self.correction, learning=slower**2 * self.learning
+        )
+
+    def found(self, measurement: float = 0.0, current: float = 0.0) -> Estimate:
+        """Return the estimate of a wire that has settled at an angle under a current."""
+        wire = self.wire.found(current**2, measurement)
+        return Estimate(wire, wire.power - current**2, 0.0, (wire.angle,) * self.delay)
+
+    def update(self, estimate: Estimate, current: float, measurement: float) -> Estimate:
+        """Return the estimate one interval later, under a current.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            Before.
+        current : float
+            In A.
+        measurement : float
+            Reading in degrees; NaN where there is none.
+        """
+        return self.corrected(self.predicted(estimate, current), measurement)
+
+    def predicted(self, estimate: Estimate, current: float) -> Estimate:
+        """Return the estimate one interval later, under a current, before its reading."""
+        wire = self.wire.step(estimate.wire, current**2, self.interval, ambient=estimate.ambient)
+        way, past = wire.power - estimate.wire.power, (wire.angle, *estimate.past)
+        return Estimate(wire, estimate.ambient, estimate.error, past, estimate.offset, way)
+
+    def corrected(self, predicted: Estimate, measurement: float) -> Estimate:
+        """Return a predicted estimate after its reading, NaN where there is none."""
+        found, error = predicted, 0.0
+        if math.isfinite(measurement):
+            error = self._smoothed(predicted.error, measurement - predicted.expected)
+            found = self._corrected(predicted, error)
+        past = (found.wire.angle, *predicted.past[1:])[: self.delay]
+        return Estimate(found.wire, found.ambient, error, past, found.offset, found.way)
+
+    def _smoothed(self, before: float, now: float) -> float:
+        keep = math.exp(-self.interval / self.smoothing) if self.smoothing > 0 else 0.0
+        return now + (before - now) * keep
+
+    def _corrected(self, estimate: Estimate, error: float) -> Estimate:
+        """Return an estimate after a difference between reading and model."""
+        wire, rate = estimate.wire, self.correction * self.interval
+        beyond = math.copysign(max(abs(error) - self.dead_band, 0.0), error)
+        if beyond == 0.0:
+            return estimate
+        mean, towards = mean_slope(self.wire), rate * beyond
+        change = wire.tracker.aim(wire.angle + towards, "clip") - wire.power
+        ahead = (
+            wire.tracker.aim(wire.angle + math.copysign(towards, estimate.way), "clip") - wire.power
+        )
+        share = min(abs(towards) / (mean * (abs(ahead) or math.inf)), 1.0)
+        if abs(estimate.offset) > _MOST_OFFSET and estimate.offset * beyond > 0.0:
+            share = 1.0
+        most = abs(towards) / (_FLATTEST * mean)
+        moved = self.wire.moved(wire, wire.power + share * min(max(change, -most), most))
+        learnt = min(max(beyond, -_LARGEST_ERROR), _LARGEST_ERROR) / (_FLATTEST * mean)
+        ambient = estimate.ambient + share * self.learning * self.interval * learnt
+        bound = _MOST_BIAS * self.highest**2
+        offset = estimate.offset + (1.0 - share) * towards - share * rate * estimate.offset
+        ambient = min(max(ambient, -bound), bound)
+        return Estimate(moved, ambient, estimate.error, estimate.past, offset, estimate.way)
+
+
+@dataclass(frozen=True, eq=False)
+class ObserverState:
+    """State of the loop: the estimate of the wire, and the present current."""
+
+    estimate: Estimate
+    applied: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ObserverControl(PowerObserver):
+    """Control by the inverse operator and the inverse lag, from the observed state.
+
+    Parameters
+    ----------
+    response : float
+        Time constant in seconds with which the effective power follows, within the limits of the
+        current.
+    steepness : float
+        Largest power for a small error, as the slope of the operator over its mean slope; it
+        keeps the loop calm where the operator is flat.
+    wire, correction, learning, smoothing, dead_band, interval, delay, highest
+        As in `PowerObserver`.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+    """
+
+    response: float = 0.4
+    steepness: float = 1.33
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        within("response", self.response, self.interval, 60.0, "s")
+        within("steepness", self.steepness, 0.01, 1e6)
+
+    def begin(self, measurement: float = 0.0, current: float = 0.0) -> ObserverState:
+        """Return the state of a wire that has settled at an angle under a current."""
+        return ObserverState(self.found(measurement, current), current)
+
+    def step(
+        self, state: ObserverState, reference: float, measurement: float
+    ) -> tuple[float, ObserverState]:
+        """Return the current for the next interval and the next state."""
+        estimate = self.update(state.estimate, state.applied, measurement)
+        power = heating(
+            self.wire,
+            estimate.wire,
+            reference - estimate.offset,
+            response=self.response,
+            ambient=estimate.ambient,
+            steepest=self.steepness * mean_slope(self.wire),
+        )
+        current = self.current(power)
+        return current, ObserverState(estimate, current)

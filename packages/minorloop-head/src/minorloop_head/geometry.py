@@ -1,0 +1,610 @@
+"""Rays, cylinders, pinhole cameras and rotations, for twins and estimators alike.
+
+Two coordinate frames are used. In the camera's, x points right, y down and z along the optical
+axis. In the pipe's, z is the axis of the pipe, and a point of the wall is (phi, z), at
+``(R cos phi, R sin phi, z)``. The head turns about a pivot: first the tilt about the x axis of
+the camera, then the pan about the y axis of the base, so R = Ry(pan) Rx(tilt). Positive pan looks
+right and positive tilt looks up; both are zero along the pipe. Lengths are in metres, angles in
+radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
+
+AXES = ("pan", "tilt")
+"""Names of the axes of the head, in the order of all arrays with one entry an axis."""
+REACH = float(np.radians(30.0))
+"""Half-angle of the cone in which the head may look; beyond, the lens touches the wall."""
+WATER_INDEX = 1.333
+"""Refractive index of water, at 20 degrees Celsius and 589 nm; it varies by 0.005 from 0 to 60
+degrees and from red to blue."""
+_NEWTON_STEPS = 40
+"""Most steps of `Pinhole.undistort`. It takes 4 to 6 for coefficients from -0.5 to 0.3; the
+bound only ends a search that has no solution."""
+
+_PORT_SAMPLES = 200
+"""Radii at which the distortion by a flat port is fitted; with 50 it is the same to 0.01 pixel."""
+
+_TURN, _LONGEST_STEP, _ON_PLACE = 1e-6, 0.2, 1e-9
+"""Turn for a difference, longest Newton step, both in radians, and distance at which the tool is on
+its place, in metres."""
+
+
+def rotation_x(angle: float) -> FloatArray:
+    """Return the (3, 3) rotation about x by an angle in radians."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def rotation_y(angle: float) -> FloatArray:
+    """Return the (3, 3) rotation about y by an angle in radians."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def rotation_z(angle: float) -> FloatArray:
+    """Return the (3, 3) rotation about z by an angle in radians."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def pan_tilt(pan: float, tilt: float) -> FloatArray:
+    """Return the (3, 3) rotation Ry(pan) Rx(tilt) from the camera to the base."""
+    return rotation_y(pan) @ rotation_x(tilt)
+
+
+def pan_tilt_of(axis: npt.ArrayLike) -> tuple[float, float]:
+    """Return pan and tilt, in radians, that turn the optical axis to a (3,) direction."""
+    x, y, z = np.asarray(axis, dtype=np.float64)
+    return float(np.arctan2(x, z)), float(np.arctan2(-y, np.hypot(x, z)))
+
+
+def turned_onto(own: npt.ArrayLike, way: npt.ArrayLike) -> tuple[float, float] | None:
+    """Return pan and tilt, in radians, that turn a (3,) direction of the head onto another.
+
+    Parameters
+    ----------
+    own : (3,) array_like
+        Fixed to the head, ahead of it.
+    way : (3,) array_like
+        In the base.
+
+    Returns
+    -------
+    (float, float) or None
+        None if no tilt reaches it.
+    """
+    x, y, z = np.asarray(own, dtype=np.float64) / np.linalg.norm(own)
+    right, down, ahead = np.asarray(way, dtype=np.float64) / np.linalg.norm(way)
+    height = np.hypot(y, z)
+    if abs(down) > height:
+        return None
+    turn = np.arccos(down / height)  # of (y, z) about x, from the y axis
+    pan = np.arctan2(right, ahead) - np.arctan2(x, height * np.sin(turn))
+    return float(pan), float(turn - np.arctan2(z, y))
+
+
+def body_rates(tilt: float) -> FloatArray:
+    """Return the (3, 2) matrix from the rates of pan and tilt to the angular velocity.
+
+    The angular velocity is that of the camera, in its own frame, from R^T dR of
+    R = Ry(pan) Rx(tilt).
+    """
+    return np.array([[0.0, 1.0], [np.cos(tilt), 0.0], [-np.sin(tilt), 0.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Position and orientation of a camera in the pipe.
+
+    Parameters
+    ----------
+    rotation : (3, 3) array
+        From the camera to the pipe.
+    position : (3,) array
+        Centre of the lens in the pipe, in metres.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+
+    def to_pipe(self, points: npt.ArrayLike) -> FloatArray:
+        """Return points (..., 3) of the camera in the pipe."""
+        moved: FloatArray = np.asarray(points, dtype=np.float64) @ self.rotation.T + self.position
+        return moved
+
+    def to_camera(self, points: npt.ArrayLike) -> FloatArray:
+        """Return points (..., 3) of the pipe in the camera."""
+        moved: FloatArray = (np.asarray(points, dtype=np.float64) - self.position) @ self.rotation
+        return moved
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Place of the head in the pipe.
+
+    Parameters
+    ----------
+    lever : float
+        From the pivot to the lens along the optical axis, in metres.
+    offset : (float, float)
+        Of the pivot from the axis, along x and y of the pipe, in metres.
+    roll : float
+        Of the base about the axis of the pipe, in radians.
+    advance : float
+        Position of the pivot along the pipe, in metres.
+    squint, camera_roll : float
+        Of the camera on the joints: sideways, then about its optical axis, in radians.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite.
+    """
+
+    lever: float = 8e-3
+    offset: tuple[float, float] = (0.0, 0.0)
+    roll: float = 0.0
+    advance: float = 0.0
+    squint: float = 0.0
+    camera_roll: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in (
+            ("lever", self.lever),
+            ("offset along x", self.offset[0]),
+            ("offset along y", self.offset[1]),
+            ("roll", self.roll),
+            ("advance", self.advance),
+            ("squint", self.squint),
+            ("camera roll", self.camera_roll),
+        ):
+            as_finite(name, value)
+
+    @property
+    def camera(self) -> FloatArray:
+        """(3, 3) rotation from the camera to the joints."""
+        return rotation_y(self.squint) @ rotation_z(self.camera_roll)
+
+    def pose(self, pan: float, tilt: float) -> Pose:
+        """Return the pose of the camera at a pan and a tilt, in radians."""
+        from minorloop_head import _geometry_kernels as kernels  # a supervisor needs no kernels
+
+        place = self.lever, *self.offset, self.advance, self.roll, self.squint, self.camera_roll
+        return Pose(*kernels.pose(pan, tilt, *place))
+
+    def aim(self, point: npt.ArrayLike) -> tuple[float, float]:
+        """Return pan and tilt, in radians, that centre a (3,) point of the pipe in the image.
+
+        The lens is on the line from the pivot, so the lever does not matter. Of a point that no
+        tilt reaches, the nearest is aimed at.
+        """
+        way = self.way_to(point)
+        return turned_onto(self.camera[:, 2], way) or pan_tilt_of(way)
+
+    def way_to(self, point: npt.ArrayLike) -> FloatArray:
+        """Return the (3,) way from the pivot to a (3,) point of the pipe, in the base."""
+        pivot = np.array([self.offset[0], self.offset[1], self.advance])
+        way: FloatArray = (np.asarray(point, dtype=np.float64) - pivot) @ rotation_z(self.roll)
+        return way
+
+
+@dataclass(frozen=True)
+class Probe:
+    """An ultrasonic disc on the head, whose beam passes through the pivot.
+
+    Parameters
+    ----------
+    squint : float
+        Angle of the beam off the optical axis, in radians.
+    azimuth : float
+        Side of the camera to which the beam points, from its x axis towards its y axis, in
+        radians.
+    face : float
+        From the pivot to the face of the disc along the beam, in metres.
+    aperture : float
+        Diameter of the disc, in metres.
+    focus : float
+        Focal length of its lens in water, in metres; infinite without a lens.
+
+    Raises
+    ------
+    ParameterError
+        If the squint is not between 0 and a right angle, the azimuth not finite, or a length not
+        positive.
+
+    Notes
+    -----
+    With the default squint and azimuth the beam is normal to the wall at a pan of -20 degrees: on
+    the side where the wires are coldest, since water cools them so much that they reach little
+    more. The default face leaves 8 mm of water.
+    """
+
+    squint: float = float(np.radians(70.0))
+    azimuth: float = float(np.pi)
+    face: float = 2e-3
+    aperture: float = 5e-3
+    focus: float = 8e-3
+
+    def __post_init__(self) -> None:
+        if not 0 < self.squint < np.pi / 2:
+            raise ParameterError(f"squint {self.squint} rad; give an angle between 0 and pi/2")
+        as_finite("azimuth", self.azimuth)
+        if not (self.face > 0 and self.aperture > 0 and self.focus > 0):
+            raise ParameterError(
+                f"a probe with its face at {self.face} m, aperture {self.aperture} m and focus "
+                f"{self.focus} m; give positive lengths"
+            )
+
+    def beam(self, mount: Mount, pan: float, tilt: float) -> tuple[FloatArray, FloatArray]:
+        """Return the centre (3,) of the face and the direction (3,) of the beam, in the pipe."""
+        along = mount.pose(pan, tilt).rotation @ self._direction
+        pivot = np.array([mount.offset[0], mount.offset[1], mount.advance])
+        return pivot + self.face * along, along
+
+    def aim(self, mount: Mount, point: npt.ArrayLike) -> tuple[float, float]:
+        """Return pan and tilt, in radians, that aim the beam at a (3,) point of the pipe.
+
+        Raises
+        ------
+        ParameterError
+            If there are none; turn the roll of the mount towards the point then.
+        """
+        return self._turned(mount, mount.way_to(point))
+
+    def moved(self, mount: Mount, pan: float, tilt: float, other: Mount) -> tuple[float, float]:
+        """Return pan and tilt that give, at another roll of the mount, the beam of these angles.
+
+        Raises
+        ------
+        ParameterError
+            If there are none.
+        """
+        along = self.beam(mount, pan, tilt)[1]
+        return self._turned(other, along @ rotation_z(other.roll))
+
+    def perpendicular(self, mount: Mount, tilt: float) -> float:
+        """Return the pan at which, with a tilt, the beam is at a right angle to the pipe."""
+        x, _, z = rotation_x(tilt) @ mount.camera @ self._direction
+        return float(np.arctan2(np.copysign(1.0, x) * z, abs(x)))
+
+    def _turned(self, mount: Mount, way: FloatArray) -> tuple[float, float]:
+        """Return pan and tilt that send the beam along a (3,) direction of the base."""
+        found = turned_onto(mount.camera @ self._direction, way)
+        if found is None:
+            off = np.degrees(np.arcsin(way[1] / np.linalg.norm(way)))
+            raise ParameterError(
+                f"no tilt sends the beam {off:.3g} degrees off the plane of "
+                "the pan; turn the roll of the mount towards the point"
+            )
+        return found
+
+    @property
+    def _direction(self) -> FloatArray:
+        """(3,) direction of the beam in the camera."""
+        side = np.array([np.cos(self.azimuth), np.sin(self.azimuth), 0.0])
+        axis = np.array([0.0, 0.0, 1.0])
+        return np.asarray(np.sin(self.squint) * side + np.cos(self.squint) * axis)
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A micro-tool beside the lens, whose point extends along a straight line.
+
+    Parameters
+    ----------
+    offset : (float, float, float)
+        Of its point when it is drawn in, in the camera, in metres.
+    slope : (float, float)
+        Of its way: metres to the right and down for a metre along the optical axis.
+    longest : float
+        Longest extension, in metres.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite, or the longest extension not positive.
+
+    Notes
+    -----
+    With the default slope the way crosses the optical axis 35 mm ahead, so that the point of
+    contact is in view wherever the tool reaches the wall.
+    """
+
+    offset: tuple[float, float, float] = (0.0, 3.5e-3, 0.0)
+    slope: tuple[float, float] = (0.0, -0.1)
+    longest: float = 25e-3
+
+    def __post_init__(self) -> None:
+        for value in (*self.offset, *self.slope):
+            as_finite("offset or slope of the tool", value)
+        if not 0 < self.longest < np.inf:
+            raise ParameterError(
+                f"longest extension of the tool is {self.longest} m; give a positive length"
+            )
+
+    def meet(self, mount: Mount, pan: float, tilt: float, radius: float) -> FloatArray:
+        """Return phi, z and extension (3,) at which the tool meets the wall of a pipe.
+
+        Raises
+        ------
+        ParameterError
+            If its point is not inside the pipe when it is drawn in.
+        """
+        pose = mount.pose(pan, tilt)
+        way = np.array([*self.slope, 1.0])
+        start = pose.to_pipe(np.array(self.offset))
+        return meet_wall(start, pose.rotation @ (way / np.linalg.norm(way)), radius)
+
+    def through(self, point: npt.ArrayLike) -> Tool:
+        """Return the tool moved sideways, so that its way leads through a point (3,) in metres."""
+        x, y, z = self.offset
+        u, v, depth = np.asarray(point, dtype=np.float64).tolist()
+        right, down = self.slope
+        x += u - x - right * (depth - z)
+        y += v - y - down * (depth - z)
+        return replace(self, offset=(x, y, z))
+
+    def between(self, other: Tool, share: float) -> Tool:
+        """Return the tool with its offset moved by a share of the way to that of another."""
+        mine, its = np.array(self.offset), np.array(other.offset)
+        x, y, z = (mine + share * (its - mine)).tolist()
+        return replace(self, offset=(x, y, z))
+
+    def aim(
+        self, mount: Mount, place: npt.ArrayLike, radius: float, guess: npt.ArrayLike
+    ) -> FloatArray | None:
+        """Return pan and tilt (2,) in radians at which the tool meets a place of the wall.
+
+        Parameters
+        ----------
+        mount : Mount
+        place : (2,) array_like
+            Phi and z.
+        radius : float
+            Of the pipe, in metres.
+        guess : (2,) array_like
+            Pan and tilt to begin from, in radians.
+
+        Returns
+        -------
+        (2,) array or None
+            None if no angles near the guess reach it.
+
+        Notes
+        -----
+        Newton's method with differences.
+        """
+        wanted, angles = np.asarray(place, dtype=np.float64), np.asarray(guess, dtype=np.float64)
+        try:
+            for _ in range(_NEWTON_STEPS):
+                off = self._off(mount, angles, wanted, radius)
+                if not np.isfinite(off).all():
+                    return None
+                if np.hypot(*off) < _ON_PLACE:
+                    return angles
+                columns = [
+                    (self._off(mount, angles + turn, wanted, radius) - off) / _TURN
+                    for turn in _TURN * np.eye(2)
+                ]
+                step = np.linalg.solve(np.stack(columns, axis=-1), -off)
+                angles = angles + step * min(1.0, _LONGEST_STEP / max(np.hypot(*step), 1e-12))
+        except (ParameterError, np.linalg.LinAlgError):
+            return None
+        return None
+
+    def _off(
+        self, mount: Mount, angles: FloatArray, place: FloatArray, radius: float
+    ) -> FloatArray:
+        """Return where the tool meets the wall less a place, in metres around and along."""
+        phi, z, _ = self.meet(mount, float(angles[0]), float(angles[1]), radius)
+        return np.array([radius * float(wrapped(phi - place[0])), z - place[1]])
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """A camera with radial distortion.
+
+    Parameters
+    ----------
+    width, height : int
+        Of the image, in pixels; the centre of the first pixel is (0, 0).
+    focal : float
+        Focal length in pixels.
+    centre : (float, float)
+        Principal point (u, v), in pixels.
+    k1, k2 : float
+        Radial distortion: x_d = x (1 + k1 r^2 + k2 r^4).
+
+    Raises
+    ------
+    ParameterError
+        If a size or the focal length is not positive, or the distortion folds the image.
+
+    References
+    ----------
+    Brown, Close-range camera calibration, 1971.
+    """
+
+    width: int = 640
+    height: int = 480
+    focal: float = 520.0
+    centre: tuple[float, float] = (319.5, 239.5)
+    k1: float = 0.0
+    k2: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1 or not self.focal > 0:
+            raise ParameterError(
+                f"a camera of {self.width} by {self.height} pixels and focal length "
+                f"{self.focal}; give positive numbers"
+            )
+        edge = self._corner_radius()
+        radii = np.linspace(0.0, 1.05 * edge, 64)
+        slope = 1 + 3 * self.k1 * radii**2 + 5 * self.k2 * radii**4
+        reach = edge * (1 + self.k1 * edge**2 + self.k2 * edge**4)
+        if not (np.isfinite(slope).all() and slope.min() > 0 and reach > 0):
+            raise ParameterError(
+                f"distortion k1 {self.k1}, k2 {self.k2} folds the image; give smaller numbers"
+            )
+
+    def distort(self, points: npt.ArrayLike) -> FloatArray:
+        """Return normalised coordinates (..., 2) after distortion."""
+        plain = np.asarray(points, dtype=np.float64)
+        square = (plain**2).sum(axis=-1, keepdims=True)
+        moved: FloatArray = plain * (1 + square * (self.k1 + square * self.k2))
+        return moved
+
+    def undistort(self, points: npt.ArrayLike) -> FloatArray:
+        """Invert ``distort``, by Newton's method on the radius."""
+        moved = np.asarray(points, dtype=np.float64)
+        reach = np.sqrt((moved**2).sum(axis=-1, keepdims=True))
+        radius = reach.copy()
+        for _ in range(_NEWTON_STEPS):
+            square = radius**2
+            error = radius * (1 + square * (self.k1 + square * self.k2)) - reach
+            slope = 1 + square * (3 * self.k1 + 5 * self.k2 * square)
+            step = error / np.maximum(slope, 0.1)
+            radius = radius - step
+            if np.abs(step).max(initial=0.0) < 1e-15:
+                break
+        ratio = np.divide(radius, reach, out=np.ones_like(reach), where=reach > 1e-12)
+        plain: FloatArray = moved * ratio
+        return plain
+
+    def project(self, points: npt.ArrayLike) -> FloatArray:
+        """Return pixels (..., 2) of points (..., 3) in the camera; NaN behind it."""
+        x = np.asarray(points, dtype=np.float64)
+        depth = np.where(x[..., 2:] > 0, x[..., 2:], np.nan)
+        return self.pixels(x[..., :2] / depth)
+
+    def pixels(self, points: npt.ArrayLike) -> FloatArray:
+        """Return pixels (..., 2) of normalised coordinates (..., 2)."""
+        moved: FloatArray = self.focal * self.distort(points) + np.asarray(self.centre)
+        return moved
+
+    def normalised(self, pixels: npt.ArrayLike) -> FloatArray:
+        """Return normalised coordinates (..., 2), without distortion, of pixels (..., 2)."""
+        seen = np.asarray(pixels, dtype=np.float64)
+        return self.undistort((seen - np.asarray(self.centre)) / self.focal)
+
+    def rays(self, pixels: npt.ArrayLike) -> FloatArray:
+        """Return directions (..., 3) in the camera, with z = 1, of pixels (..., 2)."""
+        plain = self.normalised(pixels)
+        return np.concatenate([plain, np.ones_like(plain[..., :1])], axis=-1)
+
+    def scaled(self, factor: float) -> Pinhole:
+        """Return the same camera with pixels ``1 / factor`` times as large."""
+        u, v = self.centre
+        return Pinhole(
+            round(self.width * factor),
+            round(self.height * factor),
+            self.focal * factor,
+            ((u + 0.5) * factor - 0.5, (v + 0.5) * factor - 0.5),
+            self.k1,
+            self.k2,
+        )
+
+    def in_water(self) -> Pinhole:
+        """Return the lens that sees, from behind a flat port in water, the same pixels.
+
+        Notes
+        -----
+        The port is thin and touches the lens. Snell's law is a radial distortion: a ray at x in
+        the air behind the port is x / sqrt(n^2 + (n^2 - 1) r^2) in the water. The two coefficients
+        follow it within 0.1 pixel, for the documented lens and field of view, which is narrower by
+        a factor of about 1.33.
+        """
+        reach = np.linspace(0.0, self._corner_radius(), _PORT_SAMPLES)[1:]
+        air = self.undistort(np.stack([reach, 0 * reach], axis=-1))[:, 0]
+        water = air / np.sqrt(WATER_INDEX**2 + (WATER_INDEX**2 - 1) * air**2)
+        powers = water[:, None] ** np.array([1, 3, 5])
+        first, third, fifth = np.linalg.lstsq(powers, reach, rcond=None)[0].tolist()
+        return replace(self, focal=self.focal * first, k1=third / first, k2=fifth / first)
+
+    def _corner_radius(self) -> float:
+        """Return the radius of the farthest corner, in normalised distorted coordinates."""
+        u, v = self.centre
+        across = max(abs(u), abs(self.width - 1 - u)) / self.focal
+        down = max(abs(v), abs(self.height - 1 - v)) / self.focal
+        return float(np.hypot(across, down))
+
+
+def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -> FloatArray:
+    """Intersect rays from inside a pipe with its wall.
+
+    Parameters
+    ----------
+    origin : (3,) array_like
+        Start of the rays, inside the pipe.
+    directions : (..., 3) array_like
+        In the pipe, of any length.
+    radius : float
+        Of the pipe, in metres.
+
+    Returns
+    -------
+    (..., 3) array
+        Phi in (-pi, pi], z in metres, and the length along the ray in units of the direction;
+        infinite along the axis.
+
+    Raises
+    ------
+    ParameterError
+        If the origin is not inside the pipe.
+
+    Notes
+    -----
+    The positive root of a s^2 + 2 b s + c = 0 with the components across the axis.
+    """
+    x0, y0, z0 = np.asarray(origin, dtype=np.float64)
+    inside = x0 * x0 + y0 * y0 - radius**2
+    if not inside < 0:
+        raise ParameterError(
+            f"the camera is {np.hypot(x0, y0):.4g} m off the axis of a pipe of radius "
+            f"{radius:.4g} m; it must be inside"
+        )
+    d = np.asarray(directions, dtype=np.float64)
+    a = d[..., 0] ** 2 + d[..., 1] ** 2
+    b = x0 * d[..., 0] + y0 * d[..., 1]
+    # The form without a in the denominator stays accurate along the axis.
+    denominator = b + np.sqrt(b * b - a * inside)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length = np.where(denominator > 0, -inside / denominator, np.inf)
+        phi = np.arctan2(y0 + length * d[..., 1], x0 + length * d[..., 0])
+        z = np.where(d[..., 2] == 0, z0, z0 + length * d[..., 2])
+    return np.stack([phi, z, length], axis=-1)
+
+
+def wall_point(phi: npt.ArrayLike, z: npt.ArrayLike, radius: float) -> FloatArray:
+    """Return points (..., 3) of the wall at phi in radians and z in metres."""
+    angle, along = np.broadcast_arrays(
+        np.asarray(phi, dtype=np.float64), np.asarray(z, dtype=np.float64)
+    )
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), along], axis=-1)
+
+
+def wrapped(angle: npt.ArrayLike) -> FloatArray:
+    """Return angles wrapped to [-pi, pi)."""
+    turned: FloatArray = (np.asarray(angle, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi
+    return turned
+
+
+def wall_distance(one: npt.ArrayLike, other: npt.ArrayLike, radius: float) -> FloatArray:
+    """Return distances in metres along the wall between places (..., 2) of phi and z."""
+    a, b = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
+    apart = np.hypot(radius * wrapped(a[..., 0] - b[..., 0]), a[..., 1] - b[..., 1])
+    return np.asarray(apart)
+
+
+def wall_lengths(course: npt.ArrayLike, radius: float) -> FloatArray:
+    """Return path lengths (N,) in metres along the wall from the first of places (N, 2)."""
+    places = np.asarray(course, dtype=np.float64)
+    return np.concatenate([[0.0], np.cumsum(wall_distance(places[1:], places[:-1], radius))])

@@ -1,0 +1,250 @@
+"""A head at an address as the plant of procedures and console, and the tip that it carries."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import InstrumentError, ParameterError
+from minorloop.lab.actuator import Actuator, Frame, Shot
+
+if TYPE_CHECKING:
+    from minorloop.lab.drivers.parts import Clock
+
+PUMP = "pump"
+"""Name of the digital line that floods the pipe."""
+NO_PROBE = "this head has no ultrasonic probe, so the depth cannot be measured"
+_LED = re.compile(r"led (\d+)")
+_INPUTS, _OUTPUTS = ("A", "A", "mm/s", "deg/s"), ("deg", "deg", "mm", "deg")
+_DEGREE = math.radians(1.0)
+_FACTORS = np.array([1.0, 1.0, 1e-3, _DEGREE]), np.array([_DEGREE, _DEGREE, 1e-3, _DEGREE])
+"""SI units of the channels of a head and its catheter, in and out."""
+
+
+class Wires(Protocol):
+    """Lights and pump, wherever they are wired."""
+
+    def light(self, lights: Sequence[bool]) -> None:
+        """Switch the lights on or off; return only when they are."""
+
+    def flood(self, on: bool) -> None:
+        """Switch the pump on or off; return only when it is."""
+
+
+def check_axes(actuator: Actuator) -> None:
+    """Refuse a head whose sensors do not belong to its sources in their order.
+
+    Raises
+    ------
+    ParameterError
+        If a sensor is of another source.
+    """
+    inputs, outputs = actuator.inputs, actuator.outputs
+    for k, measured in enumerate(getattr(actuator, "measures", range(len(outputs)))):
+        if measured != k:
+            raise ParameterError(
+                f"sensor {outputs[k].name!r} is of {inputs[measured].name!r}; in a head sensor "
+                f"{k + 1} is of source {k + 1}, {inputs[k].name!r}: correct 'of', or the order"
+            )
+
+
+class ActuatorPlant:
+    """A head that an actuator drives, with or without a catheter that moves it.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Two currents in A, two angles in degrees; with a catheter also advance in mm/s and mm and
+        roll in deg/s and deg. Without one, advance and roll stay 0. Two currents alone are a head
+        without sensors: its angles are NaN, and have to be seen by its camera.
+    clock : Clock, optional
+        Keeps the ticks: an exchange begins a tick after the one before. Without it the caller does.
+
+    Raises
+    ------
+    ParameterError
+        If the actuator has other channels, or as `check_axes`.
+    """
+
+    def __init__(self, actuator: Actuator, clock: Clock | None = None) -> None:
+        units = tuple(c.unit for c in actuator.inputs), tuple(c.unit for c in actuator.outputs)
+        if units not in ((_INPUTS[:2], ()), (_INPUTS[:2], _OUTPUTS[:2]), (_INPUTS, _OUTPUTS)):
+            known = ", ".join(str(channel) for channel in (*actuator.inputs, *actuator.outputs))
+            raise ParameterError(
+                f"the actuator has {known}; a head has two currents in A and two angles in deg, "
+                "and perhaps rates of advance and roll in mm/s and deg/s, in mm and deg; without "
+                "sensors it has two currents in A alone"
+            )
+        check_axes(actuator)
+        self.actuator, self._clock, self._due = actuator, clock, -math.inf
+        self._began: float | None = None
+        self._ticks = 0
+        self._count = len(units[0])
+        self._exchange = getattr(actuator, "at_once", actuator.exchange)
+        found = [(int(m[1]), name) for name in self._lines if (m := _LED.fullmatch(name))]
+        self._leds = [name for _, name in sorted(found)]
+
+    @property
+    def tick(self) -> float:
+        """Duration of one ``exchange``, in seconds."""
+        return self.actuator.tick
+
+    @property
+    def time(self) -> float | None:
+        """Seconds from the first ``exchange`` to the last one; None where each takes one tick.
+
+        On a loaded machine an exchange begins late, and the wires turn meanwhile. The time is in
+        whole ticks, in which control counts it, so that a rest of each is not lost.
+        """
+        simulated = hasattr(self.actuator, "clock")  # it goes by its own ticks
+        return None if self._began is None or simulated else self.tick * self._ticks
+
+    @property
+    def serial(self) -> str | None:
+        """Serial number of the head; None if the actuator does not know it."""
+        found: str | None = getattr(self.actuator, "serial", None)
+        return found
+
+    @property
+    def travels(self) -> bool:
+        """Whether a catheter moves the head along the pipe."""
+        return self._count == len(_INPUTS)
+
+    @property
+    def sensors(self) -> bool:
+        """Whether the joints have sensors."""
+        return len(self.actuator.outputs) > 0
+
+    @property
+    def leds(self) -> int:
+        """Number of lines that switch LEDs."""
+        return len(self._leds)
+
+    def exchange(self, u: FloatArray) -> FloatArray:
+        """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
+
+        Returns
+        -------
+        (4,) array
+            Pan and tilt of the joints, advance and roll, in rad and m; NaN for angles without a
+            sensor.
+
+        Raises
+        ------
+        LimitError
+            If an input is beyond its limits; nothing is applied then.
+        InstrumentError
+            If a device fails; the head is safe then.
+        """
+        self._wait()
+        count, read = self._count, np.zeros(4)
+        seen = self._exchange(np.asarray(u, dtype=np.float64)[:count] / _FACTORS[0][:count])
+        read[:count] = seen if self.sensors else np.nan
+        return np.asarray(read * _FACTORS[1])
+
+    def stance(self) -> tuple[float, ...]:
+        """Return nothing: the tip of a head that is not simulated needs no pose."""
+        return ()
+
+    def safe(self) -> None:
+        """Make the head safe."""
+        self.actuator.safe()
+
+    def light(self, lights: Sequence[bool]) -> None:
+        """Switch the lines ``led 1``, ``led 2``, ...; lights without a line stay as they are."""
+        values = dict(zip(self._leds, map(bool, lights), strict=False))
+        if values:
+            self._switch(values)
+
+    def flood(self, on: bool) -> None:
+        """Switch the line ``pump``.
+
+        Raises
+        ------
+        InstrumentError
+            If there is no such line.
+        """
+        if PUMP not in self._lines:
+            raise InstrumentError(f"the bench has no line {PUMP!r}, so the pipe cannot be flooded")
+        self._switch({PUMP: bool(on)})
+
+    def close(self) -> None:
+        """Close the connections."""
+        getattr(self.actuator, "close", lambda: None)()
+
+    def _wait(self) -> None:
+        """Wait until the next tick is due; a tick that is late moves those after it."""
+        if self._clock is not None:
+            self._clock.sleep(max(self._due - self._clock.now(), 0.0))
+            now = self._clock.now()
+            if self._began is None:
+                self._began = now
+            else:  # half a tick late, times would be even and odd by chance
+                self._ticks = max(round((now - self._began) / self.tick), self._ticks + 1)
+            self._due = now + self.tick
+
+    @property
+    def _lines(self) -> tuple[str, ...]:
+        found: tuple[str, ...] = getattr(self.actuator, "lines", ())
+        return found
+
+    def _switch(self, values: dict[str, bool]) -> None:
+        switch: Any = getattr(self.actuator, "switch", None)
+        if switch is not None:
+            switch(values)
+
+
+class BenchTip:
+    """The tip of a head on a bench: lights and a pump, and neither focus nor probe.
+
+    Its pictures come from a camera of its own, see `minorloop_head.procedures.camera_tip`.
+
+    Parameters
+    ----------
+    wires : Wires
+    """
+
+    def __init__(self, wires: Wires) -> None:
+        self._wires = wires
+
+    def frame(self) -> Frame:
+        """Raise an error: the camera is not part of the bench.
+
+        Raises
+        ------
+        InstrumentError
+            Always.
+        """
+        raise InstrumentError("a bench has no camera; give one with --camera")
+
+    def switch(self, lights: Sequence[bool]) -> None:
+        """Switch lights on or off."""
+        self._wires.light(lights)
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Do nothing; the camera is exposed by itself."""
+
+    def move_to(self, stance: tuple[float, ...]) -> None:
+        """Do nothing; the tip is where the head is."""
+
+    def focus_at(self, distance: float) -> None:
+        """Do nothing; the focus is fixed."""
+
+    def flood(self, on: bool) -> None:
+        """Fill the pipe with water, or drain it."""
+        self._wires.flood(on)
+
+    def shots(self, count: int) -> list[Shot]:
+        """Raise an error: there is no probe.
+
+        Raises
+        ------
+        InstrumentError
+            Always.
+        """
+        raise InstrumentError(NO_PROBE)

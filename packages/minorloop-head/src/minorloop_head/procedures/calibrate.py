@@ -1,0 +1,497 @@
+"""Calibration of a head from folders of pictures of a flat target."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError, RecordError, are, counted
+from minorloop.files import PathLike
+from minorloop.lab.columns import find_column, read_headers, read_table, split_header
+from minorloop_head.geometry import AXES, Pinhole
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.head_file import HeadFile
+from minorloop_head.procedures.values import ALL_LIGHTS
+from minorloop_head.vision.led_calibration import find_reflection, fit_led
+from minorloop_head.vision.lens_calibration import LensFit, TargetPose, fit_lens, target_pose
+from minorloop_head.vision.measured import Measured
+from minorloop_head.vision.mount_calibration import MountFit, fit_mount
+from minorloop_head.vision.targets import ANOTHER, SeenTarget, Target
+from minorloop_head.vision.video import frames, names
+
+CORNER_SD = 0.1
+"""Standard deviation of a corner in pixels, for a lens that was calibrated before."""
+_FEWEST = 6
+"""Corners away from a reflection that are enough for the pose of the target."""
+_IN_NAME = re.compile(r"pan([+-]?\d+(?:\.\d+)?)_?tilt([+-]?\d+(?:\.\d+)?)")
+_LED = "LED "
+"""Beginning of the names of results for LEDs."""
+_NAMED = 5
+"""Pictures that a message names."""
+_FAR, _CONTRADICTED = 4.0, 2.0
+"""Residual of an angle that is named, and rms of all that is a contradiction, in standard
+deviations: with Gaussian angles of six pictures, the fewest, either is rarer than 1 in 1,000."""
+_ALIGNED, _ASIDE = 1.0, 0.3
+"""Deviations of the mount from the ideal one that are reported, in degrees and mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class TargetPictures:
+    """What a folder of pictures shows.
+
+    Parameters
+    ----------
+    folder : str
+    size : (int, int)
+        Width and height, in pixels.
+    seen : tuple of SeenTarget
+    left_out : dict of str to str
+        Names of the pictures that cannot be used, and why.
+    reflections : dict of str to (2,) array
+        The one saturated spot of a picture, in pixels.
+    """
+
+    folder: str
+    size: tuple[int, int]
+    seen: tuple[SeenTarget, ...]
+    left_out: dict[str, str]
+    reflections: dict[str, FloatArray]
+
+    def explained(self) -> str:
+        """Return which pictures are left out, and why, to be appended to a message."""
+        if not self.left_out:
+            return ""
+        shown = [f"{name} ({why})" for name, why in list(self.left_out.items())[:_NAMED]]
+        more = len(self.left_out) - len(shown)
+        rest = f" and {more} more" if more else ""
+        count = len(self.left_out)
+        return f"; {count} {are(count)} left out: {', '.join(shown)}{rest}"
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedHead:
+    """A calibration with its evidence.
+
+    Parameters
+    ----------
+    head : HeadFile
+        To be saved.
+    lens : LensFit, optional
+    mount : MountFit, optional
+    left_out : dict of str to str
+        Pictures that were not used, and why.
+    used : dict of str to int
+        Pictures that were used, for each purpose.
+    advice : tuple of str
+    doubts : tuple of str
+        Why the mount is not to be trusted, see `mount_doubts`.
+    """
+
+    head: HeadFile
+    lens: LensFit | None
+    mount: MountFit | None
+    left_out: dict[str, str]
+    used: dict[str, int]
+    advice: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+
+
+def look_through(folder: PathLike, target: Target) -> TargetPictures:
+    """Find the target in each picture of a folder.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such folder.
+    RecordError
+        If the pictures have different sizes, none can be read, or none shows the target.
+    """
+    size: tuple[int, int] | None = None
+    seen: list[SeenTarget] = []
+    left_out, reflections = {}, {}
+    if not Path(folder).is_dir():
+        raise ParameterError(f"there is no folder {folder}; give one with pictures of the target")
+    called = names(str(folder))
+    first = ""
+    for name, frame in zip(called, frames(str(folder), damaged=True), strict=True):
+        if not frame.image.size:
+            left_out[name] = "it cannot be read as an image"
+            continue
+        first = first or name
+        height, width = frame.image.shape
+        size = size or (width, height)
+        if size != (width, height):
+            raise RecordError(
+                f"{name} in {folder} has {width} by {height} pixels and {first} {size[0]} by "
+                f"{size[1]}; give pictures of one camera at one size"
+            )
+        found = target.find(frame.image, name)
+        if isinstance(found, str):
+            left_out[name] = found
+            continue
+        seen.append(found)
+        spot = find_reflection(frame.image)
+        if spot is not None:
+            reflections[name] = spot
+    if size is None:
+        raise RecordError(f"no picture of {folder} can be read as an image; take them again")
+    pictures = TargetPictures(str(folder), size, tuple(seen), left_out, reflections)
+    others = list(left_out.values()).count(ANOTHER)
+    what = f"a {target.kind} of {target.columns} by {target.rows} squares"
+    if others > len(called) / 2:
+        raise RecordError(
+            f"{counted(others, 'picture')} of {folder} {'shows' if others == 1 else 'show'} not "
+            f"{what} but another target; count its squares, and give --target and --squares"
+        )
+    if not seen:
+        raise RecordError(
+            f"no picture of {folder} shows {what}{pictures.explained()}; check --target and "
+            "--squares, and that the whole picture is sharp and not too dark"
+        )
+    return pictures
+
+
+def calibrate_lens(pictures: TargetPictures) -> LensFit:
+    """Fit the lens to the pictures of a folder.
+
+    Raises
+    ------
+    RecordError
+        If they do not determine it.
+    """
+    try:
+        return fit_lens(pictures.seen, pictures.size)
+    except RecordError as error:
+        raise RecordError(f"{pictures.folder}: {error}{pictures.explained()}") from None
+
+
+def calibrate_mount(
+    pictures: TargetPictures,
+    target: Target,
+    lens: Pinhole,
+    angles: PathLike | None,
+    *,
+    corner_sd: float = CORNER_SD,
+    angle_sd: float = 0.1,
+    on_axis: bool = False,
+    centre_sd: tuple[float, float] = (0.0, 0.0),
+) -> MountFit:
+    """Fit the mount of the camera to pictures of a target at several angles of the joints.
+
+    Its standard deviations contain the share of the principal point of the lens.
+
+    Parameters
+    ----------
+    pictures : TargetPictures
+    target : Target
+    lens : Pinhole
+    angles : path, optional
+        Table with columns ``picture``, ``pan [deg]`` and ``tilt [deg]``; without it, the names of
+        the pictures have the angles.
+    corner_sd, angle_sd : float
+        Standard deviations of a corner in pixels and of an angle in degrees.
+    on_axis : bool
+        Whether the target is square to the pipe with its middle on the axis.
+    centre_sd : (float, float)
+        Standard deviations of the principal point, in pixels.
+
+    Raises
+    ------
+    RecordError
+        If angles are missing or in another unit, or the pictures do not determine the mount.
+    """
+    if not target.oriented:
+        raise ParameterError(
+            f"a chessboard of {target.columns} by {target.rows} squares looks the same upside "
+            "down; use one with an odd and an even number, or a charuco target, for the mount"
+        )
+    check_size(pictures, lens)
+    known = _angles_of_names(pictures) if angles is None else _angles_of_table(angles)
+    missing = [each.name for each in pictures.seen if each.name not in known]
+    if missing:
+        raise RecordError(
+            f"{angles} has no row for {missing[0]}; name every picture of {pictures.folder} in "
+            "its column 'picture'"
+        )
+    joints = np.array([known[each.name] for each in pictures.seen]).reshape(-1, 2)
+    middle = target.size / 2 if on_axis else None
+
+    def fitted(lens: Pinhole) -> MountFit:
+        poses = [target_pose(lens, each, corner_sd) for each in pictures.seen]
+        return fit_mount(poses, joints, sd=angle_sd, middle=middle)
+
+    try:
+        found = fitted(lens)
+        moved = [fitted(each) for each in _shifted(lens, centre_sd)]
+    except RecordError as error:
+        raise RecordError(f"{pictures.folder}: {error}{pictures.explained()}") from None
+    measured = [
+        replace(each, sd=math.hypot(each.sd, *(other.value - each.value for other in others)))
+        for each, *others in zip(found.measured, *(fit.measured for fit in moved), strict=True)
+    ]
+    return replace(found, measured=tuple(measured))
+
+
+def mount_doubts(mount: MountFit, names: Sequence[str], angle_sd: float) -> tuple[str, ...]:
+    """Return why the angles of the joints contradict the pictures of a mount; empty if they do not.
+
+    Parameters
+    ----------
+    mount : MountFit
+    names : sequence of str
+        Of its pictures.
+    angle_sd : float
+        Standard deviation of an angle, in degrees, by which it was fitted.
+    """
+    largest = np.abs(mount.joints).max(axis=1)
+    far = [k for k in np.argsort(-largest).tolist() if largest[k] > _FAR * angle_sd]
+    if not far and mount.rms <= _CONTRADICTED * angle_sd:
+        return ()
+    shown = ", ".join(f"{names[k]} ({largest[k]:.2g} deg)" for k in far[:_NAMED])
+    more = f" and {len(far) - _NAMED} more" if len(far) > _NAMED else ""
+    where = f", most in {shown}{more}" if far else ""
+    return (
+        f"the angles of the joints differ from the pictures by {mount.rms:.2g} deg rms{where}, and "
+        f"--angle-sd is {angle_sd:g} deg: the mount is not to be trusted; check the scale of the "
+        "angle sensors and these angles, take the pictures again, or give a larger --angle-sd",
+    )
+
+
+def _shifted(lens: Pinhole, sd: tuple[float, float]) -> list[Pinhole]:
+    """Return lenses whose principal point is off by a standard deviation in a direction."""
+    (u, v), (du, dv) = lens.centre, sd
+    shifts = [(u + du, v)] * (du > 0) + [(u, v + dv)] * (dv > 0)
+    return [replace(lens, centre=centre) for centre in shifts]
+
+
+def centre_sd_of(measured: Iterable[Measured]) -> tuple[float, float]:
+    """Return the standard deviations of the principal point in pixels; 0 where it is not known."""
+    sds = {each.name: each.sd for each in measured}
+    return sds.get("principal point u", 0.0), sds.get("principal point v", 0.0)
+
+
+def calibrate_leds(
+    folders: Sequence[TargetPictures], lens: Pinhole, corner_sd: float = CORNER_SD
+) -> tuple[FloatArray, tuple[Measured, ...]]:
+    """Fit the positions of LEDs to their reflections, one folder for each LED.
+
+    Returns
+    -------
+    positions : (N, 3) array
+        In the camera, in metres.
+    measured : tuple of Measured
+
+    Raises
+    ------
+    RecordError
+        If a folder has too few reflections, or of several LEDs.
+    """
+    positions, measured = [], []
+    for number, pictures in enumerate(folders, 1):
+        check_size(pictures, lens)
+        name = f"{_LED}{number}"
+        poses: list[TargetPose] = []
+        spots = []
+        for each in pictures.seen:
+            spot = pictures.reflections.get(each.name)
+            kept = None if spot is None else each.away_from(spot)
+            if kept is not None and len(kept.points) >= _FEWEST:
+                poses.append(target_pose(lens, kept, corner_sd))
+                spots.append(spot)
+        try:
+            position, sd = fit_led(lens, poses, np.array(spots).reshape(-1, 2), name)
+        except RecordError as error:
+            raise RecordError(f"{pictures.folder}: {error}") from None
+        positions.append(position)
+        measured += [
+            Measured(f"{name} {axis}", 1e3 * float(value), 1e3 * float(spread), "mm")
+            for axis, value, spread in zip("xyz", position, sd, strict=True)
+        ]
+    return np.array(positions), tuple(measured)
+
+
+def led_folders(folder: PathLike) -> list[Path]:
+    """Return the folders of the LEDs in the order of their names.
+
+    Raises
+    ------
+    ParameterError
+        If there are none.
+    """
+    found = sorted(each for each in Path(folder).glob("*") if each.is_dir())
+    if not found:
+        raise ParameterError(f"{folder} has no folders; give one in it for each LED")
+    return found
+
+
+def lens_of(head: HeadFile) -> Pinhole:
+    """Return the lens of a head that was calibrated before.
+
+    Raises
+    ------
+    ParameterError
+        If it was not.
+    """
+    if head.calibration is None:
+        raise ParameterError("the lens is not calibrated; give its pictures with --pictures")
+    return head.calibration.lens
+
+
+def check_size(pictures: TargetPictures, lens: Pinhole) -> None:
+    """Refuse pictures of another size than those of the lens.
+
+    Raises
+    ------
+    RecordError
+        If they have.
+    """
+    if pictures.size != (lens.width, lens.height):
+        raise RecordError(
+            f"the pictures of {pictures.folder} have {pictures.size[0]} by {pictures.size[1]} "
+            f"pixels, and the lens was calibrated with {lens.width} by {lens.height}; give "
+            "pictures of this camera at this size"
+        )
+
+
+def calibrated_head(
+    before: HeadFile,
+    *,
+    lens: LensFit | None = None,
+    mount: MountFit | None = None,
+    leds: FloatArray | None = None,
+    measured: tuple[Measured, ...] = (),
+    radius: float | None = None,
+    thickness: float | None = None,
+) -> tuple[HeadFile, tuple[str, ...]]:
+    """Return the head with its new calibration, and advice.
+
+    Parameters
+    ----------
+    before : HeadFile
+        The head as known so far; what was not measured keeps its value.
+    lens, mount : LensFit, MountFit, optional
+    leds : (N, 3) array, optional
+        Positions in the camera, in metres.
+    measured : tuple of Measured
+        Of the LEDs.
+    radius, thickness : float, optional
+        Of the pipe and its wall, in metres.
+
+    Raises
+    ------
+    ParameterError
+        If the lens is not known.
+    """
+    old = before.calibration
+    seen_by = lens_of(before) if lens is None else lens.lens
+    base = replace(old or HeadCalibration(lens=seen_by, leds=np.zeros((1, 3))), lens=seen_by)
+    if mount is not None:
+        pan, tilt = mount.straight
+        base = replace(
+            base,
+            lever=mount.lever,
+            straight=(base.straight[0] if pan is None else pan, tilt),
+            squint=mount.squint,
+            camera_roll=mount.camera_roll,
+        )
+        if mount.roll is not None and mount.offset is not None:
+            base = replace(base, roll=mount.roll, offset=mount.offset)
+    base = replace(
+        base,
+        leds=base.leds if leds is None else leds,
+        radius=base.radius if radius is None else radius,
+        thickness=base.thickness if thickness is None else thickness,
+    )
+    fresh = [*(lens.measured if lens else ()), *(mount.measured if mount else ()), *measured]
+    kept = [each for each in before.measured if leds is None or not each.name.startswith(_LED)]
+    numbers = {each.name: each for each in (*kept, *fresh)}
+    head = replace(
+        before,
+        calibration=base,
+        calibrated=datetime.now(UTC),
+        measured=tuple(numbers.values()),
+    )
+    return head, tuple(_advice(head, old is None, lens, mount, leds))
+
+
+def _advice(
+    head: HeadFile,
+    first: bool,
+    lens: LensFit | None,
+    mount: MountFit | None,
+    leds: FloatArray | None,
+) -> list[str]:
+    said = []
+    if head.identified is not None:
+        said.append(
+            "the wires were identified before this calibration; identify them again with "
+            "minorloop head identify"
+        )
+    if first and leds is None:
+        wanted = len(ALL_LIGHTS)
+        said.append(
+            f"one LED at the lens is assumed, which the console and head inspect refuse: they "
+            f"switch {wanted}; give the places of all {wanted} with --leds"
+        )
+    if leds is not None and len(leds) != len(ALL_LIGHTS):
+        said.append(
+            f"the head has {counted(len(leds), 'LED')}, and the console and head inspect switch "
+            f"{len(ALL_LIGHTS)}; give the places of all {len(ALL_LIGHTS)} with --leds"
+        )
+    if first and mount is None:
+        said.append("the lever of the camera is not measured; give pictures with --mount")
+    if lens is not None and mount is None and not first:
+        said.append("the mount is still that of the lens before; take its pictures again")
+    if mount is None:
+        return said
+    known = {each.name: each for each in mount.measured}
+    limits = {"deg": _ALIGNED, "mm": _ASIDE}
+    for name in ("lean of the base", "lens right of the axis", "lens below the axis",
+                 "tilt axis before the pan axis"):  # fmt: skip
+        each = known.get(name)
+        if each is not None and abs(each.value) > limits[each.unit] + 2 * each.sd:
+            said.append(
+                f"the {name} is {each.value:.1f} {each.unit}, and 0 is assumed; align the camera "
+                "better, or expect places on the wall to be off by as much"
+            )
+    return said
+
+
+def _angles_of_names(pictures: TargetPictures) -> dict[str, tuple[float, float]]:
+    found = {}
+    for each in pictures.seen:
+        match = _IN_NAME.search(each.name)
+        if match is None:
+            raise RecordError(
+                f"the name of {each.name} has no angles; call it such as pan12.5_tilt-3.png, or "
+                "give a table with --angles"
+            )
+        found[each.name] = (float(match[1]), float(match[2]))
+    return found
+
+
+def _angles_of_table(file: PathLike) -> dict[str, tuple[float, float]]:
+    headers = read_headers(file)
+    columns = []
+    for axis in AXES:
+        header = find_column(axis, headers, source=file)
+        unit = split_header(header)[1]
+        if unit != "deg":
+            raise RecordError(
+                f"column '{header}' of {file} is in {unit or 'no unit'}; give '{axis} [deg]'"
+            )
+        columns.append(header)
+    numbers, labels = read_table(file, columns, ["picture"])
+    pictures = [str(name) for name in labels["picture"].tolist()]
+    rows = zip(*(numbers[name].tolist() for name in columns), strict=True)
+    found = dict(zip(pictures, ((pan, tilt) for pan, tilt in rows), strict=True))
+    if len(found) < len(pictures):
+        raise RecordError(f"{file} names a picture twice; give one row for each")
+    return found

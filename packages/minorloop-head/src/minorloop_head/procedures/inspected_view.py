@@ -1,0 +1,205 @@
+"""Views of an inspection: what each shows, and the candidate that it confirms or does not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from minorloop.arrays import FloatArray
+from minorloop_head.procedures.pictures import (
+    CRACK,
+    InspectedPicture,
+    PictureFinding,
+    crack_in,
+    hole_in,
+)
+from minorloop_head.procedures.rig import LogEntry
+from minorloop_head.procedures.steps import CLAIMED
+from minorloop_head.reconstruction.findings import UNDECIDED, Finding, finding_of, kind_of, outlined
+from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_finding
+from minorloop_head.ultrasound.pits import HOLE, PitDepth
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
+from minorloop_head.vision.clarity import BLURRED, CLEAR, VEILED, clarity
+from minorloop_head.vision.cracks import TracedCrack
+from minorloop_head.vision.defects import Hole
+from minorloop_head.vision.frame_checks import GOOD
+
+__all__ = [
+    "InspectedView",
+    "Unconfirmed",
+    "first_visit",
+    "lens_words",
+    "unconfirmed",
+    "view_with",
+    "with_finding",
+]
+
+NOT_SCANNED = "not scanned"
+"""Verdict of the echoes of a finding that was not scanned."""
+_UNCLEAR = {BLURRED: "blurred, if the wall is not smooth,", VEILED: "veiled"}
+"""What is said of a picture by its verdict: a blur, and a wall without texture, look the same."""
+AROUND = "view"
+"""First word of the names of views that look round; the others visit a candidate."""
+AGAIN = " again"
+"""End of the name of a second visit, under another angle, after the name of the first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unconfirmed:
+    """A candidate that was not seen again, or not visited.
+
+    Parameters
+    ----------
+    kind : str
+        ``hole or pit``, or ``crack``.
+    phi, z : float
+        Place on the wall, in radians and metres.
+    evidence : float
+        The largest of its views, as of a `Hole`; NaN for a crack.
+    seen_in : tuple of str
+        Names of the views that show it there.
+    why : str
+        What its visit showed instead, or that there was none.
+    """
+
+    kind: str
+    phi: float
+    z: float
+    evidence: float
+    seen_in: tuple[str, ...]
+    why: str
+
+
+def unconfirmed(shown: Hole | TracedCrack, seen_in: tuple[str, ...], why: str) -> Unconfirmed:
+    """Return a candidate that some views show, and why it is not confirmed."""
+    if isinstance(shown, Hole):
+        kind, place, evidence = UNDECIDED, shown.place, shown.evidence
+    else:
+        kind, place, evidence = CRACK, shown.middle, math.nan
+    phi, z = place.tolist()
+    return Unconfirmed(kind=kind, phi=phi, z=z, evidence=evidence, seen_in=seen_in, why=why)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InspectedView:
+    """One acquisition of an inspection.
+
+    Parameters
+    ----------
+    picture : InspectedPicture
+        What it shows: candidates on the way round, and then the one that was visited.
+    image : (height, width) array of uint8
+        Under all lights.
+    angles : (float, float)
+        Pan and tilt of the line of sight, in radians.
+    joints : (float, float)
+        Pan and tilt that the joints read there, in radians, as a file of poses has them.
+    place : (float, float)
+        Advance in metres and roll in radians of the catheter.
+    seen : tuple of Hole and TracedCrack
+        What the picture shows: with them an inspection that was cut off goes on.
+    finding : Finding, optional
+        The candidate that was visited, if it was seen again.
+    evidence : float
+        Of the finding, as of a `Hole`; NaN for a crack.
+    course : (N, 2) array
+        Phi and z along the rim of a hole, or along a crack.
+    unconfirmed : Unconfirmed, optional
+        The candidate that was visited, if it was not seen again.
+    steps : tuple of LogEntry
+        Of the visit, but for the search; the verdict of the finding names those that failed.
+    probed : PitDepth or CrackDepth, optional
+        What the echoes say of the finding; None before it was scanned, and without a probe.
+    """
+
+    picture: InspectedPicture
+    image: Image
+    angles: tuple[float, float]
+    joints: tuple[float, float]
+    place: tuple[float, float]
+    seen: tuple[Hole | TracedCrack, ...] = ()
+    finding: Finding | None = None
+    evidence: float = math.nan
+    course: FloatArray | None = None
+    unconfirmed: Unconfirmed | None = None
+    steps: tuple[LogEntry, ...] = ()
+    probed: PitDepth | CrackDepth | None = None
+
+    @property
+    def failed(self) -> str:
+        """The word failed and the names of the steps that failed; empty without any.
+
+        A step whose outcome is the verdict of the echoes is not named again, and the tool meets no
+        wall in a through-hole.
+        """
+        said = None if self.probed is None else self.probed.verdict
+        bad = [each for each in self.steps if not each.succeeded and each.outcome != said]
+        counts = [name for name in CLAIMED if said != HOLE or name != "touch"]
+        names = [each.what for each in bad if each.what in counts]
+        return f"failed: {', '.join(names)}" if names else ""
+
+    @property
+    def looks_round(self) -> bool:
+        """Whether it is one of those that look round, and visits no candidate."""
+        return self.picture.name.partition(" ")[0] == AROUND
+
+
+def first_visit(name: str) -> str:
+    """Return the name of the first visit of the candidate that a view of this name visits."""
+    return name.removesuffix(AGAIN)
+
+
+def lens_words(views: Sequence[InspectedView]) -> str:
+    """Return that most pictures along the pipe are blurred or veiled; empty if they are not."""
+    around = [view for view in views if view.looks_round and view.picture.verdict == GOOD]
+    verdicts = [clarity(view.image) for view in around]
+    bad = [verdict for verdict in verdicts if verdict != CLEAR]
+    if 2 * len(bad) <= len(verdicts):
+        return ""
+    what = " or ".join(sorted({_UNCLEAR[verdict] for verdict in bad})).rstrip(",")
+    return (
+        f"pictures are {what}: {len(bad)} of {len(verdicts)}; small defects may be missed; clean "
+        "the lens, or check its focus"
+    )
+
+
+def view_with(
+    view: InspectedView, shown: Sequence[Hole | TracedCrack], camera: CalibratedCamera
+) -> InspectedView:
+    """Return a view that shows holes and cracks, as seen by the camera at its place."""
+    found = tuple(_in_picture(each, camera, view.angles) for each in shown)
+    return replace(view, seen=tuple(shown), picture=replace(view.picture, findings=found))
+
+
+def with_finding(view: InspectedView, radius: float) -> InspectedView:
+    """Return the view of a visit with the one that it shows as its finding."""
+    (shown,) = view.seen
+    probed = view.probed
+    if isinstance(shown, Hole):
+        phi, z = shown.place.tolist()
+        found = outlined(phi, z, shown.diameter, NOT_SCANNED, radius=radius)
+        if isinstance(probed, PitDepth):
+            measured = math.isfinite(probed.diameter_sd)
+            kind = kind_of(probed.verdict)
+            found = (
+                finding_of(probed, radius=radius)
+                if measured
+                else replace(found, kind=kind, verdict=probed.verdict)
+            )
+        course, evidence = shown.rim, shown.evidence
+    else:
+        depth = probed if isinstance(probed, CrackDepth) else CrackDepth(NOT_SCANNED)
+        found = crack_finding(shown.places, shown.width, depth, radius, width_sd=shown.width_sd)
+        course, evidence = shown.places, math.nan
+    if view.failed:
+        found = replace(found, verdict=f"{found.verdict}, but {view.failed}")
+    return replace(view, finding=found, evidence=evidence, course=course)
+
+
+def _in_picture(
+    shown: Hole | TracedCrack, camera: CalibratedCamera, angles: tuple[float, float]
+) -> PictureFinding:
+    if isinstance(shown, Hole):
+        return hole_in(shown, camera, angles)
+    return crack_in(shown, camera, angles)

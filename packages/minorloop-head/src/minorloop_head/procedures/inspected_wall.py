@@ -1,0 +1,271 @@
+"""The wall that an inspection saw: pictures merged to one map of the pipe, and its shares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.drawing.layout import new_figure
+from minorloop_head.geometry import wrapped
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
+from minorloop_head.procedures.measure import PATCH, has_coupling
+from minorloop_head.procedures.probe_steps import ScannedRaster, fused_wall, resampled
+from minorloop_head.procedures.sweep_map import water_angles
+from minorloop_head.procedures.trace import patch_about, widest
+from minorloop_head.reconstruction.depth_map import (
+    ECHOES,
+    STEP,
+    DepthMap,
+    Patch,
+    WaterLine,
+    paste,
+    unseen_map,
+)
+from minorloop_head.ultrasound.burst_checks import usable_bursts
+from minorloop_head.ultrasound.c_scan import CScan, c_scan
+from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_map
+from minorloop_head.ultrasound.pits import PitDepth
+from minorloop_head.ultrasound.wall_echoes import SweptBurst
+from minorloop_head.vision.cracks import TracedCrack
+from minorloop_head.vision.defects import Hole
+from minorloop_head.vision.frame_checks import GOOD
+from minorloop_head.vision.reflectance_map import LitFrame, ReflectanceMap, lay_flat
+
+__all__ = ["SeenWall", "c_scan_of", "draw_wall", "seen_wall", "wall_of"]
+
+_EDGE = 1e-3
+"""Metres at each end of what was seen in which no hole is found."""
+_CONTRAST = 0.6
+"""Range of the logarithm of reflectance about its median that is drawn from black to white."""
+_SIDES = {180: "left", -90: "top", 0: "right", 90: "bottom"}
+_MOST = 0.5
+"""Least share of a column that is seen, for it to be in the range of what was seen; and of a row,
+over that of the row of which most is seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenWall:
+    """Picture of the pipe, unrolled.
+
+    Parameters
+    ----------
+    patch : Patch
+        Once round the pipe, from the nearest to the farthest place that a view shows.
+    picture : (rows, columns) array
+        Logarithm of the reflectance; NaN where no view shows the wall.
+    probed : (rows, columns) array of bool
+        Where echoes gave the depth.
+    """
+
+    patch: Patch
+    picture: FloatArray
+    probed: BoolArray
+
+    @property
+    def along(self) -> tuple[float, float]:
+        """First and last place along the pipe that was searched, in metres.
+
+        Places of which less than half as much was seen as of any other do not count, nor do those
+        near the ends of the others: what the edge of a picture cuts is not found.
+        """
+        shares = self._seen.mean(axis=1)
+        rows = np.flatnonzero(shares >= _MOST * shares.max())
+        edge = round(_EDGE / self.patch.step)
+        rows = rows[edge:-edge] if rows.size > 2 * edge else rows
+        return tuple((self.patch.z + self.patch.step * rows[[0, -1]]).tolist())
+
+    @property
+    def around(self) -> tuple[float, float]:
+        """First and last angle in radians of the sector that was seen; a whole turn if all was."""
+        columns = np.flatnonzero(self._part(self._seen).mean(axis=0) >= _MOST)
+        turn = self.patch.step / self.patch.radius
+        if not columns.size:
+            return 0.0, 0.0
+        phi = self.patch.phi + turn * columns
+        gaps = np.diff(np.append(phi, phi[0] + 2 * np.pi))
+        widest_gap = int(np.argmax(gaps))
+        if gaps[widest_gap] < 2.5 * turn:
+            return -np.pi, np.pi
+        first = float(wrapped(np.append(phi, phi[0])[widest_gap + 1]))
+        return first, first + 2 * np.pi - float(gaps[widest_gap])
+
+    @property
+    def seen_share(self) -> float:
+        """Share of the wall in the range along the pipe that the camera saw."""
+        return float(self._part(self._seen).mean())
+
+    @property
+    def probed_share(self) -> float:
+        """Share of it of which echoes gave the depth."""
+        return float(self._part(self.probed).mean())
+
+    @property
+    def _seen(self) -> BoolArray:
+        return np.isfinite(self.picture)
+
+    def _part(self, values: BoolArray) -> BoolArray:
+        """Return the rows of the range along the pipe."""
+        first, last = (round((z - self.patch.z) / self.patch.step) for z in self.along)
+        return values[first : last + 1]
+
+
+def seen_wall(
+    views: Iterable[InspectedView], calibration: HeadCalibration, walls: Sequence[DepthMap] = ()
+) -> SeenWall | None:
+    """Merge the pictures of an inspection; return None without one that can be used.
+
+    Parameters
+    ----------
+    views : iterable of InspectedView
+    calibration : HeadCalibration
+        Of the head.
+    walls : sequence of DepthMap
+        About the findings that were scanned.
+
+    Notes
+    -----
+    Views under other lights differ by a constant, which is that of their medians.
+    """
+    flat = [each for each in (_flat(view, calibration) for view in views) if each is not None]
+    if not flat:
+        return None
+    ends = [(one.window.z, one.window.z + one.whole.shape[0] * one.window.step) for one in flat]
+    low, high = (
+        STEP * round(end / STEP)
+        for end in (min(low for low, _ in ends), max(high for _, high in ends))
+    )
+    patch = Patch.ring(low, high + 0.5 * STEP, radius=calibration.radius)
+    total, count = (np.zeros((patch.rows, patch.columns)) for _ in range(2))
+    for one in flat:
+        view = resampled(one, patch)
+        seen = np.isfinite(view)
+        if seen.any():
+            total[seen] += view[seen] - np.median(view[seen])
+            count[seen] += 1
+    picture = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
+    ring = unseen_map(patch)
+    for wall in walls:
+        ring = paste(ring, wall)
+    return SeenWall(patch, picture, (ring.source & ECHOES) > 0)
+
+
+def _flat(view: InspectedView, calibration: HeadCalibration) -> ReflectanceMap | None:
+    """Return the picture of a view unrolled; None if it cannot be used."""
+    if view.picture.verdict != GOOD:
+        return None
+    frame = LitFrame(view.image, *view.angles, (True,) * len(calibration.leds))
+    return lay_flat([frame], calibration.camera_at(view.place))
+
+
+def wall_of(
+    view: InspectedView, scanned: ScannedRaster | None, calibration: HeadCalibration
+) -> DepthMap | None:
+    """Return the map of the wall about a finding; None if echoes gave no depth.
+
+    Parameters
+    ----------
+    view : InspectedView
+        Of its visit.
+    scanned : ScannedRaster, optional
+        The scan that gave the depth.
+    calibration : HeadCalibration
+    """
+    probed = view.probed
+    if scanned is None or probed is None or not np.isfinite(probed.depth):
+        return None
+    (shown,) = view.seen
+    if isinstance(shown, Hole) and isinstance(probed, PitDepth):
+        probe = calibration.probe_at(scanned.reference)
+        return fused_wall(scanned, probe, probed, shown, _flat(view, calibration))
+    if isinstance(shown, TracedCrack) and isinstance(probed, CrackDepth):
+        where, width = widest(shown)
+        patch = patch_about(shown.places, calibration.radius)
+        return crack_map(shown.places, width, probed, tuple(where.tolist()), patch)
+    return None
+
+
+def c_scan_of(scanned: ScannedRaster, calibration: HeadCalibration) -> CScan | None:
+    """Return the map of amplitude and depth of a scan; None if no echo came back.
+
+    Parameters
+    ----------
+    scanned : ScannedRaster
+    calibration : HeadCalibration
+    """
+    if not has_coupling(scanned.bursts):
+        return None
+    probe = calibration.probe_at(scanned.reference)
+    bursts = usable_bursts(scanned.bursts)
+    spots = probe.spots(np.array([burst.angles for burst in bursts]))
+    each = zip(spots, bursts, strict=True)
+    swept = [SweptBurst(0.0, scanned.reference, spot, burst) for spot, burst in each]
+    middle = spots[len(spots) // 2]
+    phi = float(middle[0] + np.mean(wrapped(spots[:, 0] - middle[0])))
+    z = float(spots[:, 1].mean())
+    patch = Patch.around(phi, z, size=PATCH, radius=calibration.radius, step=0.5 * STEP)
+    return c_scan(swept, probe, patch)
+
+
+def draw_wall(
+    seen: SeenWall,
+    found: Sequence[InspectedView],
+    lost: Sequence[Unconfirmed] = (),
+    water: WaterLine | None = None,
+) -> Any:
+    """Draw the unrolled pipe with numbered findings, what was not confirmed, and the water line.
+
+    Parameters
+    ----------
+    seen : SeenWall
+    found : sequence of InspectedView
+        Each with a finding, in the order of their numbers.
+    lost : sequence of Unconfirmed
+    water : WaterLine, optional
+    """
+    patch = seen.patch
+    figure, axes = new_figure(1, 1, 4.4, grid=False)
+    start = float(np.degrees(patch.phi))
+
+    def drawn_at(phi: float) -> float:
+        return float((phi - start) % 360.0 + start)
+
+    extent = (start, start + 360.0, 1e3 * patch.z, 1e3 * (patch.z + patch.rows * patch.step))
+    grey = np.clip(0.5 + seen.picture / (2 * _CONTRAST), 0.0, 1.0)
+    image = {"origin": "lower", "extent": extent, "aspect": "auto", "interpolation": "nearest"}
+    axes.set_facecolor("#dfe6ee")
+    axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, **image)
+    blue = np.zeros((*seen.probed.shape, 4))
+    blue[seen.probed] = (0.12, 0.47, 0.71, 0.45)
+    axes.imshow(blue, **image)
+    for number, view in enumerate(found, 1):
+        assert view.finding is not None
+        phi = drawn_at(np.degrees(view.finding.phi))
+        z = 1e3 * view.finding.z
+        if view.course is not None:
+            course = np.degrees(view.course[:, 0])
+            around = (course - np.degrees(view.finding.phi) + 180.0) % 360.0 - 180.0 + phi
+            axes.plot(around, 1e3 * view.course[:, 1], color="C1", lw=1.2)
+        axes.annotate(
+            str(number), (phi, z), (10, 10), textcoords="offset points", fontsize=10, color="k",
+            bbox={"fc": "w", "ec": "C1", "boxstyle": "circle,pad=0.2"},
+        )  # fmt: skip
+    for one in lost:
+        axes.plot(drawn_at(np.degrees(one.phi)), 1e3 * one.z, "x", color="C3", ms=8, mew=1.6)
+    if water is not None and water.seen:
+        for phi in water_angles(water.height, patch.radius):
+            axes.axvline(drawn_at(phi), color="C0", lw=1.2, ls="--")
+    axes.set(xlabel="around the pipe [degrees]", ylabel="along the pipe [mm]")
+    ticks = np.arange(-90.0, 271.0, 45.0)
+    axes.set_xticks(ticks, [_angle_words(phi) for phi in ticks], fontsize=9)
+    return figure
+
+
+def _angle_words(phi: float) -> str:
+    """Return an angle from -180 to 180 degrees, and where it is."""
+    angle = round(180.0 - (180.0 - phi) % 360.0)
+    return f"{angle}\n{_SIDES.get(angle, '')}"

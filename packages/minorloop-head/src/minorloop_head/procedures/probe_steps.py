@@ -1,0 +1,270 @@
+"""Steps with the probe of a rig: scan a place of the flooded wall, and measure the defect there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from minorloop.arrays import FloatArray
+from minorloop_head.procedures.measure import NO_COUPLING, has_coupling, wall_about
+from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.rig import InspectionRig, LogEntry
+from minorloop_head.procedures.scan import RasterScan, ScanState
+from minorloop_head.procedures.steps import REFUSED
+from minorloop_head.procedures.trace import widest
+from minorloop_head.procedures.values import Request
+from minorloop_head.reconstruction.depth_map import DepthMap, Patch
+from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_depth
+from minorloop_head.ultrasound.echoes import Burst
+from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.pits import (
+    ASTRAY,
+    DEEPER,
+    DISTURBED,
+    HOLE,
+    MEASURED,
+    NO_PIT,
+    SILENT,
+    UNEVEN,
+    PitDepth,
+    measure_pit,
+)
+from minorloop_head.vision.cracks import TracedCrack
+from minorloop_head.vision.defects import Hole
+from minorloop_head.vision.reflectance_map import ReflectanceMap
+
+SEEN_BEFORE = 2
+"""Views on the way round that show a crack which counts without an echo of its depth."""
+AGAIN = (DISTURBED, SILENT, ASTRAY)
+"""Verdicts after which a raster is scanned again, displaced by half a pitch: they depend on where
+the points are, and on how the flow turned the head at each of them."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScannedRaster:
+    """A scan of a raster, or the part of it that was made until it was cut off.
+
+    Parameters
+    ----------
+    reference : (2,) array
+        Advance and roll of the catheter, in metres and radians, at which the angles of the bursts
+        hold.
+    bursts : tuple of Burst
+    point, onward : int
+        As in `ScanState`.
+    done : bool
+        Whether it has ended.
+    refused : str
+        Why it was not scanned; empty if it was.
+    steps : tuple of LogEntry
+        Of the visit until its end, or since the scan before it, for who keeps the scan.
+    """
+
+    reference: FloatArray
+    bursts: tuple[Burst, ...] = ()
+    point: int = 0
+    onward: int = 1
+    done: bool = True
+    refused: str = ""
+    steps: tuple[LogEntry, ...] = ()
+
+
+Scan: TypeAlias = Callable[[InspectionRig, tuple[float, float], float], ScannedRaster]
+"""Scans a raster about phi and z, displaced by some pitches: `scan`, or one that keeps scans."""
+
+
+def reach_words(rig: InspectionRig) -> tuple[str, bool]:
+    """Return whether the probe reaches the wall in the water as known, as a sentence and a flag."""
+    said = RasterScan(calibration=rig.calibration).out_of_reach(rig.control)
+    water = f"the probe is within reach in water of {rig.calibration.temperature:.0f} C"
+    return said or water, not said
+
+
+def scan(
+    rig: InspectionRig,
+    place: tuple[float, float],
+    shift: float = 0.0,
+    *,
+    before: ScannedRaster | None = None,
+    told: Callable[[ScannedRaster], None] | None = None,
+) -> ScannedRaster:
+    """Bring the probe over a place in the drained pipe, flood it, and scan a raster in the flow.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+        The water flows until `drain`.
+    place : (float, float)
+        Phi and z in the middle of the raster.
+    shift : float
+        Displacement of the raster in pitches, in both directions.
+    before : ScannedRaster, optional
+        The part of the same scan that was made before it was cut off; the rest is made.
+    told : callable, optional
+        Is given the scan so far when it begins and after each point.
+    """
+    view = rig.calibration
+    scanning = RasterScan(calibration=view, metering=Metering(calibration=view))
+    made = None if before is None else _state_of(before, place)
+    begun = scanning.begin(place, shift=shift, control=rig.control, gain=rig.gain, before=made)
+    if begun.refused:
+        rig.say("reach", begun.refused, succeeded=False)
+        return ScannedRaster(reference=rig.place, refused=begun.refused)
+    drain(rig)
+    state, late = rig.run(scanning, begun, told and _each_point(told)), rig.trouble
+    rig.gain = state.meter.gain
+    bursts, planned = state.bursts, scanning.points**2
+    words = f"{len(bursts)} of {planned} points{late and '; '}{late}"
+    words += f"; rolled back {state.again} x for a row that was passed" if state.again else ""
+    rig.say("scan", words, succeeded=len(bursts) == planned and not late)
+    coupled = has_coupling(bursts)
+    answer = "the wall answers" if coupled else "no echo: camera only"
+    rig.say("modality", answer, succeeded=coupled)
+    return _scanned(state)
+
+
+def _each_point(told: Callable[[ScannedRaster], None]) -> Callable[[ScanState], None]:
+    """Return what tells of a scan so far, given its state after every tick."""
+    last = -1
+
+    def each(state: ScanState) -> None:
+        nonlocal last
+        if state.point != last:
+            last = state.point
+            told(_scanned(state))
+
+    return each
+
+
+def _scanned(state: ScanState) -> ScannedRaster:
+    return ScannedRaster(
+        reference=state.reference,
+        bursts=tuple(state.bursts),
+        point=state.point,
+        onward=state.onward,
+        done=state.done,
+    )
+
+
+def _state_of(part: ScannedRaster, place: tuple[float, float]) -> ScanState:
+    """Return the state of a scan that was cut off."""
+    return ScanState(
+        centre=place,
+        reference=part.reference,
+        bursts=part.bursts,
+        point=part.point,
+        onward=part.onward,
+    )
+
+
+def drain(rig: InspectionRig) -> None:
+    """Drain the pipe."""
+    rig.reading(Request(water=False))
+
+
+def scanned_pit(
+    rig: InspectionRig, hole: Hole, scan: Scan = scan
+) -> tuple[PitDepth, ScannedRaster]:
+    """Scan a hole or a pit, once more if the echoes depend on the points, and return its depth.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+    hole : Hole
+        By the camera.
+    scan : callable
+
+    Returns
+    -------
+    PitDepth, ScannedRaster
+        The scan is the one that gave the depth.
+    """
+    place = (float(hole.place[0]), float(hole.place[1]))
+    first = scan(rig, place, 0.0)
+    if first.refused:
+        return PitDepth(REFUSED, *place, hole.diameter), first
+    pit = _measured(rig, first, hole, "measure")
+    if pit.verdict not in AGAIN:
+        return pit, first
+    second = scan(rig, place, 0.5)
+    other = _measured(rig, second, hole, "measure again")
+    return (other, second) if other.measured else (pit, first)
+
+
+def _measured(rig: InspectionRig, scanned: ScannedRaster, hole: Hole, step: str) -> PitDepth:
+    """Measure the pit of a hole from a scan."""
+    place = (float(hole.place[0]), float(hole.place[1]))
+    probe = probe_of(rig, scanned)
+    pit = rig.compute(lambda: measure_pit(scanned.bursts, probe, place, hole.diameter))
+    said = f"{pit.bursts} of {len(scanned.bursts)} places; {pit.verdict}"
+    rig.say(step, said, succeeded=shown_by_echoes(pit) or pit.verdict == NO_PIT)
+    return pit
+
+
+def scanned_crack(
+    rig: InspectionRig, traced: TracedCrack, scan: Scan = scan
+) -> tuple[CrackDepth, ScannedRaster]:
+    """Scan across a crack where it is widest, and return its depth there.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+    traced : TracedCrack
+        In a near view.
+    scan : callable
+    """
+    where, width = widest(traced)
+    scanned = scan(rig, (float(where[0]), float(where[1])), 0.0)
+    if scanned.refused:
+        return CrackDepth(REFUSED), scanned
+    drain(rig)
+    if not has_coupling(scanned.bursts):
+        found = CrackDepth(NO_COUPLING)
+    else:
+        bursts, probe = scanned.bursts, probe_of(rig, scanned)
+        found = rig.compute(lambda: crack_depth(bursts, probe, traced.places, width))
+    deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
+    rig.say("measure", f"{found.verdict}{deep}", succeeded=shown_by_echoes(found))
+    return found, scanned
+
+
+def counts_as_crack(views: int, found: CrackDepth) -> bool:
+    """Whether a line that was traced again is a crack.
+
+    It is one if two views on the way round showed it, or echoes give its depth.
+    """
+    return views >= SEEN_BEFORE or shown_by_echoes(found)
+
+
+def shown_by_echoes(found: PitDepth | CrackDepth) -> bool:
+    """Whether echoes alone show that there is a defect: by its floor, or as a through-hole."""
+    return found.verdict in (MEASURED, DEEPER, UNEVEN, HOLE)
+
+
+def probe_of(rig: InspectionRig, scanned: ScannedRaster) -> CalibratedProbe:
+    """Return the probe at the place for which the angles of a scan hold."""
+    return rig.calibration.probe_at(scanned.reference)
+
+
+def fused_wall(
+    scanned: ScannedRaster,
+    probe: CalibratedProbe,
+    pit: PitDepth,
+    hole: Hole,
+    view: ReflectanceMap | None,
+) -> DepthMap:
+    """Fuse echoes and the near view to a map about a pit."""
+    centre = (float(hole.place[0]), float(hole.place[1]))
+    seen = None if view is None else lambda patch: resampled(view, patch)
+    return wall_about(pit, scanned.bursts, probe, centre, hole.diameter, seen=seen)
+
+
+def resampled(view: ReflectanceMap, patch: Patch) -> FloatArray:
+    """Resample a view of the camera on a patch (rows, columns); NaN where nothing is seen."""
+    x, y = np.moveaxis(view.window.texels(patch.places, patch.radius), -1, 0)
+    whole = np.asarray(view.whole, dtype=np.float64)
+    return np.asarray(map_coordinates(whole, [y, x], order=1, mode="constant", cval=np.nan))

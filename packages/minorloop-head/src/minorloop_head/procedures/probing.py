@@ -1,0 +1,167 @@
+"""The probe in an inspection: it scans each finding, and is rolled once round the pipe at the end.
+
+What it measures is handed out at once, so that an inspection that is cut off goes on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from minorloop_head.procedures.inspected_view import AGAIN, InspectedView, first_visit, with_finding
+from minorloop_head.procedures.probe_steps import (
+    Scan,
+    ScannedRaster,
+    drain,
+    reach_words,
+    scan,
+    scanned_crack,
+    scanned_pit,
+)
+from minorloop_head.procedures.rig import InspectionRig, LogEntry
+from minorloop_head.procedures.ring import Ring, ring_sweep
+from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.steps import REFUSED, approach, go, meter, touch
+from minorloop_head.procedures.values import Request
+from minorloop_head.ultrasound.crack_depth import CrackDepth
+from minorloop_head.ultrasound.pits import PitDepth
+from minorloop_head.vision.defects import Hole
+
+__all__ = ["RING", "Probing"]
+
+RING = "ring"
+"""Name of the sweep round the pipe."""
+
+
+def _nobody(name: str, new: ScannedRaster | Ring) -> None:
+    pass
+
+
+@dataclass(eq=False, kw_only=True)
+class Probing:
+    """What the probe of an inspection has measured, and who is told of it.
+
+    Parameters
+    ----------
+    scans : dict of str to ScannedRaster
+        By the name of the find; with ``again`` after it, the second one. Of an inspection that was
+        cut off: what was scanned is not repeated.
+    ring : Ring, optional
+        The pipe once round.
+    told : callable
+        Is given the name of a scan, and the scan so far, after each point; and ``ring`` with the
+        ring.
+    refused : str
+        Why nothing is scanned, such as ``no water``; empty if something is. `begin` sets it if the
+        probe does not reach the wall in the water.
+    """
+
+    scans: dict[str, ScannedRaster] = field(default_factory=dict)
+    ring: Ring | None = None
+    told: Callable[[str, ScannedRaster | Ring], None] = _nobody
+    refused: str = ""
+
+    def begin(self, rig: InspectionRig) -> None:
+        """Drain the pipe for the camera, and say whether the probe reaches the wall in water."""
+        drain(rig)
+        if not self.refused:
+            said, within = reach_words(rig)
+            self.refused = "" if within else said
+            rig.say("reach", said, succeeded=within)
+
+    def scan_of(self, view: InspectedView) -> ScannedRaster | None:
+        """Return the scan that gave what the echoes say of the finding of a view, if there is one.
+
+        A second scan counts if it gave a depth.
+        """
+        name, probed = first_visit(view.picture.name), view.probed
+        first = self.scans.get(name)
+        measured = isinstance(probed, PitDepth) and probed.measured
+        return self.scans.get(f"{name}{AGAIN}", first) if measured else first
+
+    def scanned(self, rig: InspectionRig, view: InspectedView) -> InspectedView:
+        """Touch and scan the finding of a view, and return the view with what the echoes say.
+
+        Parameters
+        ----------
+        rig : InspectionRig
+            With a micro-tool, it touches a hole or a pit first.
+        view : InspectedView
+            With a finding.
+
+        Raises
+        ------
+        InstrumentError
+            If a device fails or a sensor is lost.
+        """
+        (shown,), name, visit = view.seen, first_visit(view.picture.name), _Visit(rig)
+        if isinstance(shown, Hole) and rig.has_tool and name not in self.scans:
+            approach(rig, shown.place)
+            touch(rig, shown)
+        probed: PitDepth | CrackDepth
+        if self.refused:
+            step = "reach" if self.refused.startswith(REFUSED) else "scan"
+            rig.say(step, self.refused, succeeded=False)
+            probed = CrackDepth(self.refused)
+            if isinstance(shown, Hole):
+                probed = PitDepth(self.refused, *shown.place.tolist())
+        elif isinstance(shown, Hole):
+            probed, _ = scanned_pit(rig, shown, self._kept(name, visit))
+        else:
+            probed, _ = scanned_crack(rig, shown, self._kept(name, visit))
+        drain(rig)
+        rig.check_sensors()
+        steps = (*view.steps, *visit.steps())
+        return with_finding(replace(view, steps=steps, probed=probed), rig.calibration.radius)
+
+    def roll_round(self, rig: InspectionRig, z: float) -> None:
+        """Sweep once round the flooded pipe at a place along it in metres, unless it is done."""
+        if self.ring is not None or self.refused:
+            return
+        go(rig, place=np.array([z, 0.0]))
+        go(rig, angles=RasterScan(calibration=rig.calibration).perpendicular)
+        meter(rig)
+        rig.reading(Request(water=True))
+        self.ring = ring_sweep(rig)
+        drain(rig)
+        self.told(RING, self.ring)
+
+    def _kept(self, name: str, visit: _Visit) -> Scan:
+        """Return what scans a find on a visit, and takes what is kept of the scan."""
+
+        def scanned(rig: InspectionRig, place: tuple[float, float], shift: float) -> ScannedRaster:
+            called = f"{name}{AGAIN}" if shift else name
+            start = len(visit.steps()) if shift else 0
+
+            def told(found: ScannedRaster) -> None:
+                self.scans[called] = replace(found, steps=visit.steps()[start:])
+                if not found.refused:
+                    self.told(called, self.scans[called])
+
+            part = self.scans.get(called)
+            if part is not None:
+                visit.add(part.steps)
+            if part is None or not part.done:
+                told(scan(rig, place, shift, before=part, told=told))
+            return self.scans[called]
+
+        return scanned
+
+
+class _Visit:
+    """Steps of a visit: those of the log from now on, and those that are kept of one before."""
+
+    def __init__(self, rig: InspectionRig) -> None:
+        self._rig, self._taken, self._mark = rig, list[LogEntry](), len(rig.log)
+
+    def steps(self) -> tuple[LogEntry, ...]:
+        """Return them in their order."""
+        self.add(())
+        return tuple(self._taken)
+
+    def add(self, kept: tuple[LogEntry, ...]) -> None:
+        """Add steps that are kept after those of the log until now."""
+        self._taken += [*self._rig.log[self._mark :], *kept]
+        self._mark = len(self._rig.log)

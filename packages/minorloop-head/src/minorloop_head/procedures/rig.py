@@ -1,0 +1,470 @@
+"""A loop without an operator: it runs procedures to their end on a plant and a tip.
+
+On devices::
+
+    with rig_at("bench:head.toml", "camera:0", "head.json") as rig:
+        rig.run(Go(), Go().begin(angles=(0.1, 0.0)))
+
+There a tick takes its time, and neither a picture that is late nor a long computation stops the
+control of the wires. After a device failed the head is safe; the loop goes on from there if it
+answers again, and ends if it does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, replace
+from typing import TypeVar, cast
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.connect import connect
+from minorloop.errors import InstrumentError, ModelFileError, SafetyError
+from minorloop.files import PathLike
+from minorloop.lab.actuator import Actuator, Frame
+from minorloop.lab.drivers.parts import WallClock
+from minorloop.lab.run import left_safe
+from minorloop_head.control.head import HeadControl
+from minorloop_head.geometry import AXES
+from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.camera_tip import CameraTip
+from minorloop_head.procedures.head_file import read_head
+from minorloop_head.procedures.seen_angles import LONGEST, SeenAngles, unknown_zero, unseen
+from minorloop_head.procedures.seen_base import SeenBase
+from minorloop_head.procedures.values import (
+    ALL_LIGHTS,
+    NOTHING,
+    Plant,
+    Procedure,
+    Reading,
+    Request,
+    State,
+    Tip,
+    ToolTip,
+    apply_to_tip,
+    passed,
+)
+from minorloop_head.vision.calibrated_camera import Image
+from minorloop_head.vision.video import LiveCamera, check_camera
+
+Computed = TypeVar("Computed")
+_PATIENCE = 0.02
+"""Seconds that a tick waits for a picture: half of it; the next tick asks again."""
+_BLIND = 5.0
+"""Seconds without a good picture after which a procedure ends: a camera in the network that was
+lost is opened again within 4 s."""
+
+_MOST_FAILURES = 5
+"""Failures of a device in a row after which the loop ends: one answer in a thousand is late on a
+busy machine, and no second one follows."""
+_BY_ITSELF = (
+    "its exposure cannot be set from here; set it at the camera, so that little of the wall is "
+    "white"
+)
+
+
+@dataclass(frozen=True)
+class LogEntry:
+    """Entry of a log: the time in seconds, the action, its result, and whether it succeeded."""
+
+    t: float
+    what: str
+    outcome: str
+    succeeded: bool = True
+
+
+class InspectionRig:
+    """Plant, tip, control and calibration, with a clock and a log.
+
+    Parameters
+    ----------
+    plant : Plant
+    tip : Tip
+    control : HeadControl
+        Of the plant's head.
+    calibration : HeadCalibration
+    gyroscope : callable, optional
+        Returns the pan and tilt (2,) by which the base of the head is turned, in radians.
+    base : SeenBase, optional
+        Reads them from the pictures that come with bursts, instead of a gyroscope, counted from the
+        last picture before the pipe is flooded.
+    sensors : bool
+        Whether the joints have sensors. Without them the angles are those of the model of the
+        wires, and control uses the angles that a procedure estimates from the image.
+    seen : SeenAngles, optional
+        Reads the angles of joints without sensors from each picture under all lights; ``begin``
+        comes first then.
+    computing : Executor, optional
+        Runs long computations while the loop goes on; without it, they take no time of the loop.
+    told : callable, optional
+        Is given each entry of the log.
+
+    Notes
+    -----
+    ``most`` (2,) are the largest angles in degrees to which the joints were seen to come where they
+    should go farther, infinite where that is not known; ``gain`` is that of the camera.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        tip: Tip,
+        control: HeadControl,
+        calibration: HeadCalibration,
+        *,
+        gyroscope: Callable[[], FloatArray] | None = None,
+        base: SeenBase | None = None,
+        sensors: bool = True,
+        seen: SeenAngles | None = None,
+        computing: Executor | None = None,
+        told: Callable[[LogEntry], None] = lambda entry: None,
+    ) -> None:
+        self.plant, self.tip, self.control = plant, tip, control
+        self.calibration = calibration
+        # Whether a tip has a tool is asked once: the answer takes as long as half of a tick.
+        has_tool = calibration.tool is not None and isinstance(tip, ToolTip)
+        self._tool = cast(ToolTip, tip) if has_tool else None
+        self.log: list[LogEntry] = []
+        self.gain = 1.0
+        self.most = np.full(2, np.inf)
+        self._gyroscope, self._base, self._sensors = gyroscope, base, sensors
+        self._seen = seen
+        self._picture: Image | None = None
+        self._computing, self._told = computing, told
+        self._ticks = 0
+        self._blind_since: float | None = None
+        self._lights: tuple[bool, ...] = ALL_LIGHTS
+        self._wet = False
+        self._failures = 0
+        self._state = control.begin()
+        self._commanded = -np.asarray(calibration.straight)
+        self._read, self._known, self._taken_at = np.zeros(4), np.zeros(4), 0.0
+        tip.move_to(plant.stance())
+
+    @property
+    def t(self) -> float:
+        """Seconds since the rig was created."""
+        return self._ticks * self.plant.tick
+
+    @property
+    def travels(self) -> bool:
+        """Whether a catheter moves the head along the pipe."""
+        return bool(getattr(self.plant, "travels", True))
+
+    @property
+    def has_tool(self) -> bool:
+        """Whether there is a micro-tool, and it is calibrated."""
+        return self._tool is not None
+
+    @property
+    def place(self) -> FloatArray:
+        """(2,) advance in metres and roll in radians as measured."""
+        return self._known[2:].copy()
+
+    @property
+    def angles(self) -> FloatArray:
+        """(2,) pan and tilt in radians by the joints, or by the model of the wires."""
+        if self._sensors:
+            return self.calibration.line_of_sight(self._known[:2])
+        return self.calibration.line_of_sight(np.radians(self.control.modelled(self._state)))
+
+    def reading(self, request: Request = NOTHING) -> Reading:
+        """Carry out a request on the tip and return the reading, with its frame and its burst.
+
+        Raises
+        ------
+        InstrumentError
+            If the camera has given no good picture for 5 s, or a device fails again and again.
+        """
+        self._applied(request)
+        if not request.frame and self._seen is None:
+            self._blind_since = None
+        tool = (0.0, False)
+        if self._tool is not None:
+            tool = self._tool.tool_state()
+        image = self._image() if request.frame else None
+        return Reading(
+            t=self.t,
+            angles=self.angles,
+            place=self.place,
+            base=self._turned(image if request.shots else None),
+            image=image,
+            shots=tuple(self.tip.shots(request.shots)) if request.shots else (),
+            fired=request.shots > 0,
+            extension=tool[0],
+            touching=tool[1],
+        )
+
+    def _turned(self, image: Image | None) -> FloatArray:
+        """Return the turn (2,) of the base as it is measured now; NaN if it should be and is not.
+
+        Parameters
+        ----------
+        image : array, optional
+            Taken now, with a burst.
+        """
+        if self._base is None or not self._wet:
+            return np.zeros(2) if self._gyroscope is None else self._gyroscope()
+        if image is not None:
+            self._base.see(image, self.t)
+        return self._base.at(self.t)
+
+    def begin(self) -> None:
+        """Wait until a head without sensors is cold and stands still: its angles are known then.
+
+        Raises
+        ------
+        InstrumentError
+            If it does not, or the camera does not show it.
+        """
+        while self._seen is not None and not self._seen.known:
+            if self.t > LONGEST:
+                raise InstrumentError(unknown_zero(self._seen.why))
+            self._exchanged(np.zeros(4))
+            self._ticks += 1
+            self._watch(cold=True)
+
+    def run(
+        self, procedure: Procedure[State], state: State, each: Callable[[State], None] | None = None
+    ) -> State:
+        """Run a procedure to its end and return its last state.
+
+        Parameters
+        ----------
+        procedure : Procedure
+        state : State
+            From its ``begin``.
+        each : callable, optional
+            Called with the state after every tick.
+        """
+        request = NOTHING
+        while True:
+            state, request = procedure.step(state, self.reading(request))
+            if state.done:
+                self._applied(request)
+                return state
+            self._tick(request)
+            if each is not None:
+                each(state)
+
+    def look(self) -> tuple[Reading, Image]:
+        """Return a reading and its picture; the loop goes on until there is one.
+
+        Raises
+        ------
+        InstrumentError
+            As `reading`.
+        """
+        while (now := self.reading(Request(frame=True))).image is None:
+            self._tick(NOTHING)
+        return now, now.image
+
+    def compute(self, work: Callable[[], Computed]) -> Computed:
+        """Return the result of a computation, during which the head stays where it is."""
+        if self._computing is None:
+            return work()
+        found = self._computing.submit(work)
+        while not found.done():
+            self._tick(NOTHING)
+        return found.result()
+
+    @property
+    def trouble(self) -> str:
+        """Why the wires do not reach their targets; empty if they do."""
+        found = zip(AXES, self._state.axes, strict=True)
+        each = [f"{name}: {axis.unreachable}" for name, axis in found if axis.unreachable]
+        return "; ".join(each)
+
+    def check_sensors(self) -> None:
+        """Refuse to go on with a sensor that failed.
+
+        Raises
+        ------
+        InstrumentError
+            If one did; its wire cools.
+        """
+        if self._seen is not None and any(axis.fault for axis in self._state.axes):
+            raise InstrumentError(unseen(self._seen.why))
+        for name, axis in zip(AXES, self._state.axes, strict=True):
+            if axis.fault:
+                raise InstrumentError(f"the sensor of {name} is {axis.fault}; check it")
+
+    def say(self, what: str, outcome: str, *, succeeded: bool = True) -> None:
+        """Add an entry to the log."""
+        self.log.append(LogEntry(self.t, what, outcome, succeeded))
+        self._told(self.log[-1])
+
+    def _image(self) -> Image | None:
+        """Return a picture; None if there is no good one now, for some time.
+
+        Where angles are read from pictures, it is the one that gave them.
+        """
+        if self._seen is None:
+            return self._taken()
+        found, self._picture = self._picture, None
+        return found
+
+    def _watch(self, *, cold: bool = False) -> None:
+        """Take a picture, and read the angles from it if all lights are on."""
+        if self._seen is None:
+            return
+        self._picture = self._taken()
+        self._read[:2] = np.nan
+        if self._picture is not None and self._lights == ALL_LIGHTS:
+            read = self._seen.read(Frame(self._taken_at, self._picture), cold=cold)
+            self._read[:2] = np.radians(read)
+
+    def _taken(self) -> Image | None:
+        newest = getattr(self.tip, "newest", None)
+        if newest is None:
+            return self.tip.frame().image
+        found: Frame | None = None
+        problem: InstrumentError | None = None
+        try:
+            found = newest()
+        except InstrumentError as error:
+            problem = error
+        if found is not None:
+            self._blind_since, self._taken_at = None, found.t
+            return found.image
+        self._blind_since = self.t if self._blind_since is None else self._blind_since
+        if problem is not None and passed(self._blind_since, self.t, _BLIND):
+            raise problem
+        return None
+
+    def _tick(self, request: Request) -> None:
+        """Move head and catheter as requested for one tick."""
+        if request.angles is not None:
+            self._commanded = request.angles
+        read = np.degrees(self._read[:2])
+        if not self._sensors:
+            sighted = request.sighted
+            read = np.full(2, np.nan) if sighted is None else self.calibration.joints(sighted)
+        wanted = self.calibration.joints(self._commanded)
+        # The readings are those of the last exchange, which may have begun late.
+        t = self.plant.time
+        currents, self._state = self.control.step(self._state, wanted, read, t=t)
+        self._read = self._exchanged(np.concatenate([currents, request.rates]))
+        self._watch()
+        self._known = np.where(np.isnan(self._read), self._known, self._read)
+        self._ticks += 1
+        self.tip.move_to(self.plant.stance())
+
+    def _applied(self, request: Request) -> None:
+        """Set lights, exposure, focus and water as requested."""
+        if request.lights is not None:
+            self._lights, self._picture = request.lights, None
+        if self._base is not None:
+            self._base.read(self.t, self.angles, self._known[2:].copy())
+            if request.water and not self._wet:
+                image = self._image()
+                if image is not None:
+                    self._base.begin(image, self.t)
+        self._wet = self._wet if request.water is None else request.water
+        self._insist(lambda: apply_to_tip(self.tip, request))
+
+    def _exchanged(self, u: FloatArray) -> FloatArray:
+        """Return the readings under inputs; NaN after a failure, which has made the head safe."""
+        try:
+            read = self.plant.exchange(u)
+        except InstrumentError as error:
+            self._failed(error)
+            off = (replace(axis, applied=0.0) for axis in self._state.axes)
+            self._state = replace(self._state, axes=tuple(off))
+            self._insist(lambda: self.tip.switch(self._lights))
+            return np.full(4, np.nan)
+        self._failures = 0
+        return read
+
+    def _insist(self, work: Callable[[], None]) -> None:
+        """Do something until it succeeds."""
+        while True:
+            try:
+                return work()
+            except InstrumentError as error:
+                self._failed(error)
+
+    def _failed(self, error: InstrumentError) -> None:
+        """Note a failure of a device, which has made the head safe; raise it after many."""
+        self._failures += 1
+        if isinstance(error, SafetyError) or self._failures > _MOST_FAILURES:
+            raise error
+        self.say("device", f"{error}; the head was made safe, and it is tried again")
+
+
+@contextmanager
+def rig_at(
+    address: str,
+    camera: str,
+    file: PathLike,
+    told: Callable[[LogEntry], None] = lambda entry: None,
+) -> Iterator[InspectionRig]:
+    """Yield the loop on a head of devices; make it safe and close them at the end.
+
+    It has no probe: a procedure that fires raises an `InstrumentError`. The first picture is taken
+    before the wires are heated.
+
+    Parameters
+    ----------
+    address : str
+        Of the plant, as in `minorloop.connect`.
+    camera : str
+        As in `minorloop_head.vision.video`.
+    file : str or path
+        Of the head, with wires and calibration.
+    told : callable, optional
+        As in `InspectionRig`.
+
+    Raises
+    ------
+    ParameterError
+        If an address is not valid, or the plant is no head.
+    ModelFileError
+        If the file is not valid, is of another head, lacks wires or calibration, has wires that
+        are older than the calibration, or another number of LEDs than the plant.
+    InstrumentError
+        If a device is missing, busy, or does not answer, or the camera gives no good picture.
+    SafetyError
+        If the head did not confirm at the end that it is safe.
+    """
+    known = read_head(file)
+    view = known.calibration
+    if view is None:
+        raise ModelFileError(f"{file} has no calibration of the camera; calibrate it first")
+    check_camera(camera)
+    actuator = _opened(address, told)
+    with ExitStack() as ends:
+        ends.callback(getattr(actuator, "close", lambda: None))
+        pictures = ends.enter_context(closing(LiveCamera(camera, _PATIENCE)))
+        computing = ends.enter_context(ThreadPoolExecutor(1))
+        ends.enter_context(left_safe(actuator))
+        plant = ActuatorPlant(actuator, WallClock())
+        known.check_fits(plant.serial, file)
+        known.check_lights(plant.leds, file)
+        control = known.control(interval=plant.tick, by_camera=not plant.sensors)
+        seen = None if plant.sensors else SeenAngles(view, control.cold)
+        tip = CameraTip(BenchTip(plant), pictures, view)
+        rig = InspectionRig(plant, tip, control, view, seen=seen, computing=computing, told=told)
+        rig.reading(Request(lights=ALL_LIGHTS))
+        if not pictures.exposes:
+            told(LogEntry(rig.t, "camera", _BY_ITSELF))
+        if seen is not None:
+            told(LogEntry(rig.t, "camera", "it gives the angles; the head has to be cold first"))
+        rig.begin()
+        rig.look()
+        yield rig
+
+
+def _opened(address: str, told: Callable[[LogEntry], None]) -> Actuator:
+    """Open the plant, once more after a device did not answer; opening makes it safe first."""
+    try:
+        return connect(address)
+    except SafetyError:
+        raise
+    except InstrumentError as error:
+        told(LogEntry(0.0, "device", f"{error}; it is opened once more"))
+    return connect(address)

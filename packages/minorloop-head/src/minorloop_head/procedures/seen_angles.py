@@ -1,0 +1,451 @@
+"""A head whose angles are read from the pictures of its camera.
+
+A head without sensors at its joints has two currents and a camera. `SeenAngles` reads the angles
+from its pictures, counted from the picture of the cold head. `SeenHead` joins currents and camera
+to an actuator with two currents and two angles, so that it is identified and driven as any other;
+the picture of the cold head is taken when the actuator is opened, and so again when a stopped run
+is continued.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import InstrumentError, ParameterError, SignalError
+from minorloop.lab.actuator import Actuator, Channel, Frame, Value
+from minorloop.lab.drivers.parts import Clock
+from minorloop.lab.records import Record, Timing
+from minorloop.lab.run import left_safe
+from minorloop.lab.wrapped_actuator import WrappedActuator
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.meter import LIMITS
+from minorloop_head.vision.frame_checks import SATURATED
+from minorloop_head.vision.wall_angles import NOTHING_SEEN, WallAngles
+from minorloop_head.vision.wall_patches import SEEN, Sight, WallState
+from minorloop_head.vision.wall_refinement import refined
+
+OUTPUTS = Channel("pan", "deg"), Channel("tilt", "deg")
+_LEAST, _MOST = -6.0, 90.0
+"""Pan and tilt of the joints between which a lost view is looked for, in degrees: a strong head
+turns by 78, and beyond these angles a picture does not count as seen."""
+_SWEEP = np.concatenate([np.linspace(0.5, 0.95, 45), np.linspace(0.85, 0.3, 30), np.zeros(15)])
+_SLOWLY = 0.8
+"""Shares of the largest current that turn an axis up and down, slowly, and seconds for each: the
+view changes by less than half of a patch from a picture to the next."""
+SWEEP_SECONDS = 2 * _SWEEP.size * _SLOWLY
+"""Duration of a sweep of both axes."""
+_SETTLING = 1.0
+"""Seconds until the camera has set its exposure to the light."""
+_STILL, LONGEST, _MOVED = 5.0, 120.0, 0.1
+"""A head is cold that turns less than 0.1 degrees in 5 s; seconds that are waited for that."""
+_WAITED = "the angles are counted from the cold head; it has to stand still first"
+_WARM = "the angles are counted from the cold head, and it is heated"
+_FRESH = 1.0
+"""Seconds for which a picture says why there are no angles, where the camera gives few."""
+_PATIENCE = 10.0
+"""Seconds without angles after which a run stops: as long as control goes by its model."""
+
+
+def seen_by(view: HeadCalibration) -> WallAngles:
+    """Return the estimator of the angles of a calibrated head."""
+    ends = np.radians([[_LEAST, _LEAST], [_MOST, _MOST]])
+    low, high = view.line_of_sight(ends).tolist()
+    return WallAngles(view.camera_at((0.0, 0.0)), low=(low[0], low[1]), high=(high[0], high[1]))
+
+
+def refined_view(view: HeadCalibration, frames: Sequence[Frame]) -> HeadCalibration:
+    """Return a calibration that was corrected by pictures of a sweep, the first of the cold head.
+
+    Raises
+    ------
+    SignalError
+        As `minorloop_head.vision.wall_refinement.refined`.
+    """
+    camera, rest = refined(seen_by(view), frames, view.line_of_sight(np.zeros(2)))
+    mount, (pan, tilt) = camera.mount, rest.tolist()
+    return replace(
+        view,
+        lens=camera.lens,
+        lever=mount.lever,
+        offset=mount.offset,
+        squint=mount.squint,
+        camera_roll=mount.camera_roll,
+        straight=(-pan, -tilt),
+    )
+
+
+def sweep(
+    hold: Callable[[FloatArray, float], None], picture: Callable[[], Frame], highest: float = 0.4
+) -> list[Frame]:
+    """Turn each axis of a cold head up and down, and return the pictures for `refined_view`.
+
+    Parameters
+    ----------
+    hold : callable
+        Holds two currents (2,) in A for a time in seconds.
+    picture : callable
+        Returns a picture taken now.
+    highest : float
+        Largest current, in A.
+    """
+    frames = [picture()]
+    for axis in range(2):
+        for share in _SWEEP:
+            u = np.zeros(2)
+            u[axis] = share * highest
+            hold(u, _SLOWLY)
+            frames.append(picture())
+    return frames
+
+
+class SeenAngles:
+    """Pan and tilt of the joints by pictures, counted from the picture of the cold head.
+
+    A head is cold that has no current and stands still. Until that is known there are no angles.
+
+    Parameters
+    ----------
+    view : HeadCalibration
+        Of the camera.
+    cold : (2,) array_like
+        Pan and tilt of the cold head in degrees, such as `HeadControl.cold`.
+
+    Attributes
+    ----------
+    known : bool
+        Whether the picture of the cold head was found.
+    why : str
+        Why the last picture gave no angles; empty if it did.
+    searched : bool
+        Whether they were looked for in it: not in one that shows nothing.
+    """
+
+    def __init__(self, view: HeadCalibration, cold: npt.ArrayLike = (0.0, 0.0)) -> None:
+        self._view, self._estimator = view, seen_by(view)
+        self._rest = view.line_of_sight(np.radians(cold))
+        self._state: WallState | None = None
+        self._since: float | None = None
+        self.known, self.why, self.searched = False, _WAITED, False
+
+    def read(self, frame: Frame, *, cold: bool = False) -> FloatArray:
+        """Return pan and tilt (2,) in degrees; NaN where the picture does not show them surely.
+
+        Parameters
+        ----------
+        frame : Frame
+            Under all lights.
+        cold : bool
+            Whether the head has no current.
+        """
+        if not self.known:
+            self._look_for_zero(frame, cold)
+        if not self.known or self._state is None:
+            return np.full(2, np.nan)
+        sight: Sight
+        sight, self._state = self._estimator.step(self._state, frame.image, frame.t)
+        self.why, self.searched = sight.reason, sight.searched
+        return self._view.joints(sight.angles) if not sight.trial else np.full(2, np.nan)
+
+    def _look_for_zero(self, frame: Frame, cold: bool) -> None:
+        """Take the picture of the cold head as that of its angles, once it stands still."""
+        if not cold:
+            self._state = self._since = None
+            self.why = _WARM
+            return
+        if self._since is None:
+            self._since, self.why = frame.t, _WAITED
+        passed = frame.t - self._since
+        if self._state is None:
+            if passed >= _SETTLING:
+                self._begin(frame)
+        elif passed >= _STILL:
+            sight, _ = self._estimator.step(self._state, frame.image, frame.t)
+            turned = np.degrees(np.abs(sight.angles - self._rest)).max()
+            self.known = sight.verdict == SEEN and bool(turned < _MOVED)
+            if not self.known:
+                self._begin(frame)
+
+    def _begin(self, frame: Frame) -> None:
+        try:
+            _, self._state = self._estimator.begin(frame.image, self._rest, frame.t)
+            # A search is compiled before a current is on: a mirrored picture needs one.
+            self._estimator.step(
+                self._state, np.ascontiguousarray(frame.image[:, ::-1]), frame.t + 1.0
+            )
+        except SignalError as error:
+            self._state, self.why = None, str(error)
+        else:
+            self._since, self.why = frame.t, _WAITED
+
+
+class _Ticks:
+    """The clock of a simulated head: a tick takes its time, and nothing else does."""
+
+    def __init__(self) -> None:
+        self._t = 0.0
+
+    def now(self) -> float:
+        return self._t
+
+    def sleep(self, seconds: float) -> None:
+        self._t += seconds
+
+
+class SeenHead(WrappedActuator):
+    """Two currents of an actuator, and the angles that its camera sees.
+
+    It waits until the head stands still. The actuator confirms that it is safe at the end of that,
+    also where it ends early.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Its first two inputs are the currents of pan and tilt, in A; its outputs are not used.
+    picture : callable
+        Returns the newest picture; it may raise `InstrumentError` where there is none in time.
+    view : HeadCalibration
+        Of the camera.
+    expose : callable, optional
+        Sets exposure time in s and gain of the camera; without it the camera does so itself.
+    every : int
+        Ticks from a picture to the next while a current is held.
+    clock : Clock, optional
+        Keeps the ticks, in which pictures are taken and searched; that of a simulated head, in
+        which this takes no time, without it.
+    cold : (2,) array_like
+        As of `SeenAngles`.
+    waits : callable
+        Called once the first picture has come and has the right size: before it waits.
+
+    Attributes
+    ----------
+    age : float
+        Of the newest picture when it was taken over, in seconds, by its time: at least, where that
+        is the time of its arrival.
+    pictures : int
+        Number of those that have come.
+    searched : bool
+        Whether the angles were looked for in the newest one: not if it is old, or shows nothing.
+
+    Raises
+    ------
+    ParameterError
+        If the actuator has not two currents, or the camera another size than calibrated.
+    InstrumentError
+        If the head does not come to rest, or its camera does not show the wall for 10 s.
+    """
+
+    def __init__(
+        self,
+        actuator: Actuator,
+        picture: Callable[[], Frame],
+        view: HeadCalibration,
+        *,
+        expose: Callable[[float, float], None] | None = None,
+        every: int = 1,
+        clock: Clock | None = None,
+        cold: npt.ArrayLike = (0.0, 0.0),
+        waits: Callable[[], None] = lambda: None,
+    ) -> None:
+        super().__init__(actuator)
+        if [channel.unit for channel in actuator.inputs[:2]] != ["A", "A"]:
+            known = ", ".join(str(channel) for channel in actuator.inputs)
+            raise ParameterError(
+                f"the actuator has the inputs {known}; a head has two currents in A first"
+            )
+        self.inputs, self.outputs = tuple(actuator.inputs[:2]), OUTPUTS
+        self._view, self._angles = view, SeenAngles(view, cold)
+        self._picture, self._expose, self._every = picture, expose, every
+        self._waits = waits
+        self._exchange = getattr(actuator, "at_once", actuator.exchange)
+        self._clock: Clock = _Ticks() if clock is None else clock
+        self._began = self._due = self._clock.now()
+        self._gain, self._why = 1.0, ""
+        self._frame: Frame | None = None
+        self.age, self.pictures, self.searched = math.nan, 0, False
+        self._seen_at = self._t
+        with left_safe(actuator):
+            self._wait_for_zero()
+
+    @property
+    def serial(self) -> str | None:
+        """Serial number of the head; None if the actuator does not know it."""
+        found: str | None = getattr(self._actuator, "serial", None)
+        return found
+
+    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
+        """Hold two currents, and return a record of them and of the angles.
+
+        Raises
+        ------
+        LimitError
+            If a current is beyond its limits.
+        InstrumentError
+            If the camera does not show the angles for 10 s.
+        """
+        count = max(round(duration / sample_interval), 1)
+        began, t, y = self._t, np.empty(count), np.empty((2, count))
+        for k in range(count):
+            due = began + duration * (k + 1) / count
+            ticks = max(round((due - self._t) / self.tick), 1)
+            for left in reversed(range(ticks)):
+                self._hold(u)
+                if left % self._every == 0:
+                    angles = self._look()
+            y[:, k] = self._known(u, angles)
+            t[k] = self._t
+        held = np.tile(np.asarray(u, dtype=np.float64)[:, None], count)
+        names = [str(each) for each in self.inputs], [str(each) for each in self.outputs]
+        timing = Timing(began=began, ended=self._t, uncertainty=0.5 * self.tick)
+        return Record(t, held, y, *names, timing=timing)
+
+    def exchange(self, u: Value) -> FloatArray:
+        """Hold two currents for one tick; return pan and tilt in degrees, NaN where not seen.
+
+        Raises
+        ------
+        InstrumentError
+            If the camera does not show the angles for 10 s.
+        """
+        self._hold(u)
+        return self._look()
+
+    def survey(self, highest: float = 0.4) -> HeadCalibration:
+        """Turn each axis up and down, and return the calibration corrected by the pictures.
+
+        The head is hot then; open it again to count from the cold head.
+
+        Parameters
+        ----------
+        highest : float
+            Largest current, in A.
+
+        Raises
+        ------
+        SignalError
+            If the pictures do not show the wall, as `refined_view`.
+        InstrumentError
+            If the camera does not show the angles for 10 s; the head is safe then.
+        """
+
+        def hold(u: FloatArray, seconds: float) -> None:
+            for _ in range(round(seconds / self.tick)):
+                self._hold(u)
+
+        def picture() -> Frame:
+            self._look()
+            assert self._frame is not None  # that of the zero, at least
+            return self._frame  # one that did not come is the one before, which counts as frozen
+
+        with left_safe(self):
+            frames = sweep(hold, picture, highest)
+        return refined_view(self._view, frames)
+
+    @property
+    def time(self) -> float:
+        """End of the last tick, in seconds since the head was opened."""
+        return self._due - self._began
+
+    @property
+    def why(self) -> str:
+        """Why the last picture did not show the angles; empty if it did."""
+        return self._why
+
+    @property
+    def _t(self) -> float:
+        """Seconds since the head was opened."""
+        return self._clock.now() - self._began
+
+    def _hold(self, u: Value) -> None:
+        """Hold two currents until the end of a tick, which begins at the end of the last one."""
+        every = np.zeros(len(self._actuator.inputs))
+        every[:2] = u
+        self._exchange(every)
+        now = self._clock.now()
+        # A picture that takes longer than a tick delays the end by whole ticks.
+        late = math.ceil((now - self._due) / self.tick - 1e-6)
+        self._due += self.tick * max(late, 1)
+        self._clock.sleep(self._due - now)
+
+    def _known(self, u: Value, angles: FloatArray) -> FloatArray:
+        """Return angles, of later pictures if this one does not show them."""
+        while not np.isfinite(angles).all():
+            angles = self.exchange(u)
+        return angles
+
+    def _look(self, *, cold: bool = False) -> FloatArray:
+        angles = np.full(2, np.nan)
+        try:
+            frame = self._taken()
+        except InstrumentError as error:
+            fresh = self._frame is not None and self._clock.now() - self._frame.t < _FRESH
+            self._why = self._why if fresh and self._why else str(error)
+            self.searched = self.searched and fresh
+        else:
+            angles = self._angles.read(frame, cold=cold)
+            self._why, self.searched = self._angles.why, self._angles.searched
+        if cold or np.isfinite(angles).all():
+            self._seen_at = self._t
+        elif self._t - self._seen_at > _PATIENCE:
+            raise InstrumentError(unseen(self._why))
+        return angles
+
+    def _taken(self) -> Frame:
+        if self._expose is not None:
+            self._expose(LIMITS.exposure, self._gain)
+        frame, lens = self._picture(), self._view.lens
+        self._frame = frame
+        self.pictures += 1
+        self.age = self._clock.now() - frame.t
+        height, width = frame.image.shape
+        if (height, width) != (lens.height, lens.width):
+            raise ParameterError(
+                f"the camera gives pictures of {width} by {height} pixels and was calibrated with "
+                f"{lens.width} by {lens.height}; set its size, or calibrate it again"
+            )
+        if self.pictures == 1:
+            self._waits()
+        self._gain = LIMITS.gain(self._gain, frame.image)
+        return frame
+
+    def _wait_for_zero(self) -> None:
+        """Wait until the head without current stands still."""
+        cold, shown_at = np.zeros(2), self._t
+        while not self._angles.known:
+            if self._t > LONGEST or self._t - shown_at > _PATIENCE:
+                raise InstrumentError(unknown_zero(self._why))
+            self._hold(cold)
+            self._look(cold=True)
+            if self._why == _WAITED:
+                shown_at = self._t
+
+
+def unseen(why: str) -> str:
+    """Return the sentence on a camera that does not show the angles, with what to do."""
+    if why in (_WAITED, _WARM):
+        return why
+    what, advised, advice = why.partition("; ")
+    if SATURATED in what:
+        advice = (
+            "switch LEDs off, in the bench file with rest = false for their lines, or shorten the "
+            "exposure of the camera: most of the picture is white"
+        )
+    elif not advised:
+        advice = NOTHING_SEEN
+    return f"the camera does not show the angles: {what}; {advice}"
+
+
+def unknown_zero(why: str) -> str:
+    """Return the sentence on a head whose zero was not found in time."""
+    if why != _WAITED:
+        return unseen(why)
+    return (
+        f"the head without current still moves after {LONGEST:g} s; let it cool, and check that "
+        "nothing else moves before the camera"
+    )

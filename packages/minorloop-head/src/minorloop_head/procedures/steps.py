@@ -1,0 +1,330 @@
+"""Steps with one candidate of a rig: go to it, centre, focus, extract and touch it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop_head.geometry import AXES, wall_distance, wrapped
+from minorloop_head.procedures.centre import TWO_TICKS, CentreState, Centring
+from minorloop_head.procedures.extract import Acquisition, nearest
+from minorloop_head.procedures.focus import Focusing
+from minorloop_head.procedures.go import GO
+from minorloop_head.procedures.mark import APPROACH, TOUCHED, Marking, aim_at
+from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.rig import InspectionRig
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image
+from minorloop_head.vision.defects import Findings, Hole, find_holes
+from minorloop_head.vision.recentre import FOUND
+from minorloop_head.vision.reflectance_map import LitFrame
+from minorloop_head.vision.tracking import TRACKED
+
+CENTRED = np.radians(23.0)
+"""Deflection at which a candidate is centred, in radians."""
+NEAR, FIRST = 6e-3, 1e-3
+"""Advance of the near view beyond the place of centring, and least advance of the catheter, in
+metres: drawn back further, its tip sticks."""
+COLD, SPARE = np.radians(135.0), 2.0
+"""Direction in the image of what is on the cold side of both wires, in radians from its x to its y
+axis; and degrees by which a wire must reach farther than a place needs, for tool and overshoot."""
+_SHORT = 8.0
+"""Degrees from which a joint is too far off to look in a direction: views overlap by more."""
+REFUSED = "out of reach"
+"""Verdict of a place that the head or its probe does not reach."""
+CENTRED_PX, WITHIN = 2.0, 0.3e-3
+"""Farthest distance of a centred point from the middle of the image in pixels, and of a touch from
+its place in metres."""
+STEADY_PX, CENTRINGS = 0.8, 3
+"""Distance in pixels within which an outline is held at the first try, less than half of what it
+may be off, since the head goes on to move; and most tries until the outline, found anew, is in the
+middle. A wire with friction does not hold it so near, and swings about it with an integral: later
+tries have `CENTRED_PX`, and no integral."""
+STEPS = (0.0, -3e-3, 3e-3, -6e-3, 6e-3)
+"""Travels in metres from which a tool reaches what the camera has in its middle. The tool is 3.5 mm
+beside the lens, which is 8 mm along a wall that it meets at 25 degrees."""
+TURNS = np.radians((0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0))
+"""Rolls of the catheter that bring the tool to the side of its wires where they reach a place."""
+CLAIMED = ("centre", "touch", "reach", "scan")
+"""Steps without which a defect does not count as measured."""
+TESTED, TEST_MARK = "test mark", (1.5e-3, 0.0)
+"""Step of the log, and place of a mark from that of the pit, around and along the pipe in metres:
+beside the largest pit, and near enough for its error to be that of the touch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """An image, the calibrated camera, and the line of sight in radians."""
+
+    image: npt.NDArray[np.uint8]
+    camera: CalibratedCamera
+    angles: tuple[float, float]
+
+    def pixels(self, places: npt.ArrayLike) -> FloatArray:
+        """Return columns and rows (..., 2) of places (..., 2) on the wall."""
+        return np.asarray(self.camera.pixel(np.asarray(places), *self.angles))
+
+
+def go(rig: InspectionRig, **where: npt.ArrayLike) -> None:
+    """Bring the catheter to a ``place`` (2,), advance and roll, or the head to ``angles`` (2,).
+
+    A head without a catheter stays at its place.
+    """
+    if not rig.travels:
+        where.pop("place", None)
+    if where:
+        rig.run(GO, GO.begin(**where))
+
+
+def look(rig: InspectionRig, name: str, angles: FloatArray) -> bool:
+    """Turn the head to angles (2,) from a roll of 0; return whether it arrives.
+
+    If it does not, the log says so under a name. The catheter then rolls until the head, where its
+    wires leave it, looks the same way round the pipe.
+    """
+    go(rig, angles=angles)
+    need, has = (rig.calibration.joints(each) for each in (angles, rig.angles))
+    short = np.abs(need - has) > _SHORT
+    if not short.any():
+        return True
+    rig.most = np.where(short & (has < need), np.minimum(rig.most, has), rig.most)
+    each = [
+        f"{AXES[axis]} needs {need[axis]:.0f} degrees, has {has[axis]:.0f}"
+        for axis in np.flatnonzero(short)
+    ]
+    said = f"{REFUSED}: {', '.join(each)}"
+    wanted, now = (math.atan2(tilt, pan) for pan, tilt in (angles, rig.angles))
+    roll = float(wrapped(wanted - now))
+    if rig.travels and abs(roll) > math.radians(_SHORT):
+        said += f"; rolled by {math.degrees(roll):.0f} degrees instead"
+        go(rig, place=(rig.place[0], roll))
+    rig.say(name, said, succeeded=False)
+    return False
+
+
+def meter(rig: InspectionRig, place: FloatArray | None = None) -> None:
+    """Focus on the wall ahead, and expose it, or a place (2,) of it, for a middle grey."""
+    metering = Metering(calibration=rig.calibration)
+    rig.gain = rig.run(metering, metering.begin(rig.gain, place)).gain
+
+
+def acquire(rig: InspectionRig) -> tuple[LitFrame, ...]:
+    """Take five frames under switched lights; the last one is under all."""
+    acquisition = Acquisition()
+    return rig.run(acquisition, acquisition.begin(rig.gain)).frames
+
+
+def search(rig: InspectionRig, frames: Sequence[LitFrame] | None = None) -> Findings:
+    """Return the findings in five frames, which are taken if they are not given."""
+    taken, camera = frames or acquire(rig), rig.calibration.camera_at(rig.place)
+    return rig.compute(lambda: find_holes(taken, camera))
+
+
+def photo(rig: InspectionRig) -> Photo:
+    """Take a photo."""
+    now, image = rig.look()
+    pan, tilt = now.angles.tolist()
+    return Photo(image, rig.calibration.camera_at(now.place), (pan, tilt))
+
+
+def approach(rig: InspectionRig, place: FloatArray) -> None:
+    """Go to where a place (2,) is within the cone, and turn towards it."""
+    go(rig, place=_near(rig, place))
+    go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
+
+
+def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:
+    """Go to where a place is within the cone, turn towards it, and return image and pixel."""
+    approach(rig, place)
+    meter(rig, place)
+    rig.say("pick", f"{place_words(place)}, {words}")
+    seen = photo(rig)
+    return seen.image, seen.pixels(place)
+
+
+def place_words(place: FloatArray) -> str:
+    """Return phi and z (2,) of the wall in words."""
+    return f"phi {np.degrees(wrapped(place[0])):.1f} deg, z {1e3 * place[1]:.2f} mm"
+
+
+def _near(rig: InspectionRig, place: FloatArray) -> FloatArray:
+    """Return advance and roll (2,) of the catheter before a place.
+
+    It rolls only if the wires, from a roll of 0, would not turn the head to the place: until the
+    place is where they are cold.
+    """
+    view = rig.calibration
+    ahead = float(place[1]) - view.radius / np.tan(CENTRED)
+    there = np.array([max(ahead, FIRST), 0.0])
+    wanted = view.joints(aim_at(view, place, there))
+    least, most = rig.control.reach(wanted).T
+    most = np.minimum(most, rig.most)
+    if (wanted > most - SPARE).any() or (wanted < least).any():
+        there[1] = float(wrapped(place[0] - COLD - view.roll))
+    return there
+
+
+def centre(rig: InspectionRig, place: FloatArray, *, outlined: bool = False) -> None:
+    """Centre a place of the wall in the image.
+
+    Where the picture does not show it whole, at its edge or white, or it is lost, the joints turn
+    the head there; it is exposed for the place, and the picture is tried again.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+    place : (2,) array
+        Phi and z.
+    outlined : bool
+        Whether the middle of the round outline there is centred instead, if there is one: places
+        from another view are some pixels off. The outline is found anew then, as the place is seen
+        in the middle, and centred again if it is not there.
+    """
+    centring = Centring(calibration=rig.calibration, interval=TWO_TICKS)
+    if outlined:
+        centring = replace(centring, in_middle=STEADY_PX)
+    pixel = None
+    for _ in range(CENTRINGS):
+        if outlined and pixel is None:
+            pixel = _outlined(rig, centring, place)
+        state = rig.run(centring, centring.begin(place, pixel))
+        if state.verdict != TRACKED:
+            pixel = None
+            go(rig, angles=aim_at(rig.calibration, place, rig.place))
+            meter(rig, place)
+            continue
+        if not outlined or state.stuck:
+            break
+        place, pixel = state.place, _outlined(rig, centring, state.place)
+        lens = rig.calibration.lens
+        off = float(lens.focal * np.hypot(*lens.normalised(pixel)))
+        state = replace(state, error=max(off, state.error))
+        if state.error <= centring.in_middle:
+            break
+        centring = replace(centring, in_middle=CENTRED_PX, integral_gain=0.0)
+    _centred(rig, state, "centre")
+
+
+def _outlined(rig: InspectionRig, centring: Centring, place: FloatArray) -> FloatArray:
+    """Return the pixel (2,) in the middle of the round outline about a place, as it is seen now."""
+    now, image = rig.look()
+    camera = rig.calibration.camera_at(now.place)
+    guess = np.asarray(camera.pixel(place, *now.angles.tolist()))
+    frame = LitFrame(image, *now.angles.tolist())
+    return rig.compute(lambda: centring.outlined([frame], guess, now, reach=FOUND))
+
+
+def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
+    """Log the distance from the middle, or why the picture did not give it."""
+    if state.verdict != TRACKED:
+        words = f"{state.verdict} in {CENTRINGS} tries; turned there by the joints alone"
+        rig.say(step, words, succeeded=False)
+    else:
+        lens = rig.calibration.lens
+        words = f"{state.error:.1f} px from the middle of {lens.width} by {lens.height}"
+        good = state.error <= CENTRED_PX
+        rig.say(step, words if good else f"{words}, more than {CENTRED_PX:g}", succeeded=good)
+
+
+def focus(rig: InspectionRig) -> None:
+    """Sweep the focus on the middle of the image."""
+    lens, now = rig.calibration.lens, rig.reading()
+    focusing = Focusing(lens=lens)
+    guess = Metering(calibration=rig.calibration).ahead(now)
+    found = rig.run(focusing, focusing.begin((lens.width / 2, lens.height / 2), guess)).found
+    assert found is not None
+    rig.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
+
+
+def near_view(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
+    """Advance by some metres, take five frames and a photo of a place, and return."""
+    home = rig.place
+    go(rig, place=np.add(home, (by, 0.0)))
+    go(rig, angles=aim_at(rig.calibration, place, rig.place))
+    meter(rig)
+    findings, seen = search(rig), photo(rig)
+    go(rig, place=home)
+    return findings, seen
+
+
+def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
+    """Outline a candidate in a near view; return whether it is seen again."""
+    findings, _ = near_view(rig, picked.place)
+    again = nearest(findings.holes, picked.place, rig.calibration.radius)
+    hole = again or picked
+    words = "seen again from nearer" if again else "not seen again; the first view counts"
+    size = f"{1e3 * hole.diameter:.2f} mm across"
+    rig.say("extract", f"{size}, {words}", succeeded=again is not None)
+    return findings, hole, again is not None
+
+
+def bring_in_reach(rig: InspectionRig, marking: Marking, where: npt.ArrayLike) -> None:
+    """Bring the catheter to where the tool reaches phi and z (2,), if it does not from here.
+
+    It travels, and rolls only if that is not enough: both wires must reach the angles of the tool.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+    marking : Marking
+    where : (2,) array_like
+    """
+    home = rig.place
+    for turn, by in product(TURNS, STEPS):
+        place = home + np.array([by, turn])
+        if (by and place[0] < FIRST) or not _in_reach(rig, marking, where, place):
+            continue
+        if by or turn:
+            go(rig, place=place)
+        return
+
+
+def _in_reach(
+    rig: InspectionRig, marking: Marking, where: npt.ArrayLike, place: FloatArray
+) -> bool:
+    """Return whether the wires turn the tool to phi and z (2,) from a place of the catheter."""
+    angles = marking.angles(where, place)
+    if angles is None:
+        return False
+    wanted = rig.calibration.joints(angles)
+    least, most = rig.control.reach(wanted).T
+    return bool((wanted > least + SPARE).all() and (wanted < most - SPARE).all())
+
+
+def touch(rig: InspectionRig, hole: Hole) -> None:
+    """Touch a hole with the point of the tool.
+
+    The catheter travels and rolls to where the tool reaches it, if it does not from here. The first
+    touch of a rig comes after one of the wall beside it, whose mark gives the error of the tool.
+    """
+    if not any(entry.what == TESTED for entry in rig.log):
+        _test_tool(rig, hole)
+    marking = Marking(calibration=rig.calibration)
+    bring_in_reach(rig, marking, hole.place)
+    state = rig.run(marking, marking.begin(hole.place, rig.gain))
+    rig.gain = state.gain
+    off = math.inf
+    if state.verdict == TOUCHED and state.touch is not None:
+        off = float(wall_distance(state.touch, hole.place, rig.calibration.radius))
+    words = state.verdict if off < WITHIN or math.isinf(off) else f"{1e3 * off:.2f} mm beside"
+    rig.say("touch", f"{place_words(hole.place)}: {words}", succeeded=off <= WITHIN)
+
+
+def _test_tool(rig: InspectionRig, hole: Hole) -> None:
+    """Set a mark beside a hole, and correct the calibration of the tool by where it is."""
+    view, metres = rig.calibration, np.array([rig.calibration.radius, 1.0])
+    marking = Marking(calibration=view)
+    bring_in_reach(rig, marking, hole.place + np.array(TEST_MARK) / metres)
+    state = rig.run(marking, marking.begin(hole.place, rig.gain, TEST_MARK))
+    rig.gain = state.gain
+    words = state.verdict
+    if state.tool is not None and view.tool is not None:
+        rig.calibration = replace(view, tool=state.tool)
+        moved = 1e3 * float(np.linalg.norm(np.subtract(state.tool.offset, view.tool.offset)))
+        words = f"the tool is {moved:.2f} mm beside where its calibration has it"
+    rig.say(TESTED, words)

@@ -1,0 +1,212 @@
+"""Figure and table of the map of a sweep: picture and echoes of a partly flooded pipe."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, IntArray
+from minorloop.drawing.layout import new_figure
+from minorloop.identification.bands import PER_DEVIATION
+from minorloop.report import Table
+from minorloop_head.geometry import wrapped
+from minorloop_head.reconstruction.depth_map import UNSEEN, Patch
+from minorloop_head.reconstruction.pipe_map import PipeMap
+from minorloop_head.ultrasound.c_scan import CRACK, NO_ECHO, PIT
+
+SOURCES = ("unseen", "camera", "echoes", "both")
+SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
+_CONTRAST = 0.5
+"""Range of the logarithm of reflectance about its median that is drawn from black to white."""
+LOUD, DEEP = (0.0, 1.1), (-0.1, 1.0)
+"""Ends of the colours of amplitudes over that of a plain wall, and of depths in mm."""
+_MARGIN = 1e-3
+"""Wall in metres that is drawn beyond a find outside the area."""
+_MARKS = {PIT: "o", CRACK: "s", NO_ECHO: "^"}
+_DIGITS = {
+    "phi [deg]": 1,
+    "z [mm]": 2,
+    "width [mm]": 2,
+    "length [mm]": 2,
+    "depth [mm]": 3,
+    "90 % band [mm]": 3,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """The columns of a map that are drawn, the angle of the first, and how images are drawn."""
+
+    columns: IntArray
+    start: float
+    options: dict[str, Any]
+
+    @classmethod
+    def of(cls, patch: Patch, around: tuple[float, float] | None) -> _Shown:
+        columns = columns_within(patch, around)
+        turn = math.degrees(patch.step / patch.radius)
+        start = math.degrees(patch.phi) + turn * float(columns[0])
+        ends = start, start + turn * columns.size
+        extent = (*ends, 1e3 * patch.z, 1e3 * (patch.z + patch.rows * patch.step))
+        image = {"origin": "lower", "extent": extent, "aspect": "auto"}
+        return cls(columns, start, {**image, "interpolation": "nearest"})
+
+
+def columns_within(patch: Patch, around: tuple[float, float] | None) -> IntArray:
+    """Return the columns of a ring between two angles in radians, in their order; all for None."""
+    if around is None:
+        return np.arange(patch.columns)
+    texels = patch.radius / patch.step
+    first = round((around[0] - patch.phi) * texels)
+    count = min(max(round((around[1] - around[0]) * texels), 1), patch.columns)
+    return np.asarray((first + np.arange(count)) % patch.columns)
+
+
+def mapped_share(fused: PipeMap, around: tuple[float, float]) -> float:
+    """Return the share of the wall between two angles in radians that is mapped."""
+    source = fused.wall.source[:, columns_within(fused.wall.patch, around)]
+    return float(np.mean(source != UNSEEN))
+
+
+def draw_pipe_map(
+    fused: PipeMap, around: tuple[float, float] | None = None, *, brief: bool = False
+) -> Any:
+    """Draw picture and amplitude, depth, its 90 % band, and the source of each texel.
+
+    Parameters
+    ----------
+    fused : PipeMap
+    around : (float, float), optional
+        Angles in radians between which it is drawn, and as far as there are finds; the whole pipe
+        without them.
+    brief : bool
+        Whether to draw the first two only.
+    """
+    panels = (_draw_amplitude, _draw_depth, _draw_band, _draw_source)[: 2 if brief else 4]
+    figure, axes = new_figure(len(panels), 1, 0.4 + 1.8 * len(panels), grid=False, sharex=True)
+    shown = _Shown.of(fused.wall.patch, around and _with_finds(around, fused))
+    for one, draw in zip(axes, panels, strict=True):
+        draw(figure, one, fused, shown)
+        one.set_ylabel("along [mm]")
+        for phi in _water_lines(fused, shown):
+            one.axvline(phi, color="C3", lw=1.2, ls="--")
+    level = "the dashed line is the water" if fused.water.seen else "the level was not seen"
+    axes[-1].set_xlabel(f"around the pipe [degrees], 90 at the bottom; {level}")
+    return figure
+
+
+def _draw_amplitude(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
+    grey = np.clip(0.5 + fused.picture[:, shown.columns] / (2 * _CONTRAST), 0.0, 1.0)
+    axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, **shown.options)
+    loud = fused.amplitude[:, shown.columns]
+    drawn = axes.imshow(loud, cmap="viridis", vmin=LOUD[0], vmax=LOUD[1], **shown.options)
+    figure.colorbar(drawn, ax=axes, label="of a plain wall")
+    grey_too = "grey: the picture; in colours: " if np.isfinite(grey).any() else ""
+    axes.set_title(f"{grey_too}amplitude of the echo of the wall")
+
+
+def _draw_depth(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
+    depth = 1e3 * _known(fused.wall.depth[:, shown.columns])
+    drawn = axes.imshow(depth, cmap="viridis", vmin=DEEP[0], vmax=DEEP[1], **shown.options)
+    figure.colorbar(drawn, ax=axes, label="[mm]")
+    axes.set_title(
+        "depth in mm; circles: pits, squares: cracks, triangles: no echo, diamonds: cut by the edge"
+    )
+    _mark_finds(axes, fused, shown.start)
+
+
+def _draw_band(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
+    band = 1e3 * PER_DEVIATION * _known(fused.wall.sd[:, shown.columns])
+    drawn = axes.imshow(band, cmap="magma", vmin=0.0, vmax=0.2, **shown.options)
+    figure.colorbar(drawn, ax=axes, label="[mm]", extend="max")
+    axes.set_title("half the 90 % band of the depth")
+
+
+def _draw_source(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
+    from matplotlib.colors import ListedColormap
+
+    source = fused.wall.source[:, shown.columns]
+    drawn = axes.imshow(source, cmap=ListedColormap(SHADES), vmin=-0.5, vmax=3.5, **shown.options)
+    bar = figure.colorbar(drawn, ax=axes, ticks=range(4))
+    bar.ax.set_yticklabels(SOURCES)
+    axes.set_title(f"source; {np.mean(source == UNSEEN):.0%} without any")
+
+
+def _known(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _water_lines(fused: PipeMap, shown: _Shown) -> list[float]:
+    """Return the angles in degrees at which the drawn part has the water line."""
+    if not fused.water.seen:
+        return []
+    found = _on_axis(water_angles(fused.water.height, fused.wall.patch.radius), shown.start)
+    return [phi for phi in found.tolist() if phi <= shown.options["extent"][1]]
+
+
+def water_angles(height: float, radius: float) -> FloatArray:
+    """Return the angles in degrees at which the water meets the wall; none if all is flooded."""
+    if not abs(height) < 0.995 * radius:
+        return np.empty(0)
+    up = float(np.degrees(np.arcsin(height / radius)))
+    both = np.array([up, 180.0 - up])
+    return (both + 180.0) % 360.0 - 180.0
+
+
+def find_rows(fused: PipeMap) -> list[dict[str, str | float | None]]:
+    """Return a row for each find of the echoes, in degrees and mm; None where not known."""
+    rows: list[dict[str, str | float | None]] = []
+    for find in fused.finds:
+        lengths = find.z, find.diameter, find.length, find.depth, PER_DEVIATION * find.depth_sd
+        values = np.array([np.degrees(find.phi), *np.multiply(1e3, lengths)])
+        named = zip(_DIGITS.items(), values.tolist(), strict=True)
+        known = {
+            name: round(each, digits) if math.isfinite(each) else None
+            for (name, digits), each in named
+        }
+        kind = f"{find.kind} of at least this length" if find.at_least else find.kind
+        rows.append({"find": kind, **known})
+    return rows
+
+
+def finds_table(fused: PipeMap) -> Table:
+    """Return `find_rows` as text."""
+    rows = [
+        (
+            str(row["find"]),
+            *("-" if row[name] is None else f"{row[name]:.{n}f}" for name, n in _DIGITS.items()),
+        )
+        for row in find_rows(fused)
+    ]
+    return Table(("find", *_DIGITS), rows)
+
+
+def _mark_finds(axes: Any, fused: PipeMap, start: float) -> None:
+    """Draw a mark about each find, with its depth."""
+    for find in fused.finds:
+        phi = float(_on_axis(np.degrees([find.phi]), start)[0])
+        mark = _MARKS.get(find.kind, "D")
+        axes.plot(phi, 1e3 * find.z, mark, ms=16, mec="C1", mfc="none", mew=1.4)
+        if np.isfinite(find.depth):
+            axes.annotate(
+                f"{1e3 * find.depth:.2f}", (phi, 1e3 * find.z), (12, 0), va="center",
+                textcoords="offset points", bbox={"fc": "w", "ec": "none", "pad": 1.0},
+            )  # fmt: skip
+
+
+def _with_finds(around: tuple[float, float], fused: PipeMap) -> tuple[float, float]:
+    """Return angles widened to finds beyond them: a line runs up and out outside of its area."""
+    middle, margin = 0.5 * sum(around), _MARGIN / fused.wall.patch.radius
+    finds = [middle + float(wrapped(find.phi - middle)) for find in fused.finds]
+    return (
+        min([around[0], *(phi - margin for phi in finds)]),
+        max([around[1], *(phi + margin for phi in finds)]),
+    )
+
+
+def _on_axis(degrees: FloatArray, start: float) -> FloatArray:
+    """Return angles from the start of an axis on."""
+    return np.asarray((np.asarray(degrees) - start) % 360.0 + start)

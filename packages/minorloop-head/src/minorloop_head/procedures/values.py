@@ -1,0 +1,235 @@
+"""What passes between a procedure and the loop that drives it, and what the loop drives."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import InstrumentError
+from minorloop.lab.actuator import FrameSource, Shot
+
+if TYPE_CHECKING:
+    from minorloop_head.vision.calibrated_camera import Image
+
+ALL_LIGHTS = (True, True, True)
+
+
+def _zeros() -> FloatArray:
+    return np.zeros(2)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reading:
+    """Measurements of one tick of the loop.
+
+    Parameters
+    ----------
+    t : float
+        Time of the tick.
+    angles : (2,) array
+        Pan and tilt of the line of sight as the joints measure them, 0 along the pipe.
+    place : (2,) array
+        Advance and roll of the catheter as measured.
+    base : (2,) array
+        Pan and tilt by which the flow of the water has turned the base of the head, as pictures
+        show or a gyroscope measures them; the joints do not. Zero where neither is used, NaN where
+        the picture does not show them.
+    image : array, optional
+        A frame that was taken at these angles; None where none was requested.
+    shots : tuple of Shot
+        The burst that was requested.
+    fired : bool
+        Whether the burst that was requested has been fired.
+    extension : float
+        Of the micro-tool, in metres.
+    touching : bool
+        Whether its point touches the wall.
+    """
+
+    t: float
+    angles: FloatArray
+    place: FloatArray = field(default_factory=_zeros)
+    base: FloatArray = field(default_factory=_zeros)
+    image: Image | None = None
+    shots: tuple[Shot, ...] = ()
+    fired: bool = False
+    extension: float = 0.0
+    touching: bool = False
+
+    @property
+    def line_of_sight(self) -> FloatArray:
+        """(2,) pan and tilt in the pipe: those of the joints plus those of the base."""
+        return self.angles + self.base
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Request:
+    """Request of a procedure; what it does not name stays as it is.
+
+    Parameters
+    ----------
+    angles : (2,) array, optional
+        Pan and tilt to which the head goes.
+    rates : (2,) array
+        Of advance and roll, for one tick.
+    sighted : (2,) array, optional
+        Pan and tilt of the head estimated from the image. They replace the readings of joints
+        that have no sensors.
+    lights : tuple of bool, optional
+        Which lights are on from the next frame.
+    exposure : (float, float), optional
+        Exposure time and gain from the next frame.
+    focus : float, optional
+        Distance of the focus.
+    water : bool, optional
+        Whether the pipe is flooded.
+    frame : bool
+        Whether the next reading contains a frame.
+    shots : int
+        Number of shots in the burst of the next reading.
+    extension : float, optional
+        To which the micro-tool extends, in metres; it stops where it touches the wall.
+    """
+
+    angles: FloatArray | None = None
+    rates: FloatArray = field(default_factory=_zeros)
+    sighted: FloatArray | None = None
+    lights: tuple[bool, ...] | None = None
+    exposure: tuple[float, float] | None = None
+    focus: float | None = None
+    water: bool | None = None
+    frame: bool = False
+    shots: int = 0
+    extension: float | None = None
+
+
+NOTHING = Request()
+
+
+class ProcedureState(Protocol):
+    """State of a procedure."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the procedure has ended; it requests nothing from then on."""
+
+
+State = TypeVar("State", bound=ProcedureState)
+
+
+class Procedure(ABC, Generic[State]):
+    """Steps that a loop drives."""
+
+    def step(self, state: State, reading: Reading) -> tuple[State, Request]:
+        """Return the next state and the request; both stay the same once the state is done."""
+        return (state, NOTHING) if state.done else self._next(state, reading)
+
+    @abstractmethod
+    def _next(self, state: State, reading: Reading) -> tuple[State, Request]:
+        """Return the state after one that is not done, and the request."""
+
+
+@runtime_checkable
+class Plant(Protocol):
+    """A catheter with its head."""
+
+    @property
+    def tick(self) -> float:
+        """Duration of one ``exchange``, in seconds."""
+
+    @property
+    def time(self) -> float | None:
+        """Seconds from the first ``exchange`` to the last one; None where each takes one tick."""
+
+    def exchange(self, u: FloatArray) -> FloatArray:
+        """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
+
+        Returns
+        -------
+        (4,) array
+            Pan and tilt of the joints, advance and roll at its end, in rad and m; NaN where a
+            sensor is lost.
+        """
+
+    def stance(self) -> tuple[float, ...]:
+        """Return the pose that a simulated tip needs; a real tip needs none."""
+
+    def safe(self) -> None:
+        """Switch off the currents of the wires and stop the catheter."""
+
+
+class LitCamera(FrameSource, Protocol):
+    """A camera with lights that are switched one by one."""
+
+    def switch(self, lights: Sequence[bool]) -> None:
+        """Set which lights are on from the next frame."""
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Set the exposure time in seconds, and the gain."""
+
+
+@runtime_checkable
+class Tip(LitCamera, Protocol):
+    """A camera with lights, and a probe."""
+
+    def move_to(self, stance: tuple[float, ...]) -> None:
+        """Take over the pose of the plant."""
+
+    def focus_at(self, distance: float) -> None:
+        """Set the focus of the camera to a distance in metres."""
+
+    def flood(self, on: bool) -> None:
+        """Fill the pipe with water for the probe, or drain it."""
+
+    def shots(self, count: int) -> list[Shot]:
+        """Fire pulses, one after the other."""
+
+
+@runtime_checkable
+class ToolTip(Protocol):
+    """A tip with a micro-tool."""
+
+    def extend(self, length: float) -> None:
+        """Extend the tool to a length in metres, or until it touches the wall."""
+
+    def tool_state(self) -> tuple[float, bool]:
+        """Return the extension in metres, and whether the tool touches the wall."""
+
+
+def apply_to_tip(tip: Tip, request: Request) -> None:
+    """Set lights, exposure, focus, water and tool as requested.
+
+    Raises
+    ------
+    InstrumentError
+        If the tool is to be extended and the tip has none.
+    """
+    if request.extension is not None:
+        if not isinstance(tip, ToolTip):
+            raise InstrumentError("this head has no micro-tool; nothing can be marked with it")
+        tip.extend(request.extension)
+    if request.lights is not None:
+        tip.switch(request.lights)
+    if request.exposure is not None:
+        tip.expose(*request.exposure)
+    if request.focus is not None:
+        tip.focus_at(request.focus)
+    if request.water is not None:
+        tip.flood(request.water)
+
+
+def passed(since: float, now: float, seconds: float) -> bool:
+    """Whether a number of seconds has passed, up to rounding of the clock."""
+    return now - since >= seconds - 1e-6
+
+
+def held_since(before: float | None, now: float, holds: bool = True) -> float | None:
+    """Return the time from which a condition has held without a break, None if it does not."""
+    if not holds:
+        return None
+    return now if before is None else before

@@ -1,0 +1,369 @@
+"""Maps of the depth of the wall, its standard deviation, and the sensors that measured it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, as_finite
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.bands import PER_DEVIATION
+from minorloop_head.geometry import wrapped
+
+STEP = 0.1e-3
+"""Size of a texel in metres, a tenth of the footprint of an echo."""
+UNSEEN, CAMERA, ECHOES, BOTH = 0, 1, 2, 3
+"""Sources of a texel, as two bits: the bitwise or of two maps of sources has the source of both."""
+_ABOVE = 5.0
+"""Missing echoes below the water that weigh as much as an echo above it: the flanks of dents return
+none in up to a third of the wall, and noise is an echo once in some thousand bursts."""
+Bytes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A rectangle of the wall in even texels.
+
+    Parameters
+    ----------
+    phi, z : float
+        Of the centre of its first texel, in radians and metres.
+    rows, columns : int
+        Texels along and around the pipe.
+    radius : float
+        Of the pipe, in metres.
+    step : float
+        Size of a texel, in metres.
+
+    Raises
+    ------
+    ParameterError
+        If it is empty, or goes round the pipe more than once.
+    """
+
+    phi: float
+    z: float
+    rows: int
+    columns: int
+    radius: float = 10e-3
+    step: float = STEP
+
+    def __post_init__(self) -> None:
+        as_finite("phi of a patch", self.phi)
+        as_finite("z of a patch", self.z)
+        if self.rows < 1 or self.columns < 1 or not (self.step > 0 and self.radius > 0):
+            raise ParameterError(
+                f"a patch of {self.rows} by {self.columns} texels of {self.step} m is empty"
+            )
+        if (self.columns - 1) * self.step > 2 * np.pi * self.radius:
+            raise ParameterError(
+                f"a patch of {self.columns} columns goes round a pipe of radius {self.radius} m "
+                "more than once"
+            )
+
+    @classmethod
+    def around(
+        cls, phi: float, z: float, *, size: float, radius: float = 10e-3, step: float = STEP
+    ) -> Patch:
+        """Return a square patch of about ``size`` metres about a place."""
+        half = round(size / 2 / step)
+        count = 2 * half + 1
+        return cls(phi - half * step / radius, z - half * step, count, count, radius, step)
+
+    @classmethod
+    def ring(cls, low: float, high: float, *, radius: float = 10e-3, step: float = STEP) -> Patch:
+        """Return the patch once round the pipe between two z; its seam is at the top."""
+        rows, columns = int((high - low) / step) + 1, int(2 * np.pi * radius / step)
+        return cls(-np.pi / 2, low, rows, columns, radius, step)
+
+    @property
+    def places(self) -> FloatArray:
+        """Phi and z (rows, columns, 2) of the texels."""
+        phi = self.phi + np.arange(self.columns) * self.step / self.radius
+        z = self.z + np.arange(self.rows) * self.step
+        return np.stack(np.broadcast_arrays(phi[None, :], z[:, None]), axis=-1)
+
+    def off(self, phi: float, z: float) -> FloatArray:
+        """Return offsets (rows, columns, 2) from a place, around and along, in metres."""
+        places = self.places
+        around = wrapped(places[..., 0] - phi)
+        return np.stack([self.radius * around, places[..., 1] - z], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Depth of the wall below its nominal surface.
+
+    Parameters
+    ----------
+    patch : Patch
+        Its texels.
+    depth, sd : (rows, columns) arrays
+        Depth and standard deviation in metres; NaN and infinite where unknown. In a through-hole
+        the depth is infinite.
+    source : (rows, columns) array of uint8
+        ``UNSEEN``, ``CAMERA``, ``ECHOES`` or ``BOTH``.
+    """
+
+    patch: Patch
+    depth: FloatArray
+    sd: FloatArray
+    source: Bytes
+
+    def __post_init__(self) -> None:
+        shape = (self.patch.rows, self.patch.columns)
+        for name in ("depth", "sd", "source"):
+            if getattr(self, name).shape != shape:
+                raise SignalError(
+                    f"{name} has shape {getattr(self, name).shape}; the patch has {shape}"
+                )
+
+    @property
+    def unseen(self) -> float:
+        """Share of the patch that no sensor has covered."""
+        return float((self.source == UNSEEN).mean())
+
+
+def unseen_map(patch: Patch) -> DepthMap:
+    """Return a map without any data."""
+    shape = (patch.rows, patch.columns)
+    return DepthMap(
+        patch, np.full(shape, np.nan), np.full(shape, np.inf), np.zeros(shape, dtype=np.uint8)
+    )
+
+
+def camera_map(
+    patch: Patch, seen: BoolArray, defect: npt.ArrayLike, *, sd: float = 0.05e-3
+) -> DepthMap:
+    """Return the map of a camera: depth 0 where the wall is seen, unknown where there is a defect.
+
+    Parameters
+    ----------
+    patch : Patch
+        The texels of the map.
+    seen : (rows, columns) array of bool
+        Where the camera has seen the wall.
+    defect : (rows, columns) array_like
+        Probability of a defect, 0 to 1; the depth is unknown from 0.5 on.
+    sd : float
+        Standard deviation of the radius of the pipe, in metres.
+    """
+    open_to = seen & (np.asarray(defect, dtype=np.float64) < 0.5)
+    depth = np.where(open_to, 0.0, np.nan)
+    source = np.where(seen, CAMERA, UNSEEN).astype(np.uint8)
+    return DepthMap(patch, depth, np.where(open_to, sd, np.inf), source)
+
+
+def echo_map(
+    patch: Patch,
+    spots: npt.ArrayLike,
+    depths: npt.ArrayLike,
+    sds: npt.ArrayLike,
+    *,
+    footprint: float = 0.25e-3,
+) -> DepthMap:
+    """Return the map of the wall from echoes along a sweep.
+
+    Parameters
+    ----------
+    patch : Patch
+        The texels of the map.
+    spots : (K, 2) array_like
+        Phi and z of each echo.
+    depths, sds : (K,) array_like
+        Distance beyond the nominal wall and its standard deviation, in metres; NaN without an
+        echo.
+    footprint : float
+        Standard deviation of the footprint of an echo, in metres.
+
+    Notes
+    -----
+    Means are weighted by footprint and inverse variance; texels farther than two footprints from
+    every echo stay unseen.
+    """
+    where = np.asarray(spots, dtype=np.float64).reshape(-1, 2)
+    values, widths = np.asarray(depths, dtype=np.float64), np.asarray(sds, dtype=np.float64)
+    if not len(where) == values.size == widths.size:
+        raise SignalError(f"{len(where)} spots, {values.size} depths, {widths.size} deviations")
+    empty = unseen_map(patch)
+    weight, total, nearest = (np.zeros_like(empty.depth) for _ in range(3))
+    for spot, value, width in zip(where, values, widths, strict=True):
+        if not (np.isfinite(value) and np.isfinite(width) and width > 0):
+            continue
+        square = (patch.off(*spot) ** 2).sum(axis=-1) / footprint**2
+        share = np.where(square <= 4, np.exp(-0.5 * square), 0.0)
+        weight += share / width**2
+        total += share * value / width**2
+        nearest = np.maximum(nearest, share)
+    reached = nearest > 0
+    depth = np.divide(total, weight, out=np.full_like(total, np.nan), where=reached)
+    sd = np.sqrt(np.divide(1.0, weight, out=np.full_like(total, np.inf), where=reached))
+    return DepthMap(patch, depth, sd, np.where(reached, ECHOES, UNSEEN).astype(np.uint8))
+
+
+def blend(first: DepthMap, second: DepthMap) -> DepthMap:
+    """Merge two maps of one patch: by inverse variance where both have data.
+
+    Raises
+    ------
+    SignalError
+        If the patches differ.
+    """
+    if first.patch != second.patch:
+        raise SignalError("the maps are of different patches; lay both out on one")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weights = [np.where(np.isnan(m.depth), 0.0, 1 / m.sd**2) for m in (first, second)]
+        total = weights[0] + weights[1]
+        depth = sum(
+            np.where(weight > 0, weight * np.nan_to_num(m.depth, posinf=0.0), 0.0)
+            for weight, m in zip(weights, (first, second), strict=True)
+        ) / np.where(total > 0, total, np.nan)
+        sd = np.where(total > 0, 1 / np.sqrt(total), np.inf)
+    through = np.isposinf(first.depth) | np.isposinf(second.depth)
+    depth = np.where(through, np.inf, depth)
+    source = (first.source | second.source).astype(np.uint8)
+    return DepthMap(first.patch, depth, np.where(through, np.nan, sd), source)
+
+
+def paste(wall: DepthMap, part: DepthMap) -> DepthMap:
+    """Return a map in which the texels of a part with data replace its own.
+
+    Parameters
+    ----------
+    wall : DepthMap
+        The map of the larger patch.
+    part : DepthMap
+        The map of a smaller patch; its nearest texel counts.
+    """
+    places, patch = wall.patch.places, part.patch
+    middle = patch.phi + 0.5 * (patch.columns - 1) * patch.step / patch.radius
+    around = wrapped(places[..., 0] - middle)
+    column = np.rint(around * patch.radius / patch.step + 0.5 * (patch.columns - 1)).astype(int)
+    row = np.rint((places[..., 1] - patch.z) / patch.step).astype(int)
+    inside = (column >= 0) & (column < patch.columns) & (row >= 0) & (row < patch.rows)
+    i, j = np.clip(row, 0, patch.rows - 1), np.clip(column, 0, patch.columns - 1)
+    inside &= part.source[i, j] != UNSEEN
+    depth, sd = (
+        np.where(inside, part.depth[i, j], wall.depth),
+        np.where(inside, part.sd[i, j], wall.sd),
+    )
+    source = np.where(inside, part.source[i, j] | wall.source, wall.source)
+    return DepthMap(wall.patch, depth, sd, source.astype(np.uint8))
+
+
+@dataclass(frozen=True)
+class WaterLine:
+    """The surface of the water in a pipe.
+
+    Parameters
+    ----------
+    height : float
+        As y in the pipe, which points down, in metres: water is where y is larger. NaN without
+        data.
+    sd : float
+        Standard deviation, in metres.
+    wrong : float
+        Share of the directions that contradict it.
+    seen : bool
+        Whether there were places below and above it, so that it is between them.
+    """
+
+    height: float
+    sd: float
+    wrong: float
+    seen: bool = True
+
+    @property
+    def words(self) -> str:
+        """The height with its 90 % band, above or below the axis; or that it was not seen."""
+        if math.isnan(self.height):
+            return "not seen"
+        if not self.seen:
+            return f"no surface: {'water at every' if self.full else 'no echo at any'} place"
+        side, band = "above" if self.height < 0 else "below", PER_DEVIATION * self.sd
+        return f"{1e3 * abs(self.height):.1f} ± {1e3 * band:.1f} mm (90 %) {side} the axis"
+
+    @property
+    def full(self) -> bool:
+        """Whether every place is below it."""
+        return not self.seen and self.height < 0
+
+    def wet(self, phi: npt.ArrayLike, radius: float, *, margin: float = 0.0) -> BoolArray:
+        """Return whether the wall at phi is under water, by a margin in metres."""
+        y = radius * np.sin(np.asarray(phi, dtype=np.float64))
+        under: BoolArray = y > self.height + margin
+        return under
+
+
+def coupled_at(
+    phi: npt.ArrayLike, radius: float, *, face: float | None = None, offset: float = 0.0
+) -> FloatArray:
+    """Return the height, as y, below which water reaches both wall and probe.
+
+    Parameters
+    ----------
+    phi, radius, face, offset
+        As of `find_water`.
+    """
+    down = np.sin(np.asarray(phi, dtype=np.float64))
+    wall: FloatArray = radius * down
+    return wall if face is None else np.asarray(np.minimum(wall, offset + face * down))
+
+
+def find_water(
+    phi: npt.ArrayLike,
+    detected: Sequence[bool] | BoolArray,
+    radius: float,
+    *,
+    face: float | None = None,
+    offset: float = 0.0,
+) -> WaterLine:
+    """Find the water line from where a sweep round the pipe gave echoes.
+
+    Parameters
+    ----------
+    phi : (K,) array_like
+        Where each beam meets the wall, in radians.
+    detected : (K,) sequence of bool
+        Whether there was an echo.
+    radius : float
+        Of the pipe, in metres.
+    face : float, optional
+        Distance of the face of the probe from the axis, in metres. A probe works only with its
+        face under water: below the axis, the height of the face counts and not that of the wall.
+
+    Returns
+    -------
+    WaterLine
+        Midway between the highest place with an echo and the lowest without, or at the top or
+        bottom of the pipe if all or none has one.
+
+    Notes
+    -----
+    The height with the fewest contradictions. A lost echo does not move it, nor does a dent whose
+    flanks send the beam elsewhere: nothing above the water returns an echo, so that one there
+    counts as much as `_ABOVE` that are missing below.
+    """
+    y = coupled_at(phi, radius, face=face, offset=offset).ravel()
+    wet = np.asarray(detected, dtype=bool).ravel()
+    if y.size != wet.size:
+        raise SignalError(f"{y.size} places and {wet.size} echoes; give one flag for each place")
+    if y.size == 0:
+        return WaterLine(np.nan, np.inf, np.nan, seen=False)
+    order = np.argsort(y)
+    y, wet = y[order], wet[order]
+    edges = np.concatenate([[-radius], y, [radius]])
+    # Contradictions with the line between the n-th place and the next.
+    above = np.concatenate([[0], np.cumsum(wet)])
+    missing = np.concatenate([[0], np.cumsum(~wet)])
+    missing = missing[-1] - missing
+    cost = _ABOVE * above + missing
+    best = np.flatnonzero(cost == cost.min())
+    n = int(best[len(best) // 2])
+    low, high = float(edges[n]), float(edges[n + 1])
+    sd, share = (high - low) / np.sqrt(12), float(above[n] + missing[n]) / y.size
+    return WaterLine((low + high) / 2, sd, share, seen=0 < n < y.size)

@@ -1,0 +1,160 @@
+"""Findings: place, size and depth of defects with standard deviations, and their table."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from minorloop.files import check_writable, table_text, write_atomically
+
+if TYPE_CHECKING:
+    from minorloop_head.ultrasound.pits import PitDepth
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One defect of the wall; lengths in metres, angles in radians, NaN if unknown.
+
+    Parameters
+    ----------
+    kind : str
+        ``pit``, ``hole``, ``crack`` or ``mark``; ``hole or pit`` if the echoes do not decide.
+    verdict : str
+        Of the echoes, as in ``PitDepth``, with the places measured in an interrupted scan.
+    phi, z, width, length, depth : float
+        Centre, extents around and along the pipe, and depth below the wall.
+    phi_sd, z_sd, width_sd, length_sd, depth_sd : float
+        Standard deviations.
+    """
+
+    kind: str
+    verdict: str
+    phi: float
+    phi_sd: float
+    z: float
+    z_sd: float
+    width: float
+    width_sd: float
+    length: float
+    length_sd: float
+    depth: float
+    depth_sd: float
+
+
+PLACE_SD, _SIZE_SD = 0.085e-3, 0.08
+"""Standard deviations by an outline: of the place in m, and of the diameter as a share of it."""
+_UNITS = {"phi": "deg", "z": "mm", "width": "mm", "length": "mm", "depth": "mm"}
+UNDECIDED = "hole or pit"
+_KINDS = {
+    "measured": "pit",
+    "uneven floor": "pit",
+    "disturbed": "pit",
+    "ambiguous depth": "pit",
+    "through-hole": "hole",
+    "no pit": "mark",
+}
+
+
+def kind_of(verdict: str) -> str:
+    """Return the kind of a round defect by the verdict of its echoes.
+
+    Parameters
+    ----------
+    verdict : str
+        As in ``PitDepth``; for any other, the kind is ``hole or pit``.
+    """
+    return _KINDS.get(verdict, UNDECIDED)
+
+
+def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
+    """Return the measurement of a pit as a finding.
+
+    Parameters
+    ----------
+    pit : PitDepth
+        As measured.
+    radius : float
+        Of the pipe, in metres.
+    """
+    verdict = pit.verdict
+    if pit.bursts < pit.planned:
+        verdict += f" ({pit.bursts} of {pit.planned} places)"
+    return Finding(
+        kind_of(pit.verdict),
+        verdict,
+        pit.phi,
+        pit.place_sd / radius,
+        pit.z,
+        pit.place_sd,
+        pit.diameter,
+        pit.diameter_sd,
+        pit.diameter,
+        pit.diameter_sd,
+        pit.depth,
+        pit.depth_sd,
+    )
+
+
+def outlined(phi: float, z: float, diameter: float, verdict: str, *, radius: float) -> Finding:
+    """Return a round defect by its outline alone, without a depth.
+
+    Parameters
+    ----------
+    phi, z, diameter : float
+        In radians and metres.
+    verdict : str
+        Why there is no depth.
+    radius : float
+        Of the pipe, in metres.
+    """
+    size, size_sd = diameter, _SIZE_SD * diameter
+    return Finding(
+        UNDECIDED, verdict, phi, PLACE_SD / radius, z, PLACE_SD, size, size_sd, size, size_sd,
+        math.nan, math.nan,
+    )  # fmt: skip
+
+
+def finding_table(findings: Sequence[Finding]) -> str:
+    """Return findings as CSV, in degrees and millimetres as the header says; empty if unknown."""
+    names = [field.name for field in fields(Finding)]
+    units = [_UNITS.get(name.removesuffix("_sd"), "") for name in names]
+    header = [f"{n} [{unit}]" if unit else n for n, unit in zip(names, units, strict=True)]
+    values = (zip(astuple(finding), units, strict=True) for finding in findings)
+    rows = ((_cell(value, unit) for value, unit in row) for row in values)
+    numbered = ([number, *row] for number, row in enumerate(rows, start=1))
+    return table_text(["number", *header], numbered)
+
+
+def save_findings(
+    findings: Sequence[Finding], path: str | os.PathLike[str], *, force: bool = False
+) -> Path:
+    """Write the table of findings as CSV, and return its path.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    path : path
+    force : bool
+        Whether a file that exists may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and ``force`` is false, or it cannot be written.
+    """
+    place = check_writable(path, force=force)
+    write_atomically(place, finding_table(findings))
+    return place
+
+
+def _cell(value: float | str, unit: str) -> str:
+    if isinstance(value, str):
+        return value
+    scaled = np.degrees(value) if unit == "deg" else value * 1e3
+    return f"{scaled:.4f}" if np.isfinite(value) else ""

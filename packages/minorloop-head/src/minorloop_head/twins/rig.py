@@ -1,0 +1,292 @@
+"""The simulated inspection head in a pipe: wires, catheter, camera and probe.
+
+Pan and tilt of the wires are 30 degrees when the camera looks along the pipe, since a wire pulls in
+one direction only. Flow may sway the base of the head; this moves camera and probe, but the joint
+sensors do not measure it. A `Rig` and its `SimulatedTip` may run in separate processes: only a
+`Stance` passes between them. Angles are in radians, lengths in metres.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.lab.actuator import Frame, Shot
+from minorloop_head.geometry import Mount, Pinhole
+from minorloop_head.twins.camera import LENS, Camera
+from minorloop_head.twins.catheter import Catheter
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.pipe import Pipe
+from minorloop_head.twins.surroundings import FULL, Filling, Sway
+from minorloop_head.twins.tool import MicroTool
+from minorloop_head.twins.ultrasound import Ultrasound
+
+STRAIGHT = math.radians(30.0)
+"""Pan and tilt of the joints of a head that looks along the pipe."""
+GYROSCOPE_NOISE = math.radians(0.05)
+"""Standard deviation of the gyroscope in the base."""
+_UNITS = np.array([math.radians(1.0), math.radians(1.0), 1e-3, math.radians(1.0)])
+"""Units of the channels of head and catheter: degrees, mm and degrees."""
+
+Stance: TypeAlias = tuple[float, float, float, float, float, float]
+"""True pan and tilt, their rates, advance and roll."""
+
+
+class Rig:
+    """A head and the catheter that carries it, on one clock.
+
+    Parameters
+    ----------
+    head : Head, optional
+        Nominal, with 0.05 degrees of noise and a delay of one tick, without it.
+    catheter : Catheter, optional
+        Nominal, with a noise of 0.02 mm and degrees, without it.
+    sway : Sway, optional
+        Of the base of the head while the pipe is not flooded; none without it.
+    flooded : Filling, optional
+        Of the pipe after ``flood``; without it, that changes nothing.
+    seed : int
+        Of the noise of the gyroscope.
+    """
+
+    def __init__(
+        self,
+        head: Head | None = None,
+        catheter: Catheter | None = None,
+        *,
+        sway: Sway | None = None,
+        flooded: Filling | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.head, self.sway = head or Head(noise=0.05, delay=0.04), sway
+        self._flooded, self._drained = flooded, (self.head.surroundings, sway)
+        self.catheter = catheter or Catheter(noise=0.02)
+        self.tick, self.time = self.head.tick, None
+        self._gyro = np.random.default_rng([seed, 34])
+        self._before = self._line_of_sight()
+
+    def exchange(self, u: FloatArray) -> FloatArray:
+        """Hold two currents and the rates of advance and roll for a tick.
+
+        Returns
+        -------
+        (4,) array
+            Pan, tilt, advance and roll at its end; NaN where a sensor is lost.
+
+        Raises
+        ------
+        LimitError
+            If an input is beyond its limits.
+        """
+        self._before = self._line_of_sight()
+        angles = np.asarray(self.head.exchange(u[:2]))
+        place = np.asarray(self.catheter.exchange(u[2:] / _UNITS[2:]))
+        return np.asarray(_UNITS * np.concatenate([angles, place]))
+
+    def safe(self) -> None:
+        """Let the wires cool and stop the catheter."""
+        self.head.safe()
+        self.catheter.safe()
+
+    def flood(self, on: bool) -> None:
+        """Let water in, which cools the wires and sways the head from now on, or out again."""
+        around, sway = self._drained
+        if on and self._flooded is not None:
+            around, sway = self._flooded.around(around), self._flooded.sway
+        self.head.surround(around)
+        self.sway = sway
+
+    def gyroscope(self) -> FloatArray:
+        """Return the measured turn (2,) of the base; zeros without sway."""
+        if self.sway is None:
+            return np.zeros(2)
+        noise = GYROSCOPE_NOISE * self._gyro.standard_normal(2)
+        return np.asarray(self.sway.at(self.head.clock) + noise)
+
+    def stance(self) -> Stance:
+        """Return the true state, for the simulated tip and for scoring after a run."""
+        now = self._line_of_sight()
+        pan_rate, tilt_rate = ((now - self._before) / self.tick).tolist()
+        advance, roll = (_UNITS[2:] * self.catheter._output_now()).tolist()
+        pan, tilt = now.tolist()
+        return pan, tilt, pan_rate, tilt_rate, advance, roll
+
+    def _line_of_sight(self) -> FloatArray:
+        """Return pan and tilt (2,) of the camera."""
+        swayed = np.zeros(2) if self.sway is None else self.sway.at(self.head.clock)
+        return np.asarray(np.radians(self.head._output_now()) - STRAIGHT + swayed)
+
+
+class RigWires:
+    """The two currents of a rig as an actuator without outputs, and the pictures of its tip.
+
+    Parameters
+    ----------
+    rig : Rig
+    tip : SimulatedTip
+    """
+
+    inputs, outputs = Head.inputs, ()
+
+    def __init__(self, rig: Rig, tip: SimulatedTip) -> None:
+        self._rig, self._tip = rig, tip
+        self.tick, self.serial = rig.tick, rig.head.serial
+        self._framed = True
+
+    def exchange(self, u: FloatArray) -> FloatArray:
+        """Hold two currents for a tick; nothing is read."""
+        if not self._framed:  # a frame lets the time of the camera pass
+            self._tip.wait(self.tick)
+        self._framed = False
+        self._rig.exchange(np.append(u, [0.0, 0.0]))
+        return np.empty(0)
+
+    def safe(self) -> None:
+        """Let the wires cool."""
+        self._rig.safe()
+
+    def frame(self) -> Frame:
+        """Return a picture from where the head is now."""
+        self._tip.move_to(self._rig.stance())
+        self._framed = True
+        return self._tip.frame()
+
+
+class SimulatedTip:
+    """The tip of a rig: a camera with its lights, a micro-tool, and a probe for use in water.
+
+    Parameters
+    ----------
+    pipe : Pipe
+        The dry pipe; images always show it dry.
+    mount : Mount, optional
+        Place of the head in the pipe with the catheter at 0; on the axis without it.
+    specimen : int, optional
+        Seed of the specimens of camera and probe; nominal without it.
+    seed : int
+        Seed of their noise.
+    optics : Pinhole, optional
+        Of the camera; its own without it.
+    flooded : Filling, optional
+        Of the pipe after ``flood``, for the probe; full of water of 20 degrees without it.
+    probe : mapping, optional
+        Further options of `Ultrasound`.
+    flow : callable, optional
+        Called when the pipe is flooded or emptied, with a flag, such as ``flood`` of a `Rig`.
+    """
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        *,
+        mount: Mount | None = None,
+        specimen: int | None = None,
+        seed: int = 0,
+        optics: Pinhole = LENS,
+        flooded: Filling | None = None,
+        probe: Mapping[str, Any] | None = None,
+        flow: Callable[[bool], None] | None = None,
+    ) -> None:
+        self._mount, self._flow = mount or Mount(), flow
+        self._known_mount = self._mount
+        self.pipe = pipe
+        self.camera = Camera(pipe, self._mount, optics, specimen=specimen, seed=seed)
+        self.tool = MicroTool(pipe, self._mount, specimen=specimen)
+        water = flooded or Filling(level=FULL * pipe.radius)
+        self._probe_of = {
+            wet: partial(
+                Ultrasound,
+                filled,
+                self._mount,
+                specimen=specimen,
+                seed=seed,
+                temperature=water.temperature,
+                **(probe or {}),
+            )
+            for wet, filled in ((False, pipe), (True, replace(pipe, water=water.level)))
+        }
+        self._probes: dict[bool, Ultrasound] = {}
+        self._wet, self._framed = False, True
+        self._stance: tuple[float, ...] = (0.0,) * 6
+
+    def move_to(self, stance: tuple[float, ...]) -> None:
+        """Set the place of the rig; a camera without a frame since the last call waits for one."""
+        if not self._framed:
+            self.camera._advance(self.camera.sensor.interval)
+        self._stance, self._framed = stance, False
+        pan, tilt, pan_rate, tilt_rate, *_ = stance
+        mount = self._mount_now()
+        self.camera.move(mount)
+        self.camera.look(pan, tilt, rates=(pan_rate, tilt_rate))
+        marks = len(self.tool.marks)
+        self.tool.move(mount)
+        self.tool.look(pan, tilt)
+        self.tool._advance(self.camera.sensor.interval)
+        if len(self.tool.marks) > marks:
+            self.camera.repaint(self.tool.pipe)
+
+    def extend(self, length: float) -> None:
+        """Extend the tool to a length in metres, or until it touches the wall."""
+        self.tool.extend(length)
+
+    def tool_state(self) -> tuple[float, bool]:
+        """Return the extension in metres, and whether the tool touches the wall."""
+        return self.tool.extension, self.tool.touching
+
+    def frame(self) -> Frame:
+        """Return the image that begins now."""
+        self._framed = True
+        return self.camera.frame()
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass without a frame."""
+        self.camera._advance(seconds)
+
+    def switch(self, lights: Sequence[bool]) -> None:
+        """Switch lights on or off from the next frame on."""
+        self.camera.switch(lights)
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Set the exposure time, in seconds, and the gain."""
+        self.camera.expose(exposure, gain)
+
+    def focus_at(self, distance: float) -> None:
+        """Move the focus to a distance in metres."""
+        self.camera.focus_at(distance)
+
+    def flood(self, on: bool) -> None:
+        """Fill the pipe with water, or empty it."""
+        self._wet = on
+        if self._flow is not None:
+            self._flow(on)
+
+    def prepare(self) -> None:
+        """Compute the beam of the probe, which takes seconds, before the first shot needs it."""
+        self._probe(True)
+
+    def shots(self, count: int) -> list[Shot]:
+        """Fire pulses, one after the other, and return their shots."""
+        probe = self._probe(self._wet)
+        pan, tilt, pan_rate, tilt_rate, *_ = self._stance
+        probe.move(self._mount_now())
+        probe.look(pan, tilt, rates=(pan_rate, tilt_rate))
+        return [probe.shot() for _ in range(count)]
+
+    def _probe(self, wet: bool) -> Ultrasound:
+        if wet not in self._probes:
+            self._probes[wet] = self._probe_of[wet]()
+        return self._probes[wet]
+
+    def _mount_now(self) -> Mount:
+        advance, roll = self._stance[4:]
+        mount, known = self._mount, self._known_mount
+        place = mount.advance + advance, mount.roll + roll
+        if place != (known.advance, known.roll):
+            self._known_mount = replace(mount, advance=place[0], roll=place[1])
+        return self._known_mount

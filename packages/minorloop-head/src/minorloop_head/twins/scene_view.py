@@ -1,0 +1,263 @@
+"""Random views of a place with or without a hole, beside a glint, for scoring the detector.
+
+A view is a camera that looks at a place of the wall. Around the place are dents, beads, scratches
+and dirt, and at least one LED is mirrored to saturation within 3 mm of the place but not within
+0.2 mm of the rim, with and without a hole. A plain view has none of these: a dark hole with a sharp
+edge in a brushed wall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
+from minorloop_head.geometry import Mount, Pinhole, Pose, meet_wall, wall_point, wrapped
+from minorloop_head.twins import pipe as drawing
+from minorloop_head.twins.camera import LENS, Camera, led_positions
+from minorloop_head.twins.pipe import Bore, Dent, Pipe
+from minorloop_head.twins.turbid_water import TurbidWater
+
+LEAST_AXIS = 9.0
+"""Least minor axis of a hole in the image, in pixels of a 320 by 240 image."""
+_MARGIN = 70  # pixels
+_CLEAR, _REACH = 0.2e-3, 3e-3  # m
+_METERED = 70.0  # grey levels
+_TRIES = 60
+"""Most views drawn for a scene: fewer than one seed in a hundred thousand needs more."""
+
+
+@dataclass(frozen=True, eq=False)
+class AimedCamera:
+    """A camera in place.
+
+    Parameters
+    ----------
+    camera : Camera
+        Exposed for all LEDs on, looking where the head is.
+    mount : Mount
+        True place of the head.
+    pan, tilt : float
+        Of the head, in radians.
+    gain : float
+        Of the exposure with all LEDs on.
+    flooded : bool
+        Whether the pipe is full of water.
+    """
+
+    camera: Camera
+    mount: Mount
+    pan: float
+    tilt: float
+    gain: float
+    flooded: bool = field(default=False, kw_only=True)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneView(AimedCamera):
+    """A camera in place, and the truth of what it sees.
+
+    Parameters
+    ----------
+    place : (float, float)
+        Phi and z of the place in question.
+    hole : Bore, optional
+        The hole at that place, or None.
+    """
+
+    place: tuple[float, float]
+    hole: Bore | None
+
+
+def draw_view(
+    seed: int,
+    *,
+    hole: bool,
+    inside: str | None = None,
+    plain: bool = False,
+    flooded: bool = False,
+) -> SceneView:
+    """Draw a view.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the view. The head turns 18 to 30 degrees from the axis, its pivot is up to 1 mm
+        off it, and the gain varies by 4 to 1 about the metered one.
+    hole : bool
+        Whether there is a hole. Its diameter is 0.85 to 1.15 mm, its minor axis at least 9
+        pixels of a 320 by 240 image.
+    inside : {"dark", "backlit", "white"}, optional
+        What is seen in the hole; drawn if not given.
+    plain : bool
+        Leave out dents, beads, scratches, dirt, the chamfer of the hole, and views with a
+        saturated pixel within 3 mm of the place; the hole is dark.
+    flooded : bool
+        Fill the pipe with water, clear or turbid.
+
+    Raises
+    ------
+    ParameterError
+        If no view could be drawn, which happens for one seed in a hundred thousand.
+    """
+    rng = np.random.default_rng([seed, int(hole)])
+    for _ in range(_TRIES):
+        view = _try_view(rng, hole, "dark" if plain else inside, plain, flooded)
+        if view is not None:
+            return view
+    raise ParameterError(f"no view found for seed {seed} in {_TRIES} tries; give another seed")
+
+
+def _try_view(
+    rng: np.random.Generator, hole: bool, inside: str | None, plain: bool, flooded: bool
+) -> SceneView | None:
+    mount, pan, tilt = draw_head(rng)
+    lens = LENS.in_water() if flooded else LENS
+    place = draw_place(rng, mount.pose(pan, tilt), lens)
+    bore = drawing.draw_hole(rng, *place)
+    if inside is not None:
+        bore = replace(bore, inside=inside, brightness={"dark": 0.0, "white": 2.0}.get(inside, 1.0))
+    if plain:
+        bore = replace(bore, chamfer=0.0)
+    if minor_axis(mount.pose(pan, tilt), bore, lens) < LEAST_AXIS:
+        return None
+    wall = _wall(rng, bore, mount.pose(pan, tilt), hole)
+    if plain:
+        wall = replace(wall, dents=(), scratches=(), dirt=())
+    water = TurbidWater.draw(rng) if flooded else None
+    seed, specimen = (int(rng.integers(2**31)) for _ in range(2))
+    camera = Camera(wall, mount, seed=seed, specimen=specimen, flooded=water)
+    camera.look(pan, tilt)
+    focus_near(rng, camera, mount.pose(pan, tilt))
+    gain = metered_gain(camera) * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
+    if not 0.1 <= gain <= 20:
+        return None
+    camera.expose(0.01, gain)
+    view = SceneView(camera, mount, pan, tilt, gain, place, bore if hole else None, flooded=flooded)
+    if plain:
+        return view if not (_saturated(view, bore) < _REACH).any() else None
+    return view if _has_a_glint(view, bore) else None
+
+
+def draw_head(rng: np.random.Generator) -> tuple[Mount, float, float]:
+    """Draw a mount, pan and tilt in radians: 18 to 30 degrees off the axis of the pipe."""
+    away, way = np.deg2rad(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)
+    off, side = rng.uniform(0, 1e-3), rng.uniform(0, 2 * np.pi)
+    mount = Mount(
+        offset=(off * np.cos(side), off * np.sin(side)),
+        roll=rng.uniform(-np.pi, np.pi),
+        advance=rng.uniform(0, 4e-3),
+    )
+    return mount, float(away * np.cos(way)), float(away * np.sin(way))
+
+
+def draw_place(rng: np.random.Generator, pose: Pose, lens: Pinhole = LENS) -> tuple[float, float]:
+    """Return where a pixel away from the edges meets the wall."""
+    pixel = rng.uniform([_MARGIN, _MARGIN], [lens.width - _MARGIN, lens.height - _MARGIN])
+    phi, z, _ = meet_wall(pose.position, pose.rotation @ lens.rays(pixel), 10e-3)
+    return float(phi), float(np.clip(z, 0.0, 50e-3))
+
+
+def minor_axis(pose: Pose, bore: Bore, lens: Pinhole = LENS) -> float:
+    """Return the minor axis of the image of the mouth, in pixels of a 320 by 240 image.
+
+    It is 0 if the mouth is not seen whole.
+    """
+    angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    edge = bore.diameter / 2 / 10e-3
+    rim = wall_point(
+        bore.phi + edge * np.cos(angles), bore.z + bore.diameter / 2 * np.sin(angles), 10e-3
+    )
+    pixels = lens.project(pose.to_camera(rim))
+    inside = (pixels > 20) & (pixels < [lens.width - 20, lens.height - 20])
+    if not inside.all():
+        return 0.0
+    spread = np.linalg.svd(pixels - pixels.mean(axis=0), compute_uv=False)
+    return float(2 * spread[1] / np.sqrt(8) / 2)
+
+
+def _wall(rng: np.random.Generator, bore: Bore, pose: Pose, hole: bool) -> Pipe:
+    """Return a wall with clutter, and a bead that mirrors an LED beside the place."""
+    low, high = bore.z - 10e-3, bore.z + 10e-3
+
+    def somewhere() -> tuple[float, float]:
+        return bore.phi + rng.uniform(-1.0, 1.0), float(np.clip(rng.uniform(low, high), 0, 51e-3))
+
+    return Pipe(
+        finish=drawing.draw_finish(rng),
+        bores=(bore,) if hole else (),
+        dents=(
+            *(drawing.draw_dent(rng, *somewhere()) for _ in range(rng.integers(3, 10))),
+            *(_mirror(rng, bore, pose) for _ in range(rng.integers(1, 3))),
+        ),
+        scratches=tuple(
+            drawing.draw_scratch(rng, *somewhere()) for _ in range(rng.integers(2, 10))
+        ),
+        dirt=tuple(drawing.draw_dirt(rng, *somewhere()) for _ in range(rng.integers(2, 10))),
+    )
+
+
+def _mirror(rng: np.random.Generator, bore: Bore, pose: Pose) -> Dent:
+    """Return a bead or dent beside the rim whose flank mirrors one LED into the lens."""
+    way, far = rng.uniform(0, 2 * np.pi), rng.uniform(bore.diameter / 2 + _CLEAR + 1e-4, 2.5e-3)
+    phi, z = bore.phi + far * np.cos(way) / 10e-3, bore.z + far * np.sin(way)
+    point = wall_point(phi, z, 10e-3)
+    led = pose.to_pipe(led_positions()[rng.integers(3)])
+    slopes = -_half_slopes(point, led, pose.position)
+    steep = float(np.hypot(*slopes))
+    raised = bool(rng.random() < 0.6)
+    size = rng.uniform(0.12e-3, 0.35e-3) if raised else rng.uniform(0.3e-3, 0.9e-3)
+    # A Gaussian of this height is steepest, 0.607 height / size, at one size from its middle.
+    height = size * steep / 0.607 * rng.uniform(1.05, 2.0)
+    ratio = steep * size / height
+    offsets = np.linspace(0, 1, 200)
+    offset = size * float(offsets[np.argmin(np.abs(offsets * np.exp(-(offsets**2) / 2) - ratio))])
+    uphill = slopes / max(steep, 1e-9)
+    middle = offset * uphill if raised else -offset * uphill
+    return Dent(
+        float(phi + middle[0] / 10e-3), float(z + middle[1]), size, height if raised else -height
+    )
+
+
+def _half_slopes(point: FloatArray, led: FloatArray, lens: FloatArray) -> FloatArray:
+    """Return the slopes (2,) of the wall, around and along, that mirror an LED into the lens."""
+    to_led, to_lens = led - point, lens - point
+    half = to_led / np.linalg.norm(to_led) + to_lens / np.linalg.norm(to_lens)
+    normal = -np.array([point[0], point[1], 0.0]) / np.hypot(point[0], point[1])
+    around = np.array([normal[1], -normal[0], 0.0])
+    up = max(float(half @ normal), 0.05)
+    return np.array([float(half @ around), float(half[2])]) / up
+
+
+def focus_near(rng: np.random.Generator, camera: Camera, pose: Pose) -> None:
+    """Focus on the middle of the image, within 15 %, and wait for the focus."""
+    _, _, length = meet_wall(pose.position, pose.rotation[:, 2], 10e-3)
+    camera.focus_at(float(np.clip(length * rng.uniform(0.85, 1.15), 4e-3, 60e-3)))
+    while abs(camera.focus * camera._focus_wanted - 1) > 1e-9:
+        camera._advance(camera.sensor.interval)
+
+
+def metered_gain(camera: Camera) -> float:
+    """Return the gain at which the brighter parts of the image are of middle grey."""
+    camera.expose(0.01, 1.0)
+    level = float(np.percentile(camera.frame().image, 60))
+    return _METERED / max(level, 2.0)
+
+
+def _has_a_glint(view: SceneView, bore: Bore) -> bool:
+    """Return whether pixels saturate within 3 mm of the place, and none near the rim."""
+    off, rim = _saturated(view, bore), bore.diameter / 2 + bore.chamfer
+    return bool((off > rim + _CLEAR).all() and (off < _REACH).sum() >= 4)
+
+
+def _saturated(view: SceneView, bore: Bore) -> FloatArray:
+    """Return the distances of saturated pixels outside the rim from the place."""
+    v, u = np.nonzero(view.camera.frame().image == 255)
+    pose = view.mount.pose(view.pan, view.tilt)
+    rays = view.camera._optics.rays(np.stack([u, v], axis=1)) @ pose.rotation.T
+    phi, z, _ = np.moveaxis(meet_wall(pose.position, rays, 10e-3), -1, 0)
+    off = np.hypot(10e-3 * wrapped(phi - bore.phi), z - bore.z)
+    rim = bore.diameter / 2 + bore.chamfer
+    return np.asarray(off[off > rim])

@@ -1,0 +1,267 @@
+"""Fit one pit to all traces of a raster at once.
+
+Each trace contains echoes of the rim and of the floor of the pit, in shares that depend on the
+place of the beam. The pulse is estimated from the traces far from the pit; each trace has a free
+distance from the wall, and all share one pit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop_head.ultrasound import _fit_kernels as kernels
+from minorloop_head.ultrasound.field import ComplexArray, as_parts
+from minorloop_head.ultrasound.pit_model import PitModel
+from minorloop_head.ultrasound.spectra import FAR, Spectra
+from minorloop_head.ultrasound.wall_distance import speed_error
+
+CENTRE = np.array([0.0, 0.0, 0.0, 0.6e-3, 1.0, 0.0, 0.0, 0.0])
+PRIOR = np.array([0.085e-3, 0.085e-3, 0.08, 1e-3, 0.3, 0.05, 0.05, 0.04e-3])
+"""Means and standard deviations of the unknowns before the scan, as in ``pit_model.NAMES``: place
+and size come from the image."""
+# Bounds of the unknowns, steps of finite differences, and largest steps of an iteration.
+_LOW = np.array([-4e-4, -4e-4, -0.4, 0.03e-3, 0.0, -0.2, -0.2, -1.5e-4])
+_HIGH = np.array([4e-4, 4e-4, 0.4, 1.4e-3, 2.0, 0.2, 0.2, 1.5e-4])
+_STEPS = np.array([2e-6, 2e-6, 2e-3, 0.5e-6, 0.01, 1e-3, 1e-3, 0.5e-6])
+_LARGEST_STEPS = np.array([6e-5, 6e-5, 0.08, 3e-5, 0.5, 0.05, 0.05, 3e-5])
+_SLIP = 12e-6
+"""Standard deviation of the distance of a trace from the plane through all, in metres."""
+_TRIALS = np.arange(-4 * _SLIP, 4.01 * _SLIP, _SLIP / 3)
+"""Distances from which the best one is searched, in metres."""
+_ROUNDS = 8
+"""Most Gauss-Newton steps of a fit, by trial."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointSolution:
+    """The result of a fit.
+
+    Parameters
+    ----------
+    unknowns : (8,) array
+        In the order of ``pit_model.NAMES``.
+    cost : float
+        Half the sum of squares over the noise, with less weight for traces that do not fit, plus
+        that of the prior.
+    """
+
+    unknowns: FloatArray
+    cost: float
+
+
+@dataclass(eq=False)
+class JointFit:
+    """A fit of one pit to the traces of a raster.
+
+    Parameters
+    ----------
+    model : PitModel
+        Of the echoes of the same beams.
+    spectra : Spectra
+        Of the traces.
+    scale : float
+        Misfit above which a trace has less weight, in units of its noise.
+    far : array of int, optional
+        Traces of plain wall, which give the pulse; without it, the farthest from the pit.
+    """
+
+    model: PitModel
+    spectra: Spectra
+    scale: float = 1.0
+    far: npt.NDArray[np.intp] | None = None
+    pulse: ComplexArray = field(init=False)
+    shift: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        far = self.far
+        if far is None:
+            far = np.argsort(-np.linalg.norm(self.model.off(), axis=1))[:FAR]
+        self._k = self.model.sound.wavenumbers
+        self._received = as_parts(self.spectra.received)
+        self._trial_turns = as_parts(np.exp(2j * self._k * _TRIALS[:, None]))
+        self.shift = np.zeros(len(self.spectra.received))
+        plain, received = self.model.plain[far], self.spectra.received[far]
+        for _ in range(4):
+            self.pulse = _pulse(plain, received, self._turn()[far])
+            self.shift[far] = self._shifts(self.pulse * plain, far)
+        self._far = far
+        self._weights = np.ones(len(self.spectra.received))
+
+    @property
+    def usual_cost(self) -> float:
+        """Cost where the residual is noise alone."""
+        count = self.spectra.received.size
+        return float(4 * self.scale * np.log1p(1 / (4 * self.scale)) * count)
+
+    @property
+    def unknown(self) -> float:
+        """Standard deviation of the wall at the rim of the pit, in metres; 0 if it is not bent."""
+        shape = self.model.shape
+        return 0.0 if shape is None else shape.rim(0.0, 0.0, self.model.radius)[1]
+
+    @property
+    def distance(self) -> float:
+        """Distance of the wall behind the nominal one by the assumed speed of sound, in metres."""
+        return float(np.median(self.spectra.beyond))
+
+    @property
+    def speed_error(self) -> tuple[float, float]:
+        """Share by which sound is faster than assumed, and its standard deviation.
+
+        Zeros without a lens: the band of its depths is far wider.
+        """
+        if not np.isfinite(self.model.probe.transducer.focus):
+            return 0.0, 0.0
+        standoff = float(np.median(self.model.spots[:, 2]))
+        bent = 0.0 if self.model.shape is None else self.model.shape.height
+        return speed_error(self.distance, standoff, bent)
+
+    @property
+    def range_error(self) -> float:
+        """Distance of the wall from its plane in the traces that give the pulse, in metres.
+
+        The root mean square of three quarters of the traces, the smallest, so that another pit
+        near by counts little; the part that noise adds is subtracted.
+        """
+        far = self._far
+        slope = 2 * self._k * np.abs(self.pulse * self.model.plain[far])
+        information = (slope**2).sum(axis=1) / self.spectra.noise[far] ** 2
+        square = np.sort(
+            self._shifts(self.pulse * self.model.plain[far], far) ** 2 - 1 / information
+        )
+        return float(np.sqrt(max(square[: -(-3 * far.size // 4)].mean(), 0.0)))
+
+    def sweep(self, unknowns: FloatArray, depths: FloatArray) -> FloatArray:
+        """Return costs (D,) at evenly spaced depths, the other unknowns as given."""
+        x, y, size, _, gain, u, v, dish = unknowns
+        pressure = self.model.mouth(x, y, size)
+        missing = self.model.missing(pressure, size)
+        squares = self.model.squares(pressure, size, (u, v), dish)
+        floors = self.model.floors(squares, size, depths)
+        return np.array(
+            [self.cost_of(self.model.with_pit(missing, gain * floor)) for floor in floors]
+        )
+
+    def cost_of(self, model: ComplexArray) -> float:
+        """Return the cost of echoes (K, F) with the best shifts, without the prior."""
+        self.shift = self._shifts(self.pulse * model, slice(None))
+        relative = self._misfit(model) / (4 * self.scale)
+        self._weights = 1 / (1 + relative)
+        return float(4 * self.scale * np.log1p(relative).sum() * len(self._k))
+
+    def solve(
+        self,
+        start: FloatArray,
+        *,
+        centre: FloatArray = CENTRE,
+        prior: FloatArray = PRIOR,
+        rounds: int = _ROUNDS,
+    ) -> JointSolution:
+        """Minimise the cost from a start by damped Gauss-Newton steps with Cauchy weights.
+
+        Parameters
+        ----------
+        start : (8,) array
+            Unknowns in the order of ``pit_model.NAMES``.
+        centre, prior : (8,) arrays
+            Means and standard deviations before the scan.
+        rounds : int
+            Largest number of steps.
+        """
+        theta, damping = start.copy(), 1e-3
+        model = self.model.echo(theta)
+        cost = self.cost_of(model) + _penalty(theta, centre, prior)
+        for _ in range(rounds):
+            normal, slope = self._normal(theta, model, centre, prior)
+            moved = False
+            for _ in range(4):
+                step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)
+                trial = np.clip(theta + np.clip(step, -_LARGEST_STEPS, _LARGEST_STEPS), _LOW, _HIGH)
+                candidate = self.model.echo(trial)
+                new = self.cost_of(candidate) + _penalty(trial, centre, prior)
+                if new < cost:
+                    moved = True
+                    break
+                damping *= 8
+            if not moved:
+                break
+            gained, damping = cost - new, damping / 5
+            theta, model, cost = trial, candidate, new
+            if gained < 1e-3 + 1e-5 * cost:
+                break
+        return JointSolution(theta, cost)
+
+    def deviations(self, unknowns: FloatArray) -> FloatArray:
+        """Return standard deviations (8,) from the curvature of the cost."""
+        model = self.model.echo(unknowns)
+        self.cost_of(model)
+        normal, _ = self._normal(unknowns, model, CENTRE, PRIOR)
+        deviations: FloatArray = np.sqrt(np.diag(np.linalg.inv(normal)))
+        return deviations
+
+    def refine_pulse(self, unknowns: FloatArray) -> None:
+        """Estimate the pulse again, from all traces and the fitted pit."""
+        model = self.model.echo(unknowns)
+        self.cost_of(model)
+        root = (np.sqrt(self._weights) / self.spectra.noise)[:, None]
+        self.pulse = _pulse(model * root, self.spectra.received * root, self._turn())
+
+    def _turn(self) -> ComplexArray:
+        turn: ComplexArray = np.exp(2j * self._k * self.shift[:, None])
+        return turn
+
+    def _shifts(self, model: ComplexArray, which: npt.NDArray[np.intp] | slice) -> FloatArray:
+        """Return the best distances (K,) of the traces from the plane."""
+        product = np.conj(model) * self.spectra.received[which]
+        product = product / self.spectra.noise[which][:, None] ** 2
+        shift = np.empty(len(product))
+        kernels.best_shifts(as_parts(product), self._k, _TRIALS, self._trial_turns, _SLIP, shift)
+        return shift
+
+    def residual(self, model: ComplexArray) -> ComplexArray:
+        """Return the spectra less the echoes (K, F), at the present shifts."""
+        left: ComplexArray = self.spectra.received - self.pulse * model * self._turn()
+        return left
+
+    def _misfit(self, model: ComplexArray) -> FloatArray:
+        """Return the mean square residual (K,) over the noise, at the present shifts."""
+        power, expected = np.empty(len(model)), as_parts(self.pulse * model)
+        kernels.residual_power(self._received, expected, self._k, self.shift, power)
+        misfit: FloatArray = power / (2 * self.spectra.noise**2)
+        return misfit
+
+    def _normal(
+        self, theta: FloatArray, model: ComplexArray, centre: FloatArray, prior: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return normal matrix and right side, with the shift of each trace eliminated."""
+        near = self.model.near
+        scale = (np.sqrt(self._weights) / self.spectra.noise)[near, None]
+        turned = self.pulse * self._turn()[near] * scale
+        left = self.spectra.received[near] * scale - model[near] * turned
+        slopes = self.model.slopes(theta, _STEPS) * turned  # (P, N, F)
+        shifting = 2j * self._k * model[near] * turned
+        power = (np.abs(shifting) ** 2).sum(axis=1) + 1 / _SLIP**2
+        along = (np.conj(shifting) * slopes).real.sum(axis=2)  # (P, N)
+        rest = (np.conj(shifting) * left).real.sum(axis=1)
+        flat = np.concatenate([slopes.real, slopes.imag], axis=2).reshape(len(_STEPS), -1)
+        normal = flat @ flat.T - (along / power) @ along.T
+        right = (np.conj(slopes) * left).real.sum(axis=(1, 2)) - (along / power) @ rest
+        right -= (theta - centre) / prior**2
+        normal[np.diag_indices(len(theta))] += 1 / prior**2
+        return normal, right
+
+
+def _penalty(theta: FloatArray, centre: FloatArray, prior: FloatArray) -> float:
+    return float(0.5 * (((theta - centre) / prior) ** 2).sum())
+
+
+def _pulse(model: ComplexArray, received: ComplexArray, turn: ComplexArray) -> ComplexArray:
+    """Return the pulse (F,) that explains spectra best, by least squares."""
+    expected = model * turn
+    power = (np.abs(expected) ** 2).sum(axis=0)
+    pulse: ComplexArray = (np.conj(expected) * received).sum(axis=0) / power
+    return pulse

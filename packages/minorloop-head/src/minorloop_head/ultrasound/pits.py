@@ -1,0 +1,341 @@
+"""Measure the depth of a pit from a raster of echoes about its place in the image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, as_finite, as_whole
+from minorloop.errors import ParameterError
+from minorloop.threads import one_thread
+from minorloop_head.geometry import wall_point
+from minorloop_head.ultrasound import deep_pit
+from minorloop_head.ultrasound.bent_wall import MOST_UNKNOWN, bent_fit, is_bent, moves, renewed
+from minorloop_head.ultrasound.burst_checks import FEW, coverage_fault, rejections, usable_bursts
+from minorloop_head.ultrasound.deep_pit import DEEPER_DEPTHS
+from minorloop_head.ultrasound.echoes import Burst
+from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.joint_fit import CENTRE, PRIOR, JointFit, JointSolution
+from minorloop_head.ultrasound.pit_model import PitModel
+from minorloop_head.ultrasound.pit_search import (
+    DEPTHS,
+    STRANGE,
+    best_fit,
+    floor_gains_nothing,
+    resolve_ambiguity,
+    solve_without_floor,
+)
+from minorloop_head.ultrasound.spectra import spectra_of
+from minorloop_head.ultrasound.through_hole import is_through_hole
+from minorloop_head.ultrasound.wall_distance import FARTHEST
+
+POINTS, PITCH = 6, 0.32e-3
+"""Points in a row of a raster, which cover the largest pit and wall beside it, and metres between
+them, a third of the footprint of the beam."""
+FEWEST = 16
+"""Fewest bursts for a depth."""
+DEEPEST = 1.25e-3
+"""Greatest depth that is measured, in metres."""
+MEASURED, HOLE = "measured", "through-hole"
+DEEPER, SILENT = "deeper than 1.25 mm", "no floor echo"
+NO_PIT, FAINT = "no pit", "too faint"
+_NEAR_DEEPEST = 1e-3
+UNEVEN, DISTURBED, AMBIGUOUS = "uneven floor", "disturbed", "ambiguous depth"
+ASTRAY = "distances disagree"
+_NOTICED, _HOPELESS, _NOTICEABLE = 0.05, 1.15, 3.0
+"""Share by which a pit must explain the traces better than a plain wall; cost, over that of a plain
+wall, above which no fit is tried; and how many times the first a mouth must take from the echo, for
+its absence to be certain."""
+_OPEN, _UNEVEN = 0.1, 0.6
+"""Gain of a floor below which there is none, and below which it is uneven."""
+# Errors that the curvature of the cost does not contain, calibrated on separate scans: chamfered
+# mouths and waves outside of the modes, the aim of the beam, the size of the spot. That of the
+# speed of sound is added to them.
+_WIDER, _UNMODELLED = 2.0, 2.5e-6
+_FLAT = 0.02e-3
+_POINTING, _SIZE = 34e-6, 0.018
+_STRAINED = 2.5
+"""Prior deviations between fitted size and image from which on something else echoes too, and the
+outline of the camera is kept."""
+_WIDE, _WIDEST = 0.1e-3, 0.05e-3
+"""Standard deviation of the depth of an uneven floor, and the largest one of a flat floor, in
+metres."""
+_LOUDEST = 1.3
+"""Largest possible echo of a floor, over that of a flat one."""
+_ASTRAY = 6e-6
+"""Largest disagreement of distances and angles, in metres; 3e-6 is usual."""
+_MOST = 100_000
+"""Most planned bursts: a bound against typing errors. A raster has 36 points."""
+
+
+@dataclass(frozen=True)
+class PitDepth:
+    """Depth of a pit by ultrasound, with a verdict.
+
+    Parameters
+    ----------
+    verdict : str
+        ``measured``; ``deeper than 1.25 mm`` (there is an echo of a floor beyond the depths that
+        are measured); ``through-hole`` (no echo out of the mouth, down to the thickness of the
+        wall); ``no floor echo`` (no floor, but another echo; or noise or the end of the traces
+        would hide it); ``uneven floor`` (it does not echo as a flat one: the depth is a mean, with
+        a wide band); ``disturbed`` (something beside the mouth, such as a bead, echoes too: the
+        outline is that of the camera, the band wide); ``ambiguous depth`` (another depth explains
+        nearly as much, or the floor is louder than possible); ``no pit`` (a plain wall explains
+        all); or the reason why there is no depth: ``too faint`` (noise would hide a pit),
+        ``too few echoes``, ``no coupling``, ``distances disagree`` (the distances of the wall do
+        not fit a smooth wall where it should be: a head that does not move, shots out of time, a
+        bead beside it, water that warms during the scan, or sound that is 4 % too fast or slow),
+        ``too short`` (traces end before the echo of a floor), ``raster too small`` (no point on
+        the wall beside the mouth), ``part missing`` (of the scan: mouth or wall is not covered),
+        ``raster beside the mouth``, ``all at one place``, ``frozen`` (the same trace again), and
+        the verdicts of ``Burst``.
+    phi, z : float
+        Centre, in radians and metres.
+    diameter, depth : float
+        In metres; NaN where not measured.
+    place_sd, diameter_sd, depth_sd : float
+        Standard deviations, in metres; that of the place holds for either direction.
+    gain : float
+        Echo of the floor over that of a flat one.
+    tilt : (float, float)
+        Slopes of the floor around and along the pipe.
+    dish : float
+        How much deeper the middle of the floor is than its mean, in metres.
+    bursts, planned : int
+        How many were used, and how many were planned.
+    """
+
+    verdict: str
+    phi: float
+    z: float
+    diameter: float = np.nan
+    depth: float = np.nan
+    place_sd: float = np.nan
+    diameter_sd: float = np.nan
+    depth_sd: float = np.nan
+    gain: float = np.nan
+    tilt: tuple[float, float] = (0.0, 0.0)
+    dish: float = np.nan
+    bursts: int = 0
+    planned: int = 0
+
+    @property
+    def measured(self) -> bool:
+        """Whether there is a reliable depth."""
+        return self.verdict == MEASURED
+
+    @property
+    def whole(self) -> bool:
+        """Whether the scan is complete."""
+        return 0 < self.bursts >= self.planned
+
+
+def raster(
+    probe: CalibratedProbe,
+    centre: tuple[float, float],
+    *,
+    points: int = POINTS,
+    pitch: float = PITCH,
+) -> FloatArray:
+    """Return pan and tilt (points^2, 2) of a serpentine raster about a place, in radians.
+
+    Parameters
+    ----------
+    probe : CalibratedProbe
+        The probe and how it is mounted.
+    centre : (float, float)
+        Phi and z.
+    points : int
+        Points in a row.
+    pitch : float
+        Between points, in metres.
+    """
+    steps = (np.arange(points) - (points - 1) / 2) * pitch
+    aims = []
+    for row, x in enumerate(steps):
+        for y in steps if row % 2 == 0 else steps[::-1]:
+            place = wall_point(centre[0] + x / probe.radius, centre[1] + y, probe.radius)
+            aims.append(probe.transducer.aim(probe.mount, place))
+    return np.array(aims)
+
+
+@one_thread()
+def measure_pit(
+    bursts: Sequence[Burst],
+    probe: CalibratedProbe,
+    centre: tuple[float, float],
+    diameter: float,
+    *,
+    planned: int | None = None,
+) -> PitDepth:
+    """Measure the depth of a pit from the bursts of a raster, whole or interrupted.
+
+    Parameters
+    ----------
+    bursts : sequence of Burst
+        As ``average`` returns them; those with a verdict are left out.
+    probe : CalibratedProbe
+        The probe and what is known of the pipe.
+    centre : (float, float)
+        Phi and z of the mouth in the image.
+    diameter : float
+        Of the mouth in the image, in metres.
+    planned : int, optional
+        Bursts of the whole raster if the scan was interrupted; without it, those given.
+
+    Returns
+    -------
+    PitDepth
+        Without a depth where the echoes contain none; the verdict says why.
+
+    Raises
+    ------
+    ParameterError
+        If the diameter is not positive, the centre is not finite, or fewer bursts were planned
+        than are given.
+    """
+    if not as_finite("diameter of a mouth", diameter) > 0:
+        raise ParameterError(f"a mouth of {diameter} m; give a positive diameter")
+    place = as_finite("phi of a mouth", centre[0]), as_finite("z of a mouth", centre[1])
+    given = len(bursts)
+    many = given if planned is None else as_whole("bursts planned", planned, max(given, 1), _MOST)
+    good = usable_bursts(bursts)
+    reason = _too_few(bursts, good)
+    if not reason:
+        reason = coverage_fault(good, probe, place, diameter, whole=len(good) >= many)
+    found = PitDepth(reason, *place) if reason else _measured(good, probe, place, diameter)
+    return replace(found, bursts=len(good), planned=many)
+
+
+def _measured(
+    good: Sequence[Burst], probe: CalibratedProbe, centre: tuple[float, float], diameter: float
+) -> PitDepth:
+    spectra = spectra_of(good, probe, centre)
+    if spectra is None:
+        return PitDepth("no coupling", *centre)
+    fit = JointFit(PitModel(probe, spectra.angles, centre, diameter / 2), spectra)
+    # Without a lens all traces contain the mouth, and none shows the wall alone.
+    if np.isfinite(probe.transducer.focus):
+        if is_bent(fit, _ASTRAY):
+            bent = bent_fit(good, fit) if moves(good) else None
+            if bent is None:
+                return PitDepth(ASTRAY, *centre)
+            fit = bent
+        far = fit.model.shape is None and abs(fit.distance) > FARTHEST
+        if far or fit.range_error > _ASTRAY or fit.unknown > MOST_UNKNOWN:
+            return PitDepth(ASTRAY, *centre)
+    start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
+    if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
+        return PitDepth(_no_pit_or_faint(fit, JointSolution(start, float(costs.min()))), *centre)
+    start[3] = DEPTHS[np.argmin(costs)]
+    best, ambiguous = resolve_ambiguity(fit, best_fit(fit, start))
+    if fit.model.shape is not None:
+        fit = renewed(fit, best.unknowns)
+        best = fit.solve(best.unknowns)
+    return _assessed(fit, best, ambiguous, good)
+
+
+def _too_few(bursts: Sequence[Burst], good: Sequence[Burst]) -> str:
+    """Return why there are too few usable bursts for a depth, or an empty string."""
+    if len(good) >= FEWEST:
+        return ""
+    reasons = [reason for reason in rejections(bursts) if reason]
+    return max(set(reasons), key=reasons.count) if len(reasons) > len(good) else FEW
+
+
+def _assessed(
+    fit: JointFit, best: JointSolution, ambiguous: bool, bursts: Sequence[Burst]
+) -> PitDepth:
+    """Return the verdict on a fit, with the values that are certain enough."""
+    probe, centre = fit.model.probe, fit.model.centre
+    disturbed = abs(best.unknowns[2]) > _STRAINED * PRIOR[2]
+    hole = solve_without_floor(fit, best)
+    verdict, depth_sd = _verdict(fit, best, hole.cost)
+    ambiguous = ambiguous or best.unknowns[4] > _LOUDEST
+    if verdict == MEASURED and (disturbed or ambiguous):
+        verdict, depth_sd = (DISTURBED, _WIDE) if disturbed else (AMBIGUOUS, np.nan)
+    verdict = _if_deeper(fit, best, verdict, bursts)
+    if verdict == HOLE and not is_through_hole(fit, hole):
+        verdict = SILENT
+    if verdict in (DEEPER, SILENT):
+        depth_sd = np.nan
+    if verdict == DISTURBED:
+        best = _with_outline_of_camera(fit, best)
+    x, y, size, depth, gain, u, v, dish = best.unknowns
+    faster, faster_sd = fit.speed_error
+    depth, depth_sd = depth * (1 + faster), float(np.hypot(depth_sd, depth * faster_sd))
+    sd = PRIOR if verdict == DISTURBED else fit.deviations(best.unknowns)
+    mouth = 2 * fit.model.radius * np.exp(size)
+    return PitDepth(
+        verdict,
+        float(centre[0] + x / probe.radius),
+        float(centre[1] + y),
+        float(mouth),
+        depth=float(depth) if np.isfinite(depth_sd) else np.nan,
+        place_sd=float(np.hypot(np.hypot(sd[0], sd[1]) / np.sqrt(2), _POINTING)),
+        diameter_sd=float(mouth * np.hypot(sd[2], _SIZE)),
+        depth_sd=depth_sd,
+        gain=float(gain),
+        tilt=(float(u), float(v)),
+        dish=float(dish),
+    )
+
+
+def _if_deeper(fit: JointFit, best: JointSolution, verdict: str, bursts: Sequence[Burst]) -> str:
+    """Return the verdict, or that the floor is deeper than measured, or that none is detected."""
+    if verdict in (NO_PIT, FAINT):
+        return verdict
+    gain = best.unknowns[4]
+    if verdict != HOLE and (best.unknowns[3] > DEEPEST or _fits_deeper(fit, best)):
+        return DEEPER
+    strange = best.cost > STRANGE * fit.usual_cost and best.unknowns[3] > _NEAR_DEEPEST
+    if verdict == HOLE or not _UNEVEN <= gain <= _LOUDEST or strange:
+        floor = deep_pit.detect_deep_floor(fit, best.unknowns, bursts)
+        if floor == deep_pit.DETECTED:
+            return DEEPER
+        return SILENT if verdict == HOLE and floor == deep_pit.UNDECIDED else verdict
+    return verdict
+
+
+def _fits_deeper(fit: JointFit, best: JointSolution) -> bool:
+    """Return whether the floor found, or a flat one, fits better beyond the depths measured."""
+    flat = best.unknowns.copy()
+    flat[4:] = [1.0, 0.0, 0.0, 0.0]
+    near = best.unknowns[3] > _NEAR_DEEPEST
+    return any(
+        fit.sweep(unknowns, DEEPER_DEPTHS).min() < best.cost
+        for unknowns in ([best.unknowns, flat] if near else [best.unknowns])
+    )
+
+
+def _with_outline_of_camera(fit: JointFit, best: JointSolution) -> JointSolution:
+    """Return the fit with the outline of the image and a flat floor."""
+    start, prior = best.unknowns.copy(), PRIOR.copy()
+    start[:3], start[5:] = 0.0, 0.0
+    prior[:3], prior[5:] = PRIOR[:3] / 10, PRIOR[5:] / 10
+    return fit.solve(start, prior=prior)
+
+
+def _verdict(fit: JointFit, best: JointSolution, hole: float) -> tuple[str, float]:
+    """Return a verdict and the standard deviation of the depth, NaN if there is none."""
+    gain, raw_sd = best.unknowns[4], float(fit.deviations(best.unknowns)[3])
+    plain = fit.cost_of(fit.model.plain)
+    if plain < (1 + _NOTICED) * best.cost:
+        return _no_pit_or_faint(fit, best), np.nan
+    if gain < _OPEN or floor_gains_nothing(best, hole):
+        return HOLE, np.nan
+    # The echo of a floor that is not flat weighs its middle and its rim differently.
+    bent = max(abs(float(best.unknowns[7])) - _FLAT, 0.0)
+    depth_sd = float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2 + fit.unknown**2))
+    return (UNEVEN, _WIDE) if gain < _UNEVEN or depth_sd > _WIDEST else (MEASURED, depth_sd)
+
+
+def _no_pit_or_faint(fit: JointFit, best: JointSolution) -> str:
+    """Return that there is no pit, if its mouth would have been noticed; else ``too faint``."""
+    model, (x, y, size) = fit.model, best.unknowns[:3]
+    lost = fit.pulse * model.missing(model.mouth(x, y, size), size)
+    power = 0.5 * np.abs(lost / fit.spectra.noise[model.near, None]) ** 2
+    return NO_PIT if power.sum() > _NOTICEABLE * _NOTICED * best.cost else FAINT

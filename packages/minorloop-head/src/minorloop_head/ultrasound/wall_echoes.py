@@ -1,0 +1,198 @@
+"""Echoes of the wall in the bursts of a sweep: their depths, and how loud they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop_head.geometry import wall_point
+from minorloop_head.ultrasound.echoes import DEAD_TIME, Burst, Pulse, matched, vertex
+from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.profile import Profile, centred
+
+Indices = npt.NDArray[np.intp]
+PULSE = 0.1e-3
+"""Length of a pulse in metres of depth, two standard deviations of its envelope: nearer echoes are
+one."""
+_BEFORE, _BEYOND = 0.8e-3, 1.4e-3
+"""Window of the strongest echo before and beyond the wall in metres, for beads and for the deepest
+pit that is measured."""
+_LEAST_SNR = 5.0
+"""Amplitude over noise from which on there is an echo: noise alone reaches it once in 5,000
+bursts."""
+_RINGING = 0.15
+"""Least amplitude of the echo of a surface over that of a plain wall. What the back of a steel wall
+returns is (1 - R^2) / R = 0.13 of it, with R that of steel in water."""
+_ABOUT = 36
+"""Bursts whose median is the wall about one of them: a disc 1.6 mm wide, of which a crack of 0.3 mm
+takes a quarter."""
+_FLAT, _MOST = 0.04e-3, 0.75
+"""Largest depth of most of the wall about a crack in metres, a quarter of a wavelength, and how
+much is most. The flanks of dents and beads take from the echo too."""
+BESIDE = 9
+"""Bursts within 0.4 mm of one of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class SweptBurst:
+    """A burst of a sweep.
+
+    Parameters
+    ----------
+    t : float
+        Its time, in seconds.
+    place : (2,) array
+        Advance and roll of the catheter as measured, in metres and radians.
+    spot : (3,) array
+        Phi and z where the beam meets the nominal wall, and its distance along the beam, by the
+        measured angles.
+    burst : Burst
+        Mean of its shots, with pan and tilt as measured.
+    """
+
+    t: float
+    place: FloatArray
+    spot: FloatArray
+    burst: Burst
+
+
+@dataclass(frozen=True, eq=False)
+class WallEchoes:
+    """Echoes of the bursts of a sweep.
+
+    Parameters
+    ----------
+    spots : (N, 2) array
+        Phi and z.
+    depth : (N,) array
+        Of the strongest echo below the wall, in metres; NaN without one that a surface can return.
+    amplitude : (N,) array
+        Of the echo at the distance of the wall about it, over the usual one; NaN if the trace is
+        too short.
+    strongest, snr : (N,) arrays
+        Amplitude of the strongest echo over the usual one, and over noise.
+    near : (N, K) array of int
+        The nearest bursts to each, itself first.
+    """
+
+    spots: FloatArray
+    depth: FloatArray
+    amplitude: FloatArray
+    strongest: FloatArray
+    snr: FloatArray
+    near: Indices
+
+    @property
+    def lost(self) -> FloatArray:
+        """(N,) share of the amplitude about each that it lacks."""
+        return 1 - self.amplitude / np.maximum(_quantile(self.amplitude[self.near]), _RINGING)
+
+    @property
+    def flat(self) -> BoolArray:
+        """(N,) whether most of the wall about each has no depth."""
+        return _quantile(np.abs(self.depth[self.near]), _MOST) < _FLAT
+
+    @property
+    def scattered(self) -> BoolArray:
+        """(N,) whether the wall sends the beam elsewhere, or is the top of a bead.
+
+        A crack, which is narrower than the beam, does neither.
+        """
+        return np.isnan(self.depth) | (self.depth < -_FLAT)
+
+    @property
+    def texture(self) -> FloatArray:
+        """(N,) depth of each less the median of those beside it."""
+        return self.depth - _quantile(self.depth[self.near[:, :BESIDE]])
+
+
+def beam_width(probe: CalibratedProbe, pulse: Pulse | None = None) -> float:
+    """Return the width of the beam on the wall at half the amplitude of an echo, in metres.
+
+    Notes
+    -----
+    1.02 c F / (f D) in the focus of a lens (Krautkraemer, Ultrasonic Testing of Materials, 1990);
+    without a lens the width of the disc.
+    """
+    disc, frequency = probe.transducer, (pulse or Pulse()).frequency
+    return min(1.02 * probe.speed * disc.focus / (frequency * disc.aperture), disc.aperture)
+
+
+def wall_echoes(swept: Sequence[SweptBurst], probe: CalibratedProbe) -> WallEchoes:
+    """Return the strongest echo of each burst, and the amplitude at the distance of the wall.
+
+    Notes
+    -----
+    The distance of the wall is that of `centred`: a misplaced pivot is no depth. The waves of a
+    focused beam go down at angles t up to arctan(D / 2F), and delay by 2 d cos(t) / c; the mean
+    over the disc is 1 - t^2 / 4.
+    """
+    spots = np.array([one.spot for one in swept]).reshape(-1, 3)
+    heard = [_strongest(one, probe.speed) for one in swept]
+    depth, loudest, snr = np.array([each[:3] for each in heard]).reshape(-1, 3).T
+    found = snr >= _LEAST_SNR
+    wave = np.zeros(len(spots))
+    if found.any():
+        profile = Profile(spots[found, :2], depth[found], 1 / snr[found], found[found], np.zeros(2))
+        change = profile.depths - centred(profile).depths
+        wave = np.interp(spots[:, 0], spots[found, 0], change, period=2 * np.pi)
+        wave += np.median((depth - wave)[found])
+    usual = float(np.median(loudest[found])) if found.any() else 1.0
+    clear = found & (loudest >= _RINGING * usual)
+    depth = np.where(clear, depth - wave, np.nan)
+    near = _nearest(spots, probe.radius)
+    about = np.nan_to_num(_quantile(depth[near]))
+    wall = np.array(
+        [
+            _amplitude_at(one, each[3], distance, probe.speed) / usual
+            for one, each, distance in zip(swept, heard, spots[:, 2] + wave + about, strict=True)
+        ]
+    ).reshape(-1)
+    steepest = np.arctan(0.5 * probe.transducer.aperture / probe.transducer.focus)
+    depth /= 1 - 0.25 * steepest**2
+    return WallEchoes(spots[:, :2], depth, wall, loudest / usual, snr, near)
+
+
+def _nearest(spots: FloatArray, radius: float) -> Indices:
+    """Return the nearest bursts (N, K) to each, itself among them."""
+    if not len(spots):
+        return np.empty((0, 0), dtype=np.intp)
+    points = wall_point(spots[:, 0], spots[:, 1], radius)
+    count = min(_ABOUT, len(points))
+    return np.asarray(cKDTree(points).query(points, k=count)[1]).reshape(len(points), count)
+
+
+def _quantile(values: FloatArray, share: float = 0.5) -> FloatArray:
+    """Return the median, or another quantile, of the finite values of each row; NaN without any."""
+    some = np.isfinite(values).any(axis=1)
+    found = np.full(len(values), np.nan)
+    found[some] = np.nanquantile(values[some], share, axis=1)
+    return found
+
+
+def _strongest(one: SweptBurst, speed: float) -> tuple[float, float, float, FloatArray | None]:
+    """Return depth, amplitude and ratio to noise of the strongest echo, and the envelope."""
+    burst, distance = one.burst, float(one.spot[2])
+    loud = np.abs(matched(burst.trace, burst.sample_interval, Pulse()))
+    step = 0.5 * speed * burst.sample_interval
+    first, last = (int((distance + side) / step) for side in (-_BEFORE, _BEYOND))
+    quiet = loud[int(DEAD_TIME / burst.sample_interval) : first]
+    if last > loud.size - 2 or quiet.size == 0:
+        return np.nan, 0.0, 0.0, None
+    noise = float(np.median(quiet)) / 1.1774  # of a Rayleigh distribution
+    place, height = vertex(loud, first + int(np.argmax(loud[first:last])))
+    return place * step - distance, height, height / max(noise, 1e-12), loud
+
+
+def _amplitude_at(one: SweptBurst, loud: FloatArray | None, distance: float, speed: float) -> float:
+    """Return the greatest amplitude within a pulse of a distance; NaN without an envelope."""
+    if loud is None:
+        return np.nan
+    step = 0.5 * speed * one.burst.sample_interval
+    first, last = (int((distance + side) / step) for side in (-PULSE, PULSE))
+    return float(loud[first : last + 1].max(initial=0.0))

@@ -1,0 +1,95 @@
+"""Height of thin dark lines on maps of the wall, under all lights together.
+
+A line is darker than the wall on both of its sides, along some length, and under every light. An
+edge has one darker side, a bright flank moves with the light, and a spot has no length.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft, ndimage
+
+from minorloop_head.vision._line_kernels import keep_highest
+from minorloop_head.vision.calibrated_camera import Image32
+
+_HEADINGS = 16
+"""Headings of the filter: a line between two of them leaves it by 0.2 texels in its length."""
+_ALONG = 4.0
+"""Standard deviation of the filter along a line in texels, 0.2 mm: cracks turn in about twice
+that."""
+_ACROSS = ((0.8, 4.0), (1.6, 6.0))
+"""Standard deviation across a line and distance of the wall beside it, in texels: for lines of up
+to about 0.15 and 0.3 mm."""
+_GROUND = 12.0
+"""Standard deviation in texels of what is taken for the brightness of the wall around: by trial."""
+_MARGIN = 24
+"""Texels of padding, so that one edge of the map does not act on the other."""
+
+
+def line_heights(
+    stack: Image32, seen: npt.NDArray[np.bool_]
+) -> tuple[Image32, npt.NDArray[np.bool_]]:
+    """Return how much darker than both sides a line through each texel is, and where it is.
+
+    Parameters
+    ----------
+    stack : (K, rows, columns) array of float32
+        Logarithm of the reflectance under each of K lights.
+    seen : (rows, columns) array of bool
+        Where all of them are known.
+
+    Returns
+    -------
+    heights : (rows, columns) array of float32
+        In the logarithm of the reflectance, averaged along and across the filter, under the light
+        with the least; 0 or less where there is no dark line.
+    middle : (rows, columns) array of bool
+        Where no texel beside the line is higher.
+    """
+    rows, columns = seen.shape
+    shape = tuple(fft.next_fast_len(n + _MARGIN, real=True) for n in (rows, columns))
+    share = _around(seen.astype(np.float32))
+    waves = [fft.rfft2(_levelled(level, seen, share), shape) for level in stack]
+    v = 2 * np.pi * np.fft.fftfreq(shape[0])[:, None].astype(np.float32)
+    u = 2 * np.pi * np.fft.rfftfreq(shape[1])[None].astype(np.float32)
+    best = np.full((rows, columns), -np.inf, dtype=np.float32)
+    sides = np.zeros((2, rows, columns), dtype=np.int8)
+    smooth, product = np.empty((len(stack), *shape), dtype=np.float32), np.empty_like(waves[0])
+    for heading in np.pi * np.arange(_HEADINGS) / _HEADINGS:
+        c, s = float(np.cos(heading)), float(np.sin(heading))
+        along, across = c * u + s * v, c * v - s * u
+        for wide, aside in _ACROSS:
+            filtered = np.exp(-0.5 * ((_ALONG * along) ** 2 + (wide * across) ** 2))
+            for wave, one in zip(waves, smooth, strict=True):
+                one[:] = fft.irfft2(np.multiply(wave, filtered, out=product), shape)
+            step = round(aside * c), round(-aside * s)
+            keep_highest(smooth, step, (round(1.4 * c), round(-1.4 * s)), best, sides)
+    return best, _middle(best, sides)
+
+
+def _middle(heights: Image32, sides: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:
+    """Return where neither texel at the given step to the sides is higher."""
+    i, j = np.indices(heights.shape)
+    last = np.array(heights.shape)[:, None, None] - 1
+    middle = np.ones(heights.shape, dtype=bool)
+    for sign in (-1, 1):
+        y, x = np.clip(np.stack([i, j]) + sign * sides, 0, last)
+        middle &= heights >= heights[y, x]
+    return middle
+
+
+def _levelled(level: Image32, seen: npt.NDArray[np.bool_], share: Image32) -> Image32:
+    """Return a map less the brightness around; 0 where it is not seen.
+
+    ``share`` (rows, columns) is how much of what is around is seen.
+    """
+    around = _around(np.where(seen, level, 0).astype(np.float32))
+    flat: Image32 = np.where(seen, level - around / np.maximum(share, 1e-3), 0).astype(np.float32)
+    return flat
+
+
+def _around(level: Image32) -> Image32:
+    """Return a map averaged over what counts as its surroundings."""
+    averaged: Image32 = ndimage.gaussian_filter(level, _GROUND, mode="constant", truncate=3)
+    return averaged

@@ -1,0 +1,304 @@
+"""Trace cracks: thin dark lines that stay dark whichever light is on.
+
+Heights of dark lines under all lights mark the pieces. A threshold with hysteresis keeps pieces
+that contain a strong part, and short gaps are bridged. The course of a piece is the cheapest path
+between its ends, where the cost is low on a line; what the path leaves out is traced as a branch.
+The profiles across a course decide whether it is a crack.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+
+from minorloop.arrays import BoolArray, FloatArray, as_finite
+from minorloop.errors import ParameterError, SignalError
+from minorloop_head.vision.calibrated_camera import Image32, Window
+from minorloop_head.vision.crack_evidence import (
+    LEAST_EVIDENCE,
+    Profiles,
+    crack_evidence,
+    likely_parts,
+    profiles_of,
+)
+from minorloop_head.vision.crack_lines import line_heights
+from minorloop_head.vision.crack_links import FEWEST, cut_at_crossings, followed, joined
+
+_HIGH, _LOW = 0.16, 0.1
+"""Heights that a piece reaches and stays above: half of the texels of a crack of 50 um are above
+0.25, one in two hundred of a wall without a crack above 0.2."""
+_EDGE = 4
+"""Texels at the edge of what is seen, where a line has no second side."""
+_SHORTEST = 0.8e-3
+"""Least length of a branch in metres: shorter ones are also corners of a wide crack."""
+_BRANCHES = 3
+"""Times that branches are searched for."""
+_APART = 5
+"""Texels from a course within which lines belong to it."""
+_SLENDER = 6.0
+"""Least length over width."""
+_GROUND, _TAKEN = 6e-6, 0.1
+"""Standard deviations of a width: by the brightness of the wall beside the line, in metres, an
+eighth of a texel; and as a share of the width, by what a crack returns of the light, by errors of
+the pose, and by blur beyond the profile. By trial on 160 scenes with a crack."""
+_PART = 0.4e-3
+"""Length in metres of parts of a course whose widths are independent."""
+
+
+@dataclass(frozen=True, eq=False)
+class TracedCrack:
+    """The course of a crack.
+
+    Parameters
+    ----------
+    places : (N, 2) array
+        Phi and z along it.
+    widths : (N,) array
+        In metres: the width of a black line that takes as much light.
+    length : float
+        In metres, along the wall.
+    contrast : float
+        Median height of its line, in the logarithm of the image.
+    evidence : float
+        Logarithm of the odds that it is a crack, among dark lines on the wall.
+    """
+
+    places: FloatArray
+    widths: FloatArray
+    length: float
+    contrast: float
+    evidence: float = np.inf
+
+    @property
+    def middle(self) -> FloatArray:
+        """Phi and z (2,) of the middle one of its places."""
+        return np.asarray(self.places[len(self.places) // 2])
+
+    @property
+    def width(self) -> float:
+        """Median width in metres."""
+        return float(np.median(self.widths))
+
+    @property
+    def width_sd(self) -> float:
+        """Standard deviation of the median width in metres."""
+        spread = 1.4826 * float(np.median(np.abs(self.widths - self.width)))
+        along = spread / math.sqrt(max(self.length / _PART, 1.0))
+        return math.hypot(_GROUND, _TAKEN * self.width, along)
+
+
+def trace_cracks(
+    stack: Image32,
+    window: Window,
+    radius: float,
+    *,
+    least: float = LEAST_EVIDENCE,
+    shortest: float = 1.5e-3,
+    apart: Sequence[tuple[float, float, float]] = (),
+) -> tuple[TracedCrack, ...]:
+    """Trace the cracks on a map of the wall, longest first.
+
+    Parameters
+    ----------
+    stack : (rows, columns) or (K, rows, columns) array of float32
+        Logarithm of the reflectance, under each of K lights, such as ``ReflectanceMap.stack``. NaN
+        where the wall is not seen.
+    window : Window
+        The texels of the map.
+    radius : float
+        Of the pipe, in metres.
+    least : float
+        Least evidence.
+    shortest : float
+        Least length in metres.
+    apart : sequence of (phi, z, diameter)
+        Holes, whose rims are left out.
+
+    Raises
+    ------
+    SignalError
+        If map and window differ in shape.
+    ParameterError
+        If the radius is not positive.
+    """
+    levels = np.asarray(stack, dtype=np.float32)
+    levels = levels[None] if levels.ndim == 2 else levels
+    if levels.shape[1:] != (window.rows, window.columns):
+        raise SignalError(
+            f"a map of shape {np.shape(stack)} for a window of {window.rows} rows and "
+            f"{window.columns} columns; give the map of that window"
+        )
+    if not as_finite("radius of the pipe", radius) > 0:
+        raise ParameterError(f"a pipe of radius {radius} m; give a length > 0 in m")
+    found = [
+        crack
+        for crack in _lines(levels, window, radius, apart)
+        if crack.length >= shortest and crack.evidence >= least
+    ]
+    return tuple(sorted(found, key=lambda crack: -crack.length))
+
+
+def _lines(
+    levels: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]]
+) -> list[TracedCrack]:
+    """Return all dark lines with parts that look like a crack."""
+    wall = dark_wall(levels, window, radius, apart)
+    if wall is None:
+        return []
+    parts = [
+        part for course in wall.courses for part in likely_parts(profiles_of(course, wall.levels))
+    ]
+    found = [
+        _measured(profiles_of(course, wall.levels), wall, window, radius)
+        for course in whole_courses(parts, wall)
+    ]
+    return [crack for crack in found if crack is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class DarkWall:
+    """Dark lines of a wall before they are judged.
+
+    Parameters
+    ----------
+    levels : (K, rows, columns) array of float32
+        Logarithm of the reflectance; what is not seen has the value of the nearest texel that is.
+    heights : (rows, columns) array of float32
+        Of the lines.
+    seen : (rows, columns) array of bool
+        Texels that are seen.
+    margin : (rows, columns) array of bool
+        Texels that are seen but too near to the edge for a height.
+    courses : tuple of (N, 2) arrays
+        Rows and columns of the lines.
+    """
+
+    levels: Image32
+    heights: Image32
+    seen: BoolArray
+    margin: BoolArray
+    courses: tuple[FloatArray, ...]
+
+
+def dark_wall(
+    levels: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]] = ()
+) -> DarkWall | None:
+    """Return the dark lines on maps (K, rows, columns); None if nearly nothing is seen."""
+    seen = np.asarray(np.isfinite(levels).all(axis=0))
+    if seen.sum() < 100:
+        return None
+    # A profile that leaves the map goes on with the last brightness of the wall.
+    _, near = ndimage.distance_transform_edt(~seen, return_indices=True)
+    heights, middle = line_heights(levels, seen)
+    margin = seen & ~ndimage.binary_erosion(seen, iterations=_EDGE)
+    heights[~seen | margin] = 0
+    _mask_out(heights, window, radius, apart)
+    heights = np.where(ndimage.binary_dilation(middle, np.ones((3, 3), dtype=bool)), heights, 0)
+    courses = [course.astype(float) for course in _courses(heights, _SHORTEST / window.step)]
+    return DarkWall(
+        levels[:, near[0], near[1]], heights, seen, margin, tuple(cut_at_crossings(courses))
+    )
+
+
+def whole_courses(parts: Sequence[FloatArray], wall: DarkWall) -> list[FloatArray]:
+    """Return courses (N, 2) of parts joined where they continue each other, to their tips."""
+    whole = joined([part for part in parts if len(part) >= FEWEST])
+    return joined(followed(whole, wall.heights, _LOW, wall.seen, wall.margin))
+
+
+def _courses(heights: Image32, least: float) -> list[npt.NDArray[np.int64]]:
+    """Return the courses (N, 2) of all pieces and of their branches, in rows and columns."""
+    courses = []
+    left = heights.copy()
+    for _ in range(_BRANCHES + 1):
+        found = [_course(left, piece) for piece in _pieces(left, least)]
+        found = [course for course in found if len(course) >= FEWEST]
+        if not found:
+            break
+        courses += found
+        taken = np.zeros(heights.shape, dtype=bool)
+        for course in found:
+            taken[course[:, 0], course[:, 1]] = True
+        left[ndimage.distance_transform_edt(~taken) <= _APART] = 0
+    return courses
+
+
+def _mask_out(
+    heights: Image32, window: Window, radius: float, apart: Sequence[tuple[float, float, float]]
+) -> None:
+    rows, columns = np.indices(heights.shape)
+    for phi, z, diameter in apart:
+        x, y = window.texels((phi, z), radius)
+        reach = 0.75 * diameter / window.step + 3
+        heights[(columns - x) ** 2 + (rows - y) ** 2 < reach**2] = 0
+
+
+def _pieces(
+    heights: Image32, least: float
+) -> list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]]:
+    """Return rows and columns of the texels of each piece, short gaps filled."""
+    labels, _ = ndimage.label(heights > _LOW, np.ones((3, 3)))
+    pieces = []
+    for n, box in enumerate(ndimage.find_objects(labels), start=1):
+        inside = labels[box] == n
+        reach = np.hypot(*inside.shape)
+        if reach < least or (heights[box][inside] > _HIGH).sum() < 0.5 * least:
+            continue
+        i, j = np.nonzero(inside)
+        pieces.append((i + box[0].start, j + box[1].start))
+    return pieces
+
+
+def _course(
+    heights: Image32, piece: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
+) -> npt.NDArray[np.int64]:
+    """Return rows and columns (N, 2) of the cheapest path between the ends farthest apart."""
+    i, j = piece
+    number = np.full((np.ptp(i) + 3, np.ptp(j) + 3), -1)
+    y, x = i - i.min() + 1, j - j.min() + 1
+    number[y, x] = np.arange(i.size)
+    cost = 1.0 / (0.05 + np.maximum(heights[i, j], 0))
+    starts, ends, prices, lengths = [], [], [], []
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        other = number[y + dy, x + dx]
+        here = np.flatnonzero(other >= 0)
+        starts.append(here)
+        ends.append(other[here])
+        prices.append(0.5 * (cost[here] + cost[other[here]]) * np.hypot(dy, dx))
+        lengths.append(np.full(here.size, np.hypot(dy, dx)))
+    pair = (np.concatenate(starts), np.concatenate(ends))
+    size = (i.size, i.size)
+    near: Any = sparse.csr_array((np.concatenate(lengths), pair), shape=size)
+    cheap: Any = sparse.csr_array((np.concatenate(prices), pair), shape=size)
+    first = int(np.argmax(_reached(near, int(np.argmax(heights[i, j])))))
+    last = int(np.argmax(_reached(near, first)))
+    _, ways = csgraph.dijkstra(cheap, directed=False, indices=[first], return_predecessors=True)
+    before = ways[0]
+    way = [last]
+    while way[-1] != first and before[way[-1]] >= 0:
+        way.append(int(before[way[-1]]))
+    return np.stack([i[way], j[way]], axis=1)
+
+
+def _reached(graph: Any, start: int) -> FloatArray:
+    """Return the distance of each texel from one of them; -1 where there is no path."""
+    far: FloatArray = csgraph.dijkstra(graph, directed=False, indices=[start])[0]
+    return np.where(np.isfinite(far), far, -1.0)
+
+
+def _measured(line: Profiles, wall: DarkWall, window: Window, radius: float) -> TracedCrack | None:
+    """Measure length and widths of a line; None if it is not slender."""
+    widths, length = line.widths * window.step, line.length * window.step
+    if length < max(_SLENDER * float(np.median(widths)), _SHORTEST):
+        return None
+    y, x = np.clip(np.rint(line.course).astype(int), 0, np.array(wall.heights.shape) - 1).T
+    contrast = float(np.median(wall.heights[y, x]))
+    places = window.place(line.course[:, 1], line.course[:, 0], radius)
+    return TracedCrack(places, widths, length, contrast, crack_evidence(line))

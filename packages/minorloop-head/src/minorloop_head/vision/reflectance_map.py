@@ -1,0 +1,273 @@
+"""Reflectance maps of the wall, from frames under different lights.
+
+The logarithm of a frame, less that of the light that falls on the wall, is the reflectance. Marks
+of the wall stay on the map under every light; reflections and shadows move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
+from minorloop_head.vision import frame_checks
+from minorloop_head.vision.calibrated_camera import (
+    CalibratedCamera,
+    Image32,
+    Window,
+    halved,
+    irradiance,
+    unroll,
+    window_in_view,
+)
+
+NO_ANGLE = "angle unknown"
+"""Verdict on a frame without the angles of the head."""
+
+FARTHEST = np.pi / 2
+"""Largest plausible pan or tilt, in radians: the head looks into the pipe."""
+
+ALONE = 1.5
+"""Exposure of a frame with one light or none, relative to one with all."""
+
+LEAST_SEEN = 14e3
+"""Least resolution of the wall in pixels per metre: 12 pixels across a hole of 0.85 mm."""
+
+FLOOR, _GLOW_FLOOR = 2.0, 4.0
+"""Grey levels added before the logarithm, so that noise in the dark stays small. Fainter light from
+behind than the second is left in the other frames."""
+STEP = 0.05e-3
+"""Texel of the map for holes of about 1 mm, in metres: an outline of 17 to 23 texels across
+scatters by 0.4 % (``_outline_kernels``). It grows with the holes that are searched."""
+_AVERAGED = 1.5
+"""Scale from which a texel is the mean of four finer ones: it is then wider than two pixels of the
+nearest wall, of which interpolation would use some and leave out others."""
+_BLOCK = 16
+"""Side of a block in texels, 0.8 mm: a hole of 1.15 mm fills more than half of at most two of the
+nine blocks whose median is the ground."""
+LEAST_LIGHT = 1e-3
+"""Irradiance that is assumed at least, so that a wall that faces away from an LED has a logarithm.
+A lit wall has less only 0.1 m along the pipe, where it is too small to be searched."""
+
+
+@dataclass(frozen=True, eq=False)
+class LitFrame:
+    """A frame with the angles and lights under which it was taken.
+
+    Parameters
+    ----------
+    image : (height, width) array of uint8
+        The frame.
+    pan, tilt : float
+        Measured angles of the head, in radians.
+    lights : tuple of bool
+        Which LEDs were on.
+    """
+
+    image: Any
+    pan: float
+    tilt: float
+    lights: tuple[bool, ...] = (True, True, True)
+
+
+@dataclass(frozen=True, eq=False)
+class ReflectanceMap:
+    """Reflectance of a part of the wall, as natural logarithms; NaN where it is not seen.
+
+    Parameters
+    ----------
+    window : Window
+        The texels of the map.
+    stack : (K, rows, columns) array of float32
+        One for each single light; without those, one for each frame with light.
+    whole : (rows, columns) array of float32
+        With all lights on; the median of the stack without such a frame.
+    glow : (rows, columns) array of float32, optional
+        Logarithm of the light with all LEDs off.
+    ground : (rows, columns) array of float32
+        Local median.
+    """
+
+    window: Window
+    stack: Image32
+    whole: Image32
+    glow: Image32 | None
+    ground: Image32
+
+    @property
+    def brightest(self) -> Image32:
+        """Reflectance under the light that makes it brightest."""
+        return np.asarray(self.stack.max(axis=0))
+
+    @property
+    def darkest(self) -> Image32:
+        """Reflectance under the light that makes it darkest."""
+        return np.asarray(self.stack.min(axis=0))
+
+
+def check_frames(frames: Sequence[LitFrame], camera: CalibratedCamera) -> str:
+    """Return ``good``, or what is wrong with the first bad frame.
+
+    Raises
+    ------
+    ParameterError
+        If a frame does not have one flag for each light of the camera.
+    """
+    earlier: list[LitFrame] = []
+    for number, frame in enumerate(frames):
+        if len(frame.lights) != len(camera.leds):
+            raise ParameterError(
+                f"frame {number} has {len(frame.lights)} lights; give a truth value for each of "
+                f"the {len(camera.leds)} of the camera"
+            )
+        verdict = frame_checks.check_frame(frame.image, camera.lens, lit=any(frame.lights))
+        if verdict != frame_checks.GOOD:
+            return verdict
+        if any(np.array_equal(frame.image, other.image) for other in earlier):
+            return frame_checks.FROZEN
+        if not _plausible(frame, camera):
+            return NO_ANGLE
+        earlier.append(frame)
+    if not any(any(frame.lights) for frame in frames):
+        return frame_checks.BLACK
+    return _check_pairs(frames)
+
+
+def _check_pairs(frames: Sequence[LitFrame]) -> str:
+    """Return what is wrong with a frame that repeats another, or lacks its light."""
+    brightness = [frame_checks.Brightness.of(frame.image) for frame in frames]
+    for (one, first), (other, second) in combinations(zip(frames, brightness, strict=True), 2):
+        verdict = _check_pair(one, other, first, second)
+        if verdict != frame_checks.GOOD:
+            return verdict
+    return frame_checks.GOOD
+
+
+def _check_pair(
+    one: LitFrame, other: LitFrame, first: frame_checks.Brightness, second: frame_checks.Brightness
+) -> str:
+    if frame_checks.shares_rows(one.image, other.image):
+        return frame_checks.TORN
+    on, more = np.array([one.lights, other.lights], dtype=bool)
+    if (on == more).all():
+        return frame_checks.GOOD
+    verdict = frame_checks.same_light(first, second)
+    if verdict == frame_checks.GOOD and not (on & ~more).any():
+        return frame_checks.less_light(second, first)
+    if verdict == frame_checks.GOOD and not (more & ~on).any():
+        return frame_checks.less_light(first, second)
+    return verdict
+
+
+def finite_angles(pan: Any, tilt: Any) -> bool:
+    """Return whether pan and tilt are finite numbers."""
+    try:
+        pair = np.array([pan, tilt], dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return bool(np.isfinite(pair).all())
+
+
+def _plausible(frame: LitFrame, camera: CalibratedCamera) -> bool:
+    """Return whether a head in the pipe can have the angles of a frame."""
+    if not finite_angles(frame.pan, frame.tilt):
+        return False
+    pan, tilt = float(frame.pan), float(frame.tilt)
+    return max(abs(pan), abs(tilt)) <= FARTHEST and camera.inside(pan, tilt)
+
+
+def lay_flat(
+    frames: Sequence[LitFrame], camera: CalibratedCamera, scale: float = 1.0
+) -> ReflectanceMap | None:
+    """Unroll good frames onto one map of the wall.
+
+    Parameters
+    ----------
+    frames : sequence of LitFrame
+        At least one with light.
+    camera : CalibratedCamera
+        The camera.
+    scale : float
+        Of the holes that are searched, over 1 mm: of the texels, and of the least resolution.
+
+    Returns
+    -------
+    ReflectanceMap or None
+        None if no part of the wall is seen by all of them with enough resolution.
+    """
+    middle = frames[len(frames) // 2]
+    step, least = scale * STEP, LEAST_SEEN / scale
+    window = window_in_view(camera, middle.pan, middle.tilt, step=step, least=least)
+    if window is None:
+        return None
+    fine = window if scale < _AVERAGED else window.finer(camera.radius)
+    flats = [unroll(k.image, camera, fine, k.pan, k.tilt, least=least) for k in frames]
+    if fine is not window:
+        flats = [halved(flat) for flat in flats]
+    seen = np.isfinite(flats[0])
+    for flat in flats[1:]:
+        seen &= np.isfinite(flat)
+    if seen.sum() < _BLOCK**2:
+        return None
+    light = np.maximum(irradiance(camera, window, middle.pan, middle.tilt), LEAST_LIGHT)
+    alone: list[Image32] = []
+    full: list[Image32] = []
+    for flat in flats:
+        flat[~seen] = np.nan
+    dark = [flat for frame, flat in zip(frames, flats, strict=True) if not any(frame.lights)]
+    behind = np.mean(dark, axis=0) if dark else np.zeros_like(flats[0])
+    own = np.where(behind > _GLOW_FLOOR, behind, 0)  # else noise would be added to the dark
+    for frame, flat in zip(frames, flats, strict=True):
+        if not any(frame.lights):
+            continue
+        fall = light[np.array(frame.lights, dtype=bool)].sum(axis=0)
+        lit = np.maximum(flat - own / (ALONE if all(frame.lights) else 1.0), 0)
+        level = np.log((lit + FLOOR) / fall)
+        (alone if sum(frame.lights) == 1 else full).append(level)
+    stack = np.array(alone if len(alone) > 1 else [*full, *alone], dtype=np.float32)
+    typical = median(stack)
+    whole = np.mean(full, axis=0).astype(np.float32) if full else typical
+    glow = np.log(behind / _GLOW_FLOOR + 1).astype(np.float32) if dark else None
+    return ReflectanceMap(window, stack, whole, glow, _ground(typical, seen))
+
+
+def median(stack: Image32) -> Image32:
+    """Return the median of the images of a stack."""
+    if len(stack) != 3:
+        return np.median(stack, axis=0).astype(np.float32)
+    a, b, c = stack
+    middle: Image32 = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
+    return middle
+
+
+def _ground(level: Image32, seen: np.ndarray[Any, np.dtype[np.bool_]]) -> Image32:
+    """Return the local median, of blocks and then of their neighbours."""
+    from scipy import ndimage  # not for who only tracks
+
+    filled = np.where(seen, level, np.float32(np.median(level[seen])))
+    rows, columns = (-(-n // _BLOCK) for n in filled.shape)
+    pad = (rows * _BLOCK - filled.shape[0], columns * _BLOCK - filled.shape[1])
+    padded = np.pad(filled, ((0, pad[0]), (0, pad[1])), mode="edge")
+    blocks = padded.reshape(rows, _BLOCK, columns, _BLOCK).swapaxes(1, 2)
+    middles: FloatArray = np.median(blocks.reshape(rows, columns, -1), axis=2)
+    middles = ndimage.median_filter(middles, 3, mode="nearest")
+    i = (np.arange(filled.shape[0]) + 0.5) / _BLOCK - 0.5
+    j = (np.arange(filled.shape[1]) + 0.5) / _BLOCK - 0.5
+    return _between(middles, i, j)
+
+
+def _between(nodes: FloatArray, i: FloatArray, j: FloatArray) -> Image32:
+    """Interpolate bilinearly between nodes at rows i and columns j."""
+    i, j = np.clip(i, 0, nodes.shape[0] - 1), np.clip(j, 0, nodes.shape[1] - 1)
+    i0 = np.minimum(i.astype(int), max(nodes.shape[0] - 2, 0))
+    j0 = np.minimum(j.astype(int), max(nodes.shape[1] - 2, 0))
+    i1, j1 = np.minimum(i0 + 1, nodes.shape[0] - 1), np.minimum(j0 + 1, nodes.shape[1] - 1)
+    s, t = (i - i0)[:, None], (j - j0)[None, :]
+    upper = (1 - t) * nodes[np.ix_(i0, j0)] + t * nodes[np.ix_(i0, j1)]
+    lower = (1 - t) * nodes[np.ix_(i1, j0)] + t * nodes[np.ix_(i1, j1)]
+    return np.asarray((1 - s) * upper + s * lower, dtype=np.float32)

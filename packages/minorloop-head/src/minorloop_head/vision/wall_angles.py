@@ -1,0 +1,496 @@
+"""Pan and tilt of a head from its pictures alone: what the wall of the pipe shows.
+
+A head without joint sensors turns its camera past a wall that stands still. Patches of the wall are
+remembered at the places that the angles of their first picture give, and every further picture is
+turned until the patches agree with it::
+
+    estimator = WallAngles(camera)
+    sight, state = estimator.begin(frame.image, at_rest, frame.t)
+    while ...:
+        sight, state = estimator.step(state, frame.image, frame.t)
+        sight.angles  # (2,) radians; NaN where the picture does not tell
+
+New patches are added as the view moves, once a further turn has shown that they are not dirt on the
+lens. None is forgotten as long as it agrees, so that a return to an old view removes the drift.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError, SignalError
+from minorloop_head.vision import _alignment_kernels as kernels
+from minorloop_head.vision import frame_checks
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Image, Image32, numbers
+from minorloop_head.vision.patch_pictures import LEVELS, SIDE, PatchPictures
+from minorloop_head.vision.wall_patches import (
+    FEW,
+    LATE,
+    NO_PATCH,
+    SEEN,
+    UNSURE,
+    Doubt,
+    Patches,
+    Sight,
+    WallState,
+    nothing,
+)
+
+NOTHING_SEEN = "check lights, lens and cable"
+"""What to do where a picture shows nothing."""
+_COARSE = 2
+"""Texels in one of the search for a lost view, along a side."""
+_STEPS = 3
+"""Steps of Gauss-Newton in each size of the picture, by trial; twice as many in the whole
+one for a lost view."""
+_CLOSE, _FARTHEST = 2e-5, math.radians(3.0)
+"""Length of a step after which no other is made, and of the longest step, in radians."""
+_ALIKE = 4.0
+"""Texels whose noise is alike, since they share pixels."""
+_ONE_IN = 3
+"""A picture is used if one in three of the patches in view agree. Far down the pipe their looks
+change fast, and half of them may not; at wrong angles one in seven agrees on average."""
+_HIDDEN = 5
+"""Pictures in a row in which a patch disagrees, after which it does not count: something is before
+it, such as dirt on the lens."""
+_SEARCHED = 2
+"""After a search one in two must agree, and twice as many as else: among many angles, dirt on the
+lens matches at some. Of 160 fine textures of dirt, 21 reached one in three, and none one in two;
+of 40 coarse ones, six did."""
+_SURE, _MOST = 0.85, 0.75
+"""Median correlation of the patches that agree, and their share of those in view, from which a view
+that a search found is the wall: where dirt matched it was 0.77 at most."""
+_NEARLY, _MANY = 0.9, 3.5
+"""The same where noise makes correlations lower: share of the patches in view, and times the fewest
+that must agree. Where dirt matched, 0.6 did at most, or 10 of 10 where it hid the others. A view
+with less is on trial."""
+_ALL = 6
+"""Where fewer patches are in view than must agree after a search, all do, and are as many as this:
+a head that stopped beside what it remembers."""
+_HUNT = math.radians(2.0)
+"""Distance between angles that are tried for a lost view: those between lead to the same peak."""
+_AROUND = math.radians(5.0)
+"""Distance from old patches of angles that are tried again within few pictures: axes that cool do
+not go back the way on which they were heated."""
+_BESIDE, _FINE = math.radians(6.0), math.radians(1.0)
+"""Distance about the last angles, and between those that are tried there: a head that is not seen
+stops near, and with few patches in view the steps lead to the peak from less than a degree."""
+_GOING = 5
+"""Pictures for which the head is taken to go on turning while it is not seen."""
+_SETTLES = 5.0
+"""Time constant in seconds with which it is taken to settle: that of a wire in still air."""
+_FASTEST = math.radians(60.0)
+"""Most radians a second at which a head that a search found is taken to turn: twice as fast as one
+turns. If it were taken to stand, a fast one would be searched for in picture after picture, and
+nothing would be learned on the way."""
+_TURNED = math.radians(0.4)
+"""Turn after which new patches are looked for: what is seen then is new by a tenth of a patch."""
+_TRIAL = math.radians(3.0)
+"""Turn after which a new patch must agree: dirt whose grains are 2 % of the width of the picture
+does not."""
+_UNEVEN = 1e-3
+"""Uncertainty in seconds of when a row of a moving picture was taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class WallAngles:
+    """Angles at which all remembered patches of the wall agree best with a picture.
+
+    Parameters
+    ----------
+    camera : CalibratedCamera
+        As calibrated.
+    low, high : (float, float)
+        Least and largest pan and tilt of the line of sight, in radians; a lost view is looked for
+        between them.
+    size : float
+        Side of a patch, in metres.
+    least : float
+        Least correlation of a patch that agrees, between 0 and 1.
+    fewest : int
+        Least number of patches that agree; after a search for a lost view it is twice that.
+    widest : float
+        Largest standard deviation of an angle, in radians.
+    readout : float
+        Time in seconds from the first row of a picture to the last, 0 if they are taken at once.
+        What it is wrong by is not part of the standard deviations.
+    tries : int
+        Angles that are tried in each picture while the view is lost, and half as many beside the
+        last.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    Notes
+    -----
+    Grey levels are logarithms, so that light is a sum, and each patch is compared without its mean
+    and slope. The sum of the correlations of all patches is maximised by Gauss-Newton steps on pan
+    and tilt, from a quarter of the picture to the whole. The derivatives are those of the
+    interaction matrix of a head with a lever (`minorloop_head.vision.jacobian`), of each texel.
+    Patches whose correlation stays low, such as those on reflections, do not take part.
+
+    References
+    ----------
+    Baker and Matthews, Lucas-Kanade 20 years on, 2004: the steps. Evangelidis and Psarakis,
+    Parametric image alignment using enhanced correlation coefficient maximization, 2008: the
+    criterion.
+    """
+
+    camera: CalibratedCamera
+    low: tuple[float, float] = (math.radians(-36.0), math.radians(-36.0))
+    high: tuple[float, float] = (math.radians(36.0), math.radians(36.0))
+    size: float = 1.6e-3
+    least: float = 0.55
+    fewest: int = 4
+    widest: float = math.radians(0.25)
+    readout: float = 8e-3
+    tries: int = 64
+
+    def __post_init__(self) -> None:
+        for name in ("size", "widest"):
+            if not as_finite(name, getattr(self, name)) > 0:
+                raise ParameterError(f"{name} is {getattr(self, name)}; give a number above 0")
+        if not 0 < self.least < 1:
+            raise ParameterError(f"least is {self.least}; give a correlation between 0 and 1")
+        if not self.readout >= 0:
+            raise ParameterError(f"readout is {self.readout} s; give 0 or more")
+        for name in ("fewest", "tries"):
+            if getattr(self, name) < 1:
+                raise ParameterError(f"{name} is {getattr(self, name)}; give 1 or more")
+        if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
+            raise ParameterError(f"angles from {self.low} to {self.high}; give low < high")
+
+    @cached_property
+    def pictures(self) -> PatchPictures:
+        """How patches look in pictures of this camera."""
+        return PatchPictures(self.camera, self.size, self.readout)
+
+    def begin(self, image: Image, angles: npt.ArrayLike, t: float = 0.0) -> tuple[Sight, WallState]:
+        """Take a picture as that of known angles, such as the head at rest.
+
+        Parameters
+        ----------
+        image : (height, width) array of uint8
+        angles : (2,) array_like
+            Pan and tilt of the line of sight, in radians.
+        t : float
+            Time of the picture, in seconds.
+
+        Raises
+        ------
+        SignalError
+            If the picture is not from this camera, or shows too little of the wall.
+        """
+        self.camera.check(image)
+        verdict = frame_checks.check_frame(image, self.camera.lens)
+        if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
+            raise SignalError(f"the first picture is {verdict}; {NOTHING_SEEN}")
+        at = np.asarray(angles, dtype=np.float64)
+        none = self.pictures.none
+        patches = self.pictures.new(
+            self.pictures.pyramid(image), at, none, np.zeros(2), np.zeros(2)
+        )
+        if len(patches.sd) < self.fewest:
+            if verdict == frame_checks.SATURATED:
+                raise SignalError(f"the first picture is {verdict}; {NOTHING_SEEN}")
+            raise SignalError(
+                f"the first picture shows {len(patches.sd)} patches of wall with detail, and "
+                f"{self.fewest} are needed; set focus, lights and gain"
+            )
+        state = WallState(
+            patches,
+            none,
+            at,
+            np.zeros(2),
+            t,
+            0,
+            0,
+            frame_checks.repeated(image, ())[1],
+            t,
+        )
+        count = len(patches.sd)
+        return Sight(at, np.zeros(2), count, count, SEEN), state
+
+    def step(self, state: WallState, image: Any, t: float) -> tuple[Sight, WallState]:
+        """Return what the next picture says; a bad one gives a verdict, not an error.
+
+        Parameters
+        ----------
+        state : WallState
+        image : (height, width) array of uint8
+        t : float
+            When it was taken, in seconds.
+        """
+        verdict = frame_checks.check_frame(image, self.camera.lens)
+        if verdict == frame_checks.WRONG_SIZE:
+            return self._missed(state, verdict)
+        repeats, earlier = frame_checks.repeated(image, state.earlier)
+        if verdict == frame_checks.GOOD and repeats:
+            verdict = frame_checks.FROZEN
+        verdict = verdict if t > state.newest else LATE
+        state = replace(state, earlier=earlier)
+        if verdict not in (frame_checks.GOOD, frame_checks.SATURATED):
+            return self._missed(state, verdict)
+        state = replace(state, newest=t)
+        pyramid = self.pictures.pyramid(image)
+        sight, patches = self._found(pyramid, state, self._expected(state, t))
+        if sight.verdict != SEEN:
+            again, state = self._hunted(pyramid, state)
+            if again is None:
+                # Where some patches agree, not all of it is white, and there is another reason.
+                white = verdict == frame_checks.SATURATED and not sight.agreeing
+                return self._missed(state, verdict, None if white else sight)
+            sight, patches = again
+        doubt = self._doubt(pyramid, state, sight)
+        moved = self._moved_on(pyramid, replace(state, patches=patches, doubt=doubt), sight, t)
+        return replace(sight, trial=doubt is not None), moved
+
+    def _doubt(self, pyramid: list[Image32], state: WallState, sight: Sight) -> Doubt | None:
+        """Return the trial of a view, None if it is known to be the wall.
+
+        It is if the patches look as they did, or if they agree after a turn with what was not there
+        in the picture before the turn. Dirt stays where it is: what matches at other angles was
+        there.
+        """
+        alike = sight.likeness >= _SURE and sight.agreeing >= _MOST * sight.seen
+        sure = alike or sight.agreeing >= max(_MANY * self.fewest, _NEARLY * sight.seen)
+        if sure or not (state.hunted or state.doubt):
+            return None
+        if state.doubt is None or state.missed > _GOING:
+            return Doubt(pyramid[0], sight.angles)
+        if np.abs(sight.angles - state.doubt.angles).max() < _TRIAL:
+            return state.doubt
+        some = state.patches.of(self.pictures.in_view(state.patches, sight.angles))
+        now, before = (
+            self.pictures.compared([image], 0, some, sight.angles, np.zeros(2))[0]
+            for image in (pyramid[0], state.doubt.image)
+        )
+        turned = (now >= self.least) & (before < 0.5 * self.least)  # noise changes it by less
+        return None if turned.sum() >= self.fewest else state.doubt
+
+    def _expected(self, state: WallState, t: float) -> FloatArray:
+        """Return the angles at a time if the head goes on turning for a while."""
+        if state.missed > _GOING:
+            return state.angles
+        passed = -_SETTLES * math.expm1(-(t - state.t) / _SETTLES)
+        return np.clip(state.angles + passed * state.rates, self.low, self.high)
+
+    def _missed(
+        self, state: WallState, verdict: str, sight: Sight | None = None
+    ) -> tuple[Sight, WallState]:
+        found = nothing(verdict) if sight is None else sight
+        return found, replace(state, missed=state.missed + 1)
+
+    def _moved_on(
+        self, pyramid: list[Image32], state: WallState, sight: Sight, t: float
+    ) -> WallState:
+        """Return the state after a picture that showed the angles."""
+        passed = t - state.t
+        rates = (sight.angles - state.angles) / passed
+        if state.missed > _GOING or (state.hunted and np.abs(rates).max() > _FASTEST):
+            rates = np.zeros(2)
+        patches, trial = self._tried(pyramid, state, sight.angles, rates)
+        origins = np.concatenate([patches.origins, trial.origins])
+        if not (np.abs(origins - sight.angles).max(axis=1) < _TURNED).any():
+            smear, every = np.hypot(sight.sd, _UNEVEN * rates), patches.with_more(trial)
+            trial = trial.with_more(self.pictures.new(pyramid, sight.angles, every, smear, rates))
+        return replace(
+            state,
+            patches=patches,
+            trial=trial,
+            angles=sight.angles,
+            rates=rates,
+            t=t,
+            missed=0,
+            hunted=0,
+        )
+
+    def _tried(
+        self, pyramid: list[Image32], state: WallState, angles: FloatArray, rates: FloatArray
+    ) -> tuple[Patches, Patches]:
+        """Return the patches with the new ones that turn out to be wall, and those still on trial.
+
+        A new patch is wall if it still agrees after a turn, and more so than with what is then
+        where it was in the picture: dirt on the lens, and reflections, stay there. After a search
+        none is left: the view may have been lost because of them.
+        """
+        trial = self.pictures.none if state.hunted else state.trial
+        turned = np.abs(trial.origins - angles).max(axis=1) >= _TRIAL
+        if not turned.any():
+            return state.patches, trial
+        ripe = trial.of(np.flatnonzero(turned))
+        scores, stays = self.pictures.tried(pyramid, ripe, angles, rates)
+        wall = ripe.of(np.flatnonzero((scores >= self.least) & ~(stays >= scores)))
+        return state.patches.with_more(wall), trial.of(np.flatnonzero(~turned))
+
+    def _found(
+        self, pyramid: list[Image32], state: WallState, start: FloatArray
+    ) -> tuple[Sight, Patches]:
+        """Return the angles near others at which the patches agree, and mark those that do not."""
+        patches, chosen = state.patches, self.pictures.in_view(state.patches, start)
+        if chosen.size < self.fewest:
+            return nothing(NO_PATCH, 0, int(chosen.size)), patches
+        some, angles = patches.of(chosen), start
+        weights = np.ones(chosen.size)
+        lost = bool(state.missed or state.hunted)
+        for level in reversed(range(LEVELS if lost else LEVELS - 1)):
+            for _ in range(_STEPS if level or not lost else 2 * _STEPS):
+                scores, normal, slope = self.pictures.compared(
+                    pyramid, level, some, angles, state.rates
+                )
+                known = np.clip(np.nan_to_num(scores, nan=0.0), 0.0, 0.99)
+                noise = 2.0 * _ALIKE / some.points.shape[1] * (1.0 - known)
+                weights = self._weights(scores, normal, noise, some.sd)
+                total = np.tensordot(weights, normal, 1)
+                move = _solved(total, weights @ slope)
+                if move is None:
+                    break
+                length = float(np.hypot(*move))
+                angles = angles + move * min(1.0, _FARTHEST / max(length, 1e-12))
+                if length < _CLOSE:
+                    break
+        sd = self._deviations(weights, noise, normal, slope, some.sd)
+        return self._judged(state, chosen, scores, sd, angles)
+
+    def _judged(
+        self,
+        state: WallState,
+        chosen: npt.NDArray[np.int64],
+        scores: FloatArray,
+        sd: FloatArray | None,
+        angles: FloatArray,
+    ) -> tuple[Sight, Patches]:
+        """Return the angles if enough patches agree on them."""
+        patches, searched = state.patches, state.hunted > 0
+        seen = np.isfinite(scores)
+        agree = seen & (np.nan_to_num(scores, nan=-1.0) >= self.least)
+        hidden = (patches.poor[chosen] >= _HIDDEN) & (not searched and state.doubt is None)
+        counts = int(agree.sum()), int((agree | (seen & ~hidden)).sum())
+        fewest, one_in = self.fewest, _ONE_IN
+        if searched:
+            fewest, one_in = min(2 * self.fewest, max(counts[1], _ALL)), _SEARCHED
+        needed = max(fewest, math.ceil(counts[1] / one_in))
+        if counts[0] < needed:
+            return nothing(FEW, *counts, needed), patches
+        inside = (angles > np.array(self.low)) & (angles < np.array(self.high))
+        if sd is None or not (sd.max() <= self.widest and inside.all()):
+            return nothing(UNSURE, *counts), patches
+        poor = patches.poor.copy()
+        poor[chosen[seen & ~agree]] += 1
+        poor[chosen[agree]] = 0
+        likeness = float(np.median(scores[agree]))
+        return Sight(angles, sd, *counts, SEEN, likeness), replace(patches, poor=poor)
+
+    def _deviations(
+        self,
+        weights: FloatArray,
+        noise: FloatArray,
+        normal: FloatArray,
+        slope: FloatArray,
+        known: FloatArray,
+    ) -> FloatArray | None:
+        """Return the standard deviations (2,) of the angles, None if they are not determined.
+
+        The greater of two variances counts: that of the noise of the picture, and that of how much
+        the patches disagree (Huber, 1967). Two parts are added: the last step, by which the angles
+        have not settled, and the error of the angles at which the patches were first seen.
+        """
+        total = np.tensordot(weights, normal, 1)
+        if not np.linalg.eigvalsh(total)[0] > 0:
+            return None
+        inverse = np.linalg.inv(total)
+        last = inverse @ (weights @ slope)
+        each = weights[:, None] * (slope - normal @ last)
+        count = weights.sum()
+        spread = inverse @ (each.T @ each) @ inverse * count / max(count - 2.0, 1.0)
+        picture = inverse @ np.tensordot(weights**2 * noise, normal, 1) @ inverse
+        place = weights @ known**2 / count
+        return np.asarray(np.sqrt(np.maximum(np.diag(spread), np.diag(picture)) + last**2 + place))
+
+    def _weights(
+        self, scores: FloatArray, normal: FloatArray, noise: FloatArray, sd: FloatArray
+    ) -> FloatArray:
+        """Return the weights (P,) of patches: by agreement, and by how well each is known."""
+        good = np.clip((np.nan_to_num(scores, nan=0.0) - 0.5 * self.least) / 0.5, 0.0, 1.0)
+        own = 2.0 * noise / np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12)
+        return np.asarray(good / (1.0 + (sd**2).mean(axis=1) / own))
+
+    def _hunted(
+        self, pyramid: list[Image32], state: WallState
+    ) -> tuple[tuple[Sight, Patches] | None, WallState]:
+        """Try further angles for a lost view: beside the last, at old patches, and all others.
+
+        Those near old patches come first: a head on its way back is beside its way there.
+        """
+        grid = self._grid
+        pan, tilt = (np.abs(grid[:, n, None] - state.patches.origins[:, n]) for n in range(2))
+        apart = np.maximum(pan, tilt).min(axis=1)
+        order = np.lexsort((np.hypot(*(grid - state.angles).T), np.ceil(apart / _HUNT - 0.5)))
+        each = (self.tries + 1) // 2
+        around = min(max(each, int((apart <= _AROUND).sum())), len(order) - 1)
+        near, far = np.split(grid[order], [around])
+        beside, n = state.angles + self._beside, state.hunted
+        parts = [some[n % len(some) :][:each] for some in (beside, near, far)]
+        tried = np.concatenate(parts)
+        state = replace(state, hunted=state.hunted + each)
+        poses = [self.camera.mount.pose(*each.tolist()) for each in tried]
+        across = [np.hypot(*pose.position[:2]) for pose in poses]
+        inside = np.array(across) < self.camera.radius
+        patches, found = state.patches, np.empty(len(tried))
+        few = slice(None, None, _COARSE)
+        shape = (-1, SIDE, SIDE)
+        points = patches.points.reshape(*shape, 3)[:, few, few].reshape(len(patches.sd), -1, 3)
+        templates = patches.templates[-1].reshape(shape)[:, few, few].reshape(len(patches.sd), -1)
+        lengths = np.linalg.norm(templates, axis=1, keepdims=True)
+        kernels.search(
+            pyramid[-1],
+            np.ascontiguousarray(points),
+            np.ascontiguousarray(templates / np.maximum(lengths, 1e-9)),
+            SIDE // _COARSE,
+            numbers(self.pictures.lenses[-1]),
+            np.array([pose.rotation for pose in poses]),
+            np.array([pose.position for pose in poses]),
+            _ALL,
+            found,
+        )
+        ranks = np.where(inside, -found, np.inf)
+        best = int(np.argmin(ranks[: len(parts[0])]))
+        others = len(parts[0]) + np.argsort(ranks[len(parts[0]) :])[:2]
+        for index in (best, *others.tolist()):
+            found_again = self._found(pyramid, state, tried[index])
+            if found_again[0].verdict == SEEN:
+                return found_again, state
+        return None, state
+
+    @cached_property
+    def _beside(self) -> FloatArray:
+        """Turns (n, 2) from the last angles that are tried first, the smallest first."""
+        axis = np.arange(-_BESIDE, _BESIDE + _FINE, _FINE)
+        turns = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        return np.asarray(turns[np.argsort(np.hypot(*turns.T), kind="stable")])
+
+    @cached_property
+    def _grid(self) -> FloatArray:
+        """Angles (n, 2) at which a lost view is looked for."""
+        axes = [
+            np.arange(low, high + _HUNT, _HUNT)
+            for low, high in zip(self.low, self.high, strict=True)
+        ]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _solved(matrix: FloatArray, slope: FloatArray) -> FloatArray | None:
+    """Return the solution (2,) of the normal equations, None if they do not determine it."""
+    values = np.linalg.eigvalsh(matrix)
+    if not values[0] > 1e-6 * values[1] > 0:
+        return None
+    return np.asarray(np.linalg.solve(matrix, slope))

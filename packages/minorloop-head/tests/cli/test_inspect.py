@@ -1,0 +1,216 @@
+import json
+import math
+import os
+import re
+import threading
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from minorloop_head.geometry import Mount, Pinhole, wall_distance
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.head_file import HeadFile, save_head
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from vision.walls import lit_at_the_lens, photograph
+
+LENS = Pinhole()
+OPTIONS = "--lens 520 --radius 10 --lever 8"
+
+
+def with_hole(phi, z):
+    off = wall_distance(np.stack([phi, z], axis=-1), (0.0, 20e-3), 10e-3)
+    return np.where(off < 0.5e-3, 0.0, 0.7 + 0.02 * np.sin(9000 * z))
+
+
+@pytest.fixture(scope="module")
+def image():
+    camera = CalibratedCamera(LENS, Mount(lever=8e-3), np.zeros((1, 3)))
+    return photograph(math.radians(24.0), 0.0, with_hole, camera=camera)
+
+
+@pytest.fixture
+def pictures(image):
+    """A folder with a picture of a hole, and a black one."""
+    folder = Path("pictures")
+    folder.mkdir()
+    cv2.imwrite("pictures/a.png", image)
+    cv2.imwrite("pictures/b.png", np.zeros_like(image))
+    return folder
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_folder_gives_a_table_json_marked_pictures_and_a_report(run):
+    status, out, error = run(f"inspect pictures {OPTIONS} --pan 24 --out found --json")
+    assert status == 0
+    assert error == "1 picture inspected\n2 pictures inspected\n"
+    printed = json.loads(out)
+    assert (printed["pictures"], printed["unusable"]) == (2, {"black": 1})
+    (found,) = printed["findings"]
+    assert (found["picture"], found["kind"]) == ("a.png", "hole or pit")
+    assert found["z [mm]"] == pytest.approx(20.0, abs=0.2)
+    assert json.loads(Path("found/findings.json").read_text()) == printed
+    unusable = {"picture": "b.png", "verdict": "black"}
+    assert printed["unusable pictures"] == [unusable]
+    table = Path("found/unusable.csv").read_text().splitlines()
+    assert table == ["picture,verdict", "b.png,black"]
+    header, row = Path("found/findings.csv").read_text().splitlines()
+    assert header.startswith("picture,kind,phi [deg]")
+    assert row.startswith("a.png,hole or pit")
+    assert [path.name for path in Path("found/pictures").iterdir()] == ["000000.jpg"]
+    assert "1 finding in 2 pictures; not usable: black (1)" in Path("found/report.html").read_text()
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_head_has_the_lens_and_a_file_the_poses(run):
+    view = HeadCalibration(lens=LENS, leds=np.zeros((1, 3)), lever=8e-3)
+    head = HeadFile(serial="H-07", calibration=view, calibrated=datetime(2026, 1, 1, tzinfo=UTC))
+    save_head(head, "head.json")
+    # As the sensors read them: 30 degrees along the pipe.
+    Path("poses.csv").write_text("pan [deg],tilt [deg],advance [mm]\n54,30,5\n30,30,0\n")
+    status, out, _ = run("inspect pictures --head head.json --poses poses.csv")
+    assert status == 0
+    assert "1 finding in 2 pictures" in out
+    numbers = [float(number) for number in re.findall(r"\d+\.\d+", out)]
+    assert min(abs(number - 25.0) for number in numbers) < 0.1  # z, moved by the advance
+    status, out, _ = run("inspect pictures --head head.json --pan 54 --json")
+    (found,) = json.loads(out)["findings"]  # a tilt that is not given is along the pipe
+    assert found["z [mm]"] == pytest.approx(20.0, abs=0.2)
+
+
+def test_angles_from_another_zero_and_a_dark_wall_are_said(run):
+    folder = Path("lit")
+    folder.mkdir()
+    image = lit_at_the_lens(14.0, -32.0)
+    cv2.imwrite("lit/a.png", image)
+    status, out, _ = run(f"inspect lit {OPTIONS} --pan 14 --tilt -32 --out found --json")
+    printed = json.loads(out)
+    assert (status, printed["advice"]) == (0, [])
+    assert 0.4 < printed["searched"] < 0.95
+    (wrong,) = json.loads(run(f"inspect lit {OPTIONS} --pan 44 --tilt -2 --json")[1])["advice"]
+    more = re.search(r"would fit about ([+-]\d+) and ([+-]\d+) degrees more", wrong)
+    assert [int(more[1]), int(more[2])] == pytest.approx([-30, -30], abs=6)
+    assert "would fit" in run(f"inspect lit {OPTIONS} --pan 44 --tilt -2")[1]
+    cv2.imwrite("lit/a.png", image // 16)
+    status, out, _ = run(f"inspect lit {OPTIONS} --pan 14 --tilt -32")
+    share = int(re.search(r"(\d+)% of their area searched", out)[1])
+    assert share < 100 * printed["searched"] / 2
+    assert "of their area searched" in Path("found/report.html").read_text()
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_wall_that_is_too_far_away_is_said_to_be(run):
+    status, out, error = run("inspect pictures/a.png --lens 520 --radius 400")
+    assert status == 1
+    assert error.startswith("1 picture inspected\n")
+    assert "no picture could be searched, so that the wall was not inspected" in error
+    assert "0 findings in 1 picture; not usable: no wall in view (1)" in out
+    assert "check that --pan" in out
+
+
+@pytest.mark.usefixtures("pictures")
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("inspect pictures", "give either --head"),
+        ("inspect pictures --lens 520", "give --radius, in mm"),
+        ("inspect pictures --lens 520,1 --radius 10", "--lens is '520,1'"),
+        ("inspect pictures --lens -5 --radius 10", "focal length -5"),
+        ("inspect pictures --lens 520 --radius 0", "--radius is 0"),
+        ("inspect pictures --head none.json", "there is no file none.json"),
+        ("inspect pictures --head small.json", "64 by 48"),
+        ("inspect pictures --head bare.json", "bare.json has no calibration"),
+        ("inspect nowhere --lens 520 --radius 10", "no file or folder 'nowhere'"),
+        ("inspect camera:0 --lens 520 --radius 10", "camera:0 is a camera"),
+        (f"inspect pictures {OPTIONS} --poses good.csv", "has no columns 'pan [deg]'"),
+        (f"inspect pictures {OPTIONS} --poses short.csv", "1 row, and there are more pictures"),
+        (f"inspect pictures {OPTIONS} --out pictures", "not empty"),
+        (f"inspect pictures {OPTIONS} --pan 400", "--pan is 400 degrees; give -180 to 180"),
+        (f"inspect pictures {OPTIONS} --tilt -181", "--tilt is -181 degrees"),
+        (f"inspect pictures {OPTIONS} --poses far.csv", "tilt of row 2 of far.csv is 300 degrees"),
+    ],
+)
+def test_refuses_in_one_sentence(run, command, sentence):
+    small = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((1, 3)))
+    when = datetime(2026, 1, 1, tzinfo=UTC)
+    save_head(HeadFile(serial="H", calibration=small, calibrated=when), "small.json")
+    save_head(HeadFile(serial="H"), "bare.json")
+    Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n")
+    Path("far.csv").write_text("pan [deg],tilt [deg]\n24,0\n0,300\n")
+    status, out, error = run(command)
+    assert (status, out) == (2, "")
+    assert sentence in error.splitlines()[-1]
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_command_that_failed_can_be_given_again(run):
+    Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n")
+    command = f"inspect pictures {OPTIONS} --poses short.csv --out found"
+    assert "there are more pictures" in run(command)[2]
+    Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n24,0\n")
+    assert run(command)[0] == 0
+
+
+def test_the_help_shows_the_units_of_the_columns(run):
+    status, out, _ = run("inspect --help")
+    assert status == 0
+    said = " ".join(out.replace("│", " ").split())
+    assert "pan [deg], tilt [deg], and perhaps advance [mm] and roll [deg]" in said
+
+
+def test_a_truncated_picture_is_listed_and_the_others_are_searched(run, pictures, image):
+    _, png = cv2.imencode(".png", image)
+    (pictures / "0.png").write_bytes(png.tobytes()[:200])
+    Path("poses.csv").write_text("pan [deg],tilt [deg]\n" + "24,0\n" * 3)
+    status, out, _ = run(f"inspect pictures {OPTIONS} --poses poses.csv --json")
+    assert status == 0
+    printed = json.loads(out)
+    assert printed["unusable"] == {"not readable": 1, "black": 1}
+    assert [row["picture"] for row in printed["findings"]] == ["a.png"]
+
+
+@pytest.mark.usefixtures("pictures")
+def test_poses_may_come_from_a_pipe(run):
+    os.mkfifo("poses")
+    table = "pan [deg],tilt [deg]\n24,0\n24,0\n"
+    writer = threading.Thread(target=lambda: Path("poses").write_text(table))
+    writer.start()
+    status, out, _ = run(f"inspect pictures {OPTIONS} --poses poses --json")
+    writer.join()
+    assert (status, len(json.loads(out)["findings"])) == (0, 1)
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_command_that_refuses_leaves_no_folder(run):
+    status, _, _ = run("inspect pictures --head none.json --out new/found")
+    assert status == 2
+    assert not Path("new").exists()
+    status, _, error = run("inspect pictures --lens 520 --out new/found")
+    assert (status, "needs the radius" in error) == (2, True)
+    assert not Path("new").exists()
+
+
+@pytest.mark.parametrize("blur", [0.5, 1.0])
+def test_the_diameter_of_a_disc_is_that_of_an_independent_drawing(blur):
+    from minorloop_head.procedures.pictures import PicturePose, inspect_picture
+
+    view = HeadCalibration(lens=LENS, leds=np.zeros((1, 3)), lever=8e-3)
+    pan, tilt, times = math.radians(24.0), math.radians(6.0), 4
+    # Rays of a pinhole on a lever, met with a cylinder; each pixel is the mean of 16 of them.
+    u, v = np.meshgrid(*((np.arange(n * times) + 0.5) / times - 0.5 for n in (640, 480)))
+    x, y = (u - 319.5) / 520.0, (v - 239.5) / 520.0
+    (cp, sp), (ct, st) = ((math.cos(a), math.sin(a)) for a in (pan, tilt))
+    turn = np.array([[cp, sp * st, sp * ct], [0.0, ct, -st], [-sp, cp * st, cp * ct]])
+    dx, dy, dz = (row[0] * x + row[1] * y + row[2] for row in turn)
+    px, py, pz = 8e-3 * turn[:, 2]
+    a, b, c = dx**2 + dy**2, px * dx + py * dy, px**2 + py**2 - 1e-4
+    far = (np.sqrt(b**2 - a * c) - b) / np.maximum(a, 1e-12)
+    phi, z = np.arctan2(py + far * dy, px + far * dx), pz + far * dz
+    near = np.hypot(10e-3 * (phi - 0.05), z - 20e-3) < 0.5e-3
+    fine = np.where(near, 6.0, 120.0 * (1.0 + 0.03 * np.sin(9000.0 * z)))
+    image = cv2.GaussianBlur(fine.reshape(480, times, 640, times).mean(axis=(1, 3)), (0, 0), blur)
+    found = inspect_picture(image.round().astype(np.uint8), view, PicturePose(pan=pan, tilt=tilt))
+    holes = [each for each in found.findings if abs(each.z - 20e-3) < 0.5e-3]
+    assert holes[0].width == pytest.approx(1e-3, rel=0.03)

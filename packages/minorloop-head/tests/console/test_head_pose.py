@@ -1,0 +1,151 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from minorloop.errors import ParameterError
+from minorloop_head.console.head_pose import (
+    HeadPoseMap,
+    HeadPoseState,
+    anchored,
+    gaze,
+    into_cone,
+    slewed,
+    turn,
+)
+
+TICK = 0.04
+HOW = HeadPoseMap()
+angles = st.floats(-1.4, 1.4)
+pairs = st.tuples(st.floats(-4, 4), st.floats(-4, 4))
+cones = st.floats(0.02, 0.78)
+quaternions = (
+    st.tuples(*(st.floats(-1, 1),) * 4)
+    .filter(lambda q: math.hypot(*q) > 0.6)
+    .map(lambda q: tuple(x / math.hypot(*q) for x in q))
+)
+
+
+def looking(yaw, pitch, roll=0.0, before=None):
+    """Pose of a head that is turned right by yaw, then up by pitch, in radians."""
+    r = Rotation.from_euler("YXZ", [-yaw, pitch, roll])
+    return tuple((r if before is None else Rotation.from_quat(before) * r).as_quat().tolist())
+
+
+def settle(state, pose, ticks=400, how=HOW):
+    for _ in range(ticks):
+        state = gaze(how, state, pose, TICK)
+    return state
+
+
+@given(angles, angles, angles, quaternions)
+def test_yaw_and_pitch_are_those_that_the_head_was_turned_by(yaw, pitch, roll, reference):
+    found = turn(reference, looking(yaw, pitch, roll, before=reference))
+    assert found == pytest.approx((yaw, pitch), abs=1e-6)
+
+
+@given(quaternions, quaternions)
+def test_a_pose_and_its_negative_are_the_same_pose(reference, pose):
+    one, other = turn(reference, pose), turn(reference, tuple(-x for x in pose))
+    np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+@given(st.lists(st.one_of(st.none(), quaternions), max_size=40), cones)
+def test_no_pose_leads_out_of_the_cone(poses, cone):
+    how, state = HeadPoseMap(cone=cone), HeadPoseState()
+    for pose in poses:
+        state = gaze(how, state, pose, TICK)
+        assert math.hypot(*state.command) <= cone * (1 + 1e-12)
+
+
+@given(st.lists(st.tuples(quaternions, st.booleans()), max_size=40))
+def test_no_command_is_faster_than_the_wires(steps):
+    state = HeadPoseState()
+    for pose, clutch in steps:
+        after = gaze(HOW, state, pose, TICK, clutch=clutch)
+        change = np.subtract(after.command, state.command)
+        # What is brought back into the cone may move a little further along its radius.
+        assert np.abs(change).max() <= 2 * HOW.heating * TICK + 1e-9
+        state = after
+
+
+@given(pairs, cones)
+def test_saturation_keeps_the_direction(wish, cone):
+    kept = into_cone(wish, cone)
+    assert math.hypot(*kept) <= cone * (1 + 1e-12)
+    assert kept[0] * wish[1] == pytest.approx(kept[1] * wish[0], abs=1e-6)
+    assert kept[0] * wish[0] + kept[1] * wish[1] >= 0
+
+
+@given(quaternions, quaternions, st.integers(0, 20))
+def test_clutch_does_not_jump_wherever_the_head_went(before, after, ticks):
+    state = settle(HeadPoseState(), before, 1)
+    state = settle(state, looking(0.2, -0.12, before=before), 30)
+    pressed = gaze(HOW, state, before, TICK, clutch=True)
+    assert pressed.command == state.command
+    for _ in range(ticks):
+        pressed = gaze(HOW, pressed, after, TICK, clutch=True)
+    released = settle(pressed, after, 50)
+    assert released.command == pytest.approx(state.command, abs=1e-9)
+
+
+def test_a_turn_by_the_reach_goes_to_the_edge_less_the_dead_band():
+    state = settle(settle(HeadPoseState(), looking(0, 0), 1), looking(HOW.reach, 0.0))
+    assert np.degrees(state.command) == pytest.approx((30.0 * 44 / 45, 0.0), abs=1e-3)
+
+
+@given(st.floats(-0.017, 0.017), st.floats(0, 6.28))
+def test_turns_within_the_dead_band_do_nothing(size, way):
+    state = settle(HeadPoseState(), looking(0, 0), 1)
+    state = settle(state, looking(size * math.cos(way), size * math.sin(way)), 100)
+    assert state.command == (0.0, 0.0)
+
+
+def test_a_head_that_turns_right_round_is_unwrapped():
+    state = HeadPoseState()
+    for yaw in np.arange(0.0, 7.0, 0.1):
+        state = gaze(HOW, state, looking(yaw, 0.0), TICK)
+    assert state.turned[0] == pytest.approx(6.9)
+
+
+def test_a_yaw_that_means_nothing_is_not_taken():
+    state = settle(HeadPoseState(), looking(0, 0), 1)
+    state = gaze(HOW, gaze(HOW, state, looking(0.3, 0.0), TICK), looking(-2.6, 1.57), TICK)
+    assert state.turned[0] == pytest.approx(0.3)
+
+
+@given(st.tuples(*(st.floats(-0.2, 0.2),) * 4))
+def test_what_is_no_pose_moves_nothing(numbers):
+    state = settle(HeadPoseState(), looking(0, 0), 1)
+    assert gaze(HOW, state, numbers, TICK) == state
+
+
+def test_a_head_that_trembles_is_calmed():
+    rng = np.random.default_rng(1)
+    state, commands = settle(HeadPoseState(), looking(0, 0), 1), []
+    for noise in rng.normal(0.0, 0.01, (200, 2)):
+        state = gaze(HOW, state, looking(0.35 + noise[0], noise[1]), TICK)
+        commands.append(state.command)
+    assert np.std(np.array(commands)[100:, 0]) < 0.5 * 0.01 * HOW.scale
+
+
+def test_heating_is_faster_than_cooling():
+    command = slewed(HOW, (0.0, 0.0), (0.35, -0.35), TICK)
+    assert np.degrees(command) == pytest.approx((0.48, -0.32))
+
+
+@given(pairs)
+def test_an_anchor_keeps_the_command_it_is_given(command):
+    state = gaze(HOW, anchored(HeadPoseState(), command), looking(0.2, 0.2), TICK)
+    assert state.command == command
+
+
+@pytest.mark.parametrize(
+    "options", [{"cone": 0}, {"cone": 0.9}, {"reach": -1}, {"calm": 0}, {"heating": math.nan}]
+)
+def test_what_makes_no_sense_is_refused(options):
+    with pytest.raises(ParameterError, match=next(iter(options))):
+        HeadPoseMap(**options)

@@ -1,0 +1,378 @@
+import asyncio
+import json
+import tempfile
+
+import numpy as np
+import pytest
+from starlette.requests import Request
+
+from console_rig import SilentLoop, TestClient
+from minorloop import modelfile
+from minorloop.operators.preisach import Preisach
+from minorloop_head.console.auth import Authentication
+from minorloop_head.console.lab import LabPage, _name
+from minorloop_head.console.server import Console
+from minorloop_head.console.uploads import Quota
+
+BASE = "http://127.0.0.1:8765"
+ORIGIN = {"origin": BASE}
+
+
+@pytest.fixture(scope="module")
+def client():
+    authentication = Authentication("127.0.0.1")
+    app = Console(authentication=authentication, link=SilentLoop, workers=1).app()
+    with TestClient(app, base_url=BASE, headers=ORIGIN) as found:
+        found.get("/", params={"key": authentication.key}, follow_redirects=False)
+        yield found
+
+
+def csv(rows=400):
+    rng = np.random.default_rng(1)
+    u = np.concatenate([[0, 1], rng.uniform(0, 1, rows - 2)])
+    levels = np.linspace(0, 1, 7)
+    model = Preisach(levels, np.tril(rng.uniform(size=(6, 6))))
+    columns = np.column_stack([np.arange(rows), u, model.simulate(u)])
+    lines = "\n".join(",".join(f"{x:.8g}" for x in row) for row in columns)
+    return f"time [s],voltage [V],length [um]\n{lines}\n".encode()
+
+
+def drop(client, content=None, name="run.csv"):
+    return client.post("/api/lab", params={"name": name}, content=content or csv())
+
+
+def identify(client, user, **options):
+    choice = {"input": "voltage [V]", "output": "length [um]", "levels": 6, **options}
+    answer = client.post(f"/api/lab/{user}/identify", content=json.dumps(choice))
+    if answer.status_code != 200:
+        return [answer.json()]
+    return [json.loads(line) for line in answer.text.splitlines()]
+
+
+@pytest.fixture(scope="module")
+def user(client):
+    dropped = drop(client).json()
+    reply = identify(client, dropped["user"])
+    assert reply[-1] == {"report": True}
+    return dropped["user"]
+
+
+def test_columns_are_described(client):
+    reply = drop(client).json()
+    assert reply["name"] == "run.csv"
+    assert [c["header"] for c in reply["columns"]] == ["time [s]", "voltage [V]", "length [um]"]
+    assert [c["time"] for c in reply["columns"]] == [True, False, False]
+    assert reply["columns"][1]["rows"] == 400
+
+
+def test_a_model_comes_in_stages(client):
+    user = drop(client).json()["user"]
+    reply = identify(client, user, holdout=0.2, lag=0)
+    assert "reading" in reply[0]["stage"]
+    (result,) = (t["result"] for t in reply if "result" in t)
+    assert result["scores"]["holdout"] < 0.01
+    assert len(result["weights"]) == 6
+    assert len(result["u"]) == len(result["y"]) == len(result["fit"])
+
+
+def test_model_report_and_inputs_are_downloaded(client, user, tmp_path):
+    file = tmp_path / "model.json"
+    file.write_bytes(client.get(f"/api/lab/{user}/model.json").content)
+    assert modelfile.read(file).input.name == "voltage"
+    assert "<html" in client.get(f"/api/lab/{user}/report.html").text
+    client.post(f"/api/lab/{user}/invert", content=json.dumps({"targets": [1.0, 0.5]}))
+    lines = client.get(f"/api/lab/{user}/inputs.csv").text.splitlines()
+    assert lines[0] == "voltage [V],target length [um],predicted length [um],reachable"
+    assert len(lines) == 3
+
+
+def test_moves_and_inversions_are_the_librarys_own(client, user, tmp_path):
+    file = tmp_path / "model.json"
+    file.write_bytes(client.get(f"/api/lab/{user}/model.json").content)
+    model = modelfile.load(file)
+    inputs, memory, outputs = [0.8, 0.3, 0.5], None, []
+    for u in inputs:
+        answer = client.post(
+            f"/api/lab/{user}/move", content=json.dumps({"u": u, "memory": memory})
+        )
+        memory = answer.json()["memory"]
+        outputs.append(answer.json()["y"])
+    np.testing.assert_allclose(outputs, model.simulate(inputs), atol=1e-12)
+    found = client.post(f"/api/lab/{user}/invert", content=json.dumps({"targets": outputs})).json()
+    np.testing.assert_allclose(found["y"], outputs, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"\x00\x01\x02", "binary file"),
+        (b"a,b\n", "no rows"),
+        (b"a,b\n1,x\n2,y\n", "must be a number"),
+        (b"a\n1\n2\n", "one column"),
+        (b"a,b\n1,2,3\n", "cell"),
+    ],
+)
+def test_a_file_that_is_no_table_is_answered_in_a_sentence(client, content, sentence):
+    answer = drop(client, content, "bad.csv")
+    assert answer.status_code == 422
+    assert sentence in answer.json()["error"]
+    assert "/tmp" not in answer.json()["error"]
+
+
+def test_what_cannot_be_identified_is_answered_in_a_sentence(client):
+    user = drop(client, b"a,b\n1,2\n1,3\n1,4\n1,5\n").json()["user"]
+    reply = identify(client, user, input="a", output="b", lag=0, holdout=0)
+    assert "constant identifies nothing" in reply[-1]["error"]
+    assert "same column" in identify(client, user, input="a", output="a")[-1]["error"]
+    assert "no column" in identify(client, user, input="z", output="a")[-1]["error"]
+
+
+@pytest.mark.parametrize("choice", [{"levels": 0}, {"levels": 1e9}, {"holdout": 2}, {"more": 1}])
+def test_options_out_of_range_are_refused(client, user, choice):
+    assert "cannot be read" in identify(client, user, **choice)[0]["error"]
+
+
+def test_targets_that_are_out_of_reach_are_marked(client, user):
+    found = client.post(f"/api/lab/{user}/invert", content=json.dumps({"targets": [1e6, 0.0]}))
+    assert found.json()["reachable"][0] is False
+
+
+def test_users_do_not_meet(client, user):
+    other = drop(client, b"a,b\n1,2\n2,3\n3,5\n").json()["user"]
+    assert other != user
+    answer = client.post(f"/api/lab/{other}/move", content='{"u": 0.5}')
+    assert "no model yet" in answer.json()["error"]
+    assert client.get(f"/api/lab/{other}/model.json").status_code == 404
+    assert client.get("/api/lab/nobody/model.json").status_code == 404
+    assert client.get(f"/api/lab/{user}/run.csv").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        ("run.csv", "run.csv"),
+        ("../../etc/passwd", "passwd"),
+        ("C:\\data\\run.csv", "run.csv"),
+        ("", "data.csv"),
+        ("..", "data.csv"),
+        ("model.json", "data.csv"),
+        ("a\x00b.csv", "a_b.csv"),
+        ("x" * 300 + ".csv", "x" * 76 + ".csv"),
+        ("\N{GRINNING FACE}" * 5000 + ".csv", "_" * 76 + ".csv"),
+        ("語" * 5000 + ".csv", "語" * 38 + ".csv"),
+    ],
+)
+def test_names_of_files_stay_in_their_folder(given, kept):
+    assert _name(given) == kept
+
+
+@pytest.mark.parametrize("name", ["語" * 80 + ".csv", "x" * 5000 + ".csv"])
+def test_a_file_with_a_long_name_is_taken(client, name):
+    reply = drop(client, name=name).json()
+    assert len(reply["columns"]) == 3
+
+
+def test_a_request_that_is_too_long_is_refused(client, user):
+    answer = client.post(f"/api/lab/{user}/invert", content=b" " * 600_000)
+    assert answer.status_code == 413
+    assert "larger than 512 KiB" in answer.json()["error"]
+
+
+class Pool:
+    """Workers that wait until ``free`` is set, and keep the names of their tasks."""
+
+    def __init__(self):
+        self.asked, self.ended, self.free = [], 0, asyncio.Event()
+
+    async def start(self):
+        pass
+
+    async def stop(self):
+        pass
+
+    async def ask(self, task, **options):
+        last = {}
+        async for reply in self.run(task, **options):
+            last = reply
+        return last
+
+    async def run(self, task, **options):
+        self.asked.append(task)
+        try:
+            await self.free.wait()
+            yield {"name": options["name"], "columns": []}
+        finally:
+            self.ended += 1
+
+
+class Page:
+    """A page that posts a file and stays connected until ``gone`` is set."""
+
+    def __init__(self, *parts, length=None):
+        self.parts, self.gone = list(parts), asyncio.Event()
+        self.length = sum(map(len, parts)) if length is None else length
+
+    async def receive(self):
+        if self.parts:
+            body, more = self.parts.pop(0), bool(self.parts)
+            return {"type": "http.request", "body": body, "more_body": more}
+        await self.gone.wait()
+        return {"type": "http.disconnect"}
+
+    def request(self):
+        headers = [(b"content-length", b"%d" % self.length)]
+        scope = {"type": "http", "method": "POST", "headers": headers, "query_string": b""}
+        return Request(scope, self.receive)
+
+
+LARGE = b"x" * 2000
+
+
+def at_work(work, **quota):
+    """The result of some work with a lab whose two pools a test controls."""
+
+    async def run():
+        lab = LabPage(workers=2, quota=Quota(**{"small": 1000, "file": 4000, **quota}))
+        lab._workers, lab._quick = Pool(), Pool()
+        await lab.start()
+        try:
+            async with asyncio.timeout(30.0):
+                return await work(lab)
+        finally:
+            await lab.stop()
+
+    return asyncio.run(run())
+
+
+async def until(holds):
+    while not holds():
+        await asyncio.sleep(0.001)
+
+
+@pytest.fixture
+def scratch(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def files(scratch):
+    return [path.name for path in scratch.glob("*/*/*")]
+
+
+def test_a_small_file_waits_for_no_large_one(scratch):
+    async def work(lab):
+        large = [asyncio.create_task(lab._drop(Page(LARGE).request())) for _ in range(5)]
+        await until(lambda: lab._workers.asked)
+        lab._quick.free.set()
+        answer = await lab._drop(Page(b"small").request())
+        assert len(lab._workers.asked) == 1  # the other worker is left to small files
+        assert not any(each.done() for each in large)
+        lab._workers.free.set()
+        return [answer, *await asyncio.gather(*large)]
+
+    assert [answer.status_code for answer in at_work(work)] == [200] * 6
+
+
+def test_large_files_on_their_way_are_counted(scratch):
+    async def work(lab):
+        waiting = [Page(LARGE[:-1], LARGE[-1:]) for _ in range(3)]
+        first = [asyncio.create_task(lab._drop(page.request())) for page in waiting[:2]]
+        await until(lambda: lab._workers.asked)
+        refused = await lab._drop(waiting[2].request())
+        lab._workers.free.set()
+        await asyncio.gather(*first)
+        return refused
+
+    refused = at_work(work, large=2)
+    assert refused.status_code == 503
+    assert "lab is busy" in json.loads(refused.body)["error"]
+
+
+def test_what_has_no_room_is_refused_before_it_comes(scratch):
+    async def work(lab):
+        page = Page(LARGE)
+        return await lab._drop(page.request()), page.parts
+
+    refused, unread = at_work(work, disk=1024)
+    assert refused.status_code == 507
+    assert unread == [LARGE]
+    assert files(scratch) == []
+
+
+@pytest.mark.parametrize("content", [b"small", LARGE])
+def test_an_abandoned_file_is_not_worked_through(scratch, content):
+    async def work(lab):
+        pool = lab._quick if content == b"small" else lab._workers
+        page = Page(content)
+        dropped = asyncio.create_task(lab._drop(page.request()))
+        await until(lambda: pool.asked)
+        page.gone.set()
+        answer = await dropped
+        assert pool.ended == 1
+        assert files(scratch) == []
+        return answer
+
+    assert at_work(work).status_code == 422
+
+
+def test_a_file_that_was_abandoned_while_it_waited_is_never_begun(scratch):
+    async def work(lab):
+        first, second = Page(LARGE), Page(LARGE)
+        served = asyncio.create_task(lab._drop(first.request()))
+        await until(lambda: lab._workers.asked)
+        abandoned = asyncio.create_task(lab._drop(second.request()))
+        await until(lambda: len(files(scratch)) == 2)
+        second.gone.set()
+        await abandoned
+        lab._workers.free.set()
+        await served
+        return lab._workers.asked
+
+    assert at_work(work) == ["look"]
+
+
+def test_a_page_that_goes_ends_its_identification(scratch):
+    async def work(lab):
+        lab._quick.free.set()
+        user = json.loads((await lab._drop(Page(b"small").request())).body)["user"]
+        page = Page(b'{"input": "u", "output": "y"}')
+        request = page.request()
+        request.scope.update(path_params={"user": user}, asgi={"spec_version": "2.3"})
+        response = await lab._identify(request)
+
+        async def send(message):
+            pass
+
+        answered = asyncio.create_task(response(request.scope, page.receive, send))
+        await until(lambda: lab._workers.asked)
+        page.gone.set()
+        await answered
+        return lab._workers.ended
+
+    assert at_work(work) == 1
+
+
+def test_half_a_file_leaves_nothing(scratch):
+    async def work(lab):
+        page = Page(LARGE[:500], b"", length=len(LARGE))
+        page.parts[1:] = []
+        receive = page.receive
+
+        async def cut():
+            if page.parts:
+                return {**await receive(), "more_body": True}
+            return {"type": "http.disconnect"}
+
+        page.receive = cut
+        answer = await lab._drop(page.request())
+        assert [path.name for path in scratch.glob("*/*")] == [".lock"]
+        return answer
+
+    assert at_work(work).status_code == 422
+
+
+def test_a_body_longer_than_announced_is_refused(scratch):
+    async def work(lab):
+        return await lab._drop(Page(LARGE, LARGE, LARGE, length=10).request())
+
+    assert at_work(work).status_code == 413

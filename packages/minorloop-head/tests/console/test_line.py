@@ -1,0 +1,128 @@
+"""A session over a line that delays, drops, holds up and is cut."""
+
+import heapq
+
+import numpy as np
+import pytest
+
+from console_rig import Pilot, right
+from minorloop_head.console import messages
+
+TICK = 0.04
+HELD_WITHIN = 0.2
+
+
+class Line:
+    """A line that delays or drops messages.
+
+    Parameters
+    ----------
+    latency, jitter : float
+        Seconds; the jitter is added, evenly distributed.
+    drop : float
+        Share that is lost.
+    """
+
+    def __init__(self, latency=0.0, jitter=0.0, drop=0.0):
+        self.latency, self.jitter, self.drop = latency, jitter, drop
+        self._rng, self._way, self._last = np.random.default_rng(4), [], 0.0
+        self.cut = self.suspended = False
+
+    def send(self, message, now):
+        if self.cut or self._rng.random() < self.drop:
+            return
+        # Messages of a stream do not overtake each other.
+        due = max(self._last, now + self.latency + self.jitter * self._rng.random())
+        self._last = due
+        heapq.heappush(self._way, (due, message.seq, message))
+
+    def arrived(self, now):
+        while not self.suspended and self._way and self._way[0][0] <= now:
+            yield heapq.heappop(self._way)[2]
+
+
+class Remote(Pilot):
+    """A pilot whose page sends 50 times a second over a line."""
+
+    def __init__(self, line):
+        super().__init__()
+        self.line, self.pose, self.stick = line, right(0.0), (0.0, 0.0)
+
+    def say(self, kind, **content):
+        self.seq += 1
+        self.line.send(kind(seq=self.seq, t=self.now, grant=1, **content), self.now)
+
+    def run(self, seconds, look=lambda session: None):
+        for _ in range(round(seconds / TICK)):
+            for _ in range(2):
+                self.say(messages.Drive, pose=self.pose, age=0.0, stick=self.stick, clutch=False)
+                self.now += TICK / 2
+            for message in self.line.arrived(self.now):
+                self.session.receive(message, self.now)
+            self.session.tick(self.now)
+            look(self.session)
+
+    def on_the_way(self):
+        """In HEAD, turning, the catheter moving."""
+        self.run(1.0)
+        self.say(messages.SetMode, mode="HEAD")
+        self.run(1.0)
+        self.pose, self.stick = right(25.0), (1.0, 0.0)
+        self.run(1.0)
+        assert self.session.state.mode == "HEAD"
+        assert self.session.state.command[0] > 0.05
+        assert self.session.state.rates[0] > 0
+        return self
+
+
+def held_after(remote):
+    """Seconds until it held with the catheter stopped, and the command then."""
+    began = remote.now
+    for _ in range(25):
+        remote.run(TICK)
+        state = remote.session.state
+        if state.mode == "HOLD" and state.rates == (0.0, 0.0):
+            return remote.now - began, state.command
+    raise AssertionError("it never held")
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.05, 0.3])
+def test_a_line_that_is_slow_and_drops_a_tenth_still_steers(latency):
+    remote = Remote(Line(latency, jitter=0.02, drop=0.1)).on_the_way()
+    modes = set()
+    remote.run(10.0, lambda session: modes.add(session.state.mode))
+    assert modes == {"HEAD"}
+    assert remote.session.state.command[0] == pytest.approx(np.radians(24.0 * 30 / 45), abs=8e-3)
+
+
+@pytest.mark.parametrize("how", ["cut", "suspended"])
+def test_a_line_that_is_cut_or_held_up_holds_in_time_and_continues_without_a_jump(how):
+    remote = Remote(Line(0.01)).on_the_way()
+    setattr(remote.line, how, True)
+    seconds, command = held_after(remote)
+    assert seconds <= HELD_WITHIN
+    remote.pose = right(-40.0)
+    remote.run(1.0)
+    setattr(remote.line, how, False)
+    remote.run(1.0)  # delayed messages arrive at once; they move nothing
+    assert remote.session.state.mode == "HOLD"
+    assert remote.session.state.command == command
+    remote.say(messages.SetMode, mode="HEAD")
+    remote.run(0.4)
+    assert remote.session.state.mode == "HEAD"
+    assert remote.session.state.command == pytest.approx(command, abs=1.7e-3)
+
+
+def test_a_killed_page_holds_as_a_cut_line_does_until_another_pilot_takes_over():
+    remote = Remote(Line()).on_the_way()
+    remote.line = Line()
+    remote.line.cut = True
+    remote.session.receive(messages.Release(seq=0, t=0.0, grant=0), remote.now)
+    seconds, command = held_after(remote)
+    assert seconds <= TICK * 1.01
+    remote.line = Line()
+    remote.pose = right(70.0)
+    remote.run(0.5)
+    remote.say(messages.SetMode, mode="HEAD")
+    remote.run(0.4)
+    assert remote.session.state.command == pytest.approx(command, abs=1.7e-3)

@@ -1,0 +1,256 @@
+import gc
+import json
+import socket
+import threading
+import weakref
+from collections import deque
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from console_rig import view
+from minorloop_head.console import loop, messages
+from minorloop_head.console.camera_protocol import PICTURED, CameraReport, CameraRequest
+from minorloop_head.console.channel import NewestPipe
+from minorloop_head.console.plant import open_plant
+from minorloop_head.console.recording import PICTURE, TEXT, entries
+from minorloop_head.console.settings import LoopSettings
+from minorloop_head.console.supervisor import ProcessHandle
+from minorloop_head.console.watchdog import WatchedPlant
+from offspring import forking
+
+NAMES = ("loop", "plant", "camera", "server")
+AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
+
+
+class Running:
+    """A loop in a process of its own, with a plant, and this end of its pipes."""
+
+    def __init__(self, folder, *, plant=True, **settings):
+        self.context = forking()
+        self.control, theirs = socket.socketpair()
+        beats = self.context.RawArray("d", len(NAMES))
+        handle = ProcessHandle("loop", NAMES, theirs, beats)
+        wanted = LoopSettings(folder=str(folder), timeout=5.0, **settings)
+        self.process = self.context.Process(target=loop.run, args=(handle, wanted))
+        self.process.start()
+        theirs.close()
+        self.pipe, self.camera = self.give("server"), self.give("camera")
+        self.seq = 0
+        self.beats, self.over = beats, threading.Event()
+        if plant:
+            self.open()
+
+    def open(self, why=""):
+        """Replace the plant by another one, in a thread."""
+        self.over.set()
+        self.over, self.watched = threading.Event(), WatchedPlant(open_plant("twin:pipe"), 5.0, why)
+        given = (
+            NewestPipe(self.give("plant")),
+            ProcessHandle("plant", NAMES, self.control, self.beats),
+        )
+        threading.Thread(target=self.watched.serve, args=(*given, self.over)).start()
+
+    def give(self, name):
+        """This end of a new pipe, of which the loop gets the other."""
+        ours, theirs = self.context.Pipe()
+        socket.send_fds(self.control, [bytes([NAMES.index(name)])], [theirs.fileno()])
+        theirs.close()
+        return ours
+
+    def introduce(self):
+        """Introduce the camera."""
+        self.camera.send_bytes(msgspec.json.encode(view().to_dict()))
+        return self
+
+    def answer(self):
+        """The newest request, which is answered."""
+        request = msgspec.msgpack.decode(self.camera.recv_bytes(), type=CameraRequest)
+        self.camera.send_bytes(msgspec.msgpack.encode(CameraReport(number=request.number)))
+        return request
+
+    def order(self, kind, **content):
+        self.seq += 1
+        order = kind(seq=self.seq, t=0.0, grant=1, **content)
+        self.pipe.send_bytes(msgspec.msgpack.encode(order))
+
+    def until(self, kind, holds=lambda message: True):
+        """The next message of a kind that meets a condition."""
+        while self.pipe.poll(120):
+            content = self.pipe.recv_bytes()
+            if content[:1] == b"{":
+                message = json.loads(content)
+                if message["type"] == kind and holds(message):
+                    return message
+        raise AssertionError(f"nothing of kind {kind} came")
+
+    def end(self):
+        self.over.set()
+        self.control.close()
+        self.process.join(60)
+        self.process.kill()
+
+
+@pytest.fixture
+def running(tmp_path):
+    found = Running(tmp_path / "sessions").introduce()
+    yield found
+    found.end()
+
+
+def test_a_recording_ends_with_the_server_and_the_loop_continues_with_another(running, tmp_path):
+    assert running.until("hello")["planes"]
+    for _ in range(3):
+        running.answer()
+    running.order(messages.Drive, **AHEAD)
+    running.order(messages.SetMode, mode="HEAD")
+    running.order(messages.RecordSession, on=True)
+    name = running.until("recording", lambda message: message["name"])["name"]
+    while not running.answer().keep:
+        pass
+    picture = messages.picture(messages.IMAGE, 1, 2.0, (0.0, 0.0, 0.0, 0.0), b"jpeg")
+    running.camera.send_bytes(PICTURED + picture)
+    last = running.until("state", lambda message: message["mode"] == "HEAD")
+    for _ in range(10):
+        running.answer()
+        last = running.until("state")
+    running.pipe.close()  # as when the server is killed
+    running.pipe = running.give("server")
+    assert running.until("hello")["planes"]
+    assert running.until("recording")["name"] is None
+    first = running.until("state")
+    after = running.until("state", lambda message: message["seq"] > first["seq"])
+    assert (after["mode"], after["safe_at"]) == ("HOLD", 0.0)
+    path = tmp_path / "sessions" / f"{name}.session"
+    texts = [json.loads(content) for kind, _, content in entries(path) if kind == TEXT]
+    states = [each for each in texts if each["type"] == "state"]
+    assert texts[0]["type"] == "hello"
+    assert last["seq"] in [state["seq"] for state in states]
+    assert [state["mode"] for state in states[-2:]] == ["HEAD", "HOLD"]
+    assert [content for kind, _, content in entries(path) if kind == PICTURE] == [picture]
+    numbers = [state["seq"] for state in states]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+def test_nobody_steers_at_first_and_the_loop_ends_with_its_supervisor(running):
+    first = running.until("state")
+    later = running.until("state", lambda message: message["seq"] > first["seq"] + 10)
+    assert later["mode"] == "HOLD"
+    running.control.close()
+    running.process.join(60)
+    assert running.process.exitcode == 0
+
+
+def test_every_server_is_sent_why_nothing_can_be_steered(tmp_path):
+    running = Running(tmp_path, plant=False, address="twin:nothing")
+    assert "nothing to steer" in running.until("failed")["text"]
+    running.pipe = running.give("server")
+    assert "nothing to steer" in running.until("failed")["text"]
+    running.end()
+    assert running.process.exitcode == 0
+
+
+def test_a_camera_that_hangs_delays_no_tick_and_loses_no_command(running):
+    running.until("hello")
+    running.order(messages.Pick, u=3.0, v=4.0)  # nobody reads the requests to the camera
+    running.order(messages.Find)
+    first = running.until("state")
+    later = running.until("state", lambda message: message["seq"] >= first["seq"] + 60)
+    assert later["target"] is None
+    commands = []
+    while len(commands) < 2:
+        commands += msgspec.msgpack.decode(running.camera.recv_bytes(), type=CameraRequest).commands
+    assert commands == [("pick", [3.0, 4.0]), ("find", [])]
+
+
+def test_a_camera_that_does_not_open_is_reported(tmp_path):
+    running = Running(tmp_path)
+    running.camera.send_bytes(msgspec.json.encode({"failed": "opencv is missing"}))
+    assert "opencv is missing" in running.until("failed")["text"]
+    running.end()
+
+
+def test_a_restarted_plant_stays_cold_until_a_mode_is_requested(running):
+    running.until("state")
+    running.order(messages.Drive, **AHEAD)
+    running.order(messages.SetMode, mode="HEAD")
+    running.until("state", lambda message: min(message["current"]) > 0.1)
+    running.open("its process was restarted")
+    rests = running.until("state", lambda message: message["safe_at"] > 0)
+    assert rests["safe_at"] == running.watched.safe_at
+    assert "restarted, and the head was made safe" in rests["reason"]
+    for _ in range(25):
+        running.answer()
+        message = running.until("state")
+    assert (message["mode"], message["current"], message["trouble"]) == ("HOLD", [0.0, 0.0], "")
+    assert message["angle"][0] < -25
+    running.order(messages.Drive, **AHEAD)
+    running.order(messages.SetMode, mode="HEAD")
+    while running.until("state")["angle"][0] < -5:
+        running.answer()
+
+
+def test_a_recording_tells_its_size_and_ends_when_its_pilot_has_left(running):
+    running.until("hello")
+    running.order(messages.RecordSession, on=True)
+    message = running.until("recording", lambda status: status["name"] and status["seconds"] > 0.5)
+    assert message["size"] > 1000
+    running.order(messages.Release)
+    assert running.until("recording", lambda message: message["name"] is None)
+
+
+def test_the_next_pilots_recording_begins_where_the_last_ones_ends(running):
+    running.until("hello")
+    running.order(messages.RecordSession, on=True)
+    first = running.until("recording", lambda message: message["name"])["name"]
+    running.order(messages.Release)
+    running.pipe.send_bytes(msgspec.msgpack.encode(messages.ControlsTaken()))
+    running.order(messages.RecordSession, on=True)
+    running.until("recording", lambda message: message["name"] not in (None, first))
+
+
+class Litter:
+    """A session that drops a reference cycle after a collection in which it was in use."""
+
+    interval, state = 0.0, SimpleNamespace(mode="HOLD")
+
+    class Cycle:
+        def __init__(self):
+            self.itself = self
+
+    def __init__(self, stop):
+        self.ticks, self.events, self.stop, self.used = 0, deque(), stop, self.Cycle()
+        self.left = weakref.ref(self.used)
+
+    def tick(self, now):
+        self.ticks += 1
+        if self.ticks == loop._COLLECT_EVERY + 1:
+            self.used = None
+        if self.ticks == 2 * loop._COLLECT_EVERY:
+            self.stop.set()
+
+    def report(self, now, **known):
+        return b""
+
+    def notice(self, text):
+        return
+
+
+def test_garbage_that_was_in_use_during_a_collection_is_collected_later(monkeypatch, tmp_path):
+    monkeypatch.setattr(loop, "raise_priority", lambda: None)
+    gc.freeze()  # what other tests have left
+    session = Litter(stop := threading.Event())
+    plant = SimpleNamespace(
+        responds=True, made_safe=False, answer=SimpleNamespace(safe_at=0.0, safe=True)
+    )
+    settings = LoopSettings(folder=str(tmp_path), timeout=5.0)
+    it = loop._Loop(session, plant, SimpleNamespace(), NewestPipe(), settings)
+    it._receive_all = it._recording.write = it._outbox.forward = lambda *_: None
+    gc.disable()
+    try:
+        it.run(SimpleNamespace(beat=lambda: None), stop)
+        assert session.left() is None
+    finally:
+        gc.enable()
+        gc.unfreeze()

@@ -1,0 +1,155 @@
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from console_rig import PIT, DirectCamera, Pilot, request, right, tip, towards, view
+from minorloop.errors import LimitError
+from minorloop_head.console import messages
+from minorloop_head.console.mark import (
+    NO_CONTACT,
+    OUT_OF_REACH,
+    PATIENCE,
+    TOUCHED,
+    ended,
+    marking,
+    reaches,
+    servoed,
+)
+from minorloop_head.console.perception import Perception
+from minorloop_head.console.plant import reading_at
+from minorloop_head.geometry import wall_distance
+from minorloop_head.procedures import mark as touches
+from minorloop_head.procedures.mark import tool_pixel
+
+NEAR, AT_PIT = (0.12, -0.9e-3), (0.0, 0.0)
+
+
+class Touching:
+    """A camera whose tool is turned to a place beside the pit, and what it reports."""
+
+    def __init__(self, beside=NEAR, off=(0.0, 0.0), known=None):
+        tool, place = view().tool, np.add(PIT[:2], beside)
+        angles = tool.aim(view().mount_at((0.0, 0.0)), place, view().radius, towards(PIT)[:2])
+        self.here = (*angles.tolist(), 0.0, 0.0)
+        self.camera, self.events = Perception(tip()[0], known or view()), []
+        self.tool = self.camera._tip.tool
+        self.ticks(30, "found")
+        now = reading_at(self.here)
+        pixel = np.add(tool_pixel(view(), tool, now.place, now.angles), off)
+        self.ticks(4, "", ("pick", pixel.tolist()))
+
+    def ticks(self, count, what, *commands):
+        """Ticks until something was reported."""
+        for n in range(count):
+            given = commands if n == 0 else ()
+            self.events += self.camera.tick(request(self.here, *given)).events
+            if what in [event["what"] for event in self.events]:
+                return
+
+    def marked(self):
+        """What is reported of a touch."""
+        self.ticks(300, "marked", ("mark", []))
+        (event,) = [each for each in self.events if each["what"] == "marked"]
+        return event
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.0), (9.0, -6.0)])
+def test_a_mark_is_measured_from_the_picked_point_by_the_next_picture(off):
+    touch = Touching(off=off)
+    picked = touch.camera._track.home
+    touch.camera._marking = replace(marking(view()), close=60.0)
+    event = touch.marked()
+    true = wall_distance(touch.tool.marks[-1], picked, view().radius)
+    assert (event["verdict"], event["off"]) == (touches.TOUCHED, pytest.approx(true, abs=0.03e-3))
+    assert touch.events[-2:] == [{"what": "touched"}, event]
+    assert touch.tool.extension == 0.0
+
+
+def test_a_wall_that_is_farther_than_a_pit_is_deep_is_not_touched():
+    offset = tuple(np.add(view().tool.offset, (1.2e-3, 0.0, 0.0)).tolist())
+    touch = Touching(known=replace(view(), tool=replace(view().tool, offset=offset)))
+    touch.camera._marking = replace(touch.camera._marking, close=400.0)
+    assert touch.marked() == {"what": "marked", "verdict": touches.NO_CONTACT, "off": None}
+    assert touch.tool.touches == []
+
+
+def test_a_mark_that_is_not_seen_is_not_measured():
+    """On the floor of a pit no mark is left, and its edge is none."""
+    touch = Touching(AT_PIT)
+    assert touch.marked()["off"] is None
+    assert touch.tool.marks == []
+
+
+def test_a_touch_that_is_ended_withdraws_the_tool_and_reports_nothing():
+    for command in ("end_mark", "pick"):
+        touch = Touching()
+        touch.camera._marking = replace(marking(view()), close=60.0)
+        touch.ticks(40, "", ("mark", []))
+        assert touch.tool.extension > 5e-3
+        touch.ticks(1, "", ("pick", [320.0, 240.0]) if command == "pick" else (command, []))
+        touch.ticks(1, "", ("end_mark", []))  # as the loop does after a pick
+        touch.ticks(100, "marked")
+        assert touch.tool.extension == 0.0
+        assert not [each for each in touch.events if each["what"] in ("touched", "marked")]
+
+
+def test_a_point_far_from_the_tool_is_not_touched_and_a_failed_tool_is_reported(monkeypatch):
+    touch = Touching(off=(9.0, -6.0))
+    touch.camera._marking = replace(marking(view()), patience=2.0)
+    assert touch.marked()["verdict"] == touches.UNSTEADY
+    assert touch.tool.touches == []
+
+    def refuse(length):
+        raise LimitError("the tool is stuck")
+
+    monkeypatch.setattr(touch.camera._tip, "extend", refuse)
+    touch.ticks(2, "not extended", ("mark", []))
+    assert touch.events[-1] == {"what": "not extended", "text": "the tool is stuck"}
+
+
+def test_a_point_is_servoed_to_where_the_tool_meets_it_and_may_be_out_of_reach():
+    here = reading_at(towards(PIT))
+    pixel = tuple(tool_pixel(view(), view().tool, here.place, here.angles).tolist())
+    assert servoed(view(), pixel, here) == pytest.approx(view().lens.centre)
+    assert reaches(view(), pixel, here)
+    short = replace(view(), tool=replace(view().tool, longest=5e-3))
+    assert not reaches(short, pixel, here)
+    assert not reaches(view(), (0.0, 0.0), reading_at((0.5, 0.0, 0.0, 0.0)))
+    assert not reaches(view(), (np.nan, 0.0), here)
+
+
+def test_each_end_has_its_sentence():
+    assert ended(touches.TOUCHED, 0.12e-3) == (
+        "the tool has touched the wall 0.12 mm from the picked point, and is withdrawn"
+    )
+    assert "0.45 mm from the picked point, farther than 0.3 mm, and is" in ended("touched", 0.45e-3)
+    unknown = "its distance from the picked point is not known: the camera does not show its mark"
+    assert ended(touches.TOUCHED, None) == f"{TOUCHED}; {unknown}"
+    assert ended(touches.NO_CONTACT, None) == NO_CONTACT
+    assert "in a hole" in NO_CONTACT
+    assert "on plain wall" in NO_CONTACT
+    assert ended(touches.BEYOND, None) == OUT_OF_REACH
+    assert ended(touches.BEYOND, None, 0.6) == OUT_OF_REACH
+    unsure = "; the point was hard to recognise, with a score of 0.45, and 0.6 is sure: "
+    assert ended(touches.TOUCHED, 0.12e-3, 0.45).partition("withdrawn")[2].startswith(unsure)
+    assert f"did not come to rest with the tool at the point in {PATIENCE:g} s" in ended("", None)
+
+
+def test_a_touch_from_the_console_says_how_far_from_the_picked_point_it_is():
+    pilot = Pilot(DirectCamera()).steering(2)
+    pilot.until(lambda s: s.seen.spots, pose=right(27.0, -12.0))
+    pilot.drive(100, pose=right(27.0, -12.0))
+    u, v, *_ = pilot.session.seen.spots[0]
+    pilot.order(messages.Pick, u=u + 42.0, v=v)
+    pilot.drive(4)
+    pilot.mode("TRACK")
+    pilot.drive(40)
+    pilot.order(messages.Mark)
+    pilot.until(lambda s: any(b"touched the wall" in event for event in s.events))
+    said = next(event for event in pilot.session.events if b"touched the wall" in event)
+    found = re.search(rb"the wall ([\d.]+) mm from the picked point, and is withdrawn", said)
+    camera = pilot.camera.perception
+    true = wall_distance(camera._tip.tool.marks[-1], camera._track.home, view().radius)
+    assert 1e-3 * float(found[1]) == pytest.approx(true, abs=0.03e-3)

@@ -1,0 +1,141 @@
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop_head.console.modes import MODES, TeleopConfig, TeleopState, TickInput, advance, held
+
+TICK = 0.04
+CONFIG = TeleopConfig()
+AHEAD = (0.0, 0.0, 0.0, 1.0)
+HERE = TickInput(pose=AHEAD, pose_age=0.0, link_age=0.0)
+
+
+def right(degrees):
+    half = math.radians(-degrees) / 2
+    return 0.0, math.sin(half), 0.0, math.cos(half)
+
+
+def run(state, inputs, ticks):
+    for _ in range(ticks):
+        state = advance(CONFIG, state, inputs, TICK)
+    return state
+
+
+def steered():
+    """A state in HEAD, off the middle, the catheter on its way."""
+    state = advance(CONFIG, TeleopState(), replace(HERE, request="HEAD"), TICK)
+    state = run(state, replace(HERE, pose=right(20.0), stick=(1.0, 1.0)), 100)
+    assert state.mode == "HEAD"
+    assert state.command[0] > 0.17
+    assert state.rates[0] > 5e-3
+    return state
+
+
+tick_inputs = st.builds(
+    TickInput,
+    request=st.sampled_from((None, *MODES)),
+    pose=st.one_of(st.none(), st.floats(-180, 180).map(right)),
+    pose_age=st.floats(0, 0.3),
+    link_age=st.floats(0, 0.3),
+    stick=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
+    clutch=st.booleans(),
+    servo=st.one_of(st.none(), st.tuples(st.floats(-0.9, 0.9), st.floats(-0.9, 0.9))),
+    scan=st.one_of(
+        st.none(),
+        st.tuples(
+            st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
+            st.tuples(st.floats(-8e-3, 8e-3), st.floats(-0.7, 0.7)),
+        ),
+    ),
+)
+
+
+@given(st.lists(tick_inputs, max_size=60))
+def test_whatever_is_given_nothing_jumps(all_inputs):
+    state = TeleopState()
+    for each in all_inputs:
+        after = advance(CONFIG, state, each, TICK)
+        moved = math.dist(after.command, state.command)
+        assert moved <= 2 * math.sqrt(2) * CONFIG.gaze.heating * TICK + 1e-9
+        assert math.hypot(*after.command) <= CONFIG.gaze.cone * (1 + 1e-12)
+        if after.mode != state.mode and after.mode not in ("TRACK", "SCAN"):
+            assert after.command == state.command
+        if after.mode == "HOLD":
+            assert after.rates == (0.0, 0.0)
+            assert after.command == state.command
+        state = after
+
+
+@given(st.lists(tick_inputs, max_size=60))
+def test_nothing_moves_for_a_page_that_is_silent(all_inputs):
+    state = TeleopState()
+    for each in all_inputs:
+        state = advance(CONFIG, state, replace(each, link_age=math.inf), TICK)
+        assert state.mode == "HOLD"
+        assert state.command == (0.0, 0.0)
+
+
+@given(st.floats(-180, 180), st.booleans())
+def test_in_track_the_operators_head_does_nothing(yaw, clutch):
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
+    before = state.command
+    state = run(state, replace(HERE, pose=right(yaw), clutch=clutch, servo=(0.0, 0.0)), 25)
+    assert state.mode == "TRACK"
+    assert state.command == before
+
+
+def test_track_follows_the_servo():
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
+    x, y = state.command
+    state = run(state, replace(HERE, servo=(-0.03, 0.05)), 25)
+    assert state.command == pytest.approx((x - 0.03, y + 0.05))
+
+
+def test_coming_back_from_track_begins_where_the_head_is():
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.02, 0.02)), TICK)
+    state = run(state, replace(HERE, servo=(0.02, 0.02)), 25)
+    before = state.command
+    state = advance(CONFIG, state, replace(HERE, pose=right(-90), request="HEAD"), TICK)
+    state = run(state, replace(HERE, pose=right(-90)), 10)
+    assert state.mode == "HEAD"
+    assert state.command == before
+
+
+@pytest.mark.parametrize("lost", [{"pose_age": 0.11}, {"pose": None}, {"link_age": 0.11}])
+def test_a_loss_holds_and_continues_only_on_request_without_a_jump(lost):
+    before = steered()
+    state = advance(CONFIG, before, replace(HERE, **lost), TICK)
+    assert (state.mode, state.rates, state.command) == ("HOLD", (0.0, 0.0), before.command)
+    assert state.reason
+    back = run(state, replace(HERE, pose=right(-60)), 20)
+    assert back == state
+    again = advance(CONFIG, back, replace(HERE, pose=right(-60), request="HEAD"), TICK)
+    again = run(again, replace(HERE, pose=right(-60)), 20)
+    assert (again.mode, again.reason, again.command) == ("HEAD", "", before.command)
+
+
+def test_a_lost_pose_does_not_end_track():
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
+    assert run(state, replace(HERE, pose=None, servo=(0.0, 0.0)), 50).mode == "TRACK"
+
+
+def test_a_target_out_of_sight_ends_track_after_a_while():
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
+    assert run(state, HERE, 14).mode == "TRACK"
+    state = run(state, HERE, 18)
+    assert state.mode == "HOLD"
+    assert "lost from sight" in state.reason
+
+
+def test_track_without_a_target_is_refused():
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK"), TICK)
+    assert state.mode == "HOLD"
+    assert "pick one" in state.reason
+
+
+def test_what_is_held_says_why():
+    state = held(steered(), "because")
+    assert (state.mode, state.reason, state.rates) == ("HOLD", "because", (0.0, 0.0))

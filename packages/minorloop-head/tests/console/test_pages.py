@@ -1,0 +1,500 @@
+"""Both pages in a real browser: what an operator and a user of the lab do and see."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from console_rig import PIT
+from minorloop.operators.preisach import Preisach
+from minorloop_head.console.server import STATIC
+
+ROOT = Path(__file__).resolve().parents[4]
+# Only WebGL is drawn in software: to draw the whole page so would keep a core busy.
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+SCREENSHOTS = os.environ.get("MINORLOOP_SCREENSHOTS")
+IWER = ROOT / "web" / "node_modules" / "iwer" / "build" / "iwer.min.js"
+GAMEPAD = """
+  window.pad = { connected: true, axes: [0, 0, 0, 0],
+    buttons: Array.from({ length: 17 }, () => ({ pressed: false, value: 0 })) };
+  navigator.getGamepads = () => [window.pad];
+"""
+HEADSET = """
+  window.worn = new IWER.XRDevice(IWER.metaQuest3);
+  window.worn.installRuntime({ forceInstall: true });
+"""
+
+
+def missing(what):
+    """Skip loudly; on CI, where all of it has to be, fail."""
+    sentence = f"the pages were not tried in a browser: {what}"
+    if os.environ.get("CI"):
+        pytest.fail(sentence)
+    pytest.skip(sentence)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        missing("there is no chromium; install the package of that name")
+    if not (STATIC / "index.html").is_file():
+        missing("they are not built; run 'make pages', which needs node")
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as started:
+        found = started.chromium.launch(executable_path=path, args=FLAGS)
+        yield found
+        found.close()
+
+
+@pytest.fixture(scope="module")
+def address(browser, tmp_path_factory):
+    """A console with a long timeout, so that it does not hold on a slow machine."""
+    folder = tmp_path_factory.mktemp("console")
+    command = [sys.executable, "-u", "-m", "minorloop", "console", "--port", "0"]
+    server = subprocess.Popen(
+        [*command, "--timeout", "5", "--folder", str(folder)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        yield re.search(r"open (\S+)", server.stdout.readline())[1]
+    finally:
+        server.terminate()
+        server.wait(30)
+        server.stdout.close()
+
+
+class Operator:
+    """A page and its user."""
+
+    def __init__(self, page):
+        self.page, self.troubles = page, []
+        page.set_default_timeout(60_000)
+        page.on("pageerror", lambda error: self.troubles.append(str(error)))
+        page.on("console", self._on_console)
+
+    def _on_console(self, message):
+        if message.type == "error":
+            self.troubles.append(message.text)
+
+    def wait(self, condition):
+        self.page.wait_for_function(condition, polling=100)
+
+    def state(self, name):
+        return self.page.evaluate(f"document.body.dataset.{name}")
+
+    def command(self):
+        return np.array(self.state("command").split(), dtype=float)
+
+    def in_mode(self, mode):
+        self.wait(f"document.body.dataset.mode === '{mode}'")
+
+    def pick(self):
+        """Pick the first candidate by keyboard; there is one when the head rests."""
+        picked = self.page.locator("#guide li:nth-child(3).now")
+        for _ in range(40):
+            self.page.keyboard.press("n")
+            self.page.keyboard.press("Enter")
+            self.page.wait_for_timeout(500)
+            if picked.count():
+                return
+        raise AssertionError("no candidate could be picked")
+
+    @contextmanager
+    def looking_away(self):
+        """Draw nothing for a while: to decode and draw pictures keeps half a core busy."""
+        self.page.evaluate("document.body.style.display = 'none'")
+        yield
+        self.page.evaluate("document.body.style.display = ''")
+
+    def enter(self, key, mode):
+        """Press a key until its mode is on; a console that compiles has no picture at first."""
+        for _ in range(240):
+            self.page.keyboard.press(key)
+            self.page.wait_for_timeout(500)
+            if self.state("mode") == mode:
+                return
+        raise AssertionError(f"{mode} was never on")
+
+    def take_by_key(self):
+        """Press T until the controls are taken: one press is lost while a process starts anew."""
+        for _ in range(30):
+            self.page.keyboard.press("t")
+            for _ in range(20):
+                self.page.wait_for_timeout(200)
+                if self.state("pilot") == "yes":
+                    return
+        raise AssertionError("the controls were never taken")
+
+    def take(self):
+        self.page.click("#take")
+        self.wait("document.body.dataset.pilot === 'yes'")
+        return self
+
+    def release(self):
+        if self.state("pilot") == "yes":
+            self.page.click("#take")
+            self.wait("document.body.dataset.pilot === 'no'")
+
+    def moved(self, way):
+        """Wait until the command of an axis meets a condition such as 'pan > 5'."""
+        axis, rest = way.split(" ", 1)
+        k = ("pan", "tilt").index(axis)
+        self.wait(f"Number(document.body.dataset.command.split(' ')[{k}]) {rest}")
+
+
+@contextmanager
+def operating(browser, address, *, script="", path=None, size=(1280, 720), **options):
+    # The policy of the pages forbids the scripts that the waiting below uses.
+    options = {"bypass_csp": True, **options}
+    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, **options)
+    try:
+        page = context.new_page()
+        if path is not None:
+            page.add_init_script(path=path)
+        if script:
+            page.add_init_script(script)
+        operator = Operator(page)
+        page.goto(address)
+        page.wait_for_selector("#veil", state="hidden")
+        page.wait_for_selector("body[data-command]")
+        yield operator
+        operator.release()
+        assert operator.troubles == []
+    finally:
+        context.close()
+
+
+def fits(page):
+    """Whether the page is not wider than the window."""
+    return page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def shoot(page, name, *, whole=False):
+    if SCREENSHOTS:
+        page.screenshot(path=str(ROOT / SCREENSHOTS / f"{name}.png"), full_page=whole)
+
+
+def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
+    with operating(browser, address) as operator:
+        page = operator.page
+        at_step = "document.querySelector('#guide li:nth-child({}).now')"
+        operator.take_by_key()
+        operator.enter("1", "HEAD")
+        page.keyboard.down("ArrowRight")
+        operator.moved("pan > 15")
+        page.keyboard.up("ArrowRight")
+        page.keyboard.down("ArrowDown")
+        operator.moved("tilt < -6")
+        page.keyboard.up("ArrowDown")
+        operator.pick()
+        operator.enter("2", "TRACK")
+        with operator.looking_away():
+            operator.wait(at_step.format(4))  # it has come to the middle, and into focus
+        page.keyboard.press("m")
+        page.wait_for_selector("#findings li")
+        assert re.search(r"⌀ (0\.9|1\.0)\d ±", page.inner_text("#findings"))
+        page.wait_for_selector("#depth:not([disabled])")
+        page.keyboard.press("e")
+        operator.in_mode("SCAN")
+        page.wait_for_selector("#guide progress:not([hidden])")
+        with operator.looking_away():
+            # A scan takes a minute, and the fit shares two cores.
+            page.wait_for_function(at_step.format(6), polling=500, timeout=300_000)
+        finding = downloaded(page, "/api/findings.json")["findings"][0]
+        assert finding["verdict"] == "measured"
+        assert finding["diameter"] == pytest.approx(1e3 * PIT[2], abs=0.06)
+        assert finding["depth"] == pytest.approx(1e3 * PIT[3], abs=0.015)
+        assert finding["z"] == pytest.approx(1e3 * PIT[1], abs=4 * finding["z_sd"])
+        with page.expect_download() as waiting:
+            page.click("a[href='/api/findings/1.ply']")
+        assert Path(waiting.value.path()).read_bytes().startswith(b"ply")
+        page.wait_for_selector("#solid canvas")
+        assert fits(page)
+        shoot(page, "operate")
+        page.keyboard.press("Escape")
+        page.click("[aria-label='Delete finding 1']")
+        page.wait_for_selector("#findings li", state="detached")
+
+
+def downloaded(page, path):
+    with page.expect_download() as waiting:
+        page.click(f"a[href='{path}']")
+    return json.loads(Path(waiting.value.path()).read_text())
+
+
+def test_the_mouse_looks_picks_and_clutches(browser, address):
+    with operating(browser, address) as operator:
+        page = operator.take().page
+        page.keyboard.press("Enter")  # must not press the clicked Take button again
+        page.click("button[data-mode=HEAD]")
+        operator.in_mode("HEAD")
+        assert operator.state("pilot") == "yes"
+        box = page.locator("#camera").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x - 200, y, steps=10)
+        page.mouse.up()
+        operator.moved("pan > 5")
+        page.keyboard.down("c")
+        page.wait_for_selector("#clutch[aria-pressed=true]")
+        before = operator.command()
+        page.keyboard.down("ArrowLeft")
+        operator.wait("document.querySelector('#mode').textContent === 'CLUTCH'")
+        page.keyboard.up("ArrowLeft")
+        assert np.abs(operator.command() - before).max() <= 0.1
+        page.keyboard.up("c")
+        page.click("#camera", position={"x": 400, "y": 300})
+        page.wait_for_selector("#guide li:nth-child(2).done")
+        page.click("button[data-mode=HEAD]")
+        reached = operator.command()[1]
+        page.keyboard.down("ArrowUp")  # a clicked button must not keep the arrow keys
+        operator.moved(f"tilt > {reached + 2}")
+        page.keyboard.up("ArrowUp")
+
+
+def test_one_steers_and_the_others_watch(browser, address):
+    with operating(browser, address) as pilot, operating(browser, address) as watcher:
+        pilot.take()
+        watcher.wait("document.querySelector('#take').textContent.includes('steers')")
+        assert watcher.page.is_disabled("button[data-mode=HEAD]")
+        pilot.page.keyboard.press("1")
+        watcher.in_mode("HEAD")
+        watcher.page.click("#take")
+        watcher.page.wait_for_selector("#notice:has-text('has the controls')")
+        assert watcher.state("pilot") == "no"
+        pilot.page.goto("about:blank")
+        watcher.in_mode("HOLD")
+        watcher.wait("document.querySelector('#take').textContent.startsWith('Take')")
+        watcher.take()
+        pilot.state = lambda name: "no"
+
+
+def test_a_phone_steers_by_its_orientation(browser, address):
+    size = (390, 844)
+    with operating(browser, address, size=size, has_touch=True, is_mobile=True) as operator:
+        page = operator.page
+        assert fits(page)
+        turn = page.context.new_cdp_session(page)
+
+        def hold(alpha, beta):
+            orientation = {"alpha": alpha, "beta": beta, "gamma": 0}
+            turn.send("DeviceOrientation.setDeviceOrientationOverride", orientation)
+
+        hold(90, 90)  # upright
+        operator.take()
+        assert fits(page)
+        assert "(T)" not in page.inner_text("#guide")
+        page.select_option("#source", "phone")
+        # Browsers report an orientation only when it changes, and a hand is never still.
+        for k in range(1000):
+            hold(90 - 0.3 * (k % 2), 90)
+            if operator.state("mode") == "HEAD":
+                break
+            page.tap("button[data-mode=HEAD]")
+        for step in range(1000):
+            hold(90 - min(0.5 * step, 40), 90 - 0.2 * (step % 2))
+            if operator.command()[0] > 5:
+                break
+        operator.moved("pan > 5")
+        shoot(page, "phone")
+
+
+def test_a_headset_steers_and_its_loss_holds(browser, address):
+    if not IWER.is_file():
+        missing("the headset's emulator is not there; run 'make pages', which needs node")
+    with operating(browser, address, path=IWER, script=HEADSET) as operator:
+        page = operator.take().page
+        page.select_option("#source", "headset")
+        operator.wait("document.querySelector('#source').value === 'headset'")
+        operator.enter("1", "HEAD")
+        half = np.radians(-30.0) / 2
+        page.evaluate(f"window.worn.quaternion.set(0, {np.sin(half)}, 0, {np.cos(half)})")
+        operator.moved("pan > 5")
+        page.evaluate("window.worn.activeSession.end()")
+        operator.in_mode("HOLD")
+
+
+def test_a_gamepad_steers(browser, address):
+    with operating(browser, address, script=GAMEPAD) as operator:
+        page = operator.take().page
+        page.evaluate("window.pad.buttons[2].pressed = true")
+        operator.in_mode("HEAD")
+        page.evaluate("window.pad.axes = [0, -1, 1, 0]")
+        operator.moved("pan > 3")
+        operator.wait("parseFloat(document.querySelector('#advance').textContent) > 1")
+        page.evaluate("window.pad.axes = [0, 0, 0, 0]; window.pad.buttons[3].pressed = true")
+        operator.in_mode("HOLD")
+
+
+def test_a_session_is_recorded_and_replayed(browser, address):
+    with operating(browser, address) as operator:
+        page = operator.take().page
+        page.click("#record")
+        page.wait_for_selector("#record[aria-pressed=true]")
+        operator.enter("1", "HEAD")
+        count = int(operator.state("pictures"))
+        operator.wait(f"Number(document.body.dataset.pictures) > {count + 20}")
+        page.click("#record")
+        page.wait_for_selector("#notice:has-text('Recorded as')")
+        page.click("#menu")
+        page.keyboard.press("t")  # has no effect while the help is open
+        page.wait_for_selector("#recordings a")
+        count = int(operator.state("pictures"))
+        operator.wait(f"Number(document.body.dataset.pictures) > {count + 3}")
+        assert operator.state("pilot") == "yes"
+        page.click("#recordings a")
+        operator.wait("document.querySelector('#mode').textContent.startsWith('REPLAY')")
+        operator.in_mode("HEAD")
+        assert page.is_disabled("#take")
+
+
+def test_the_pages_keep_to_their_own_policy(browser, address):
+    with operating(browser, address, bypass_csp=False) as operator:
+        operator.page.wait_for_selector("body[data-mode=HOLD]")
+        operator.page.click("text=Lab")
+        operator.page.wait_for_selector("#browse")
+        operator.state = lambda name: "no"
+
+
+def test_a_browser_without_the_key_gets_an_instruction(browser, address):
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(address.split("?")[0])
+    assert "open the address that the console printed" in page.inner_text("body")
+    context.close()
+
+
+def csv(folder, stuck=0):
+    rng = np.random.default_rng(1)
+    u = np.concatenate([0.5 + a * np.sin(np.linspace(0, 12.6, 400)) for a in (0.5, 0.35, 0.2, 0.4)])
+    levels = np.linspace(0, 1, 9)
+    weights = np.tril(rng.uniform(size=(8, 8)) ** 2)
+    y = Preisach(levels, weights).simulate(u) + rng.normal(0, 0.02, u.size)
+    y[400 : 400 + stuck] = y[400]
+    file = folder / f"staircase-{stuck}.csv"
+    columns = np.column_stack([0.01 * np.arange(u.size), u, y])
+    header = "time [s],voltage [V],length [um]"
+    np.savetxt(file, columns, delimiter=",", header=header, comments="")
+    return file
+
+
+def test_a_csv_becomes_a_model_and_inputs(browser, address, tmp_path):
+    with operating(browser, address) as operator:
+        page = operator.page
+        page.goto(address.split("?")[0] + "lab")
+        page.set_input_files("#file", csv(tmp_path))
+        page.wait_for_selector("#setup:not([hidden])")
+        assert page.input_value("#input") == "voltage [V]"
+        assert page.input_value("#output") == "length [um]"
+        page.click("#more summary")
+        assert page.input_value("#time") == "time [s]"
+        page.fill("#levels", "12")
+        page.fill("#skip", "4")
+        page.fill("#last", "1500")
+        page.select_option("#slope", "false")
+        page.click("#identify")
+        page.wait_for_selector("#result:not([hidden])")
+        scores = page.inner_text("#scores")
+        assert re.search(r"error on held-out data\s+\d", scores)
+        assert re.search(r"rows skipped\s+4\b", scores)
+        assert "Chosen structure" in page.inner_text("#chosen")
+        for value in ("900", "300", "600"):
+            page.fill("#slider", value)
+            page.wait_for_function("document.querySelector('#slider-output').textContent !== '–'")
+        page.click("#invert")
+        page.wait_for_selector("#sequence tbody tr:nth-child(5)")
+        page.wait_for_selector("#get-report:not([hidden])")
+        with page.expect_download() as waiting:
+            page.click("#get-model")
+        assert json.loads(Path(waiting.value.path()).read_text())["model"]
+        page.fill("#targets", "1, two")
+        page.click("#invert")
+        page.wait_for_selector("#trouble:has-text('“two” is not a number')")
+        page.fill("#targets", "1e9")
+        page.click("#invert")
+        page.wait_for_selector("#trouble:has-text('beyond what the model reaches')")
+        page.fill("#targets", page.evaluate("'-1, 1, 0.5'"))
+        page.click("#invert")
+        page.wait_for_selector("#trouble", state="hidden")
+        assert page.locator("#warnings li").count() == 0
+        assert fits(page)
+        shoot(page, "lab", whole=True)
+        page.set_input_files("#file", csv(tmp_path, stuck=400))
+        page.wait_for_selector("#drop-title:has-text('staircase-400.csv: 1600 rows')")
+        page.click("#identify")
+        page.wait_for_selector("#advice li:has-text('the output is stuck')")
+        page.click("#invert")
+        page.wait_for_selector("#warnings li:has-text('the output is stuck')")
+        page.set_viewport_size({"width": 390, "height": 844})
+        page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth")
+        operator.state = lambda name: "no"
+
+
+def test_an_invalid_csv_is_answered_in_a_sentence(browser, address, tmp_path):
+    bad = tmp_path / "bad.csv"
+    bad.write_text("a,b\n1,x\n2,y\n")
+    with operating(browser, address) as operator:
+        page = operator.page
+        page.goto(address.split("?")[0] + "lab")
+        page.set_input_files("#file", bad)
+        page.wait_for_selector("#trouble:has-text('every cell must be a number')")
+        operator.state = lambda name: "no"
+        operator.troubles.clear()  # the browser itself reports the refusal
+
+
+def test_both_pages_link_the_licences_of_what_they_contain():
+    if not (STATIC / "index.html").is_file():
+        missing("they are not built; run 'make pages', which needs node")
+    text = (STATIC / "licenses.txt").read_text()
+    for library in ("three.js authors", "Leon Sorokin"):
+        assert library in text
+    for page in ("index.html", "lab.html"):
+        assert 'href="/licenses.txt"' in (STATIC / page).read_text()
+
+
+def test_a_hint_of_the_search_does_not_take_the_place_of_why_the_head_holds(browser):
+    state = {
+        "type": "state", "seq": 1, "t": 1.0, "mode": "HOLD", "reason": "The pose is lost.",
+        "command": [0, 0], "angle": [0, 0], "place": [0, 0], "rates": [0, 0], "current": [0, 0],
+        "temperature": [20, 20], "memory": [[], []], "wire": [0, 0], "trouble": "",
+        "clutch": False, "received": None, "late": 0, "safe_at": 0, "target": None,
+        "centred": False, "focus": "", "scan": None, "spots": [],
+    }  # fmt: skip
+    controls = {"type": "controls", "you": 1, "pilot": 1, "grant": 7, "viewers": 1}
+    found = {"type": "found", "seq": 0, "t": 1.0, "count": 0, "what": "found"}
+    lines = []
+
+    def served(route):
+        name = route.request.url.partition("//")[2].partition("/")[2] or "index.html"
+        file = STATIC / name
+        route.fulfill(path=file) if file.is_file() else route.fulfill(status=404)
+
+    page = browser.new_page()
+    try:
+        page.route("**/*", served)
+        page.route_web_socket("**/ws", lambda line: lines.append(line))
+        page.goto("http://console.test/")
+        page.wait_for_function("document.querySelector('#take')")
+        while not lines:
+            page.wait_for_timeout(20)
+        page.evaluate(
+            "window.shown = [];"
+            "new MutationObserver(() => shown.push(document.querySelector('#notice').textContent))"
+            ".observe(document.querySelector('#notice'), {childList: true})"
+        )
+        for message in (controls, state, {**found, "verdict": "saturated"}):
+            lines[0].send(json.dumps(message))
+        page.wait_for_selector("#notice:has-text('The pose is lost.')")
+        lines[0].send(json.dumps({"type": "notice", "seq": 3, "t": 1.0, "text": "last"}))
+        page.wait_for_selector("#notice:has-text('last')")
+        assert page.evaluate("window.shown") == ["The pose is lost.", "last"]
+    finally:
+        page.close()

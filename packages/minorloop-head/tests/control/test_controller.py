@@ -1,0 +1,164 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop_head.control.controller import Loop, heating, mean_slope, width
+from minorloop_head.control.head import CONTROLLERS, controller
+from minorloop_head.twins.surroundings import Surroundings
+from minorloop_head.twins.wire import Wire
+from wires import angle, identified, made_up
+
+NAMES = pytest.mark.parametrize("name", CONTROLLERS)
+
+
+def driven(law, reference, seconds, *, plant=None, state=None):
+    """True angles of a twin in a loop with one step of delay."""
+    plant = Wire(noise=0.05, seed=1) if plant is None else plant
+    state, seen, angles = state or law.begin(), angle(plant), []
+    for _ in range(round(seconds / law.interval)):
+        current, state = law.step(state, reference, seen)
+        seen = plant.exchange(current)
+        angles.append(angle(plant))
+    return np.array(angles)
+
+
+@NAMES
+@pytest.mark.parametrize("reference", [15.0, 45.0])
+def test_every_controller_brings_the_wire_to_the_target(name, reference):
+    angles = driven(controller(name, identified().model), reference, 40.0)
+    assert abs(angles[-1] - reference) < (1.5 if name == "feedforward" else 0.3)
+
+
+@NAMES
+def test_every_closed_loop_compensates_a_warmer_ambient(name):
+    if name == "feedforward":
+        pytest.skip("open loop reads no sensor")
+    warm = Wire(noise=0.05, seed=1, surroundings=Surroundings(ambient=27.0))
+    angles = driven(controller(name, identified().model), 30.0, 90.0, plant=warm)
+    assert abs(angles[-1] - 30.0) < 0.6
+
+
+@NAMES
+@given(peak=st.floats(0.09, 0.16), share=st.floats(0.6, 1.0))
+@example(peak=0.12473, share=0.98107)  # a return so short that it is nearly a rise alone
+@settings(max_examples=15)
+def test_a_settled_wire_is_taken_over_with_its_current(name, peak, share):
+    wire = made_up()
+    found = wire.moved(wire.begin(peak), share * peak)
+    law, current = controller(name, wire), math.sqrt(share * peak)
+    first, _ = law.step(law.begin(found.angle, current), found.angle, found.angle)
+    assert first**2 == pytest.approx(current**2, abs=0.01 * 0.16)
+
+
+@NAMES
+@pytest.mark.parametrize("holds", [[0.38], [0.4, 0.33], [0.36, 0.3]])
+def test_taking_over_a_settled_wire_does_not_disturb_it(name, holds):
+    plant, law = Wire(noise=0.05, seed=1), controller(name, identified().model)
+    for hold in holds:
+        plant.apply(hold, 60.0, 60.0)
+    found = angle(plant)
+    state = law.begin(found, holds[-1])
+    off = driven(law, found, 20.0, plant=plant, state=state) - found
+    assert np.abs(off).max() < 1.5
+
+
+@NAMES
+@given(
+    readings=st.lists(st.floats(-10, 80) | st.just(math.nan), min_size=1, max_size=40),
+    reference=st.floats(-20, 90),
+)
+@settings(max_examples=25)
+def test_no_controller_requests_more_than_its_limits(name, readings, reference):
+    law = controller(name, made_up())
+    state = law.begin()
+    for reading in readings:
+        current, state = law.step(state, reference, reading)
+        assert 0.0 <= current <= 0.4
+        assert state.applied == current
+
+
+@NAMES
+@given(readings=st.lists(st.floats(0, 60), min_size=1, max_size=10))
+@settings(max_examples=15)
+def test_a_step_is_pure(name, readings):
+    law = controller(name, made_up())
+    state = law.begin()
+    for reading in readings:
+        once, after = law.step(state, 30.0, reading)
+        twice, again = law.step(state, 30.0, reading)
+        assert once == twice
+        assert law.step(after, 31.0, reading)[0] == law.step(again, 31.0, reading)[0]
+        state = after
+
+
+@NAMES
+def test_a_lower_limit_is_kept(name):
+    law = controller(name, made_up(), highest=0.3)
+    current, _ = law.step(law.begin(), 50.0, 0.0)
+    assert current == pytest.approx(0.3)
+
+
+def test_heating_goes_by_the_inverse_of_operator_and_lag():
+    wire = made_up(latent=0.0)
+    state = wire.begin()
+    target = wire.operator.track().aim(30.0)
+    power = heating(wire, state, 30.0, response=2.0, ambient=0.01)
+    assert power == pytest.approx(wire.lag * target / 2.0 - 0.01)
+    gentle = heating(wire, state, 30.0, response=2.0, steepest=10 * 30.0 / target)
+    assert gentle == pytest.approx(0.1 * wire.lag * target / 2.0)
+
+
+def test_range_and_slope_are_those_of_the_operator():
+    wire = made_up()
+    assert width(wire) == pytest.approx(0.16)
+    assert mean_slope(wire) == pytest.approx(60.0 / 0.16)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"interval": 0.0}, "interval is 0.0 s"),
+        ({"highest": 0.5}, "highest is 0.5 A; give 1e-06 to 0.4 A"),
+        ({"highest": math.nan}, "highest is nan"),
+        ({"delay": -1}, "delay is -1"),
+        ({"delay": 1.5}, "delay is 1.5"),
+    ],
+)
+def test_clocks_and_limits_out_of_range_are_refused(option, message):
+    with pytest.raises(ParameterError, match=message):
+        Loop(**option)
+
+
+@pytest.mark.parametrize(
+    ("name", "option"),
+    [
+        ("observer", {"response": 0.0}),
+        ("observer", {"correction": 1e3}),
+        ("observer", {"steepness": -1.0}),
+        ("feedforward", {"response": math.inf}),
+        ("internal_model", {"lag": 0.0}),
+        ("pi", {"proportional": -0.1}),
+        ("pi", {"integral": 2.0}),
+    ],
+)
+def test_gains_out_of_range_are_refused(name, option):
+    with pytest.raises(ParameterError):
+        controller(name, made_up(), **option)
+
+
+def test_an_unknown_controller_is_refused():
+    with pytest.raises(ParameterError, match="give one of 'observer'"):
+        controller("best", made_up())
+
+
+@pytest.mark.parametrize(
+    ("name", "given"), [("pi", "proportional"), ("adaptive", "steepness"), ("observer", "response")]
+)
+def test_an_unknown_option_is_refused_with_those_that_there_are(name, given):
+    said = rf"controller '{name}' has no option 'gain'; give .*{given}"
+    with pytest.raises(ParameterError, match=said):
+        controller(name, made_up(), gain=1.0)

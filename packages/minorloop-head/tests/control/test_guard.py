@@ -1,0 +1,375 @@
+import math
+from copy import deepcopy
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop_head.control.guard import Guard
+from minorloop_head.control.guard_log import MOST_ALIKE, MOST_EVENTS
+from minorloop_head.control.head import CONTROLLERS, controller, head_control
+from minorloop_head.control.limits import WireLimits
+from minorloop_head.control.observer import PowerObserver
+from minorloop_head.control.sensing import SensorWatch
+from minorloop_head.twins.wire import Wire
+from wires import TICK, angle, identified, temperature
+
+NAMES = pytest.mark.parametrize("name", CONTROLLERS)
+readings = st.one_of(
+    st.floats(-60, 140),
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.just(math.nan),
+    st.just(20.0),
+)
+references = st.one_of(st.floats(-100, 200), st.floats(allow_nan=True, allow_infinity=True))
+gaps = st.sampled_from([0.04, 0.04, 0.04, 0.0, -1.0, 3.0, math.nan, math.inf])
+
+
+def guarded(name="observer", **options):
+    wire = identified().model
+    options = {"observer": PowerObserver(wire=wire), **options}
+    return Guard(controller=controller(name, wire), **options)
+
+
+def causes(state):
+    return [event.cause for event in state.log]
+
+
+def loop(guard, reference, seconds, *, spoil=lambda t, y: y, state=None, plant=None):
+    """Run a guard on the twin of its model; return currents, state and plant."""
+    state = guard.begin() if state is None else state
+    plant = Wire(noise=0.05, seed=1) if plant is None else plant
+    currents, seen = [], angle(plant)
+    for k in range(round(seconds / TICK)):
+        current, state = guard.step(state, reference, spoil(TICK * k, seen))
+        seen = plant.exchange(current)
+        currents.append(current)
+    return np.array(currents), state, plant
+
+
+@cache
+def settled(name):
+    return loop(guarded(name), 30.0, 14.0)[1:]
+
+
+def held(name):
+    """State and plant of a guard after 14 s at 30 degrees."""
+    state, plant = settled(name)
+    return state, deepcopy(plant)
+
+
+@NAMES
+@given(
+    ticks=st.lists(st.tuples(readings, references, gaps), min_size=1, max_size=50),
+    hottest=st.sampled_from([150.0, 90.0, 40.0]),
+)
+@settings(max_examples=25)
+def test_the_limits_are_kept_for_any_readings_and_targets(name, ticks, hottest):
+    guard = guarded(name, limits=WireLimits(hottest=hottest))
+    state, t = guard.begin(), 0.0
+    for reading, reference, gap in ticks:
+        t += gap if math.isfinite(gap) else 0.0
+        stamp = t if math.isfinite(gap) else gap
+        before = guard.temperature(state)
+        current, state = guard.step(state, reference, reading, t=stamp)
+        assert 0.0 <= current <= 0.4
+        # One more interval under this current does not lead beyond the limit.
+        after = guard.step(state, reference, math.nan)[1]
+        assert guard.temperature(after) <= max(hottest, before, guard.temperature(state)) + 1e-6
+        assert len(state.log) <= MOST_EVENTS
+
+
+@NAMES
+def test_a_long_heating_stops_short_of_the_limit(name):
+    guard = guarded(name, limits=WireLimits(hottest=80.0))
+    _, state, _ = loop(guard, 55.0, 20.0)
+    assert guard.temperature(state) <= 80.0 + 1e-9
+    if name != "feedforward":
+        assert "hot" in causes(state)
+
+
+@NAMES
+@pytest.mark.parametrize(("fault", "lasts"), [("lost", 0.2), ("stuck", 0.6)])
+def test_a_sensor_at_fault_ends_in_cooling(name, fault, lasts):
+    guard, last = guarded(name), [0.0]
+
+    def spoil(t, y):
+        if t < 4.0:
+            last[0] = y
+            return y
+        return math.nan if fault == "lost" else last[0]
+
+    currents, state, plant = loop(guard, 40.0, 12.0, spoil=spoil)
+    assert state.fault == fault
+    assert (currents[round((4.0 + lasts + 0.08) / 0.04) :] == 0.0).all()
+    assert temperature(plant) < 50.0
+    assert causes(state).count("sensor") == 1
+
+
+def test_a_sensor_that_works_again_is_trusted_after_a_second():
+    guard = guarded()
+    _, state, plant = loop(guard, 40.0, 40.0, spoil=lambda t, y: math.nan if 8.0 < t < 10.0 else y)
+    assert causes(state)[-1] != "sensor"
+    assert "sensor back" in causes(state)
+    assert angle(plant) == pytest.approx(40.0, abs=0.5)
+
+
+def test_an_invalid_target_keeps_the_last_one():
+    guard = guarded()
+    _, state, plant = loop(guard, 30.0, 20.0)
+    _, state, plant = loop(guard, math.nan, 5.0, state=state, plant=plant)
+    assert state.reference == 30.0
+    assert angle(plant) == pytest.approx(30.0, abs=0.5)
+    assert causes(state).count("reference") == 1
+
+
+@pytest.mark.parametrize("nonsense", [None, "up", [1.0], math.inf])
+def test_invalid_targets_and_readings_raise_nothing(nonsense):
+    guard = guarded()
+    current, state = guard.step(guard.begin(), nonsense, nonsense)
+    assert current == 0.0
+    assert "reference" in causes(state)
+
+
+def test_a_time_that_goes_back_is_logged_and_its_reading_is_not_used():
+    guard = guarded()
+    _, state = guard.step(guard.begin(), 20.0, 0.01, t=1.0)
+    _, state = guard.step(state, 20.0, 50.0, t=0.5)
+    assert state.clock.t == 1.0
+    assert math.isnan(state.sensed.value)
+    assert "time went from 1 to 0.5 s" in state.log[-1].text
+
+
+def test_after_a_gap_the_wire_is_as_warm_as_its_current_made_it():
+    guard = guarded()
+    wire = guard.observer.wire
+    current, state = guard.step(guard.begin(), 40.0, 0.01, t=0.0)
+    _, state = guard.step(state, 40.0, math.nan, t=3.0)
+    expected = wire.begin()
+    for _ in range(75):
+        expected = wire.step(expected, current**2, 0.04)
+    assert state.estimate.wire.power == pytest.approx(expected.power)
+    assert "clock" in causes(state)
+
+
+@pytest.mark.parametrize("name", ["observer", "adaptive"])
+def test_a_law_knows_how_long_a_step_took_as_its_guard_does(name):
+    guard = guarded(name)
+    state = guard.begin()
+    for n in range(20):
+        _, state = guard.step(state, 40.0, state.estimate.wire.angle, t=4 * n * TICK)
+    assert state.estimate.wire.power > 0.05
+    assert state.inner.estimate.wire.power == pytest.approx(state.estimate.wire.power)
+
+
+def test_a_guard_for_older_readings_takes_over_a_state():
+    guard = guarded()
+    state, old = guard.begin(), guard.later(3)
+    for n in range(20):
+        _, state = (guard if n < 9 else old).step(state, 40.0, math.nan, t=n * TICK)
+    assert [len(each.past) for each in (state.estimate, state.inner.estimate)] == [4, 4]
+    assert guarded("adaptive").later(3).observer.delay == 4
+
+
+def test_a_target_that_is_too_fast_is_logged():
+    guard, plant = guarded(), Wire(noise=0.05, seed=1)
+    state, seen = guard.begin(), 0.0
+    for k in range(1500):
+        target = 25.0 + 20.0 * math.sin(2 * math.pi * k * TICK / 6.0)
+        current, state = guard.step(state, target, seen)
+        seen = plant.exchange(current)
+    assert "behind" in causes(state)
+    assert state.unreachable is None
+
+
+def test_stress_above_the_advice_of_the_maker_is_logged():
+    _, state, _ = loop(guarded(), 15.0, 10.0)
+    assert "stress" not in causes(state)
+    _, state, _ = loop(guarded(), 50.0, 15.0)
+    assert causes(state).count("stress") == 1
+
+
+def test_a_persistent_cause_is_logged_once():
+    _, state, _ = loop(guarded(), 90.0, 20.0)
+    assert causes(state).count("unreachable") == 1
+
+
+def test_a_target_beyond_the_stroke_is_held_near_the_end():
+    guard = guarded()
+    _, state, plant = loop(guard, 90.0, 25.0)
+    assert state.unreachable.reason == "beyond the stroke"
+    assert 50.0 < angle(plant) < 60.0
+    _, state, plant = loop(guard, 30.0, 20.0, state=state, plant=plant)
+    assert state.unreachable is None
+    assert angle(plant) == pytest.approx(30.0, abs=0.5)
+
+
+@given(angle=st.floats(0, 60), current=st.floats(-1, 2) | st.just(math.nan))
+@settings(max_examples=20)
+def test_it_begins_at_any_angle_and_current(angle, current):
+    guard = guarded()
+    state = guard.begin(angle, current)
+    assert 0.0 <= state.applied <= 0.4
+    assert 0.0 <= guard.step(state, angle, angle)[0] <= 0.4
+
+
+def test_two_clocks_are_refused():
+    wire = identified().model
+    with pytest.raises(ParameterError, match="the same interval"):
+        Guard(
+            controller=controller("pi", wire, interval=0.1),
+            observer=PowerObserver(wire=wire),
+            sensor=SensorWatch(),
+        )
+
+
+@pytest.mark.parametrize("jump", [1e4, -3600.0, -0.5])
+def test_a_clock_that_was_set_is_accepted_after_some_seconds_not_before(jump):
+    guard = guarded()
+    state = guard.begin()
+    for k in range(260):
+        t = 0.04 * k + (jump if k >= 30 else 0.0)
+        _, state = guard.step(state, 20.0, 0.01 * (k % 7), t=t)
+        if k >= 30:
+            assert (state.clock.t == t) == (k >= 154)
+    assert state.clock.t == pytest.approx(0.04 * 259 + jump)
+    assert state.fault == ""
+
+
+@pytest.mark.parametrize("count", [3, 12])
+def test_late_readings_are_not_used_and_no_time_is_counted_twice(count):
+    guard, wire = guarded(), identified().model
+    readings, state, powers = [], guard.begin(), []
+    plant = wire.begin()
+    for k in range(120):
+        readings.append(plant.angle)
+        late = 75 <= k < 75 + count
+        at = k - 12 if late else k
+        current, state = guard.step(state, 30.0, readings[at], t=0.04 * at)
+        plant = wire.step(plant, current**2, 0.04)
+        powers.append(state.estimate.wire.power - plant.power)
+    assert np.abs(powers[70:]).max() < 0.01
+    assert max(readings) < 31.0
+    assert state.clock.t == pytest.approx(0.04 * 119)
+
+
+def test_readings_that_stay_while_the_wire_is_heated_are_no_sign_of_the_surroundings():
+    guard, rng = guarded(), np.random.default_rng(0)
+    _, state, plant = loop(guard, 25.0, 14.0)
+
+    def still(t, y):
+        return 25.0 + 0.02 * rng.normal()
+
+    currents, state, _ = loop(guard, 35.0, 20.0, state=state, plant=plant, spoil=still)
+    assert "no motion at 25 degrees" in str(state.unreachable)
+    assert "what is read does not turn with it" in str(state.unreachable)
+    assert currents[-1] == 0.0
+
+
+@NAMES
+@pytest.mark.parametrize("off", [3.0, 25.0, -25.0])
+def test_readings_that_jump_are_not_followed_and_the_loop_goes_on_when_they_agree(name, off):
+    guard = guarded(name)
+    state, plant = held(name)
+    before = angle(plant)
+    _, state, plant = loop(guard, 30.0, 8.0, state=state, plant=plant, spoil=lambda t, y: y + off)
+    assert angle(plant) == pytest.approx(before, abs=2.0)
+    assert state.fault == "implausible"
+    said = [event.text for event in state.log if event.cause == "sensor"]
+    assert len(said) == 1
+    assert "readings jumped by" in said[0]
+    assert "the wire goes by its model" in said[0]
+    _, state, plant = loop(guard, 30.0, 4.0, state=state, plant=plant)
+    assert state.fault == ""
+
+
+@pytest.mark.parametrize("name", ["observer", "pi"])
+def test_right_readings_after_late_ones_are_believed_again_once_the_wire_is_cold(name):
+    guard, past = guarded(name), []
+
+    def late(t, y):
+        past.append(y)
+        return past[max(len(past) - 26, 0)] if 0.4 < t <= 1.6 else y
+
+    _, state, plant = loop(guard, 45.0, 14.0)
+    _, state, plant = loop(guard, 20.0, 6.0, state=state, plant=plant, spoil=late)
+    _, state, plant = loop(guard, 45.0, 45.0, state=state, plant=plant)
+    assert angle(plant) == pytest.approx(45.0, abs=1.0)
+    assert state.fault == ""
+
+
+def test_readings_that_contradict_the_model_for_long_let_the_wire_cool():
+    guard = guarded()
+    state, plant = held("observer")
+    _, state, plant = loop(guard, 30.0, 40.0, state=state, plant=plant, spoil=lambda t, y: y - 9)
+    assert angle(plant) < 1.0
+    assert state.fault == "unconfirmed"
+    said = [event.text for event in state.log if event.cause == "sensor"]
+    assert len(said) == 2
+    assert "the wire cools until they agree" in said[1]
+
+
+def test_one_wrong_time_has_no_effect():
+    guard = guarded()
+    state = guard.begin()
+    for k in range(60):
+        _, state = guard.step(state, 20.0, 0.01 * k, t=1e4 if k == 30 else 0.04 * k)
+    assert state.clock.t == pytest.approx(0.04 * 59)
+    assert state.fault == ""
+
+
+def test_a_frequent_cause_does_not_displace_others_in_the_log():
+    guard = guarded()
+    state = guard.begin()
+    for k in range(400):
+        reading = math.nan if 20 <= k < 40 else 0.01 * k
+        _, state = guard.step(state, math.nan if k % 2 else 20.0, reading, t=0.04 * k)
+    assert causes(state).count("reference") == MOST_ALIKE
+    assert "sensor" in causes(state)
+
+
+def test_a_step_is_not_a_target_that_moves():
+    _, state, _ = loop(guarded(), 40.0, 3.0)
+    assert "behind" not in causes(state)
+
+
+def test_a_constant_target_that_is_led_step_by_step_does_not_move():
+    wire = identified().model
+    law, plant = head_control("observer", (wire,), lead=6.0), Wire(noise=0.05, seed=1)
+    state, seen = law.begin(), 0.0
+    for _ in range(150):
+        current, state = law.step(state, (50.0,), (seen,))
+        seen = plant.exchange(float(current[0]))
+    assert seen > 20.0
+    assert "behind" not in causes(state.axes[0])
+
+
+@pytest.mark.parametrize("name", ["observer", "internal_model"])
+@pytest.mark.parametrize("target", [10.0, 40.0])
+def test_a_wire_whose_sensor_is_reversed_cools_and_the_log_says_why(name, target):
+    guard, plant = guarded(name), Wire(noise=0.05, seed=1)
+    state, seen, highest = guard.begin(), 0.0, 0.0
+    for k in range(300):
+        current, state = guard.step(state, target, -seen, t=TICK * k)
+        seen = plant.exchange(current)
+        highest = max(highest, angle(plant))
+    assert highest < 6.0
+    assert current == 0.0
+    assert state.fault == "reversed"
+    said = [event.text for event in state.log if event.cause == "sensor"]
+    assert len(said) == 1
+    assert "the sign of the sensor is reversed, or the picture is mirrored" in said[0]
+
+
+@pytest.mark.parametrize("name", ["observer", "internal_model"])
+def test_a_wire_whose_sensor_is_reversed_later_stays_near_its_target(name):
+    guard = guarded(name)
+    _, state, plant = loop(guard, 30.0, 15.0)
+    for _ in range(4):
+        _, state, plant = loop(guard, 30.0, 4.0, state=state, plant=plant, spoil=lambda t, y: -y)
+        assert angle(plant) < 33.0
+    assert state.fault == "unconfirmed"
+    assert angle(plant) < 10.0

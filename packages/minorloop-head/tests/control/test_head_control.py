@@ -1,0 +1,262 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop_head.control.head import CONTROLLERS, HeadControl, head_control
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.surroundings import Course, Surroundings
+from wires import Run, identified, made_up
+
+COUPLING = np.array([[1.0, 0.055], [0.045, 1.0]])
+NAMES = pytest.mark.parametrize("name", CONTROLLERS)
+
+
+def control(name="observer", **options):
+    return head_control(name, (identified().model,) * 2, coupling=COUPLING, **options)
+
+
+@pytest.mark.parametrize("target", [20.0, 30.0, 40.0])
+def test_the_default_settles_in_eight_seconds_with_little_overshoot(target):
+    run = Run(control(), (target, target), 20.0)
+    assert run.settling <= 8.0
+    assert run.overshoot <= 3.0
+    assert np.sqrt(np.mean(run.error(after=15.0) ** 2)) <= 0.15
+    assert run.unreachable == []
+
+
+@pytest.mark.parametrize(
+    "surroundings", [{"ambient": 10}, {"ambient": 30}, {"convection": 65}, {"convection": 90}]
+)
+def test_other_surroundings_only_make_it_slower(surroundings):
+    run = Run(control(), (40.0, 20.0), 18.0, surroundings=Surroundings(**surroundings))
+    assert run.settling <= 14.0
+    assert run.overshoot <= 6.0
+    assert run.unreachable == []
+
+
+def test_a_ramp_of_the_ambient_is_compensated():
+    ramp = Surroundings(ambient=Course(20.0, 30.0, at=15.0, duration=10.0))
+    run = Run(control(), (30.0, 30.0), 40.0, surroundings=ramp)
+    assert np.abs(run.error(after=14.0)).max() <= 1.2
+
+
+@pytest.mark.parametrize(("period", "most"), [(60.0, 0.7), (30.0, 1.8)])
+def test_a_circle_is_followed(period, most):
+    def circle(t):
+        turn = 2 * math.pi * t / period
+        return 25.0 + 10.0 * math.cos(turn), 25.0 + 10.0 * math.sin(turn)
+
+    run = Run(control(), circle, 15.0 + period)
+    error = np.hypot(*run.error(after=15.0).T)
+    assert np.sqrt(np.mean(error**2)) <= most
+    assert run.unreachable == []
+
+
+@NAMES
+@pytest.mark.parametrize("kind", ["stuck", "lost"])
+def test_no_fault_in_hot_surroundings_makes_a_wire_too_hot(name, kind):
+    hot = Surroundings(ambient=40.0, convection=65.0)
+    run = Run(control(name), (50.0, 40.0), 10.0, surroundings=hot, faults=[Fault("pan", kind, 4.0)])
+    assert run.hottest.max() <= 150.0
+    assert run.current.min() >= 0.0
+    assert run.current.max() <= 0.4
+    assert (run.current[run.t > 5.0, 0] == 0.0).all()
+    assert run.state.axes[0].fault == kind
+    assert run.state.axes[1].fault == ""
+
+
+def test_the_wire_is_never_hotter_than_its_estimate():
+    for specimen in (1, 4):
+        run = Run(control(), (55.0, 20.0), 20.0, specimen=specimen)
+        assert run.hottest.max() <= run.believed.max()
+
+
+@NAMES
+def test_a_flooded_head_is_diagnosed_and_no_longer_heated(name):
+    if name == "feedforward":
+        pytest.skip("open loop does not try harder when nothing moves")
+    run = Run(control(name), (40.0, 0.0), 11.0, surroundings=Surroundings(convection=1000.0))
+    at, axis, verdict = run.unreachable[0]
+    assert at <= 10.0
+    assert axis == 0
+    assert verdict.reason == "convection too high"
+    assert run.current[-1, 0] == 0.0
+    assert [event.cause for axis, event in run.state.log if axis == 0].count("unreachable") == 1
+
+
+def test_a_head_that_is_too_cold_is_diagnosed_and_held_near_its_reach():
+    run = Run(control(), (55.0, 0.0), 50.0, surroundings=Surroundings(ambient=-10.0))
+    at, _, verdict = run.unreachable[0]
+    assert at <= 10.0
+    assert verdict.reason == "ambient too cold"
+    assert verdict.reach == pytest.approx(40.3, abs=5.0)
+    assert run.current[-1, 0] < 0.4
+    assert run.true[-1, 0] == pytest.approx(0.9 * verdict.reach, abs=1.0)
+
+
+def test_one_axis_stays_still_while_the_other_moves():
+    still = [
+        np.abs(
+            Run(
+                head_control("observer", (identified().model,) * 2, coupling=each), (25, 40), 25
+            ).error(after=20.0)
+        ).max()
+        for each in (COUPLING, None)
+    ]
+    assert max(still) < 0.6
+
+
+@given(
+    readings=st.lists(
+        st.tuples(*[st.floats(allow_nan=True, allow_infinity=True) | st.floats(0, 60)] * 2),
+        min_size=1,
+        max_size=20,
+    )
+)
+@settings(max_examples=30)
+def test_no_reading_raises_an_error(readings):
+    head = head_control("observer", (made_up(),) * 2, coupling=COUPLING)
+    state = head.begin()
+    for reading in readings:
+        current, state = head.step(state, (30.0, 20.0), reading)
+        assert ((current >= 0) & (current <= 0.4)).all()
+
+
+@pytest.mark.parametrize("nonsense", [None, "left", [1.0], [1.0, 2.0, 3.0], ["a", "b"]])
+def test_invalid_values_raise_nothing(nonsense):
+    head = head_control("observer", (made_up(),) * 2)
+    current, _ = head.step(head.begin(), nonsense, nonsense)
+    np.testing.assert_array_equal(current, 0.0)
+
+
+def test_it_begins_at_the_angles_of_the_head():
+    wire = made_up()
+    head = head_control("observer", (wire, wire), coupling=COUPLING)
+    own = np.array([wire.begin(0.1).angle, wire.begin(0.12).angle])
+    currents = np.sqrt([0.1, 0.12])
+    state = head.begin(COUPLING @ own, currents)
+    current, _ = head.step(state, COUPLING @ own, COUPLING @ own)
+    np.testing.assert_allclose(current, currents, atol=0.02)
+
+
+def test_bad_couplings_are_refused():
+    axes = head_control("pi", (made_up(),) * 2).axes
+    with pytest.raises(ParameterError, match=r"shape \(3, 3\)"):
+        HeadControl(axes, np.eye(3))
+    with pytest.raises(ParameterError, match="cannot be separated"):
+        HeadControl(axes, np.array([[1.0, 0.9], [0.9, 1.0]]))
+    with pytest.raises(ParameterError, match="shape"):
+        HeadControl((), None)
+
+
+def test_the_other_axis_compensates_a_wire_at_the_end_of_its_stroke():
+    """Tilt cannot go below cold to compensate its coupling; pan must not rely on it."""
+    law = control("pi")
+    _, state = law.step(law.begin(), (40.0, 0.0), np.zeros(2))
+    assert state.axes[0].reference == pytest.approx(40.0, abs=0.01)
+    _, state = law.step(law.begin(), (40.0, 30.0), np.zeros(2))
+    own = np.linalg.solve(COUPLING, [40.0, 30.0])
+    assert [axis.reference for axis in state.axes] == pytest.approx(own.tolist())
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize(
+    "surroundings",
+    [{"convection": 20}, {"convection": 30, "ambient": 30}, {"ambient": 60}, {"ambient": 90}],
+)
+def test_no_surroundings_and_no_controller_make_a_wire_too_hot(name, surroundings):
+    """At the end of its stroke the angle does not depend on the temperature.
+
+    A wire is hottest after 7 s at the latest, except where the law has an integral.
+    """
+    seconds = 25.0 if name in ("pi", "feedforward_pi") else 12.0
+    run = Run(control(name), (59.0, 59.0), seconds, surroundings=Surroundings(**surroundings))
+    assert run.hottest.max() <= 150.0
+
+
+def test_a_sensor_that_misses_most_readings_is_lost():
+    law = control()
+    state, causes = law.begin(), []
+    for k in range(100):
+        read = (0.01 * k, 0.01 * k) if k % 4 == 0 else (math.nan, math.nan)
+        current, state = law.step(state, (30.0, 30.0), read, t=0.04 * k)
+        causes = [event.cause for _, event in state.log]
+    assert "sensor" in causes
+    assert (current == 0.0).all()
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.1, 1.0])
+def test_a_sensor_without_noise_is_not_stuck(quantum):
+    head, law = Head(tick=0.04), control()
+    state, read = law.begin(), np.zeros(2)
+    for k in range(400):
+        u, state = law.step(state, (30.0, 20.0), read, t=0.04 * k)
+        read = np.asarray(head.exchange(u))
+        read = np.round(read / quantum) * quantum if quantum else read
+    assert read == pytest.approx([30.0, 20.0], abs=1.0)
+    assert "sensor" not in [event.cause for _, event in state.log]
+
+
+@pytest.mark.parametrize("odd", [10**400, "x", None, 1j, [1.0, 2.0], object()])
+def test_every_step_returns_currents_within_the_limits(odd):
+    law = control()
+    _, state = law.step(law.begin(), (30.0, 20.0), (0.0, 0.0), t=0.0)
+    for arguments in [((odd, 20.0), (0.0, 0.0)), ((30.0, 20.0), (odd, 0.1)), (odd, odd)]:
+        current, state = law.step(state, *arguments, t=odd)
+        assert np.isfinite(current).all()
+    law.begin((odd, 0.0), (0.0, odd))
+
+
+def test_an_invalid_reading_of_one_axis_does_not_affect_the_other():
+    run = Run(control(), (30.0, 30.0), 12.0)
+    state, law = run.state, control()
+    for k in range(20):
+        _, state = law.step(state, (30.0, 30.0), ("x", 30.0 + 0.01 * k), t=12.0 + 0.04 * k)
+    assert state.axes[0].fault == "lost"
+    assert state.axes[1].fault == ""
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_a_target_of_zero_does_not_heat(name):
+    run = Run(control(name), (0.0, 0.0), 6.0)
+    assert run.current.max() == 0.0
+
+
+def test_a_room_too_warm_for_a_low_target_is_logged():
+    run = Run(control(), (10.0, 10.0), 30.0, surroundings=Surroundings(ambient=80.0))
+    assert "warm" in [event.cause for _, event in run.state.log]
+
+
+def test_other_objects_than_a_watch_or_limits_are_refused():
+    for option in ({"limits": 3}, {"sensor": 3}):
+        with pytest.raises(ParameterError, match="give a"):
+            control("observer", **option)
+
+
+@pytest.mark.parametrize("wires", [(), (None,), ("model",), "model", None])
+def test_anything_but_models_of_wires_is_refused(wires):
+    with pytest.raises(ParameterError, match="HeatedWire"):
+        head_control("observer", wires)
+
+
+def test_numbers_in_quotes_are_numbers_and_words_are_refused():
+    axis = head_control("observer", (made_up(),), interval="0.05").axes[0]
+    assert axis.observer.interval == 0.05
+    for option in ("interval", "highest"):
+        with pytest.raises(ParameterError, match=f"{option} is 'x'"):
+            head_control("observer", (made_up(),), **{option: "x"})
+    with pytest.raises(ParameterError, match="lead is 'x'"):
+        head_control("observer", (made_up(),), lead="x")
+
+
+def test_a_target_that_is_none_is_named_as_it_was_given():
+    law = control()
+    _, state = law.step(law.begin(), (math.inf, 1e308), (0.0, 0.0))
+    said = [event.text for _, event in state.log]
+    assert said[0].startswith("target inf is not a number below 1e+06")
+    assert said[1].startswith("target 1e+308 is not a number below 1e+06")

@@ -1,0 +1,198 @@
+import math
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import InstrumentError, ParameterError
+from minorloop.lab.actuator import Channel
+from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.run import run
+from minorloop.twins.fibre import Fibre
+from minorloop_head.control.head import head_control
+from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
+from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
+from minorloop_head.procedures.steer import steer
+from minorloop_head.procedures.values import Plant, Tip
+from minorloop_head.twins.head import Head
+from wires import made_up
+
+CURRENTS = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+ANGLES = [Channel(axis, "deg") for axis in ("pan", "tilt")]
+RATES = [Channel("advance rate", "mm/s", -20.0, 20.0), Channel("roll rate", "deg/s", -60.0, 60.0)]
+PLACE = [Channel("advance", "mm"), Channel("roll", "deg")]
+
+
+class Wires:
+    """Sources, sensors and lines that keep what they are told."""
+
+    def __init__(self, angles=(45.0, 90.0), names=()):
+        self.angles, self.names, self.done = np.array(angles), names, []
+
+    def set(self, values):
+        self.done.append(values.tolist())
+
+    def read(self):
+        return self.angles
+
+    def safe(self):
+        self.done.append("safe")
+
+    def switch(self, values):
+        self.done.append(values)
+
+
+def bench(wires, inputs=CURRENTS, outputs=ANGLES):
+    return Bench(wires, wires, inputs, outputs, tick=0.04, lines=wires, serial="H-07")
+
+
+def test_a_bench_with_two_wires_is_a_plant_whose_catheter_stands_still():
+    wires = Wires()
+    plant = ActuatorPlant(bench(wires))
+    assert isinstance(plant, Plant)
+    y = plant.exchange(np.array([0.1, 0.2, 5e-3, 0.1]))
+    assert y == pytest.approx([math.pi / 4, math.pi / 2, 0.0, 0.0])
+    assert (plant.tick, plant.serial, plant.stance()) == (0.04, "H-07", ())
+    plant.safe()
+    assert wires.done == [[0.1, 0.2], "safe"]
+
+
+def test_motors_of_a_catheter_take_mm_and_degrees():
+    wires = Wires([45.0, 90.0, 12.0, 180.0])
+    plant = ActuatorPlant(bench(wires, [*CURRENTS, *RATES], [*ANGLES, *PLACE]))
+    y = plant.exchange(np.array([0.1, 0.2, 5e-3, math.pi / 6]))
+    assert y == pytest.approx([math.pi / 4, math.pi / 2, 12e-3, math.pi])
+    assert wires.done[0] == pytest.approx([0.1, 0.2, 5.0, 30.0])
+
+
+class Clock:
+    t = 10.0
+
+    def now(self):
+        return self.t
+
+    def sleep(self, seconds):
+        self.t += seconds
+
+
+def test_its_time_is_that_of_the_last_exchange_in_whole_ticks_and_a_twin_has_its_own():
+    clock = Clock()
+    plant, twin = ActuatorPlant(bench(Wires()), clock), ActuatorPlant(Head(), clock)
+    times = []
+    for late in (0.0, 0.025, 0.025, 0.025, 0.3, 0.0):
+        for one in (plant, twin):
+            one.exchange(np.zeros(4))
+        times.append(round(plant.time / plant.tick))
+        clock.t += 0.04 + late
+    assert times == [0, 1, 3, 4, 6, 14]
+    assert twin.time is None
+    assert ActuatorPlant(bench(Wires())).time is None
+
+
+def test_times_half_a_tick_late_follow_one_another_by_a_tick():
+    clock, times = Clock(), []
+    plant = ActuatorPlant(bench(Wires()), clock)
+    for k, jitter in enumerate((0.0, 0.021, 0.019, 0.021, 0.019, 0.021)):
+        clock.t = 10.0 + 0.04 * k + jitter
+        plant.exchange(np.zeros(4))
+        clock.t = 0.0  # the caller keeps the ticks
+        plant._due = -math.inf
+        times.append(round(plant.time / plant.tick))
+    assert times == [0, 2, 3, 4, 5, 6]
+
+
+def test_lights_and_pump_are_the_lines_of_these_names():
+    wires = Wires(names=("led 2", "fan", "pump", "led 1"))
+    tip = BenchTip(ActuatorPlant(bench(wires)))
+    assert isinstance(tip, Tip)
+    tip.switch((True, False, True))
+    tip.flood(True)
+    assert wires.done == [{"led 1": True, "led 2": False}, {"pump": True}]
+    for act in (tip.frame, lambda: tip.shots(1)):
+        with pytest.raises(InstrumentError, match=r"no camera|no ultrasonic probe"):
+            act()
+
+
+def test_without_a_line_lights_stay_as_they_are_and_the_pipe_cannot_be_flooded():
+    wires = Wires()
+    tip = BenchTip(ActuatorPlant(bench(wires)))
+    tip.switch((True, True, True))
+    with pytest.raises(InstrumentError, match="no line 'pump'"):
+        tip.flood(True)
+    assert wires.done == []
+
+
+def test_an_actuator_that_is_no_head_is_refused():
+    with pytest.raises(ParameterError, match="a head has two currents in A and two angles in deg"):
+        ActuatorPlant(Fibre())
+
+
+class TwinWires:
+    """The simulated head as the instruments of a bench, on a clock that it moves itself."""
+
+    def __init__(self, seed):
+        self.head, self.currents, self.angles = (
+            Head(noise=0.05, seed=seed),
+            np.zeros(2),
+            np.zeros(2),
+        )
+        self.time = 0.0
+
+    def now(self):
+        return self.time
+
+    def sleep(self, seconds):
+        if seconds > 0:
+            self.angles = self.head.apply(self.currents, seconds, seconds).y[:, -1]
+            self.time += seconds
+
+    def set(self, values):
+        self.currents = values.copy()
+
+    def read(self):
+        return self.angles
+
+    def safe(self):
+        self.currents = np.zeros(2)
+
+
+def twin_bench(seed=0):
+    wires = TwinWires(seed)
+    return Bench(wires, wires, CURRENTS, ANGLES, tick=0.04, clock=wires)
+
+
+def test_the_wires_of_a_head_on_a_bench_are_measured_one_by_one(tmp_path):
+    def opened(seed):
+        assert seed == 0  # an actuator that is not simulated refuses any other
+        return nullcontext(twin_bench(seed))
+
+    measurement = HeadMeasurement(
+        tmp_path,
+        {"address": "bench:head.toml", "specimen": None, "seed": 0, "options": {}},
+        HeadExcitation(bands=2, hold=12.0),
+        opened,
+        lambda plant, store: run(plant, store.plan, store),
+        simulated=False,
+    )
+    u, pan = measurement._measured(0, "loop", np.array([0.0, 0.4]))
+    _, tilt = measurement._measured(0, "coupling", np.array([0.0, 0.4]), sensor=1)
+    assert u.tolist() == [0.0, 0.4]
+    assert pan[1] > 50.0
+    assert 1.0 < tilt[1] < 10.0  # it reads some of the other axis
+
+
+def test_a_head_on_a_bench_is_steered_by_its_readings():
+    control = head_control("observer", (made_up(), made_up()))
+    assert steer(twin_bench(), control, [[30.0, 25.0]], 8.0).reached[0] == pytest.approx(
+        [30.0, 25.0], abs=1.0
+    )
+
+
+@pytest.mark.parametrize("check", [ActuatorPlant, check_head])
+def test_a_head_whose_sensors_are_of_other_sources_is_refused(check):
+    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
+    both = SimpleNamespace(inputs=currents, outputs=angles, measures=(0, 0), exchange=None)
+    with pytest.raises(ParameterError, match=r"sensor 'tilt' is of 'pan current'; in a head .*2"):
+        check(both)

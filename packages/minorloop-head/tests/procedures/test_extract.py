@@ -1,0 +1,39 @@
+import numpy as np
+
+from minorloop_head.procedures.extract import SAME, Acquisition, nearest
+from minorloop_head.vision.defects import SEQUENCE, Hole
+from minorloop_head.vision.reflectance_map import ALONE
+
+from .fakes import Loop
+
+
+def hole(z, evidence=1.0, phi=0.5):
+    return Hole(np.array([phi, z]), 1e-3, evidence, "dark", np.empty((0, 2)))
+
+
+def test_each_frame_is_under_its_lights_and_all_are_on_afterwards():
+    acquisition, loop = Acquisition(), Loop(sees=True)
+    state = loop.run(acquisition, acquisition.begin(3.0))
+    assert [frame.lights for frame in state.frames] == list(SEQUENCE)
+    asked = [request for request in loop.asked if request.lights is not None]
+    assert [request.lights for request in asked] == list(SEQUENCE)
+    longer = [request.exposure[0] / loop.asked[-1].exposure[0] for request in asked]
+    np.testing.assert_allclose(longer, [ALONE] * 4 + [1.0])
+    assert {request.exposure[1] for request in asked} == {3.0}
+
+
+def test_lights_are_not_set_again_while_a_picture_under_them_is_awaited():
+    acquisition, loop = Acquisition(), Loop(sees=True)
+    state, asked = acquisition.step(acquisition.begin(1.0), loop.reading())
+    state, again = acquisition.step(state, loop.reading())  # without a picture
+    assert (asked.lights, again.lights, again.frame) == (SEQUENCE[0], None, True)
+    state, after = acquisition.step(state, loop.reading(again))
+    assert (len(state.frames), after.lights) == (1, SEQUENCE[1])
+
+
+def test_the_nearest_hole_is_chosen_unless_it_is_too_far():
+    holes = [hole(20e-3, 9.0), hole(21e-3, 1.0)]
+    assert nearest(holes, (0.5, 20.9e-3), 10e-3) is holes[1]
+    assert nearest(holes, (0.5 + 2 * np.pi, 20e-3), 10e-3) is holes[0]
+    assert nearest(holes, (0.5, 21e-3 + 1.1 * SAME), 10e-3) is None
+    assert nearest([], (0.5, 20e-3), 10e-3) is None

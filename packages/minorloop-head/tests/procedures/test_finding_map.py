@@ -1,0 +1,91 @@
+"""Figures of the wall about a finding."""
+
+from io import BytesIO
+
+import numpy as np
+import pytest
+
+from minorloop_head.procedures.finding_map import draw_c_scan, draw_finding
+from minorloop_head.reconstruction.depth_map import (
+    CAMERA,
+    DepthMap,
+    Patch,
+    WaterLine,
+    camera_map,
+    unseen_map,
+)
+from minorloop_head.ultrasound.c_scan import CScan
+
+LONG = Patch(0.3, 20e-3, 60, 24, step=0.1e-3)
+SQUARE = Patch.around(0.3, 20e-3, size=1.6e-3)
+
+
+def cracked():
+    crack = np.zeros((60, 24), bool)
+    crack[10:50, 11:13] = True
+    return camera_map(LONG, np.ones((60, 24), bool), crack)
+
+
+def pitted(rim):
+    """A pit, and a rim above the wall by its uncertainty."""
+    off = np.linalg.norm(SQUARE.off(0.3, 20e-3), axis=-1)
+    edge = np.abs(off - 0.5e-3) < 0.1e-3
+    depth = np.where(edge, -rim, np.where(off < 0.5e-3, 0.6e-3, 0.0))
+    sd = np.where(edge, 0.2e-3, 0.01e-3)
+    return DepthMap(SQUARE, depth, sd, np.full(depth.shape, CAMERA, np.uint8))
+
+
+def words(axes):
+    return [text.get_text() for text in axes.texts]
+
+
+def colour_bars(figure):
+    return [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
+
+
+def test_a_map_of_one_value_is_described_in_words():
+    figure = draw_finding(cracked())
+    depth, band, *_ = figure.axes
+    assert words(depth) == ["0 mm\nwherever known\n(blank: unknown)"]
+    assert words(band)[0].startswith("0.0822 mm")
+    assert len(colour_bars(figure)) == 1
+    assert len(depth.get_xticks()) == 2
+
+
+def test_a_map_without_values_is_described_in_words():
+    figure = draw_finding(unseen_map(SQUARE))
+    assert words(figure.axes[0]) == words(figure.axes[1]) == ["nowhere known"]
+    figure.savefig(BytesIO(), format="png")
+
+
+def test_a_rim_above_the_wall_by_less_than_its_band_takes_no_colours():
+    for rim, least in ((0.1e-3, 0.0), (0.5e-3, -0.5)):
+        figure = draw_finding(pitted(rim))
+        low, high = figure.axes[0].images[0].get_clim()
+        assert low == pytest.approx(least)
+        assert high == pytest.approx(0.6)
+        assert len(colour_bars(figure)) == 3
+
+
+def test_a_surface_is_of_whole_quads_and_is_open_where_nothing_is_known():
+    wall = cracked()
+    figure = draw_finding(wall)
+    figure.savefig(BytesIO(), format="png")
+    (solid,) = [axes for axes in figure.axes if hasattr(axes, "get_zlim")]
+    (faces,) = solid.collections
+    known = np.isfinite(wall.depth)
+    whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
+    paths = faces.get_paths()
+    assert len(paths) == whole.sum()
+    assert {len(path.vertices) for path in paths} == {5}
+
+
+def test_the_colours_of_c_scans_are_the_same():
+    line = WaterLine(np.nan, np.inf, np.nan, seen=False)
+    limits = []
+    for rim in (0.1e-3, 0.5e-3):
+        wall = pitted(rim)
+        scan = CScan(wall, wall.depth * 1e3, wall.sd, wall.depth > 1.0, line, (), (0.0, 0.0))
+        figure = draw_c_scan(scan)
+        limits.append([axes.images[0].get_clim() for axes in figure.axes[:2]])
+    assert limits == [[(0.0, 1.1), (-0.1, 1.0)]] * 2

@@ -1,0 +1,98 @@
+"""Bringing a region into focus."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from minorloop.errors import ParameterError
+from minorloop.lab.actuator import Frame
+from minorloop_head.geometry import wall_point
+from minorloop_head.procedures.focus import Focusing
+from minorloop_head.procedures.values import Reading
+from vision.walls import CAMERA, photograph
+
+AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+MIDDLE = (319.5, 239.5)
+
+
+def autofocus(lens, camera, pixel, guess, wait=0.0, travel=0.0, **options):
+    """Run a sweep to its end."""
+    focusing = Focusing(lens=camera.lens, wait=wait, travel=travel, **options)
+    state, image = focusing.begin(pixel, guess), None
+    for tick in range(200):
+        reading = Reading(t=0.04 * tick, angles=np.zeros(2), image=image)
+        state, request = focusing.step(state, reading)
+        if request.focus is not None:
+            lens.focus_at(request.focus)
+        if state.done:
+            return state.found
+        image = lens.frame().image if request.frame else None
+    raise AssertionError("the sweep did not end")
+
+
+class Lens:
+    """A camera whose blur grows with the error of its focus, and whose frames may be spoiled."""
+
+    def __init__(self, best, spoil=lambda image: image, blur=0.08):
+        self.best, self.spoil, self.now, self.count = best, spoil, 10e-3, 0
+        self.blur = blur
+        self.plain = photograph(*AIM, noise=0.0).astype(float)
+
+    def focus_at(self, distance):
+        self.now = distance
+
+    def frame(self):
+        self.count += 1
+        off = self.blur * abs(1 / self.now - 1 / self.best)
+        image = self.plain.copy()
+        image[160:320, 240:400] = ndimage.gaussian_filter(image[160:320, 240:400], 0.5 + off)
+        image += np.random.default_rng(self.count).normal(0, 1.0, image.shape)
+        image = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+        return Frame(0.04 * self.count, self.spoil(image))
+
+
+@pytest.mark.parametrize(("best", "guess"), [(10e-3, 9e-3), (14e-3, 10e-3), (8e-3, 12e-3)])
+def test_the_sharpest_distance_is_found_from_a_poor_guess(best, guess):
+    lens = Lens(best)
+    found = autofocus(lens, CAMERA, MIDDLE, guess)
+    assert found.verdict == "sharp"
+    assert 1 / found.distance == pytest.approx(1 / best, abs=4)
+    assert lens.now == found.distance
+    assert (np.diff(found.curve[:, 0]) > 0).all()
+
+
+def test_a_wall_nearer_than_the_focus_is_reported():
+    found = autofocus(Lens(3e-3), CAMERA, MIDDLE, 5e-3)
+    assert found.verdict == "at the end"
+    assert found.distance == pytest.approx(4e-3, rel=0.05)
+
+
+def test_an_even_wall_has_nothing_to_focus_on():
+    def even(image):
+        noise = np.random.default_rng(int(image.sum()) % 1000).normal(100, 1, image.shape)
+        return noise.astype(np.uint8)
+
+    found = autofocus(Lens(10e-3, even), CAMERA, MIDDLE, 9e-3)
+    assert found.verdict == "nothing to focus on"
+    assert found.distance == 9e-3
+
+
+def test_a_wall_that_is_sharp_over_the_whole_sweep_is_swept_more_widely():
+    found = autofocus(Lens(20e-3, blur=0.015), CAMERA, MIDDLE, 21e-3)
+    assert found.verdict == "sharp"
+    assert found.curve[-1, 0] > 1.5 * 21e-3
+    assert 1 / found.distance == pytest.approx(1 / 20e-3, abs=5)
+
+
+@pytest.mark.parametrize("spoil", [lambda image: image * 0, lambda image: image[:10]])
+def test_bad_frames_leave_the_focus_at_the_guess(spoil):
+    lens = Lens(10e-3, spoil)
+    found = autofocus(lens, CAMERA, MIDDLE, 9e-3)
+    assert found.verdict == "no frames"
+    assert lens.now == 9e-3
+
+
+@pytest.mark.parametrize("options", [{"guess": 1e-3}, {"tries": 3}, {"spread": 1.5}, {"wait": -1}])
+def test_options_out_of_range_are_refused(options):
+    with pytest.raises(ParameterError):
+        autofocus(Lens(10e-3), CAMERA, MIDDLE, **{"guess": 9e-3, **options})

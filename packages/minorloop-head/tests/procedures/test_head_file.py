@@ -1,0 +1,209 @@
+import json
+import math
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from minorloop.errors import MinorloopError, ModelFileError, OutputError
+from minorloop_head.control.by_camera import LEAD
+from minorloop_head.control.limits import WireLimits
+from minorloop_head.geometry import Pinhole
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.head_file import (
+    CheckedAxis,
+    HeadFile,
+    IdentifiedWires,
+    read_head,
+    save_head,
+)
+from minorloop_head.vision.measured import Measured
+from wires import made_up
+
+LATE, EARLY = datetime(2026, 2, 1, 12, tzinfo=UTC), datetime(2026, 1, 1, tzinfo=UTC)
+WIRES = IdentifiedWires(
+    on=LATE,
+    wires=(made_up(3), made_up(4)),
+    coupling=np.array([[1.0, 0.07], [0.06, 1.0]]),
+    limits=WireLimits(hottest=120.0),
+    highest=0.35,
+    check=(CheckedAxis(0.1, 0.2), CheckedAxis(0.3, 0.4)),
+    address="twin:head",
+    stores={"pan-loop.sqlite": "0" * 64},
+)
+VIEW = HeadCalibration(
+    lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=1e-3 * np.eye(3), radius=9e-3, offset=(1e-4, 0.0)
+)
+FOUND = (Measured("focal length", 50.0, 0.1, "px"), Measured("lever", 8.0, 0.02, "mm"))
+HEAD = HeadFile(serial="H-07", identified=WIRES, calibration=VIEW, calibrated=EARLY, measured=FOUND)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "head.json"
+
+
+@pytest.fixture
+def content(path):
+    """A valid file as an object, to be spoilt."""
+    save_head(HEAD, path)
+    return json.loads(path.read_text())
+
+
+def test_a_model_that_is_far_off_in_its_check_is_not_trusted():
+    assert WIRES.untrusted == ()
+    bad = replace(WIRES, check=(CheckedAxis(0.1, 0.2), CheckedAxis(6.0, 15.0)))
+    (said,) = bad.untrusted
+    assert said.startswith("tilt: the model is off by 6 degrees rms in the check, 10% of its range")
+
+
+def test_a_head_is_read_as_it_was_written(path):
+    save_head(HEAD, path)
+    again = read_head(path)
+    assert (again.serial, again.calibrated) == (HEAD.serial, EARLY)
+    assert again.calibration.to_dict() == VIEW.to_dict()
+    assert again.measured == FOUND
+    known = again.identified
+    assert (known.on, known.limits, known.highest) == (LATE, WIRES.limits, 0.35)
+    assert (known.check, known.stores, known.address) == (WIRES.check, WIRES.stores, "twin:head")
+    np.testing.assert_array_equal(known.coupling, WIRES.coupling)
+    for one, other in zip(known.wires, WIRES.wires, strict=True):
+        np.testing.assert_array_equal(one.operator.weights, other.operator.weights)
+        assert (one.lag, one.latent) == (other.lag, other.latent)
+
+
+def test_the_control_has_the_wires_limits_and_coupling_of_the_file(path):
+    save_head(HEAD, path)
+    control = read_head(path).control(interval=0.05)
+    assert [axis.observer.wire.operator.bands for axis in control.axes] == [3, 4]
+    assert control.axes[0].limits.hottest == 120.0
+    assert (control.axes[0].observer.highest, control.axes[1].observer.interval) == (0.35, 0.05)
+    np.testing.assert_array_equal(control.coupling, WIRES.coupling)
+    assert math.isinf(control.lead)
+    assert read_head(path).control(by_camera=True).lead == LEAD
+
+
+def test_a_file_is_not_replaced_unasked(path):
+    save_head(HEAD, path)
+    with pytest.raises(OutputError, match="exists"):
+        save_head(HEAD, path)
+
+
+@pytest.mark.parametrize("serial", ["H-07", None])
+def test_the_file_of_this_head_fits(serial):
+    HEAD.check_fits(serial, "head.json")
+
+
+def test_the_file_of_another_head_is_refused():
+    with pytest.raises(ModelFileError, match=r"head.json is of head 'H-07', and .* is 'H-08'"):
+        HEAD.check_fits("H-08", "head.json")
+
+
+def test_wires_older_than_the_calibration_are_refused():
+    wires = IdentifiedWires(**{**vars(WIRES), "on": EARLY})
+    old = HeadFile(serial="H-07", identified=wires, calibration=VIEW, calibrated=LATE)
+    with pytest.raises(ModelFileError, match=r"2026-01-01 .* before its calibration on 2026-02-01"):
+        old.check_fits("H-07", "head.json")
+
+
+def test_a_head_that_was_only_calibrated_cannot_be_controlled(path):
+    save_head(HeadFile(serial="H-07", calibration=VIEW, calibrated=LATE), path)
+    with pytest.raises(ModelFileError, match="not identified; identify them with minorloop head"):
+        read_head(path).control()
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        (["format"], "minorloop model", "no format"),
+        (["version"], 2, "install a newer one"),
+        (["serial"], 7, "serial"),
+        (["serial"], "a\nb", "serial number"),
+        (["more"], 1, "unknown field"),
+        (["identified", "on"], "2026-01-01T00:00:00", "timezone"),
+        (["identified", "wires"], [], "length"),
+        (["identified", "wires", 0, "lag"], 0.0, "lag is 0"),
+        (["identified", "wires", 0], {"kind": "linear"}, "missing required"),
+        (["identified", "limits", "hottest"], 900.0, "hottest is 900"),
+        (["identified", "coupling"], [[1, "x"]], "coupling"),
+        (["calibrated", "calibration", "lens", "focal"], -1.0, "focal length -1"),
+        (["calibrated", "calibration", "leds"], "x", "leds"),
+        (["calibrated", "calibration", "leds"], [[1.0, 2.0]], "leds have shape"),
+        (["calibrated", "calibration", "radius"], 0.0, "radius is 0"),
+    ],
+)
+def test_a_spoilt_file_is_refused_in_one_sentence(keys, value, message, content, path):
+    part = content
+    for key in keys[:-1]:
+        part = part[key]
+    part[keys[-1]] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelFileError, match=message) as caught:
+        read_head(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_truncated_file_is_refused(path):
+    save_head(HEAD, path)
+    whole = path.read_bytes().rstrip()
+    for length in range(0, len(whole), 97):
+        path.write_bytes(whole[:length])
+        with pytest.raises(MinorloopError, match="not a valid file of a head"):
+            read_head(path)
+
+
+def test_a_current_or_a_coupling_that_cannot_be_is_refused_with_the_name_of_the_file(path):
+    save_head(HEAD, path)
+    whole = json.loads(path.read_text())
+    for key, value, sentence in (
+        ("highest", 4.0, "highest is 4.0 A; give"),
+        ("coupling", [[1.0, 0.9], [0.0, 1.0]], "the coupling has rows"),
+    ):
+        path.write_text(json.dumps({**whole, "identified": {**whole["identified"], key: value}}))
+        with pytest.raises(ModelFileError, match=f"{path.name} is not a valid .*: {sentence}"):
+            read_head(path)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(ModelFileError, match="there is no file"):
+        read_head(tmp_path / "none.json")
+
+
+def test_a_bench_with_lines_for_another_number_of_leds_is_refused():
+    HeadFile(serial="H").check_lights(3, "head.json")
+    HeadFile(serial="H").check_lights(0, "head.json")
+    with pytest.raises(ModelFileError, match="3 LEDs, and the bench has 2 lines for LEDs; give"):
+        HeadFile(serial="H").check_lights(2, "head.json")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (
+            lambda c: c["identified"]["wires"][1].update(lag=1e-9),
+            "the lag of tilt is 1e-09 s; give",
+        ),
+        (
+            lambda c: c["identified"]["wires"][0].update(lag=1e9),
+            "the lag of pan is .* 0.01 to 600 s",
+        ),
+        (
+            lambda c: c["identified"].update(on="2999-01-01T00:00:00Z"),
+            "2999-01-01 00:00 UTC, which",
+        ),
+        (lambda c: c["calibrated"].update(on="2999-01-01T00:00:00Z"), "is in the future; correct"),
+        (
+            lambda c: c["calibrated"]["calibration"].update(lever=float("nan")),
+            "'lever' has the value",
+        ),
+        (lambda c: c["identified"].update(coupling=[[1, float("-inf")], [0, 1]]), "'coupling' has"),
+        (lambda c: c["calibrated"]["calibration"].update(x=1), "unknown key 'x'"),
+    ],
+)
+def test_numbers_and_dates_that_cannot_be_are_refused(path, content, spoil, sentence):
+    spoil(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelFileError, match=sentence):
+        read_head(path)

@@ -1,0 +1,184 @@
+import shutil
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.connect import connect
+from minorloop.errors import InstrumentError, ParameterError, SignalError, StoreError
+from minorloop.lab.run import run
+from minorloop.lab.store import Store
+from minorloop.twins.fibre import Fibre
+from minorloop_head.procedures.head_file import HeadFile, read_head, save_head
+from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
+
+QUICK = HeadExcitation(bands=2, hold=12.0)
+SETUP = {"address": "twin:head", "specimen": 1000, "seed": 7, "options": {"noise": 0.05}}
+
+
+class Stopped(Exception):
+    pass
+
+
+@contextmanager
+def opened(seed):
+    yield connect("twin:head", specimen=1000, noise=0.05, seed=seed)
+
+
+def measurement(folder, stop_after=None, how=QUICK):
+    """A measurement that stops after a number of points."""
+    measured = []
+
+    def watch(progress):
+        if progress.point is not None:
+            measured.append(progress.point)
+        if len(measured) == stop_after:
+            raise Stopped
+
+    def carry_out(plant, store):
+        return run(plant, store.plan, store, watch=watch)
+
+    return HeadMeasurement(folder, SETUP, how, opened, carry_out)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture(scope="module")
+def found(folder):
+    """A head identified in one go."""
+    return measurement(folder).identified()
+
+
+def test_wires_and_coupling_are_those_of_the_head(found):
+    for wire in found.wires:
+        assert wire.operator.bands == 2
+        assert 3.0 < wire.lag < 4.5
+        assert wire.operator.range[1] == pytest.approx(58.0, abs=12.0)
+    assert found.coupling[0, 1] == pytest.approx(0.05, abs=0.03)
+    assert found.coupling[1, 0] == pytest.approx(0.05, abs=0.03)
+
+
+def test_the_check_is_on_inputs_that_were_not_fitted(found):
+    for axis in found.check:
+        assert 0.5 < axis.rms < 12.0  # two bands are rough, but no fit to their own data
+        assert axis.largest >= axis.rms
+
+
+def test_every_run_is_named_with_its_digest(found, folder):
+    assert set(found.stores) == {path.name for path in folder.glob("*.sqlite")}
+    assert len(found.stores) == 8
+    assert all(len(digest) == 64 for digest in found.stores.values())
+
+
+def test_a_stopped_identification_continues_to_the_same_head(found, tmp_path):
+    for points in (3, 9, 17):
+        with pytest.raises(Stopped):
+            measurement(tmp_path, stop_after=points).identified()
+    again = measurement(tmp_path).identified()
+    for one, other in zip(found.wires, again.wires, strict=True):
+        np.testing.assert_array_equal(one.operator.weights, other.operator.weights)
+        assert (one.lag, one.latent) == (other.lag, other.latent)
+    np.testing.assert_array_equal(found.coupling, again.coupling)
+    assert found.check == again.check
+
+
+def test_a_finished_identification_needs_no_head(found, folder):
+    def absent(seed):
+        raise AssertionError("it was connected")
+
+    again = replace(measurement(folder), connect=absent).identified()
+    assert (again.check, again.on) == (found.check, found.on)
+
+
+def test_a_folder_of_another_identification_is_refused(found, folder):
+    with pytest.raises(StoreError, match="belongs to another run"):
+        measurement(folder, how=HeadExcitation(bands=3, hold=12.0)).identified()
+
+
+def test_minor_loops_may_be_added_to_a_finished_identification(found, folder, tmp_path):
+    for path in folder.glob("*.sqlite"):
+        shutil.copy(path, tmp_path)
+    more = measurement(tmp_path, how=replace(QUICK, minor_loops=True))
+    left = more.left()
+    assert left == {"pan-minor-loops": 4, "tilt-minor-loops": 4}
+    again = more.identified()
+    assert set(again.stores) - set(found.stores) == {f"{name}.sqlite" for name in left}
+    assert again.check != found.check
+    assert measurement(tmp_path).identified().check == found.check
+
+
+@pytest.mark.parametrize(
+    ("how", "error", "says"),
+    [
+        ({"hold": 2.0}, InstrumentError, "in every reading of holds 1 to 3, .* or hold longer"),
+        (
+            {"hold": 12.0, "highest": 0.05},
+            SignalError,
+            r"pan moves by 0 degrees in its first step .* longer",
+        ),
+    ],
+)
+def test_a_wire_that_does_not_move_is_named_in_its_first_run(tmp_path, how, error, says):
+    quiet = replace(
+        measurement(tmp_path, how=replace(QUICK, **how)),
+        connect=lambda seed: nullcontext(connect("twin:head", specimen=1000, noise=0.0)),
+    )
+    with pytest.raises(error, match=says):
+        quiet.identified()
+    assert [path.name for path in tmp_path.iterdir()] == ["pan-loop.sqlite"]
+
+
+def test_a_folder_of_another_specimen_is_refused_before_the_head_is_opened(found, folder):
+    other = replace(measurement(folder), setup={**SETUP, "specimen": 1001})
+    with pytest.raises(StoreError, match="specimen"):
+        other.left()
+    with pytest.raises(StoreError, match="belongs to another run"):
+        measurement(folder, how=HeadExcitation(bands=2, hold=12.0, highest=0.3)).left()
+    assert measurement(folder).left() == {}
+
+
+def test_the_identified_head_is_written_and_read(found, tmp_path):
+    save_head(HeadFile(serial="twin-head-1000", identified=found), tmp_path / "head.json")
+    again = read_head(tmp_path / "head.json").identified
+    np.testing.assert_array_equal(found.wires[1].operator.weights, again.wires[1].operator.weights)
+    assert (again.check, again.on, again.limits) == (found.check, found.on, found.limits)
+
+
+def test_what_is_no_head_is_refused():
+    with pytest.raises(ParameterError, match="two currents in A and two angles in deg"):
+        check_head(Fibre())
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"highest": 0.5}, {"bands": 1}, {"hold": 0.0}, {"hold": float("nan")}]
+)
+def test_numbers_out_of_their_range_are_refused(wrong):
+    with pytest.raises(ParameterError, match=next(iter(wrong))):
+        HeadExcitation(**wrong)
+
+
+def test_what_is_left_of_each_run_is_known_before_and_between_runs(tmp_path):
+    before = measurement(tmp_path).left()
+    assert list(before)[:2] == ["pan-loop", "pan-coupling"]
+    assert len(before) == 8
+    with pytest.raises(Stopped):
+        measurement(tmp_path, stop_after=before["pan-loop"] + 2).identified()
+    begun = []
+    left = replace(measurement(tmp_path), told=begun.append).left()
+    assert "pan-loop" not in left
+    assert left.pop("pan-coupling") == before["pan-coupling"] - 2
+    assert left == {name: holds for name, holds in before.items() if name in left}
+    assert begun == []
+
+
+def test_a_run_that_begins_is_told_with_as_many_holds_as_it_has(found, folder):
+    assert measurement(folder).left() == {}
+    told = []
+    holds = {path.stem: len(Store.open(path).points()) for path in folder.glob("*.sqlite")}
+    replace(measurement(folder), told=told.append).identified()
+    assert told == []
+    assert holds == measurement(folder / "none").left()

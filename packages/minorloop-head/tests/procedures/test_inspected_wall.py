@@ -1,0 +1,116 @@
+"""The wall that an inspection saw, its shares, and its figure."""
+
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+
+from minorloop_head.procedures.finding_map import draw_c_scan
+from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
+from minorloop_head.procedures.inspected_wall import (
+    SeenWall,
+    c_scan_of,
+    draw_wall,
+    seen_wall,
+    wall_of,
+)
+from minorloop_head.procedures.pictures import InspectedPicture
+from minorloop_head.procedures.probe_steps import ScannedRaster
+from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.reconstruction.depth_map import BOTH, DepthMap, Patch, WaterLine
+from minorloop_head.ultrasound.crack_depth import CrackDepth
+from minorloop_head.ultrasound.echoes import Burst, Pulse
+from minorloop_head.ultrasound.pits import raster
+
+from .fakes import CALIBRATION, camera
+from .test_probe_steps import HOLE, TRACED, burst
+from .test_probing import view_of
+
+RING = Patch.ring(10e-3, 20e-3, step=0.5e-3)
+
+
+def seen_between(rows, columns):
+    picture = np.full((RING.rows, RING.columns), np.nan)
+    picture[slice(*rows), slice(*columns)] = 0.1
+    return SeenWall(RING, picture, np.zeros(picture.shape, bool))
+
+
+def test_the_range_and_the_share_of_what_was_seen():
+    every = seen_between((4, 11), (0, RING.columns))
+    assert every.along == pytest.approx((13e-3, 14e-3))  # less 1 mm at each end
+    assert every.around == (-np.pi, np.pi)
+    assert every.seen_share == 1.0
+    sector = seen_between((4, 11), (0, 94))
+    first, last = np.degrees(sector.around)
+    assert first == pytest.approx(-90.0, abs=3.0)
+    assert last - first == pytest.approx(360.0 * 93 / RING.columns, abs=3.0)
+    assert sector.seen_share == pytest.approx(94 / RING.columns)
+
+
+def test_a_view_shows_a_part_of_the_wall_and_a_scan_measures_less():
+    camera().look(0.4, 0.0)
+    good = InspectedView(
+        picture=InspectedPicture(name="view 1", t=0.0, verdict="good"),
+        image=camera().frame().image,
+        angles=(0.4, 0.0),
+        joints=(0.9, 0.5),
+        place=(1e-3, 0.0),
+    )
+    bad = replace(good, picture=InspectedPicture(name="view 2", t=0.0, verdict="black"))
+    assert seen_wall([bad], CALIBRATION) is None
+    alone = seen_wall([good, bad], CALIBRATION)
+    middle = alone.patch.places[np.isfinite(alone.picture)].mean(axis=0)
+    patch = Patch.around(*middle.tolist(), size=2e-3)
+    wall = DepthMap(patch, *np.zeros((2, 21, 21)), np.full((21, 21), BOTH, np.uint8))
+    both = seen_wall([good], CALIBRATION, [wall])
+    np.testing.assert_array_equal(alone.picture, both.picture)
+    assert not alone.probed.any()
+    assert both.probed.sum() * both.patch.step**2 == pytest.approx(4.4e-6, rel=0.05)
+
+
+def test_the_map_has_numbers_crosses_and_the_level_of_the_water():
+    lost = Unconfirmed(kind="crack", phi=3.1, z=15e-3, evidence=1.0, seen_in=(), why="")
+    seen = seen_between((0, 9), (0, RING.columns))
+    figure = draw_wall(seen, [view_of(HOLE), view_of(TRACED)], [lost], WaterLine(-5e-3, 1e-4, 0.0))
+    (axes,) = figure.axes
+    assert [text.get_text() for text in axes.texts] == ["1", "2"]
+    dashed = [line for line in axes.lines if line.get_linestyle() == "--"]
+    assert sorted(line.get_xdata()[0] for line in dashed) == pytest.approx([-30.0, 210.0])
+    assert any(line.get_marker() == "x" for line in axes.lines)
+    assert axes.get_xticklabels()[0].get_text() == "-90\ntop"
+    figure.savefig(BytesIO(), format="png")
+
+
+def test_the_wall_about_a_crack_is_as_deep_as_its_echoes_say():
+    view = replace(view_of(TRACED), probed=CrackDepth("measured", 4e-4, 1e-5))
+    scanned = ScannedRaster(reference=np.zeros(2))
+    assert np.nanmax(wall_of(view, scanned, CALIBRATION).depth) == 4e-4
+    assert wall_of(view, None, CALIBRATION) is None
+    shallow = replace(view, probed=CrackDepth("no floor echo"))
+    assert wall_of(shallow, scanned, CALIBRATION) is None
+
+
+def test_a_scan_shows_amplitude_and_depth_of_its_echoes():
+    """In the middle of a raster the wall is 0.5 mm farther away."""
+    scan, reference = RasterScan(calibration=CALIBRATION), np.array([20e-3, 0.3])
+    probe, rng = CALIBRATION.probe_at(reference), np.random.default_rng(1)
+    t, middle = 1e-8 * np.arange(2000), tuple(probe.spots(scan.perpendicular)[0, :2].tolist())
+    bursts = []
+    for n, angles in enumerate(raster(probe, middle)):
+        far = 2 * (probe.spots(angles)[0, 2] + 0.5e-3 * (n in (14, 15, 20, 21))) / probe.speed
+        trace = 1e-3 * rng.standard_normal(t.size)
+        pulse = Pulse().samples(1e-8)
+        first = round(far / 1e-8) - pulse.size // 2
+        trace[first : first + pulse.size] += 0.5 * pulse
+        bursts.append(Burst(trace, 1e-8, angles, 16, 16, 1e-3))
+    found = c_scan_of(ScannedRaster(reference=reference, bursts=tuple(bursts)), CALIBRATION)
+    depth = found.wall.depth[np.isfinite(found.wall.depth)]
+    assert np.ptp(depth) == pytest.approx(0.5e-3, abs=0.05e-3)
+    assert np.nanmax(found.amplitude) == pytest.approx(1.0, abs=0.1)
+    off = found.wall.patch.off(*middle)
+    assert np.abs(off.mean(axis=(0, 1))).max() < 0.1e-3
+    figure = draw_c_scan(found)
+    assert "amplitude" in figure.axes[0].get_title()
+    silent = ScannedRaster(reference=reference, bursts=(burst("no coupling"),))
+    assert c_scan_of(silent, CALIBRATION) is None

@@ -1,0 +1,225 @@
+"""An inspection without an operator, of a simulated pipe with a hole, by a head on a bench."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import InstrumentError
+from minorloop_head.geometry import Pinhole, wall_distance
+from minorloop_head.procedures import inspected_view, inspection
+from minorloop_head.procedures.inspected_view import InspectedView, with_finding
+from minorloop_head.procedures.inspection import (
+    NOT_VISITED,
+    ONE_PLACE,
+    SEEN_ONCE,
+    inspect_wall,
+    unvisited,
+    views_of,
+)
+from minorloop_head.procedures.pictures import InspectedPicture
+from minorloop_head.procedures.rig import LogEntry
+from minorloop_head.twins.camera import Camera
+from minorloop_head.twins.pipe import Bore, Pipe
+from minorloop_head.ultrasound.pits import PitDepth
+from minorloop_head.vision.cracks import TracedCrack
+from minorloop_head.vision.defects import Findings, Hole
+
+from .fakes import CALIBRATION, MOUNT
+from .test_rig import Devices, on_bench
+
+PLACE = (-2.2, 20e-3)
+
+
+@pytest.fixture
+def devices():
+    """Devices whose camera is in a pipe with a hole."""
+    bore = Bore(*PLACE, 1e-3, brightness=0.0, lining=0.08)
+    seen = Camera(replace(Pipe.draw(1), bores=(bore,)), replace(MOUNT, advance=0.0))
+    return Devices(seen)
+
+
+@pytest.fixture
+def rig(devices, monkeypatch):
+    def at(lens):
+        aim = np.array(CALIBRATION.mount_at((0.0, 0.0)).aim((-5.9e-3, -8.1e-3, 20e-3)))
+        return np.array([0.8 * aim, -0.5 * aim])
+
+    monkeypatch.setattr(inspection, "views_of", at)
+    return on_bench(devices)
+
+
+def test_a_hole_is_found_centred_and_measured_and_each_view_is_handed_out_at_once(rig):
+    views = inspect_wall(rig)
+    first = next(views)
+    assert (first.picture.name, first.picture.verdict) == ("view 1", "good")
+    assert [each.kind for each in first.picture.findings] == ["hole or pit"]
+    assert first.finding is None
+    assert first.image.shape == (480, 640)
+    (_, near) = views
+    assert (near.finding.kind, near.finding.verdict) == ("hole or pit", "not scanned")
+    assert wall_distance((near.finding.phi, near.finding.z), PLACE, 10e-3) < 0.1e-3
+    assert near.finding.width == pytest.approx(1e-3, rel=0.12)
+    assert np.isnan(near.finding.depth)
+    assert np.hypot(*(near.picture.findings[0].pixel - (319.5, 239.5))) < 20.0
+    assert [entry.what for entry in rig.log] == ["view 1", "view 2", "pick", "centre", "hole 1"]
+    assert near.steps == tuple(rig.log[2:4])
+
+
+def test_the_verdict_of_a_finding_names_the_steps_that_failed(rig, monkeypatch):
+    def off(rig, *_, **__):
+        rig.say("centre", "28.5 px from the middle", succeeded=False)
+
+    monkeypatch.setattr(inspection, "centre", off)
+    *_, last = inspect_wall(rig)
+    assert last.finding.verdict == "not scanned, but failed: centre"
+    assert [step.what for step in last.steps] == ["pick", "centre"]
+
+
+def test_a_hole_that_the_centred_view_does_not_show_is_found_from_another_side(rig, monkeypatch):
+    missed = iter([True])
+    real = inspection.nearest
+    monkeypatch.setattr(
+        inspection, "nearest", lambda *given: None if next(missed, False) else real(*given)
+    )
+    *_, centred, aside = inspect_wall(rig)
+    assert (centred.finding, centred.unconfirmed) == (None, None)
+    assert aside.picture.name == "hole 1 again"
+    assert wall_distance((aside.finding.phi, aside.finding.z), PLACE, 10e-3) < 0.1e-3
+    round_about = inspection.views_of(None)
+    for other in (*round_about, centred.angles):  # so that it is a view of its own
+        assert np.degrees(np.hypot(*np.subtract(aside.angles, other))) > 1.0
+
+
+def test_what_is_not_centred_and_seen_again_from_the_same_place_only_is_not_confirmed(
+    rig, monkeypatch
+):
+    def off(rig, *_, **__):
+        rig.say("centre", "55.6 px from the middle", succeeded=False)
+
+    missed, real = iter([True]), inspection.nearest
+    monkeypatch.setattr(inspection, "centre", off)
+    monkeypatch.setattr(
+        inspection, "nearest", lambda *given: None if next(missed, False) else real(*given)
+    )
+    *_, aside = inspect_wall(rig)
+    assert (aside.picture.name, aside.finding) == ("hole 1 again", None)
+    lost = aside.unconfirmed
+    assert (lost.kind, lost.seen_in, lost.why) == ("hole or pit", ("view 1",), ONE_PLACE)
+    assert lost.evidence == aside.picture.findings[0].evidence
+    assert rig.log[-1].outcome == f"{ONE_PLACE}; not confirmed"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "confirmed"), [("measured", True), ("through-hole", True), ("no coupling", False)]
+)
+def test_echoes_confirm_a_hole_that_was_not_centred(verdict, confirmed):
+    class Probed:
+        def scanned(self, rig, view):
+            return replace(view, probed=PitDepth(verdict, *PLACE))
+
+    said, rim = [], np.zeros((3, 2))
+    picture = InspectedPicture(name="hole 1 again", t=0.0, verdict="good")
+    steps = (LogEntry(0.0, "centre", "55.6 px from the middle", False),)
+    view = InspectedView(
+        picture=picture, image=np.zeros((2, 2), np.uint8), angles=(0.0, 0.0), joints=(0.0, 0.0),
+        place=(0.0, 0.0), seen=(Hole(np.array(PLACE), 1e-3, 3.6, "dark", rim),), steps=steps,
+    )  # fmt: skip
+    view = with_finding(view, 10e-3)
+    rig = SimpleNamespace(say=lambda *words, **_: said.append(words))
+    (after,) = inspection._probed(rig, view, Probed(), ("view 3",))
+    assert (after.finding is not None) == confirmed
+    if not confirmed:
+        assert after.unconfirmed.why == f"{ONE_PLACE}: no coupling"
+        assert (after.unconfirmed.evidence, after.unconfirmed.seen_in) == (3.6, ("view 3",))
+
+
+def test_what_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch):
+    monkeypatch.setattr(inspection, "nearest", lambda *_: None)
+    views = list(inspect_wall(rig))
+    assert len(views) == 4
+    assert not any(view.finding for view in views)
+    lost = views[-1].unconfirmed
+    assert [view.unconfirmed for view in views[:-1]] == [None] * 3
+    assert (lost.kind, lost.seen_in, lost.why) == ("hole or pit", ("view 1",), "not seen again")
+    assert wall_distance((lost.phi, lost.z), PLACE, 10e-3) < 0.1e-3
+    assert lost.evidence == views[0].picture.findings[0].evidence
+    assert rig.log[-1].outcome == "not seen again; seen in 1 view, not confirmed"
+    left = [unvisited(views[:count], 10e-3) for count in (2, 3, 4)]
+    assert [[each.why for each in some] for some in left] == [[NOT_VISITED], [SEEN_ONCE], []]
+    assert (left[0][0].phi, left[0][0].seen_in) == (lost.phi, ("view 1",))
+
+
+def test_a_crack_that_is_not_seen_again_is_handed_out_as_not_confirmed(rig, monkeypatch):
+    course = np.stack([np.linspace(-2.4, -2.2, 9), np.full(9, 20e-3)], axis=1)
+    line = TracedCrack(course, np.full(9, 0.2e-3), 2e-3, 0.3)
+    monkeypatch.setattr(inspection, "traces_of", lambda *_: (line,))
+    monkeypatch.setattr(inspection, "traced_again", lambda *_: ())
+    monkeypatch.setattr(inspection, "strongest", lambda *_: ())
+    (*_, last) = inspect_wall(rig)
+    assert (last.unconfirmed.kind, last.unconfirmed.seen_in) == ("crack", ("view 1", "view 2"))
+    assert np.isnan(last.unconfirmed.evidence)
+    assert "seen in 2 views, not confirmed" in rig.log[-1].outcome
+
+
+@pytest.mark.parametrize(
+    ("bad", "verdict", "words"), [(1, "good", "1 candidate"), (2, "frozen", "frozen")]
+)
+def test_a_view_that_cannot_be_used_is_taken_once_more(rig, monkeypatch, bad, verdict, words):
+    real, left = inspection.search, iter(range(bad))
+
+    def search(rig, frames):
+        found = real(rig, frames)
+        return Findings((), "frozen") if next(left, None) is not None else found
+
+    monkeypatch.setattr(inspection, "search", search)
+    first = next(inspect_wall(rig))
+    assert first.picture.verdict == verdict
+    (once, then) = [entry.outcome for entry in rig.log]
+    assert once == "frozen; taken once more"
+    assert then.startswith(words)
+
+
+def test_blurred_or_veiled_pictures_are_told_before_the_first_visit(rig, monkeypatch):
+    verdicts = iter(["blurred", "veiled"])
+    monkeypatch.setattr(inspected_view, "clarity", lambda image: next(verdicts))
+    list(inspect_wall(rig))
+    step = next(entry for entry in rig.log if entry.what == "lens")
+    assert not step.succeeded
+    said = (
+        "pictures are blurred, if the wall is not smooth, or veiled: 2 of 2; small defects may be"
+    )
+    assert step.outcome.startswith(said)
+
+
+def test_few_blurred_pictures_are_not_told(rig):
+    views = [view for view in inspect_wall(rig) if view.looks_round]
+    assert inspected_view.lens_words(views) == ""
+    assert "lens" not in [entry.what for entry in rig.log]
+
+
+def test_candidates_beyond_the_most_that_are_visited_are_told(rig, monkeypatch):
+    monkeypatch.setattr(inspection, "_MOST_HOLES", 0)
+    list(inspect_wall(rig))
+    assert rig.log[-1].outcome == "1 candidate; the likeliest 0 are visited"
+
+
+def test_it_ends_with_the_sensor_that_failed(rig, monkeypatch):
+    def lost():
+        raise InstrumentError("the sensor of pan is lost; check it")
+
+    views = inspect_wall(rig)
+    next(views)
+    monkeypatch.setattr(rig, "check_sensors", lost)
+    with pytest.raises(InstrumentError, match="sensor of pan"):
+        next(views)
+
+
+def test_a_narrow_picture_needs_more_views():
+    wide, narrow = views_of(Pinhole()), views_of(Pinhole(640, 480, 2000.0))
+    assert len(wide) == 8
+    ring = np.hypot(*narrow.T).round(6)
+    half = np.arctan(240 / 2000.0)
+    assert np.diff(np.unique(ring)).max() <= 1.5 * half + 1e-6
+    assert (ring == ring.max()).sum() * half >= 2 * np.pi * np.sin(ring.max())

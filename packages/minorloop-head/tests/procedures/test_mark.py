@@ -1,0 +1,166 @@
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from minorloop_head.geometry import Tool, wall_distance
+from minorloop_head.procedures.centre import CONE
+from minorloop_head.procedures.go import Go
+from minorloop_head.procedures.mark import BEYOND, NO_TOOL, TOUCHED, Marking, aim_at, tool_pixel
+from minorloop_head.procedures.values import Request
+from minorloop_head.twins.pipe import Bore, Pipe
+from minorloop_head.twins.rig import SimulatedTip
+from minorloop_head.vision.new_mark import new_mark
+
+from .fakes import CALIBRATION, MOUNT, Loop, eye
+
+PLACE, CATHETER = (0.5, 24e-3), (1e-3, 0.0)
+CALIBRATED = replace(CALIBRATION, tool=Tool())
+BESIDE, EDGE = (0.0, -1.2e-3), (-7e-3, 5e-3)
+
+
+def test_an_aim_looks_at_its_place_or_stops_at_the_cone():
+    pan, tilt = aim_at(CALIBRATION, PLACE, CATHETER)
+    assert eye().place(eye().lens.centre, pan, tilt) == pytest.approx(PLACE, abs=1e-9)
+    near = aim_at(CALIBRATION, (0.5, 5e-3), CATHETER)
+    assert np.hypot(*near) == pytest.approx(CONE.half)
+
+
+class Bench(Loop):
+    """A head that follows at once, with the tip of the twin; ``blind`` frames are black."""
+
+    def __init__(self, blind=()):
+        super().__init__(place=CATHETER, share=0.5)
+        hole = Bore(*PLACE, 1e-3)
+        pipe = replace(Pipe.draw(1), bores=(hole,))
+        self.tip, self.blind, self.ticks = (
+            SimulatedTip(pipe, mount=replace(MOUNT, advance=0)),
+            blind,
+            0,
+        )
+
+    def reading(self, request=None):
+        request = request or Request()
+        self.ticks += 1
+        reading = super().reading(replace(request, frame=False))
+        self.tip.move_to((*self.angles, 0.0, 0.0, *self.place))
+        for name, send in (("lights", self.tip.switch), ("focus", self.tip.focus_at),
+                           ("extension", self.tip.extend)):  # fmt: skip
+            if getattr(request, name) is not None:
+                send(getattr(request, name))
+        if request.exposure is not None:
+            self.tip.expose(*request.exposure)
+        image = self.tip.frame().image if request.frame else None
+        if image is not None and self.ticks in self.blind:
+            image = np.zeros_like(image)
+        extension, touching = self.tip.tool_state()
+        return replace(reading, image=image, extension=extension, touching=touching)
+
+
+@cache
+def touched(blind=()):
+    bench = Bench(blind)
+    marking = Marking(calibration=CALIBRATED, go=Go(still=0.08))
+    return bench, bench.run(marking, marking.begin(PLACE, beside=BESIDE))
+
+
+def test_the_tool_and_not_the_axis_is_turned_to_a_place_and_leaves_a_mark():
+    bench, state = touched()
+    assert (state.verdict, state.outlined) == (TOUCHED, True)
+    wanted = PLACE + BESIDE / np.array([10e-3, 1.0])
+    assert wall_distance(bench.tip.tool.marks[-1], wanted, 10e-3) < 0.1e-3
+    assert wall_distance(state.touch, wanted, 10e-3) < 0.1e-3
+    axis = eye().place(eye().lens.centre, *bench.angles)
+    assert wall_distance(axis, wanted, 10e-3) > 1e-3
+    assert bench.tip.tool.extension == 0.0
+    assert state.gain != 1.0
+
+
+def test_a_mark_is_seen_in_the_next_picture():
+    bench, _ = touched()
+    bench.tip.switch((True,) * 3)
+    u, v = np.rint(eye().pixel(bench.tip.tool.marks[-1], *bench.angles)).astype(int)
+    image = bench.reading(Request(frame=True)).image.astype(float)
+    assert image[v, u] < 0.7 * np.median(image[v - 16 : v + 17, u - 16 : u + 17])
+
+
+def test_a_mark_says_where_the_tool_is():
+    bench, state = touched()
+    assert wall_distance(state.mark, bench.tip.tool.marks[-1], 10e-3) < 0.04e-3
+    assert np.hypot(*np.subtract(state.tool.offset, Tool().offset)[:2]) < 0.03e-3
+    image, angles = state.before
+    assert new_mark(eye(), state.mark, (image, angles), (image, angles)) is None
+
+
+def test_a_tool_moves_sideways_through_a_point_and_part_of_the_way():
+    tool = Tool(offset=(0.0, 3e-3, 0.0), slope=(0.0, -0.1))
+    moved = tool.through((0.2e-3, 2.4e-3, 10e-3))
+    assert moved.offset == pytest.approx((0.2e-3, 3.4e-3, 0.0))
+    assert tool.between(moved, 0.5).offset == pytest.approx((0.1e-3, 3.2e-3, 0.0))
+
+
+def test_it_waits_while_it_sees_nothing_and_goes_on_when_it_sees_again():
+    first = touched()[0].ticks
+    blind = tuple(range(first - 60, first - 40))
+    bench, state = touched(blind)
+    assert state.verdict == TOUCHED
+    assert bench.ticks > first
+    assert len(bench.tip.tool.marks) == 1
+
+
+def test_a_place_out_of_reach_and_a_head_without_a_tool_are_said():
+    loop = Loop(place=CATHETER)
+    marking = Marking(calibration=CALIBRATED)
+    assert marking.angles((0.5, 8e-3), CATHETER) is None
+    assert marking.angles(PLACE, CATHETER) is not None
+    assert loop.run(marking, marking.begin((0.5, 8e-3))).verdict == BEYOND
+    bare = Marking(calibration=CALIBRATION)
+    assert loop.run(bare, bare.begin(PLACE)).verdict == NO_TOOL
+
+
+def test_the_tool_meets_the_wall_where_it_is_seen():
+    angles = Tool().aim(
+        CALIBRATED.mount_at(CATHETER), PLACE, 10e-3, aim_at(CALIBRATED, PLACE, CATHETER)
+    )
+    assert tool_pixel(CALIBRATED, Tool(), CATHETER, angles) == pytest.approx(
+        eye().pixel(PLACE, *angles)
+    )
+    assert np.isnan(tool_pixel(CALIBRATED, Tool(offset=(0.0, 9.9e-3, 0.0)), CATHETER, angles)).all()
+
+
+def test_a_feature_at_the_edge_of_the_picture_is_marked_by_a_patch_beside_it():
+    """The picture shows the outline, but not the whole patch about it."""
+    bench, marking, beside = Bench(), Marking(calibration=CALIBRATED, go=Go(still=0.08)), EDGE
+    state = bench.run(marking, marking.begin(PLACE, beside=beside))
+    assert (state.verdict, state.outlined) == (TOUCHED, True)
+    assert wall_distance(state.tracked, state.place, 10e-3) > 1e-3
+    wanted = PLACE + np.array(beside) / np.array([10e-3, 1.0])
+    assert wall_distance(bench.tip.tool.marks[-1], wanted, 10e-3) < 0.1e-3
+    assert wall_distance(state.touch, wanted, 10e-3) < 0.1e-3
+
+
+def test_a_tool_that_hides_what_is_tracked_waits_and_touches():
+    marking, loop = Marking(calibration=CALIBRATED), Loop(place=CATHETER)
+    _, state = touched()
+    state = replace(state, stage="contact", done=False, verdict="", since=0.0, touch=None)
+    state = replace(state, seen_at=0.0, extension=9e-3)
+    dark = replace(loop.reading(), image=np.zeros((480, 640), np.uint8), extension=8e-3)
+    waits, request = marking.step(state, replace(dark, t=0.2, touching=True))
+    assert (waits.stage, waits.extension, request.extension) == ("contact", 9e-3, 8e-3)
+    ends, request = marking.step(waits, replace(dark, t=0.6, touching=True))
+    assert (ends.stage, ends.verdict, request.extension) == ("withdraw", TOUCHED, 0.0)
+    assert ends.touch is None
+
+
+def test_a_place_that_is_not_recognised_for_a_moment_is_still_near():
+    """Where a wall has little texture, one picture of ten does not show it."""
+    marking, loop = Marking(calibration=CALIBRATED, unseen=0.5), Loop(place=CATHETER)
+    _, state = touched()
+    state = replace(state, stage="near", done=False, since=0.0, seen_at=0.0, near_since=0.0)
+    dark = replace(loop.reading(), image=np.zeros((480, 640), np.uint8))
+    for t, near in ((0.4, 0.0), (0.6, None)):
+        after, request = marking.step(state, replace(dark, t=t, extension=4e-3))
+        assert (after.near_since, request.extension) == (near, 4e-3)
+    at_once, _ = replace(marking, unseen=0.0).step(state, replace(dark, t=0.04))
+    assert at_once.near_since is None

@@ -1,0 +1,77 @@
+import math
+
+import numpy as np
+import pytest
+
+from minorloop_head.geometry import Mount, Pinhole, wall_distance
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.pictures import (
+    InspectedPicture,
+    PicturePose,
+    annotated,
+    inspect_picture,
+    unusable,
+)
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from vision.walls import photograph
+
+LENS = Pinhole(k1=-0.12, k2=0.02)
+VIEW = HeadCalibration(lens=LENS, leds=np.zeros((1, 3)), lever=8e-3)
+HOLE = (0.1, 20e-3)
+POSE = PicturePose(pan=math.radians(24.0), advance=1e-3, roll=0.05)
+AT = Mount(lever=8e-3, advance=1e-3, roll=0.05)
+
+
+def with_hole(phi, z):
+    """Even metal with a black hole of 1 mm, and a black line of 0.2 mm beside it."""
+    off = wall_distance(np.stack([phi, z], axis=-1), HOLE, 10e-3)
+    line = (np.abs(phi - 0.4) < 0.01) & (np.abs(z - 19e-3) < 2e-3)
+    return np.where((off < 0.5e-3) | line, 0.0, 0.7 + 0.02 * np.sin(9000 * z))
+
+
+@pytest.fixture(scope="module")
+def image():
+    camera = CalibratedCamera(LENS, AT, np.zeros((1, 3)))
+    return photograph(POSE.pan, POSE.tilt, with_hole, camera=camera)
+
+
+@pytest.fixture(scope="module")
+def picture(image):
+    return inspect_picture(image, VIEW, POSE, "a.png", 1.5)
+
+
+def test_a_hole_and_a_crack_are_found_where_they_are(picture):
+    assert picture.verdict == "good"
+    hole = next(each for each in picture.findings if each.kind == "hole or pit")
+    assert wall_distance((hole.phi, hole.z), HOLE, 10e-3) < 0.1e-3
+    assert hole.width == pytest.approx(1e-3, abs=0.1e-3)
+    crack = next(each for each in picture.findings if each.kind == "crack")
+    assert crack.phi == pytest.approx(0.4, abs=0.03)
+    assert crack.length == pytest.approx(4e-3, rel=0.25)
+
+
+def test_rows_have_degrees_millimetres_and_pixels(picture):
+    row = picture.rows()[0]
+    assert (row["picture"], row["time [s]"]) == ("a.png", 1.5)
+    assert row["phi [deg]"] == pytest.approx(math.degrees(HOLE[0]), abs=1.0)
+    assert row["z [mm]"] == pytest.approx(20.0, abs=0.15)
+    camera = CalibratedCamera(LENS, AT, np.zeros((1, 3)))
+    pixel = camera.pixel(HOLE, POSE.pan, POSE.tilt)
+    assert (row["u [px]"], row["v [px]"]) == pytest.approx(pixel, abs=3.0)
+
+
+def test_marks_are_drawn_at_the_findings_and_nowhere_else(image, picture):
+    drawn = annotated(image, picture.findings)
+    assert drawn.shape == (*image.shape, 3)
+    coloured = np.ptp(drawn.astype(int), axis=2) > 30
+    assert 50 < coloured.sum() < 0.02 * coloured.size
+    u, v = np.round(picture.findings[0].pixel).astype(int)
+    assert coloured[v - 60 : v + 60, u - 60 : u + 60].any()
+
+
+def test_a_bad_picture_has_a_verdict_and_is_counted(image):
+    black = inspect_picture(np.zeros_like(image), VIEW, POSE)
+    small = inspect_picture(image[::2, ::2], VIEW, POSE)
+    assert (black.verdict, black.findings) == ("black", ())
+    good = InspectedPicture(name="", t=0.0, verdict="good")
+    assert unusable([black, good, small, black]) == {"black": 2, "wrong size": 1}

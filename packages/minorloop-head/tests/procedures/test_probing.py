@@ -1,0 +1,168 @@
+"""The probe in an inspection: what it scans, what it keeps, and what it does not repeat."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop_head.procedures import probing as module
+from minorloop_head.procedures.inspected_view import InspectedView, with_finding
+from minorloop_head.procedures.pictures import InspectedPicture
+from minorloop_head.procedures.probe_steps import ScannedRaster
+from minorloop_head.procedures.probing import Probing
+from minorloop_head.procedures.rig import LogEntry
+from minorloop_head.procedures.ring import Ring
+from minorloop_head.ultrasound.crack_depth import CrackDepth
+from minorloop_head.ultrasound.pits import PitDepth
+
+from .test_probe_steps import HOLE, TRACED, Rig
+
+SAID = "out of reach: pan needs 53 degrees, has 41 (39 to 43) in water of 15 C"
+
+
+class Head(Rig):
+    """A rig with a tool, which touches at once."""
+
+    has_tool = True
+
+    def check_sensors(self):
+        pass
+
+
+def view_of(shown, name="hole 1"):
+    view = InspectedView(
+        picture=InspectedPicture(name=name, t=0.0, verdict="good"),
+        image=np.zeros((240, 320), np.uint8),
+        angles=(0.0, 0.0),
+        joints=(0.5, 0.5),
+        place=(0.0, 0.0),
+        seen=(shown,),
+    )
+    return with_finding(view, 10e-3)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Shifts of the scans that are made; each pit needs a second one, which measures it."""
+    shifts = []
+
+    def scan(rig, place, shift, *, before, told):
+        shifts.append(shift)
+        begun = 0 if before is None else before.point
+        for point in range(begun, 3):
+            told(ScannedRaster(reference=np.zeros(2), point=point, done=False))
+        rig.say("scan", "36 of 36 points")
+        return ScannedRaster(reference=np.array([20e-3, shift]), point=3)
+
+    def measured(rig, shown, scan):
+        scan(rig, (0.3, 20e-3), 0.0)
+        scanned = scan(rig, (0.3, 20e-3), 0.5)
+        rig.say("measure", "measured")
+        sizes = {"diameter": 1.1e-3, "depth": 5e-4, "place_sd": 1e-5, "diameter_sd": 2e-5}
+        return PitDepth("measured", 0.31, 20e-3, **sizes, depth_sd=1e-5), scanned
+
+    monkeypatch.setattr(module, "scan", scan)
+    monkeypatch.setattr(module, "scanned_pit", measured)
+    monkeypatch.setattr(module, "approach", lambda rig, place: None)
+    monkeypatch.setattr(module, "touch", lambda rig, hole: rig.say("touch", "touched"))
+    return shifts
+
+
+def test_a_hole_is_touched_scanned_and_its_finding_has_a_depth(made):
+    told, rig = [], Head()
+    probing = Probing(told=lambda name, new: told.append((name, new)))
+    found = probing.scanned(rig, view_of(HOLE))
+    assert (found.finding.kind, found.finding.verdict) == ("pit", "measured")
+    assert (found.finding.depth, found.finding.depth_sd) == (5e-4, 1e-5)
+    assert [step.what for step in found.steps] == ["touch", "scan", "scan", "measure"]
+    assert [name for name, _ in told] == ["hole 1"] * 4 + ["hole 1 again"] * 4
+    assert [(scanned.point, scanned.done) for _, scanned in told[:4]] == [
+        (0, False), (1, False), (2, False), (3, True),
+    ]  # fmt: skip
+    assert [step.what for step in told[3][1].steps] == ["touch", "scan"]
+    assert probing.scan_of(found) is told[7][1]
+    assert probing.scan_of(replace(found, probed=PitDepth("disturbed", 0.3, 20e-3))) is told[3][1]
+
+
+@pytest.mark.parametrize("kept", [1, 2])
+def test_a_scan_that_is_kept_is_not_repeated_nor_is_the_touch_before_it(made, kept):
+    first = Probing()
+    whole = first.scanned(Head(), view_of(HOLE))
+    made.clear()
+    after = Probing(scans=dict(list(first.scans.items())[:kept]))
+    again = after.scanned(Head(), view_of(HOLE))
+    assert made == [0.5][: 2 - kept]
+    assert again.finding == whole.finding
+    assert [step.what for step in again.steps] == ["touch", "scan", "scan", "measure"]
+
+
+def test_a_scan_that_was_cut_off_goes_on_and_its_hole_is_not_touched_again(made):
+    told, touched = [], (LogEntry(0.0, "touch", "touched"),)
+    part = ScannedRaster(reference=np.zeros(2), point=2, done=False, steps=touched)
+    probing = Probing(scans={"hole 1": part}, told=lambda name, new: told.append(new.point))
+    found = probing.scanned(Head(), view_of(HOLE))
+    assert told == [2, 3, 0, 1, 2, 3]
+    assert [step.what for step in found.steps] == ["touch", "scan", "scan", "measure"]
+
+
+def test_a_visit_from_another_side_has_the_scans_of_its_hole(made):
+    probing = Probing()
+    probing.scanned(Head(), view_of(HOLE, "hole 3 again"))
+    assert list(probing.scans) == ["hole 3", "hole 3 again"]
+
+
+def test_a_step_that_failed_is_named_beside_the_depth(made, monkeypatch):
+    def missed(rig, hole):
+        rig.say("touch", "0.41 mm beside", succeeded=False)
+
+    monkeypatch.setattr(module, "touch", missed)
+    found = Probing().scanned(Head(), view_of(HOLE))
+    assert found.finding.verdict == "measured, but failed: touch"
+
+
+def test_what_the_probe_does_not_reach_is_said_before_travel_and_of_each_finding(made, monkeypatch):
+    monkeypatch.setattr(module, "reach_words", lambda rig: (SAID, False))
+    rig, probing = Head(), Probing()
+    probing.begin(rig)
+    assert (rig.log[0].what, rig.log[0].outcome, rig.log[0].succeeded) == ("reach", SAID, False)
+    hole = probing.scanned(rig, view_of(HOLE)).finding
+    crack = probing.scanned(rig, view_of(TRACED, "crack 1")).finding
+    assert (hole.kind, hole.verdict) == ("hole or pit", SAID)
+    assert hole.width == HOLE.diameter
+    assert np.isnan(hole.depth)
+    assert (crack.kind, crack.verdict) == ("crack", SAID)
+    assert made == []
+    probing.roll_round(rig, 20e-3)
+    assert probing.ring is None
+
+
+def test_a_dry_pipe_is_not_scanned(made):
+    rig, probing = Head(), Probing(refused="no water")
+    probing.begin(rig)
+    assert rig.log == []
+    view = probing.scanned(rig, view_of(HOLE))
+    assert view.finding.verdict == "no water"
+    assert [(step.what, step.succeeded) for step in view.steps] == [
+        ("touch", True),
+        ("scan", False),
+    ]
+
+
+def test_the_pipe_is_swept_round_once(monkeypatch):
+    told, rig = [], Head()
+    ring = Ring(None, None)
+    for name in ("go", "meter"):
+        monkeypatch.setattr(module, name, lambda *given, **more: None)
+    monkeypatch.setattr(module, "ring_sweep", lambda rig: ring)
+    probing = Probing(told=lambda name, new: told.append((name, new)))
+    for _ in range(2):
+        probing.roll_round(rig, 20e-3)
+    assert told == [("ring", ring)]
+    assert [request.water for request in rig.asked] == [True, False]
+
+
+def test_a_crack_has_the_depth_of_its_scan(monkeypatch):
+    deep = CrackDepth("measured", 4e-4, 1e-5)
+    monkeypatch.setattr(module, "scanned_crack", lambda rig, traced, scan: (deep, None))
+    found = Probing().scanned(Head(), view_of(TRACED, "crack 1"))
+    assert (found.finding.depth, found.probed, found.steps) == (4e-4, deep, ())

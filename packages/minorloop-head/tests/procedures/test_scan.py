@@ -1,0 +1,256 @@
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.lab.actuator import Shot
+from minorloop_head.control.head import head_control
+from minorloop_head.geometry import wrapped
+from minorloop_head.procedures.go import GO
+from minorloop_head.procedures.scan import MOST_AGAIN, RasterScan
+from minorloop_head.procedures.values import Request
+from minorloop_head.twins.catheter import Catheter
+from wires import identified
+
+from .fakes import CALIBRATION, Loop
+
+CENTRE = (0.5, 12e-3)
+SCAN = RasterScan(calibration=CALIBRATION)
+
+
+def shot_at(loop):
+    """Pan and tilt of the requested bursts."""
+    return [tuple(request.angles) for request in loop.asked if request.shots]
+
+
+def spots_of(shift, onward=1):
+    """Places (N, 2) of the targets about the centre, in metres, for a catheter that rolls."""
+    first = SCAN.rolled(CENTRE[0] - 0.08 * onward, (CENTRE[1], 0.0))
+    step = onward * SCAN.pitch / CALIBRATION.radius
+    rows = SCAN.targets(CENTRE, first, shift, onward).reshape(SCAN.points, SCAN.points, 2)
+    spots = [
+        CALIBRATION.probe_at((first[0], first[1] + n * step)).spots(row)
+        for n, row in enumerate(rows)
+    ]
+    return (np.concatenate(spots)[:, :2] - CENTRE) * (CALIBRATION.radius, 1.0)
+
+
+@pytest.fixture(scope="module")
+def scanned():
+    loop = Loop()
+    return loop, loop.run(SCAN, SCAN.begin(CENTRE, home=((0.0, 0.0), (0.1, 0.0))))
+
+
+def test_a_scan_visits_every_point_once(scanned):
+    loop, state = scanned
+    assert len(shot_at(loop)) == len(set(shot_at(loop))) == SCAN.points**2
+    assert set(shot_at(loop)) == {tuple(target) for target in state.targets}
+    assert len(state.bursts) == SCAN.points**2
+    assert state.progress == 1.0
+
+
+def test_a_burst_is_where_the_head_is(scanned):
+    _, state = scanned
+    off = [
+        np.hypot(*(burst.angles - aim))
+        for burst, aim in zip(state.bursts, state.targets, strict=True)
+    ]
+    known = [each for each in off if np.isfinite(each)]
+    assert max(known, default=0.0) < SCAN.aimed
+
+
+def test_the_pipe_is_flooded_once_the_probe_is_over_the_place(scanned):
+    loop, _ = scanned
+    wet = [k for k, request in enumerate(loop.asked) if request.water]
+    first = next(k for k, request in enumerate(loop.asked) if request.shots)
+    assert len(wet) == 1
+    assert wet[0] < first
+
+
+def test_a_scan_goes_home_where_there_is_one(scanned):
+    loop, _ = scanned
+    assert loop.place == pytest.approx([0.0, 0.0], abs=6e-3)
+    assert loop.place[0] == pytest.approx(0.0, abs=1e-4)
+    loop = Loop()
+    loop.run(SCAN, SCAN.begin(CENTRE))
+    assert loop.place[0] == pytest.approx(CENTRE[1], abs=1e-4)
+
+
+def test_the_raster_is_displaced_by_a_share_of_its_pitch():
+    spots = [spots_of(shift) for shift in (0.0, 0.5)]
+    assert spots[1] - spots[0] == pytest.approx(0.5 * SCAN.pitch)
+
+
+def test_a_place_out_of_reach_is_not_scanned():
+    loop = Loop(place=(0.0, -2.0), stuck=True)
+    state = loop.run(SCAN, SCAN.begin(CENTRE, home=((0.0, -2.0), (0.0, 0.0))))
+    assert shot_at(loop) == []
+    assert not len(state.targets)
+
+
+@pytest.mark.parametrize("onward", [1, -1])
+def test_the_catheter_rolls_on_from_row_to_row_until_the_raster_is_covered(onward):
+    steps = SCAN.pitch * (np.arange(SCAN.points) - 0.5 * (SCAN.points - 1))
+    spots = spots_of(0.0, onward)
+    assert sorted(spots[:, 0]) == pytest.approx(np.repeat(steps, SCAN.points), abs=1e-9)
+    assert sorted(spots[:, 1]) == pytest.approx(np.repeat(steps, SCAN.points), abs=1e-9)
+    assert onward * (spots[-1, 0] - spots[0, 0]) > 0
+
+
+def test_a_burst_holds_at_the_reference_although_the_catheter_has_rolled():
+    rng = np.random.default_rng(1)
+    shots = [Shot(0.0, 1e-3 * rng.standard_normal(2000), 1e-8) for _ in range(4)]
+    place, reference = np.array([CENTRE[1], 0.2]), np.array([CENTRE[1], 0.28])
+    seen = SCAN.perpendicular + np.array([0.03, -0.01])
+    burst = SCAN.burst(shots, seen, seen, place, reference, coupled=True)
+    there, here = (
+        CALIBRATION.probe_at(at).spots(angles)
+        for at, angles in ((reference, burst.angles), (place, seen))
+    )
+    assert there == pytest.approx(here, abs=1e-9)
+    assert abs(burst.angles[1] - seen[1]) > 0.1
+
+
+class Carried(Loop):
+    """A loop with a catheter that sticks and jumps."""
+
+    units = np.array([1e-3, np.radians(1.0)])
+
+    def __init__(self, seed):
+        super().__init__()
+        self.catheter = Catheter(seed, 0.02, seed)
+
+    def reading(self, request=None):
+        fired = request is not None and request.shots > 0
+        return replace(super().reading(request), shots=(), fired=fired)
+
+    def tick(self, request):
+        super().tick(replace(request, rates=np.zeros(2)))
+        self.place = self.units * np.asarray(self.catheter.exchange(request.rates / self.units))
+
+
+@pytest.mark.parametrize(
+    ("seed", "centre", "start", "offset"),
+    [
+        (1026, (-2.0688, 0.023199), (0.013199, 0.1565), (-0.000132, 3.8e-05)),
+        (1116, (2.74, 0.025376), (0.015376, -0.4016), (0.000174, 3.6e-05)),
+    ],
+)
+def test_a_row_that_the_catheter_has_jumped_past_is_come_to_again(seed, centre, start, offset):
+    scan = replace(SCAN, calibration=replace(CALIBRATION, offset=offset, roll=0.0))
+    loop = Carried(seed)
+    loop.run(GO, GO.begin(place=start))
+    state = loop.run(scan, scan.begin(centre))
+    assert state.again == 1
+    assert len(set(shot_at(loop))) == SCAN.points**2
+
+
+@pytest.mark.parametrize(("past", "again"), [(3.5, MOST_AGAIN), (9.0, 0)])
+def test_a_scan_ends_if_the_catheter_does_not_come_to_a_row(past, again):
+    loop = Loop()
+    state = SCAN.begin(CENTRE)
+    while state.point < SCAN.points:
+        state, request = SCAN.step(state, loop.reading(loop.asked[-1] if loop.asked else None))
+        loop.tick(request)
+    loop.stuck, loop.place = True, np.add(loop.place, (0.0, np.radians(past)))
+    state = loop.run(SCAN, state)
+    assert state.again == again
+    assert state.point == SCAN.points
+
+
+class Swaying(Loop):
+    """A loop whose pictures show the base at some bursts only."""
+
+    def reading(self, request):
+        return replace(super().reading(request), base=self.turn())
+
+    def turn(self):
+        bursts = len(shot_at(self))
+        return np.full(2, np.nan) if self.blind(bursts) else np.array([0.01, 0.0])
+
+
+def test_a_burst_whose_pose_is_not_seen_is_fired_again_and_left_out_if_it_stays_unseen():
+    loop = Swaying()
+    loop.blind = lambda bursts: bursts == 1
+    state = loop.run(SCAN, SCAN.begin(CENTRE))
+    assert len(state.bursts) == SCAN.points**2
+    assert len(shot_at(loop)) == SCAN.points**2 + 1
+    assert all(request.frame for request in loop.asked if request.shots)
+    loop = Swaying()
+    loop.blind = lambda bursts: bursts < 40
+    state = loop.run(SCAN, SCAN.begin(CENTRE))
+    assert 0 < len(state.bursts) < SCAN.points**2
+    assert state.point == SCAN.points**2
+
+
+@pytest.mark.parametrize("points", [1, 6, 20])
+def test_a_scan_that_was_cut_off_goes_on_with_its_next_point(points):
+    loop = Loop()
+    cut, request = SCAN.begin(CENTRE), Request()
+    while cut.point < points:
+        cut, request = SCAN.step(cut, loop.reading(request))
+        loop.tick(request)
+    after = Loop(place=(0.0, 0.4))
+    state = after.run(SCAN, SCAN.begin(CENTRE, before=cut))
+    assert len(shot_at(after)) == SCAN.points**2 - points
+    assert len(state.bursts) == state.point == SCAN.points**2
+    assert state.bursts[:points] == cut.bursts
+    assert (state.onward, *state.reference) == (cut.onward, *cut.reference)
+    assert [request.water for request in after.asked if request.water is not None] == [True]
+    last = SCAN.rolled(SCAN._phi(state, SCAN.points - 1), after.place)
+    assert after.place[1] == pytest.approx(last[1], abs=0.01)
+
+
+def test_the_head_bends_by_little_across_the_pipe(scanned):
+    _, state = scanned
+    least, most = SCAN.needs.T
+    assert (state.targets > least - 0.01).all()
+    assert (state.targets < most + 0.01).all()
+    assert np.degrees(np.ptp(state.targets, axis=0))[1] < 2.0
+
+
+def control():
+    return head_control("observer", (identified().model,) * 2)
+
+
+def test_what_cold_water_puts_out_of_reach_is_said_before_travel():
+    cold = replace(SCAN, calibration=replace(CALIBRATION, temperature=1.0))
+    state = cold.begin(CENTRE, control=control())
+    words = r"out of reach: (pan|tilt) needs 1\d degrees, has 1\d \(\d to \d+\) in water of 1 C"
+    assert re.fullmatch(words, state.refused)
+    loop = Loop()
+    assert loop.run(cold, state).bursts == ()
+    assert (loop.place == 0.0).all()
+    assert shot_at(loop) == []
+
+
+@pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0, 40.0])
+def test_a_nominal_head_reaches_its_raster_in_water(temperature):
+    warm = replace(SCAN, calibration=replace(CALIBRATION, temperature=temperature))
+    assert warm.out_of_reach(control()) == ""
+    assert not warm.begin(CENTRE, control=control()).done
+
+
+def test_what_hot_wires_do_not_cool_down_to_is_said_too():
+    hot = replace(SCAN, calibration=replace(CALIBRATION, temperature=70.0))
+    assert "stays above" in hot.out_of_reach(control())
+
+
+@pytest.mark.parametrize("start", [-3.0, 0.0, 3.0])
+def test_the_shorter_way_round_is_taken(start):
+    place = SCAN.rolled(-2.5, (CENTRE[1], start))
+    assert abs(place[1] - start) <= np.pi
+    (spot,) = CALIBRATION.probe_at(place).spots(SCAN.perpendicular)
+    assert wrapped(spot[0] + 2.5) == pytest.approx(0.0, abs=1e-4)
+    loop = Loop(place=(CENTRE[1], start))
+    loop.run(SCAN, SCAN.begin((-2.5, CENTRE[1])))
+    assert loop.place[1] == pytest.approx(place[1], abs=0.1)
+
+
+def test_a_burst_that_is_never_fired_is_skipped():
+    loop = Loop()
+    loop.reading = lambda request=None: Loop.reading(loop)  # shots never come
+    state = loop.run(SCAN, SCAN.begin(CENTRE))
+    assert len(shot_at(loop)) == SCAN.points**2
+    assert state.bursts == ()

@@ -1,0 +1,158 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop_head.control.head import head_control
+from minorloop_head.geometry import wrapped
+from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.sweep import NOT_THERE, STUCK, ProbeSweep
+from wires import identified
+
+from .fakes import CALIBRATION, TICK, Loop
+
+SWEEP = ProbeSweep(calibration=CALIBRATION)
+PHI, Z = (0.4, 1.2), (12e-3, 13e-3)
+
+
+@pytest.fixture(scope="module")
+def swept():
+    loop = Loop()
+    return loop, loop.run(SWEEP, SWEEP.begin(PHI, Z))
+
+
+def test_every_burst_that_was_fired_is_kept_with_its_time_and_place(swept):
+    loop, state = swept
+    asked = [request for request in loop.asked if request.shots]
+    assert len(state.bursts) == len(asked)
+    assert all(one.burst.fired == SWEEP.shots for one in state.bursts)
+    assert (np.diff([one.t for one in state.bursts]) > 0).all()
+    assert all(one.burst.verdict == "dropout" for one in state.bursts)  # traces of zeros
+
+
+def test_the_area_is_covered_by_lines_and_bursts_as_wide_as_the_beam(swept):
+    _, state = swept
+    spots = np.array([one.spot[:2] for one in state.bursts])
+    around, along = np.meshgrid(np.linspace(*PHI, 40), np.linspace(*Z, 20))
+    off = np.hypot(
+        10e-3 * wrapped(around.ravel()[:, None] - spots[:, 0]), along.ravel()[:, None] - spots[:, 1]
+    )
+    assert off.min(axis=1).max() < SWEEP.pitch
+    assert len(state.bursts) < 1.6 * np.ptp(PHI) * 10e-3 * np.ptp(Z) / SWEEP.pitch**2
+
+
+def test_the_catheter_never_stops_while_it_fires_and_keeps_its_limits(swept):
+    loop, _ = swept
+    firing = [request for request in loop.asked if request.shots]
+    assert all(request.rates[1] == pytest.approx(SWEEP.rate) for request in firing)
+    assert all(request.rates[0] > 0 for request in firing)
+    rates = np.array([request.rates for request in loop.asked])
+    assert np.abs(rates[:, 1]).max() <= math.radians(60.0)
+    assert rates[:, 0].max() <= 20e-3
+
+
+def test_pan_and_tilt_are_held_where_the_beam_is_square(swept):
+    loop, _ = swept
+    angles = [request.angles for request in loop.asked if request.angles is not None]
+    wanted = RasterScan(calibration=CALIBRATION).perpendicular
+    assert angles[-1] == pytest.approx(wanted)
+    assert loop.angles == pytest.approx(wanted, abs=math.radians(0.2))
+
+
+def test_the_pipe_is_flooded_once_before_the_first_burst(swept):
+    loop, _ = swept
+    wet = [k for k, request in enumerate(loop.asked) if request.water]
+    assert len(wet) == 1
+    assert wet[0] < next(k for k, request in enumerate(loop.asked) if request.shots)
+
+
+def test_progress_grows_to_one():
+    loop, state = Loop(), SWEEP.begin(PHI, Z)
+    shares, request = [], None
+    while not state.done:
+        state, request = SWEEP.step(state, loop.reading(request))
+        loop.tick(request)
+        shares.append(state.progress)
+    assert (np.diff(shares) >= 0).all()
+    assert shares[-1] == 1.0
+    assert not state.trouble
+
+
+def test_a_sweep_that_is_no_longer_stepped_has_stopped_with_its_bursts():
+    loop, state, request = Loop(), SWEEP.begin(PHI, Z), None
+    while len(state.bursts) < 30:
+        state, request = SWEEP.step(state, loop.reading(request))
+        loop.tick(request)
+    place = loop.place.copy()
+    loop.reading()
+    assert (loop.place == place).all()
+    assert len(state.bursts) == 30
+
+
+def test_a_catheter_that_sticks_ends_the_sweep():
+    loop, state, request = Loop(), SWEEP.begin(PHI, Z), None
+    while not state.done:
+        loop.stuck = state.lines > 0
+        state, request = SWEEP.step(state, loop.reading(request))
+        loop.tick(request)
+    assert (state.trouble, state.lines) == (STUCK, 1)
+    assert (loop.asked[-1].rates == 0).all()
+
+
+def test_a_catheter_that_does_not_get_to_the_first_line_ends_the_sweep_before_the_flood():
+    loop = Loop(stuck=True)
+    state = loop.run(SWEEP, SWEEP.begin(PHI, Z))
+    assert state.trouble == NOT_THERE
+    assert not any(request.water for request in loop.asked)
+
+
+def test_a_sweep_out_of_reach_is_refused():
+    control = head_control("observer", (identified().model,) * 2)
+    cold = ProbeSweep(calibration=replace(CALIBRATION, temperature=1.0))
+    state = cold.begin(PHI, Z, control=control)
+    assert "out of reach" in state.refused
+    assert Loop().run(cold, state).bursts == ()
+    assert not SWEEP.begin(PHI, Z, control=control).done
+
+
+@pytest.mark.parametrize(
+    ("phi", "z", "words"),
+    [
+        ((1.0, 1.0), Z, "from 57.3 to 57.3 degrees"),
+        (np.radians((10.0, 11.0)), Z, "that is 1 degree; give at least 2.8, two"),
+        ((0.0, 7.0), Z, "that is 401.1 degrees; .* and at most 360 degrees"),
+        (PHI, (2e-3, 1e-3), "from 2 to 1 mm .* which are -1 mm; .* the greater place last"),
+        (PHI, (2e-3, 2.4e-3), "which are 0.4 mm; give at least 0.48, two"),
+        (PHI, (2e-3, 14e-3), "which are 12 mm; .* and at most 10 mm"),
+        (PHI, (-1e-3, 1e-3), "from 0 mm on, up to the end of the pipe at 50 mm"),
+        (PHI, (48e-3, 51e-3), "from 48 to 51 mm .* the end of the pipe at 50 mm"),
+        (PHI, (0.0, math.inf), "give places from 0 mm"),
+        ((math.nan, 1.0), Z, "the greater angle last"),
+    ],
+)
+def test_an_area_that_cannot_be_swept_is_refused(phi, z, words):
+    with pytest.raises(ParameterError, match=words):
+        ProbeSweep(calibration=replace(CALIBRATION, length=50e-3)).begin(phi, z)
+
+
+def test_a_large_pipe_is_swept_no_faster_than_the_loop_fires():
+    wide = ProbeSweep(calibration=replace(CALIBRATION, radius=20e-3))
+    assert wide.rate * 20e-3 * TICK == pytest.approx(wide.pitch)
+    assert ProbeSweep(calibration=replace(CALIBRATION, radius=4e-3)).rate == SWEEP.fastest
+
+
+def test_a_sweep_that_was_cut_off_goes_on_with_its_last_line(swept):
+    _, whole = swept
+    half = whole.bursts[: len(whole.bursts) // 2]
+    state = SWEEP.begin(PHI, Z, bursts=half)
+    assert 0 < state.lines < whole.lines
+    last = [one for one in half if one.place[0] >= Z[0] + state.lines * SWEEP.pitch - 1e-4]
+    loop = Loop()
+    state = loop.run(SWEEP, state)
+    assert state.bursts[: len(half)] == half
+    assert state.lines == whole.lines
+    anew = np.array([one.place[0] for one in state.bursts[len(half) :]])
+    assert abs(anew.min() - last[0].place[0]) < SWEEP.pitch
+    assert np.ptp(anew) < 0.7 * np.ptp(Z)

@@ -1,0 +1,172 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError, SignalError
+from minorloop_head.reconstruction.depth_map import (
+    BOTH,
+    CAMERA,
+    ECHOES,
+    UNSEEN,
+    DepthMap,
+    Patch,
+    WaterLine,
+    blend,
+    camera_map,
+    echo_map,
+    find_water,
+    paste,
+    unseen_map,
+)
+
+PATCH = Patch.around(0.3, 20e-3, size=2e-3)
+
+
+def filled(depth, sd, source):
+    shape = (PATCH.rows, PATCH.columns)
+    return DepthMap(
+        PATCH, np.full(shape, depth), np.full(shape, sd), np.full(shape, source, dtype=np.uint8)
+    )
+
+
+def test_a_patch_is_centred_and_a_tenth_of_a_millimetre_fine():
+    assert PATCH.places[PATCH.rows // 2, PATCH.columns // 2] == pytest.approx((0.3, 20e-3))
+    off = PATCH.off(0.3, 20e-3)
+    assert np.diff(off[..., 0], axis=1) == pytest.approx(1e-4)
+    assert np.diff(off[..., 1], axis=0) == pytest.approx(1e-4)
+
+
+def test_off_goes_the_short_way_round():
+    patch = Patch.around(np.pi, 0.0, size=1e-3)
+    assert np.abs(patch.off(-np.pi, 0.0)).max() < 1e-3
+
+
+def test_nothing_is_known_at_first():
+    assert unseen_map(PATCH).unseen == 1.0
+
+
+def test_the_camera_knows_the_wall_but_not_the_depth_of_a_defect():
+    seen = np.ones((PATCH.rows, PATCH.columns), dtype=bool)
+    seen[0] = False
+    defect = np.zeros(seen.shape)
+    defect[5, 5] = 1.0
+    wall = camera_map(PATCH, seen, defect)
+    assert wall.source[0, 0] == UNSEEN
+    assert wall.source[5, 5] == CAMERA
+    assert np.isnan(wall.depth[5, 5])
+    assert wall.depth[6, 6] == 0.0
+
+
+def test_the_sonar_fills_what_its_footprints_reach():
+    wall = echo_map(PATCH, [(0.3, 20e-3), (0.3, 25e-3)], [0.2e-3, 9.0], [1e-6, np.nan])
+    middle = PATCH.rows // 2
+    assert wall.depth[middle, middle] == pytest.approx(0.2e-3)
+    assert wall.source[middle, middle] == ECHOES
+    assert wall.source[0, 0] == UNSEEN
+    assert np.isnan(wall.depth[0, 0])
+
+
+@given(st.floats(0.01, 10), st.floats(0.01, 10))
+def test_blending_weighs_by_inverse_variance(a, b):
+    both = blend(filled(0.0, a, CAMERA), filled(1.0, b, ECHOES))
+    assert both.depth[0, 0] == pytest.approx(a**2 / (a**2 + b**2))
+    assert both.sd[0, 0] == pytest.approx(1 / np.hypot(1 / a, 1 / b))
+    assert (both.source == BOTH).all()
+
+
+def test_blending_with_nothing_changes_nothing():
+    wall = filled(0.1e-3, 1e-5, ECHOES)
+    both = blend(wall, unseen_map(PATCH))
+    assert both.depth == pytest.approx(wall.depth)
+    assert both.sd == pytest.approx(wall.sd)
+    assert (both.source == ECHOES).all()
+    assert blend(unseen_map(PATCH), unseen_map(PATCH)).unseen == 1.0
+
+
+def test_a_hole_stays_a_hole():
+    both = blend(filled(np.inf, np.nan, ECHOES), filled(0.0, 1e-5, CAMERA))
+    assert np.isposinf(both.depth).all()
+
+
+@given(st.floats(-8e-3, 8e-3))
+def test_the_water_line_is_found_within_its_gap(height):
+    phi = np.radians(np.arange(-180, 180, 5.0))
+    line = find_water(phi, 10e-3 * np.sin(phi) > height, 10e-3)
+    assert abs(line.height - height) <= line.sd * np.sqrt(12)
+    assert line.wrong == 0
+    assert (line.wet(phi, 10e-3) == (10e-3 * np.sin(phi) > height)).all()
+
+
+def test_below_the_axis_the_face_of_the_probe_gives_the_water_line():
+    phi = np.radians(np.arange(-180, 180, 5.0))
+    line = find_water(phi, 2e-3 * np.sin(phi) > 1.1e-3, 10e-3, face=2e-3)
+    assert line.height == pytest.approx(1.1e-3, abs=0.15e-3)
+
+
+def test_a_lost_echo_does_not_move_the_water_line():
+    phi = np.radians(np.arange(-90, 91, 5.0))
+    heard = np.sin(phi) > 0.21
+    heard[-2] = False
+    line = find_water(phi, heard, 10e-3)
+    assert line.height == pytest.approx(2.1e-3, abs=0.9e-3)
+    assert line.wrong > 0
+
+
+def test_dents_at_the_line_do_not_move_it():
+    phi = np.radians(np.arange(-20, 91, 0.5))
+    heard = np.sin(phi) > -0.13
+    # The flanks of a dent send most of the beam elsewhere.
+    heard[(np.abs(phi) < np.radians(6)) & (np.arange(phi.size) % 3 > 0)] = False
+    line = find_water(phi, heard, 10e-3)
+    assert line.height == pytest.approx(-1.3e-3, abs=0.1e-3)
+
+
+def test_a_dry_and_a_full_pipe_have_their_line_at_an_end():
+    phi = np.radians(np.arange(-90, 91, 5.0))
+    assert find_water(phi, np.ones(phi.size, bool), 10e-3).height == pytest.approx(-10e-3)
+    assert find_water(phi, np.zeros(phi.size, bool), 10e-3).height == pytest.approx(10e-3)
+    assert np.isnan(find_water([], [], 10e-3).height)
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(ParameterError, match="empty"):
+        Patch(0.0, 0.0, 0, 3)
+    with pytest.raises(ParameterError, match="more than once"):
+        Patch(0.0, 0.0, 3, 3000)
+    with pytest.raises(SignalError, match="shape"):
+        DepthMap(PATCH, np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2), dtype=np.uint8))
+    with pytest.raises(SignalError, match="different patches"):
+        blend(unseen_map(PATCH), unseen_map(Patch.around(0.0, 0.0, size=2e-3)))
+    with pytest.raises(SignalError, match="2 echoes"):
+        find_water([0.0], [True, False], 10e-3)
+    with pytest.raises(SignalError, match="1 spots"):
+        echo_map(PATCH, [(0.0, 0.0)], [0.0, 1.0], [1.0])
+
+
+def test_a_part_that_is_pasted_keeps_its_texels():
+    wall = unseen_map(Patch.around(3.1, 20e-3, size=4e-3))
+    small = Patch.around(3.1, 20e-3, size=1e-3)
+    shape = (small.rows, small.columns)
+    depth = np.arange(small.rows * small.columns, dtype=float).reshape(shape)
+    part = DepthMap(small, depth, np.ones(shape), np.full(shape, ECHOES, dtype=np.uint8))
+    found = paste(wall, part)
+    assert (found.source == ECHOES).sum() == depth.size
+    assert found.depth[found.source == ECHOES] == pytest.approx(depth.ravel())
+    assert (paste(found, unseen_map(small)).source == found.source).all()
+
+
+@pytest.mark.parametrize(
+    ("height", "words"),
+    [(-4e-3, "4.0 ± 0.3 mm (90 %) above the axis"), (2e-3, "2.0 ± 0.3 mm (90 %) below the axis")],
+)
+def test_the_level_of_the_water_is_above_or_below_the_axis(height, words):
+    assert WaterLine(height, 0.2e-3, 0.0).words == words
+
+
+def test_where_no_surface_was_seen_the_pipe_is_full_or_without_an_echo():
+    turns = np.linspace(-np.pi, np.pi, 25)[:-1]
+    full, dry = (find_water(turns, np.full(24, wet), 10e-3) for wet in (True, False))
+    assert (full.full, full.words) == (True, "no surface: water at every place")
+    assert (dry.full, dry.words) == (False, "no surface: no echo at any place")
+    assert find_water([], [], 10e-3).words == "not seen"

@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from minorloop_head.reconstruction.depth_map import (
+    BOTH,
+    CAMERA,
+    ECHOES,
+    UNSEEN,
+    DepthMap,
+    Patch,
+    WaterLine,
+)
+from minorloop_head.reconstruction.pipe_map import pipe_map
+from minorloop_head.ultrasound.c_scan import CScan
+
+PATCH = Patch(-0.05, 20e-3, 2, 11)  # phi from -0.05 to 0.05 in steps of 0.01
+
+
+@pytest.fixture(scope="module")
+def merged():
+    phi = PATCH.places[..., 0]
+    heard = phi > -0.015  # the beam reaches above the line
+    heard[0, -1] = False
+    wall = DepthMap(
+        PATCH,
+        np.where(heard, 0.2e-3, np.nan),
+        np.where(heard, 10e-6, np.inf),
+        np.where(heard, ECHOES, UNSEEN).astype(np.uint8),
+    )
+    water = WaterLine(0.0, 0.1e-3, 0.0)
+    scan = CScan(wall, np.where(heard, 1.0, np.nan), wall.sd, ~heard, water, (), (1e-6, 0.03))
+    views = [np.where(phi < 0.03, -1.0 + 10 * phi, np.nan), np.full(phi.shape, np.nan)]
+    views[0][0, 0] = np.nan
+    return pipe_map(scan, views)
+
+
+def test_each_texel_has_its_source(merged):
+    assert merged.wall.source[0].tolist() == [UNSEEN] + [CAMERA] * 3 + [BOTH] + [ECHOES] * 5 + [
+        UNSEEN
+    ] or merged.wall.source[0, [0, 1, 4, 8, -1]].tolist() == [UNSEEN, CAMERA, BOTH, ECHOES, UNSEEN]
+
+
+def test_the_camera_does_not_see_under_water(merged):
+    wet = PATCH.places[..., 0] > 1e-6
+    assert np.isnan(merged.picture[wet]).all()
+    assert np.isfinite(merged.picture[1, :5]).all()
+
+
+def test_each_source_has_its_uncertainty(merged):
+    sd = merged.wall.sd
+    assert sd[1, 1] == pytest.approx(0.05e-3)
+    assert sd[1, 8] == pytest.approx(10e-6)
+    assert sd[1, 4] == pytest.approx((0.05e-3**-2 + 10e-6**-2) ** -0.5)
+    assert np.isinf(sd[0, 0])
+
+
+def test_views_under_other_lights_are_levelled(merged):
+    phi = PATCH.places[..., 0]
+    bright = [np.where(phi < 0, level + 10 * phi, np.nan) for level in (-1.0, 3.0)]
+    scan = CScan(merged.wall, merged.amplitude, merged.wall.sd, phi > 9, merged.water, (), (0, 0))
+    both, one = pipe_map(scan, bright).picture, pipe_map(scan, bright[:1]).picture
+    assert both == pytest.approx(one, nan_ok=True)

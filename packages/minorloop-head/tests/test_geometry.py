@@ -1,0 +1,147 @@
+"""Rays, cylinders, pinhole cameras and rotations, against finite differences."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop_head import geometry
+from minorloop_head.geometry import Mount, Pinhole
+from minorloop_head.twins.turbid_water import FlatPort
+
+angles = st.floats(-1.2, 1.2)
+pixels = st.tuples(st.floats(0, 639), st.floats(0, 479))
+LENS = Pinhole(k1=-0.12, k2=0.02)
+
+
+@given(pan=angles, tilt=angles)
+def test_aiming_at_where_the_axis_points_gives_pan_and_tilt_back(pan, tilt):
+    axis = geometry.pan_tilt(pan, tilt) @ [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(geometry.pan_tilt_of(axis), (pan, tilt), atol=1e-12)
+
+
+def test_positive_pan_looks_right_and_positive_tilt_looks_up():
+    x, y, _ = geometry.pan_tilt(0.1, 0.2) @ [0.0, 0.0, 1.0]
+    assert x > 0
+    assert y < 0
+
+
+@given(pan=angles, tilt=angles, rates=st.tuples(st.floats(-1, 1), st.floats(-1, 1)))
+def test_body_rates_are_those_of_a_small_turn(pan, tilt, rates):
+    h = 1e-6
+    before = geometry.pan_tilt(pan - h * rates[0], tilt - h * rates[1])
+    after = geometry.pan_tilt(pan + h * rates[0], tilt + h * rates[1])
+    spin = geometry.pan_tilt(pan, tilt).T @ (after - before) / (2 * h)
+    turned = [spin[2, 1], spin[0, 2], spin[1, 0]]
+    np.testing.assert_allclose(geometry.body_rates(tilt) @ rates, turned, atol=1e-8)
+
+
+@given(pixel=pixels)
+def test_a_pixel_projects_to_itself_through_the_lens(pixel):
+    np.testing.assert_allclose(LENS.pixels(LENS.normalised(pixel)), pixel, atol=1e-9)
+    np.testing.assert_allclose(LENS.project(7.0 * LENS.rays(pixel)), pixel, atol=1e-9)
+
+
+def test_what_is_behind_the_camera_has_no_pixel():
+    assert np.isnan(LENS.project([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0]])).all()
+
+
+def test_a_flat_port_in_water_is_a_longer_focal_length_with_another_distortion():
+    v, u = np.mgrid[0 : LENS.height : 40, 0 : LENS.width : 40]
+    pixels = np.stack([u, v], axis=-1)
+    air, water = LENS.normalised(pixels), LENS.in_water().normalised(pixels)
+    sines = [np.sin(np.arctan(np.linalg.norm(rays, axis=-1))) for rays in (air, water)]
+    np.testing.assert_allclose(sines[0], geometry.WATER_INDEX * sines[1], atol=2e-4)
+    exact = FlatPort.of(LENS)
+    np.testing.assert_allclose(exact.pixels(exact.normalised(pixels)), pixels, atol=1e-9)
+    off = LENS.in_water().pixels(exact.normalised(pixels)) - pixels
+    assert np.abs(off).max() < 0.1
+    assert LENS.in_water().focal == pytest.approx(geometry.WATER_INDEX * LENS.focal, rel=1e-3)
+    assert np.isnan(exact.project([2.0, 0.0, 1.0])).all()  # no ray in water leaves so obliquely
+
+
+def test_half_the_size_sees_the_same_directions():
+    half = LENS.scaled(0.5)
+    assert (half.width, half.height) == (320, 240)
+    corner = LENS.normalised([-0.5, -0.5])
+    np.testing.assert_allclose(half.pixels(corner), [-0.5, -0.5], atol=1e-9)
+
+
+@given(
+    off=st.tuples(st.floats(-5e-3, 5e-3), st.floats(-5e-3, 5e-3)),
+    d=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
+)
+def test_a_ray_ends_on_the_wall_ahead_of_it(off, d):
+    assume(np.hypot(d[0], d[1]) > 1e-3)
+    origin = np.array([*off, 0.02])
+    phi, z, length = geometry.meet_wall(origin, d, 10e-3)
+    np.testing.assert_allclose(
+        geometry.wall_point(phi, z, 10e-3), origin + length * np.array(d), atol=1e-9
+    )
+    assert length > 0
+
+
+def test_a_ray_along_the_axis_never_ends():
+    assert np.isinf(geometry.meet_wall([0, 0, 0], [0, 0, 1.0], 10e-3)[2])
+
+
+def test_a_camera_outside_the_pipe_is_refused():
+    with pytest.raises(ParameterError, match="must be inside"):
+        geometry.meet_wall([11e-3, 0, 0], [1.0, 0, 0], 10e-3)
+
+
+@given(pan=angles, tilt=angles, roll=st.floats(-3, 3), squint=angles, camera=st.floats(-3, 3))
+def test_a_pose_is_the_product_of_its_turns(pan, tilt, roll, squint, camera):
+    mount = Mount(8e-3, (1e-3, -0.5e-3), roll, 5e-3, squint, camera)
+    pose = mount.pose(pan, tilt)
+    turn = geometry.rotation_z(roll) @ geometry.pan_tilt(pan, tilt) @ mount.camera
+    np.testing.assert_allclose(pose.rotation, turn, atol=1e-14)
+    pivot = np.array([1e-3, -0.5e-3, 5e-3])
+    np.testing.assert_allclose(pose.position, pivot + 8e-3 * turn[:, 2], atol=1e-16)
+
+
+@given(pan=angles, tilt=angles, roll=st.floats(-3, 3))
+def test_a_pose_and_back(pan, tilt, roll):
+    pose = Mount(offset=(1e-3, -0.5e-3), roll=roll, advance=5e-3).pose(pan, tilt)
+    points = np.array([[1.0, 2.0, 3.0], [-0.1, 0.0, 0.4]])
+    np.testing.assert_allclose(pose.to_camera(pose.to_pipe(points)), points, atol=1e-12)
+
+
+@given(phi=st.floats(-3, 3), z=st.floats(12e-3, 40e-3), roll=st.floats(-3, 3))
+@pytest.mark.parametrize("squint", [0.0, 0.06])
+def test_aiming_puts_a_point_on_the_optical_axis(squint, phi, z, roll):
+    mount = Mount(
+        offset=(1e-3, -0.5e-3), roll=roll, advance=2e-3, squint=squint, camera_roll=2.0 * squint
+    )
+    point = geometry.wall_point(phi, z, 10e-3)
+    local = mount.pose(*mount.aim(point)).to_camera(point)
+    np.testing.assert_allclose(local[:2], 0, atol=1e-12)
+
+
+@given(angle=st.floats(-100, 100))
+def test_wrapping_takes_whole_turns(angle):
+    wrapped = float(geometry.wrapped(angle))
+    assert -np.pi <= wrapped < np.pi
+    assert np.isclose(np.cos(wrapped - angle), 1.0)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Pinhole(width=0),
+        lambda: Pinhole(focal=-1.0),
+        lambda: Pinhole(k1=-3.0),
+        lambda: Mount(lever=float("nan")),
+    ],
+)
+def test_impossible_values_are_refused(make):
+    with pytest.raises(ParameterError):
+        make()
+
+
+def test_distances_on_the_wall_go_the_short_way_round():
+    course = [[3.1, 0.0], [-3.1, 0.0], [-3.1, 5e-3]]
+    short = 10e-3 * (2 * np.pi - 6.2)
+    assert geometry.wall_distance(course[0], course[1], 10e-3) == pytest.approx(short)
+    assert geometry.wall_lengths(course, 10e-3) == pytest.approx([0.0, short, short + 5e-3])

@@ -1,0 +1,291 @@
+"""The simulated camera, against optics."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import LimitError, ParameterError
+from minorloop.lab.actuator import FrameSource
+from minorloop_head.geometry import Mount, Pinhole, wall_point
+from minorloop_head.twins.camera import Camera, ImageSensor, led_positions
+from minorloop_head.twins.pipe import Bore, Crack, Dent, Dirt, Finish, Pipe
+from minorloop_head.twins.turbid_water import TurbidWater
+
+MATT = Finish(specular=1e-6, brush=1e-9, streak=1e-9, stain=1e-9, ambient=1e-9, diffuse=0.6)
+CLEAN = ImageSensor(
+    read=0.0, electrons=1e9, veil_near=0.0, veil_far=0.0, lens_dirt=0.0, readout=0.0
+)
+PLACE = (0.3, 20e-3)
+MOUNT = Mount()
+AIM = MOUNT.aim(wall_point(*PLACE, 10e-3))
+
+
+def looking_at(pipe, *, lights=(True, True, True), gain=1.0, focus=None, **options):
+    """A camera that looks at PLACE in focus."""
+    camera = Camera(pipe, MOUNT, **options)
+    camera.look(*AIM)
+    camera.switch(lights)
+    camera.expose(0.01, gain)
+    depth = MOUNT.pose(*AIM).to_camera(wall_point(*PLACE, 10e-3))[2]
+    camera.focus_at(float(depth if focus is None else focus))
+    for _ in range(25):
+        camera._advance(camera.sensor.interval)
+    return camera
+
+
+def middle(image, half=3):
+    v, u = image.shape[0] // 2, image.shape[1] // 2
+    return float(image[v - half : v + half, u - half : u + half].mean())
+
+
+def test_it_implements_the_protocol():
+    camera = Camera(Pipe(length=6.4e-3))
+    assert isinstance(camera, FrameSource)
+    frame = camera.frame()
+    assert frame.image.shape == (480, 640)
+    assert frame.image.dtype == np.uint8
+    assert 0 < frame.t < camera.clock == pytest.approx(0.04)
+
+
+def test_a_seed_gives_the_same_frames():
+    pipe = Pipe.draw(2, length=12.8e-3, holes=1)
+    first, again, other = (Camera(pipe, seed=n) for n in (1, 1, 2))
+    image = first.frame().image
+    np.testing.assert_array_equal(image, again.frame().image)
+    assert (image != other.frame().image).any()
+    assert (image != first.frame().image).any()
+
+
+def test_the_truth_is_private():
+    shown = {name for name in dir(Camera(Pipe(length=6.4e-3))) if not name.startswith("_")}
+    assert shown == {
+        "calibration",
+        "clock",
+        "expose",
+        "focus",
+        "focus_at",
+        "frame",
+        "kind",
+        "leds",
+        "look",
+        "move",
+        "repaint",
+        "sensor",
+        "switch",
+    }
+
+
+@pytest.mark.parametrize("led", range(3))
+def test_a_matt_wall_shines_as_cosine_over_square_of_distance(led):
+    lights = tuple(n == led for n in range(3))
+    camera = looking_at(Pipe(length=25.6e-3, finish=MATT), lights=lights, sensor=CLEAN, gain=0.5)
+    point = wall_point(*PLACE, 10e-3)
+    to_led = MOUNT.pose(*AIM).to_pipe(led_positions()[led]) - point
+    far = np.linalg.norm(to_led)
+    cosine = -(to_led @ [math.cos(PLACE[0]), math.sin(PLACE[0]), 0.0]) / far
+    expected = 100 * 0.5 * 0.6 * cosine * 1e-4 / far**2
+    assert middle(camera.frame().image) == pytest.approx(expected, rel=0.03, abs=0.5)
+
+
+def test_a_mark_is_drawn_without_the_wall_being_drawn_anew(monkeypatch):
+    """That would take a second, in which the console gets no picture and holds."""
+    pipe = Pipe.draw(1001, length=25.6e-3)
+    marked = replace(pipe, dirt=(*pipe.dirt, Dirt(*PLACE, 0.15e-3, 0.35, 0.03e-3, 0.0)))
+    fresh = looking_at(marked, sensor=CLEAN).frame().image
+    camera = looking_at(pipe, sensor=CLEAN)
+    bare = camera.frame().image
+    monkeypatch.setattr("minorloop_head.twins.camera.lay_out", None)
+    camera.repaint(marked)
+    seen = camera.frame().image
+    assert middle(seen) < 0.8 * middle(bare)
+    np.testing.assert_allclose(seen, fresh, atol=1)
+
+
+def test_lights_add_up():
+    camera, single = looking_at(Pipe(length=25.6e-3), sensor=CLEAN), []
+    whole = middle(camera.frame().image)
+    for lights in np.eye(3, dtype=bool):
+        camera.switch(lights)
+        single.append(middle(camera.frame().image))
+    assert sum(single) == pytest.approx(whole, abs=1.5)
+    camera.switch((False,) * 3)
+    assert middle(camera.frame().image) == 0
+
+
+def test_a_highlight_follows_the_light_and_not_the_wall():
+    pipe = Pipe(finish=Finish(roughness_around=0.05, roughness_along=0.05), dents=(
+        Dent(PLACE[0], PLACE[1], 0.4e-3, 0.4e-3),
+    ))  # fmt: skip
+    camera, spots = looking_at(pipe, sensor=CLEAN, gain=0.3), []
+    for lights in np.eye(3, dtype=bool):
+        camera.switch(lights)
+        image = camera.frame().image
+        window = image[180:300, 260:380].astype(float)
+        window[window < 0.9 * window.max()] = 0
+        v, u = np.mgrid[:120, :120]
+        spots.append([(u * window).sum() / window.sum(), (v * window).sum() / window.sum()])
+    gaps = [np.hypot(*np.subtract(spots[a], spots[b])) for a, b in ((0, 1), (1, 2), (0, 2))]
+    assert min(gaps) > 2
+
+
+def test_a_hole_is_where_the_score_expects_it():
+    pipe = Pipe(length=25.6e-3, finish=MATT, bores=(Bore(*PLACE, 1e-3, lining=0.01),))
+    camera = looking_at(pipe, sensor=CLEAN)
+    camera.look(AIM[0] + 0.1, AIM[1] - 0.05)
+    u, v = camera._pixel(*PLACE)
+    image = camera.frame().image.astype(float)
+    dark = np.zeros_like(image)
+    box = np.s_[int(v) - 25 : int(v) + 26, int(u) - 25 : int(u) + 26]
+    dark[box] = image[box] < 0.5 * np.median(image[box])
+    rows, columns = np.nonzero(dark)
+    assert np.hypot(columns.mean() - u, rows.mean() - v) < 1.0
+
+
+def test_a_hole_lit_from_behind_shines_without_light():
+    pipe = Pipe(length=25.6e-3, bores=(Bore(*PLACE, 1e-3, inside="backlit", brightness=1.0),))
+    image = looking_at(pipe, lights=(False,) * 3, sensor=CLEAN).frame().image
+    assert middle(image) == pytest.approx(100, rel=0.1)
+    assert image[:50].max() == 0
+
+
+def test_a_pit_is_darker_than_the_wall_and_a_crack_too():
+    plain = middle(looking_at(Pipe(length=25.6e-3, finish=MATT), sensor=CLEAN).frame().image)
+    pit = Bore(*PLACE, 1e-3, depth=0.3e-3, brightness=0.3)
+    crack = Crack(((PLACE[0] - 0.1, PLACE[1]), (PLACE[0] + 0.1, PLACE[1])), (4e-4, 4e-4))
+    in_pit = middle(
+        looking_at(Pipe(length=25.6e-3, finish=MATT, bores=(pit,)), sensor=CLEAN).frame().image
+    )
+    in_crack = middle(
+        looking_at(Pipe(length=25.6e-3, finish=MATT, cracks=(crack,)), sensor=CLEAN).frame().image
+    )
+    assert 0.05 * plain < in_pit < 0.8 * plain
+    assert in_crack < 0.3 * plain
+
+
+def test_water_hides_what_is_under_it():
+    pipe = Pipe(length=25.6e-3, finish=MATT, water=2e-3)
+    dry, wet = Pipe(length=25.6e-3, finish=MATT), pipe
+    camera = Camera(wet, MOUNT, sensor=CLEAN)
+    plain = Camera(dry, MOUNT, sensor=CLEAN)
+    below, above = np.s_[400:, 300:340], np.s_[:100, 300:340]
+    seen, without = camera.frame().image.astype(float), plain.frame().image.astype(float)
+    np.testing.assert_allclose(seen[above], without[above], atol=1.0)
+    assert np.abs(seen[below] - without[below]).mean() > 2
+
+
+def test_light_decays_in_water_and_comes_back_from_it():
+    pipe = Pipe(length=25.6e-3, finish=Finish(diffuse=0.6, specular=0.0, streak=0.0, stain=0.0))
+    waters = (TurbidWater(0.0, 0.0), TurbidWater(10.0, 0.0), TurbidWater(0.0, 10.0))
+    clear, dark, hazy = (
+        middle(looking_at(pipe, sensor=CLEAN, flooded=water).frame().image) for water in waters
+    )
+    far = np.linalg.norm(MOUNT.pose(*AIM).position - wall_point(*PLACE, 10e-3))
+    assert dark / clear == pytest.approx(math.exp(-10.0 * 2 * far), rel=0.03)
+    assert dark + 0.5 < hazy < clear
+
+
+def test_a_place_under_water_is_where_the_score_expects_it():
+    hole = Pipe(length=51.2e-3, bores=(Bore(*PLACE, 1e-3),))
+    camera = looking_at(hole, sensor=CLEAN, flooded=TurbidWater())
+    camera.look(AIM[0] + 0.2, AIM[1])
+    u, v = np.rint(camera._pixel(*PLACE)).astype(int)
+    dry = looking_at(hole, sensor=CLEAN)
+    dry.look(AIM[0] + 0.2, AIM[1])
+    image = camera.frame().image
+    assert np.hypot(*(camera._pixel(*PLACE) - dry._pixel(*PLACE))) > 20
+    assert image[v, u] < 0.5 * np.median(image[v - 40 : v + 40, u - 40 : u + 40])
+
+
+def test_water_has_either_a_surface_or_fills_the_pipe():
+    with pytest.raises(ParameterError, match=r"surface of water at y = 0\.001 m"):
+        Camera(Pipe(length=6.4e-3, water=1e-3), flooded=TurbidWater())
+    with pytest.raises(ParameterError, match=r"scattering of water is -1"):
+        TurbidWater(scattering=-1.0)
+
+
+def test_noise_is_that_of_electrons_and_reading():
+    camera = looking_at(
+        Pipe(length=25.6e-3, finish=MATT),
+        sensor=ImageSensor(veil_near=0, veil_far=0, lens_dirt=0, readout=0),
+    )
+    frames = np.array([camera.frame().image[200:280, 280:360] for _ in range(40)], dtype=float)
+    level, spread = frames.mean(), frames.var(axis=0, ddof=1).mean()
+    assert spread == pytest.approx(0.8**2 + level / 25 + 1 / 12, rel=0.05)
+
+
+def test_exposure_and_gain_scale_the_image_and_clip_it():
+    pipe = Pipe(length=25.6e-3, finish=MATT)
+    base = middle(looking_at(pipe, sensor=CLEAN).frame().image)
+    camera = looking_at(pipe, sensor=CLEAN)
+    camera.expose(0.02, 1.0)
+    assert middle(camera.frame().image) == pytest.approx(2 * base, rel=0.03)
+    camera.expose(0.01, 32.0)
+    assert middle(camera.frame().image) == 255
+
+
+def steepness(image):
+    """Largest step from column to column across the hole in the middle."""
+    return int(np.abs(np.diff(image[image.shape[0] // 2, 280:360].astype(int))).max())
+
+
+def test_out_of_focus_is_blurred_and_focus_takes_time():
+    hole = Pipe(length=25.6e-3, finish=MATT, bores=(Bore(*PLACE, 1.1e-3, lining=0.01),))
+    sharp = looking_at(hole, sensor=CLEAN)
+    soft = looking_at(hole, sensor=CLEAN, focus=5e-3)
+    assert steepness(soft.frame().image) < 0.5 * steepness(sharp.frame().image)
+    before = soft.focus
+    soft.focus_at(20e-3)
+    soft.frame()
+    assert before < soft.focus < 20e-3
+    for _ in range(25):
+        soft.frame()
+    assert soft.focus == pytest.approx(20e-3)
+
+
+def test_a_turning_head_blurs_along_its_way():
+    hole = Pipe(length=25.6e-3, finish=MATT, bores=(Bore(*PLACE, 1.1e-3, lining=0.01),))
+    still, turning = looking_at(hole, sensor=CLEAN), looking_at(hole, sensor=CLEAN)
+    turning.look(AIM[0] - 0.005 * 0.6, AIM[1], rates=(0.6, 0.0))
+    assert steepness(turning.frame().image) < 0.7 * steepness(still.frame().image)
+
+
+def test_a_rolling_shutter_sees_rows_one_after_the_other():
+    hole = Pipe(length=25.6e-3, finish=MATT, bores=(Bore(*PLACE, 1.1e-3, lining=0.01),))
+    rolling = looking_at(hole, sensor=ImageSensor(readout=30e-3))
+    rolling.look(*AIM, rates=(0.5, 0.0))
+    still = looking_at(hole, sensor=CLEAN)
+    shift = rolling._pixel(*PLACE)[0] - still._pixel(*PLACE)[0]
+    # Half of the readout and of the exposure have passed at the middle row.
+    turned = looking_at(hole, sensor=CLEAN)
+    turned.look(AIM[0] + 0.5 * 0.02, AIM[1])
+    expected = turned._pixel(*PLACE)[0] - still._pixel(*PLACE)[0]
+    assert shift == pytest.approx(expected, abs=0.5)
+
+
+def test_a_specimen_differs_from_its_calibration_by_little_and_from_the_drawing_by_more():
+    camera = Camera(Pipe(length=6.4e-3), specimen=3)
+    true, seen = camera._optics, camera.calibration
+    assert true.focal != 520
+    assert abs(true.focal / 520 - 1) <= 0.1
+    assert 0 < abs(true.focal / seen.focal - 1) < 5e-3
+    assert true.centre == seen.centre
+
+
+@pytest.mark.parametrize(
+    ("act", "error"),
+    [
+        (lambda c: c.switch((True, False)), ParameterError),
+        (lambda c: c.expose(0.1), LimitError),
+        (lambda c: c.expose(0.01, 100.0), LimitError),
+        (lambda c: c.focus_at(1e-3), LimitError),
+        (lambda c: c.look(math.nan, 0.0), ParameterError),
+        (lambda c: Camera(Pipe(length=6.4e-3), optics=Pinhole(width=641)), ParameterError),
+        (lambda c: ImageSensor(read=-1.0), ParameterError),
+        (lambda c: ImageSensor(electrons=0.0), ParameterError),
+    ],
+)
+def test_impossible_values_are_refused(act, error):
+    with pytest.raises(error):
+        act(Camera(Pipe(length=6.4e-3)))

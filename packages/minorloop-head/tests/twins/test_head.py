@@ -1,0 +1,139 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
+from minorloop_head.twins.wire import Wire
+
+
+def settled(pan, tilt, **options):
+    """Pan and tilt after a long hold from the cold, and the truth there."""
+    twin = Head(log_truth=True, **options)
+    y = twin.apply(np.array([pan, tilt]), 120.0, 120.0).y[:, -1]
+    return y, {name: values[-1] for name, values in twin._truth().items()}
+
+
+def test_its_channels_are_pan_and_tilt():
+    assert [str(c) for c in Head.inputs] == ["pan current [A]", "tilt current [A]"]
+    assert [str(c) for c in Head.outputs] == ["pan [deg]", "tilt [deg]"]
+    assert all((c.low, c.high) == (0.0, 0.4) for c in Head.inputs)
+    assert Head().tick == 0.04
+
+
+def test_each_axis_reaches_the_published_angle():
+    for currents, axis in (((0.4, 0.0), 0), ((0.0, 0.4), 1)):
+        y, truth = settled(*currents)
+        assert y[axis] == pytest.approx(60.0, abs=1.0)
+        assert truth["temperature"][axis] == pytest.approx(128.0, abs=0.5)
+
+
+def test_the_cold_head_looks_straight_ahead():
+    y, truth = settled(0.0, 0.0)
+    np.testing.assert_allclose(y, 0.0, atol=1e-9)
+    np.testing.assert_allclose(truth["martensite"], 1.0)
+
+
+def test_each_sensor_sees_a_tenth_of_the_other_axis_at_most():
+    for cold, hot, currents in ((1, 0, (0.4, 0.0)), (0, 1, (0.0, 0.4))):
+        y, _ = settled(*currents)
+        assert 0.04 < y[cold] / y[hot] < 0.10
+
+
+def test_the_other_spring_adds_or_takes_ten_megapascals():
+    _, alone = settled(0.4, 0.0)
+    _, both = settled(0.4, 0.4)
+    wire = Wire(log_truth=True)
+    wire.apply(0.4, 120.0, 120.0)
+    single = wire._truth()["stress"][-1, 0]
+    assert alone["stress"][0] - single == pytest.approx(-10e6, abs=1.5e6)
+    assert both["stress"][0] - single == pytest.approx(+10e6, abs=3e6)
+
+
+def test_moving_one_axis_disturbs_the_wire_of_the_other():
+    twin, alone = Head(log_truth=True), Head(log_truth=True)
+    for head in (twin, alone):
+        head.apply(np.array([0.4, 0.0]), 80.0, 80.0)
+        head.apply(np.array([0.3, 0.0]), 80.0, 80.0)
+    twin.apply(np.array([0.3, 0.4]), 80.0, 80.0)
+    alone.apply(np.array([0.3, 0.0]), 80.0, 80.0)
+    pushed, free = (head._truth()["martensite"][-1, 0] for head in (twin, alone))
+    assert pushed - free > 0.05
+
+
+def test_its_pan_wire_is_the_wire_of_the_same_specimen():
+    head, wire = Head(7)._parameters, Wire(7)._parameters
+    assert {name: head[f"pan_{name}"] for name in wire} == wire
+    assert all(head[f"tilt_{name}"] != wire[name] for name in wire)
+    assert len(head) == 39
+
+
+def test_halving_the_step_changes_little():
+    def run(substeps):
+        twin, way = Head(substeps=substeps), []
+        for currents in np.random.default_rng(0).uniform(0, 0.4, (12, 2)):
+            way.append(twin.apply(currents, 60.0, 0.05).y)
+        return np.concatenate(way, axis=1), np.array([y[:, -1] for y in way])
+
+    (way, ends), (finer, ends_finer) = run(1), run(2)
+    assert np.max(np.abs(way - finer)) / 60 < 0.01
+    assert np.max(np.abs(ends - ends_finer)) / 60 < 0.001
+
+
+def test_a_load_may_act_on_one_axis_alone():
+    plain, _ = settled(0.33, 0.33)
+    pushed, _ = settled(0.33, 0.33, surroundings=Surroundings(load=(0.0, 1e-3)))
+    assert plain[1] - pushed[1] > 1.0
+    assert abs(plain[0] - pushed[0]) < 0.5 * (plain[1] - pushed[1])
+    with pytest.raises(ParameterError, match="there are 3 loads"):
+        Head(surroundings=Surroundings(load=(0.0, 0.0, 0.0)))
+
+
+def test_the_flow_makes_a_held_head_sway():
+    sway = (Course(0.0, amplitude=1e-3, period=1 / 0.3), Course(0.0, amplitude=1e-3, period=4.3))
+    twin = Head(surroundings=Surroundings(load=sway))
+    y = twin.apply(np.array([0.33, 0.33]), 100.0, 0.04).y[:, -500:]
+    assert np.all(np.ptp(y, axis=1) > 0.2)
+
+
+def test_both_wires_age_and_share_the_air():
+    y, _ = settled(0.4, 0.4, ageing=1.0)
+    fresh, _ = settled(0.4, 0.4)
+    np.testing.assert_allclose(y / fresh, 0.9, atol=0.02)
+    flooded, truth = settled(0.4, 0.4, surroundings=Surroundings(convection=2000.0))
+    np.testing.assert_allclose(flooded, 0.0, atol=1e-9)
+    assert np.all((truth["temperature"] > 22) & (truth["temperature"] < 27))
+
+
+def test_runs_in_a_loop_of_one_line_a_tick():
+    plant = Head(noise=0.05, delay=0.04)
+    u = np.zeros(2)
+    for _ in range(1500):
+        y = plant.exchange(u)
+        u = np.clip(0.3 + 0.01 * (np.array([30.0, 20.0]) - y), 0.0, 0.4)
+    assert np.all(y > 5)
+    assert plant.clock == pytest.approx(60.0)
+
+
+def test_one_wire_warms_the_other_through_the_body():
+    around = Surroundings(cooling=Cooling())
+    _, alone = settled(0.0, 0.0, surroundings=around)
+    _, beside = settled(0.0, 0.4, surroundings=around)
+    np.testing.assert_allclose(alone["temperature"], 20.0)
+    assert beside["body"][0] == beside["body"][1] > 21.0
+    between = 20.0 + 0.5 * (beside["body"][0] - 20.0)
+    assert beside["temperature"][0] == pytest.approx(between, abs=0.1)
+
+
+def test_the_warmth_of_the_body_is_part_of_a_checkpoint():
+    around = Surroundings(cooling=Cooling())
+    first = Head(surroundings=around)
+    first.apply(np.array([0.3, 0.1]), 60.0, 60.0)
+    other = Head(surroundings=around)
+    other.restore(first.checkpoint())
+    after = [twin.apply(np.array([0.25, 0.2]), 60.0, 1.0).y for twin in (first, other)]
+    np.testing.assert_array_equal(*after)
+    broken = first.checkpoint()
+    broken["state"][0][6] = 500.0
+    with pytest.raises(ParameterError, match="temperature of body"):
+        other.restore(broken)

@@ -1,0 +1,386 @@
+"""The interface of all simulated axes."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from minorloop.errors import LimitError, ParameterError, SignalError
+from minorloop.lab.actuator import Actuator
+from minorloop_head.twins.catheter import Catheter
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.surroundings import Course, Surroundings
+from minorloop_head.twins.wire import Wire
+
+KINDS = (Wire, Head, Catheter)
+every_kind = pytest.mark.parametrize("kind", KINDS)
+
+
+def inputs(kind, shares):
+    """Shares (..., ) of the range of each input, in 0 to 1, as one input."""
+    low, high = (np.array([getattr(c, end) for c in kind.inputs]) for end in ("low", "high"))
+    values = low + (high - low) * np.asarray(shares)[: len(low)]
+    return float(values[0]) if len(low) == 1 else values
+
+
+def wave(kind, count, seed=0):
+    """A sequence of inputs (count) that moves every axis."""
+    phases = np.arange(count)[:, None] * [0.05, 0.035] + seed
+    return [inputs(kind, 0.6 + 0.39 * np.sin(phase)) for phase in phases]
+
+
+@every_kind
+def test_it_implements_the_protocol(kind):
+    twin = kind()
+    assert isinstance(twin, Actuator)
+    y = twin.exchange(inputs(kind, [0.5, 0.5]))
+    if len(kind.outputs) == 1:
+        assert isinstance(y, float)
+    else:
+        assert y.shape == (2,)
+
+
+@every_kind
+def test_exchange_is_a_hold_of_one_tick(kind):
+    loop, bench = kind(tick=0.5), kind(tick=0.5)
+    for u in wave(kind, 40):
+        record = bench.apply(u, 0.5, 0.5)
+        np.testing.assert_array_equal(loop.exchange(u), record.y[..., -1])
+        np.testing.assert_array_equal(record.u[..., -1], u)
+    assert loop.clock == pytest.approx(20.0)
+    assert [str(q) for q in record.inputs] == [str(c) for c in kind.inputs]
+    assert [str(q) for q in record.outputs] == [str(c) for c in kind.outputs]
+
+
+@every_kind
+def test_a_hold_does_not_depend_on_how_it_is_sampled(kind):
+    u = inputs(kind, [0.95, 0.9])
+    whole, fine, pieces = kind(), kind(), kind()
+    expected = whole.apply(u, 20.0, 20.0).y[..., -1]
+    np.testing.assert_allclose(fine.apply(u, 20.0, 0.04).y[..., -1], expected, rtol=1e-6)
+    for _ in range(500):
+        last = pieces.exchange(u)
+    np.testing.assert_allclose(last, expected, rtol=1e-6)
+
+
+@every_kind
+def test_a_waveform_that_rests_is_a_hold(kind):
+    u = inputs(kind, [0.9, 0.8])
+    t = np.linspace(0, 20, 201)
+    driven = kind().drive(t + 5, np.multiply.outer(u, np.ones(t.size)))
+    held = kind().apply(u, 20.0, 0.1)
+    np.testing.assert_allclose(driven.t, t, atol=1e-12)
+    np.testing.assert_allclose(driven.y[..., 1:], held.y, atol=1e-9)
+    np.testing.assert_allclose(driven.y[..., 0], 0.0, atol=1e-9)
+
+
+@every_kind
+@pytest.mark.parametrize("delay", [0.04, 0.1, 0.053])
+def test_a_delayed_reading_is_the_reading_of_then(kind, delay):
+    now, late = kind(tick=0.01), kind(tick=0.04, delay=delay)
+    sequence = wave(kind, 500)
+    late_y = np.array([late.exchange(u) for u in sequence])
+    now_y = np.array([now.exchange(u) for u in sequence for _ in range(4)])
+    t = 0.04 * np.arange(1, 501) - delay
+    for a in range(len(kind.outputs)):
+        seen, true = (y.reshape(len(y), -1)[:, a] for y in (late_y, now_y))
+        grid = 0.01 * np.arange(2001)
+        np.testing.assert_allclose(
+            seen, np.interp(t, grid, np.concatenate([[0.0], true])), atol=1e-6
+        )
+
+
+@every_kind
+def test_short_samples_do_not_push_out_what_the_delay_needs(kind):
+    fine, coarse = kind(delay=0.5), kind(delay=0.5)
+    u = inputs(kind, [0.95, 0.9])
+    assert fine.apply(u, 8.0, 0.001).y[..., -1] == pytest.approx(
+        coarse.apply(u, 8.0, 8.0).y[..., -1], rel=2e-3, abs=1e-3
+    )
+
+
+@every_kind
+@given(st.integers(0, 30), st.integers(1, 30), st.integers(0, 5))
+@settings(max_examples=15)
+def test_a_restored_twin_repeats_exactly(kind, before, after, seed):
+    name = kind.outputs[0].name
+    options = {
+        "specimen": 2,
+        "noise": 0.1,
+        "seed": seed,
+        "delay": 0.1,
+        "tick": 0.4,
+        "faults": [Fault(name, "stuck", 4.0, 6.0), Fault(name, "lost", 8.0, 9.0)],
+    }
+    twin = kind(**options)
+    for u in wave(kind, before):
+        twin.exchange(u)
+    kept = json.loads(json.dumps(twin.checkpoint(), allow_nan=False))
+    first = [twin.exchange(u) for u in wave(kind, after, seed=1)]
+    for again in (twin, kind(**options)):
+        again.restore(kept)
+        np.testing.assert_array_equal([again.exchange(u) for u in wave(kind, after, 1)], first)
+
+
+@every_kind
+def test_reset_goes_back_to_the_start(kind):
+    twin = kind(noise=0.1, delay=0.08, log_truth=True)
+    first = [twin.exchange(u) for u in wave(kind, 50)]
+    twin.reset()
+    assert twin.clock == 0.0
+    np.testing.assert_array_equal([twin.exchange(u) for u in wave(kind, 50)], first)
+    assert twin._truth()["t"].shape == (50,)
+
+
+@every_kind
+def test_safe_is_the_resting_input_and_takes_no_time(kind):
+    twin = kind()
+    for u in wave(kind, 50):
+        twin.exchange(u)
+    before = twin.clock
+    twin.safe()
+    assert twin.clock == before
+    assert twin.checkpoint()["input"] == [0.0] * len(kind.inputs)
+
+
+@every_kind
+def test_specimens_differ_by_up_to_a_tenth_and_repeat(kind):
+    nominal = kind()._parameters
+    for specimen in range(10):
+        drawn = kind(specimen)._parameters
+        ratios = np.array([drawn[name] / nominal[name] for name in nominal])
+        assert np.all(np.abs(ratios - 1) <= 0.1)
+        assert np.unique(ratios).size == len(nominal)
+        assert drawn == kind(specimen)._parameters
+
+
+@every_kind
+def test_the_log_of_the_truth_is_kept_when_asked_for(kind):
+    silent, open_book = kind(noise=0.5), kind(noise=0.5, log_truth=True)
+    for u in wave(kind, 30):
+        np.testing.assert_array_equal(silent.exchange(u), open_book.exchange(u))
+    assert silent._truth()["t"].size == 0
+    truth = open_book._truth()
+    np.testing.assert_allclose(truth.pop("t"), 0.04 * np.arange(1, 31))
+    for values in truth.values():
+        assert values.shape == (30, len(kind.outputs))
+    first = next(iter(truth.values()))
+    np.testing.assert_array_equal(first[-1], open_book._output_now())
+
+
+@every_kind
+@pytest.mark.parametrize("wrong", [1e3, -1e3, np.nan, np.inf])
+def test_refuses_an_input_beyond_its_limits_and_stays_where_it_is(kind, wrong):
+    twin = kind()
+    twin.exchange(inputs(kind, [0.8, 0.8]))
+    before = twin.checkpoint()
+    u = np.multiply(inputs(kind, [0.5, 0.5]), 1.0)
+    u = wrong if len(kind.inputs) == 1 else np.array([u[0], wrong])
+    for attempt in (lambda: twin.apply(u, 1.0, 1.0), lambda: twin.exchange(u)):
+        with pytest.raises(LimitError, match="beyond the limits"):
+            attempt()
+    with pytest.raises((LimitError, SignalError)):
+        twin.drive([0.0, 1.0], np.stack([np.zeros_like(u), u], axis=-1))
+    assert twin.checkpoint() == before
+
+
+@every_kind
+def test_refuses_inputs_for_another_number_of_channels(kind):
+    with pytest.raises(ParameterError, match="give one number for each of"):
+        kind().exchange(np.zeros(3))
+    with pytest.raises(SignalError, match="give u of shape"):
+        kind().drive([0.0, 1.0], np.zeros((3, 2)))
+
+
+@every_kind
+@pytest.mark.parametrize(
+    ("t", "complaint"),
+    [([0.0], "T at least 2"), ([0, 1, 1], "does not increase at index 2"), ([0, np.nan], "t is")],
+)
+def test_refuses_waveforms_that_are_none(kind, t, complaint):
+    u = np.zeros(len(t)) if len(kind.inputs) == 1 else np.zeros((2, len(t)))
+    with pytest.raises(SignalError, match=complaint):
+        kind().drive(t, u)
+
+
+@every_kind
+@pytest.mark.parametrize(
+    ("duration", "interval", "complaint"),
+    [
+        (0.0, 1.0, r"duration is 0\.0; give a positive"),
+        (1.0, np.nan, "sample_interval is nan"),
+        (1.0, 1e-12, "samples, more than"),
+        (1e15, 1e15, "steps, more than"),
+    ],
+)
+def test_refuses_times_that_are_none(kind, duration, interval, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        kind().apply(inputs(kind, [0.5, 0.5]), duration, interval)
+
+
+@every_kind
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"specimen": -1},
+        {"seed": 2**64},
+        {"noise": -0.1},
+        {"noise": np.nan},
+        {"tick": 0.0},
+        {"delay": -0.1},
+        {"delay": 11.0},
+        {"substeps": 0},
+        {"faults": [Fault("yaw", "lost", 0.0)]},
+        {"faults": 3},
+        {"faults": "angle"},
+        {"faults": [3]},
+        {"tick": 1e9},
+        {"delay": 10.0, "substeps": 10**6},
+    ],
+)
+def test_refuses_options_out_of_range(kind, options):
+    with pytest.raises(ParameterError, match=next(iter(options)).removesuffix("s")):
+        kind(**options)
+
+
+@every_kind
+def test_refuses_a_number_that_no_float_can_hold(kind):
+    u = [10**400] * len(kind.inputs)
+    with pytest.raises(ParameterError, match="more than a float can hold"):
+        kind().exchange(u)
+
+
+@pytest.mark.parametrize("kind", [Wire, Head])
+def test_refuses_surroundings_that_are_none(kind):
+    with pytest.raises(ParameterError, match="surroundings is 'air'; give a Surroundings"):
+        kind(surroundings="air")
+
+
+@every_kind
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"twin": "fibre"}, "has twin 'fibre'"),
+        ({"specimen": 4}, "has specimen 4"),
+        ({"delay": 0.2}, r"has delay 0\.2"),
+        ({"state": [0.0]}, "damaged"),
+        ({"state": "x"}, "damaged"),
+        ({"past": [[np.nan]]}, "damaged"),
+        ({"mark": 1000}, "damaged"),
+        ({"clock": -1.0}, "damaged"),
+        ({"last": []}, "damaged"),
+        ({"input": None}, "damaged"),
+        ({"input": [10**400]}, "damaged: input is not made of numbers"),
+        ({"input": [1e3, 1e3]}, "damaged"),
+        ({"samples": math.inf}, "damaged: samples is inf"),
+        ({"samples": -1}, "damaged: samples is -1"),
+        ({"samples": 1.5}, r"damaged: samples is 1\.5"),
+        ({"mark": 0.5}, r"damaged: mark is 0\.5"),
+        ({"clock": 1e300}, r"damaged: clock is 1e\+300"),
+        ({"last": 3}, "damaged: last is not a list"),
+        ({"last": [math.inf] * 2}, "damaged: last"),
+        ({"tick": 0.5}, r"has tick 0\.5 and this twin 0\.04"),
+    ],
+)
+def test_refuses_a_checkpoint_of_another_or_a_damaged_one(kind, change, complaint):
+    twin = kind()
+    with pytest.raises(ParameterError, match=complaint):
+        twin.restore(twin.checkpoint() | change)
+    with pytest.raises(ParameterError, match="twin None"):
+        twin.restore({})
+    kept = twin.checkpoint()
+    del kept["state"]
+    with pytest.raises(ParameterError, match="it has no state"):
+        twin.restore(kept)
+
+
+@every_kind
+@pytest.mark.parametrize("nothing", [None, [], 3, "x"])
+def test_refuses_what_is_no_checkpoint(kind, nothing):
+    with pytest.raises(ParameterError, match="give a dict from checkpoint"):
+        kind().restore(nothing)
+
+
+def moved(kind, delay=0.1):
+    """A twin that was moved for a while."""
+    twin = kind(delay=delay)
+    for u in wave(kind, 60):
+        twin.apply(u, 0.5, 0.5)
+    return twin
+
+
+@pytest.mark.parametrize("kind", [Wire, Head])
+@pytest.mark.parametrize(
+    ("column", "change", "complaint"),
+    [
+        (0, lambda t: 1e4, "temperature of wire"),
+        (0, lambda t: -300.0, "temperature of wire"),
+        (0, lambda t: t + 1.0, "contradict each other|hottest"),
+        (1, lambda xi: 1.2, "martensite of wire"),
+        (1, lambda xi: -0.1, "martensite of wire"),
+        (2, lambda z: z - 1.0, "contradict each other"),
+        (3, lambda x: -x, "force on wire|contradict"),
+        (4, lambda t: -t, "hottest temperature"),
+        (5, lambda s: -s, "highest stress"),
+    ],
+)
+def test_refuses_a_wire_that_cannot_be(kind, column, change, complaint):
+    twin = moved(kind)
+    kept = twin.checkpoint()
+    wrong = json.loads(json.dumps(kept))
+    wrong["state"][-1][column] = change(wrong["state"][-1][column])
+    with pytest.raises(ParameterError, match=complaint):
+        twin.restore(wrong)
+    assert twin.checkpoint() == kept
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "complaint"),
+    [
+        (0, 21.0, "rate of motor"),
+        (1, -1.0, "position of motor"),
+        (1, 1501.0, "position of motor"),
+        (2, -100.0, "lag of tip"),
+        (3, 0.5, "neither sticks nor slides"),
+    ],
+)
+def test_refuses_a_catheter_that_cannot_be(column, value, complaint):
+    twin = moved(Catheter)
+    wrong = twin.checkpoint()
+    wrong["state"][0][column] = value
+    with pytest.raises(ParameterError, match=complaint):
+        twin.restore(wrong)
+
+
+@every_kind
+@pytest.mark.parametrize(
+    ("column", "value", "complaint"),
+    [(0, 1e3, "times of its past"), (0, -1.0, "times of its past"), (1, 1e6, "its past goes")],
+)
+def test_refuses_a_past_that_cannot_be(kind, column, value, complaint):
+    twin = moved(kind)
+    wrong = twin.checkpoint()
+    wrong["past"][3][column] = value
+    with pytest.raises(ParameterError, match=complaint):
+        twin.restore(wrong)
+
+
+@pytest.mark.parametrize("kind", [Wire, Head])
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12), st.integers(0, 20))
+@settings(max_examples=15)
+def test_whatever_the_surroundings_do_to_a_wire_is_restored(kind, shares, specimen):
+    hard = Surroundings(
+        Course(-40.0, 90.0, at=3.0, duration=4.0, amplitude=5.0, period=2.0),
+        Course(75.0, 2000.0, at=10.0),
+        Course(-3e-3, 3e-3, at=2.0, amplitude=1e-3, period=0.5),
+    )
+    twin = kind(specimen, delay=0.1, surroundings=hard, ageing=0.5, drift=1.0)
+    for share in shares:
+        twin.apply(inputs(kind, [share, 1 - share]), 2.0, 0.5)
+        kept = json.loads(json.dumps(twin.checkpoint()))
+        twin.restore(kept)
+        assert twin.checkpoint() == kept

@@ -1,0 +1,26 @@
+"""Views drawn for finding holes and pits of several sizes."""
+
+import math
+
+import pytest
+
+from minorloop_head.geometry import wrapped
+from minorloop_head.twins.pipe import Pipe
+from minorloop_head.twins.scene_view import minor_axis
+from minorloop_head.twins.sized_view import DIAMETERS, LEAST_AXIS, draw_sized_view
+
+
+@pytest.mark.parametrize("hole", [True, False])
+def test_every_view_has_slots_and_corrosion_clear_of_a_rim_that_is_large_enough(hole):
+    for seed in range(2):
+        view = draw_sized_view(seed, hole=hole)
+        assert (view.hole is not None) == hole
+        assert len(view.marks) >= 2
+        if hole:
+            low, high = DIAMETERS
+            assert low <= view.hole.diameter <= high
+            assert minor_axis(view.mount.pose(view.pan, view.tilt), view.hole) >= LEAST_AXIS
+            phi, z = view.place
+            for there in view.marks:
+                x = Pipe.radius * float(wrapped(there[0] - phi))
+                assert math.hypot(x, there[1] - z) > view.hole.diameter / 2

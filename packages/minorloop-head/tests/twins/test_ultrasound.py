@@ -1,0 +1,192 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import LimitError, ParameterError
+from minorloop.lab.actuator import EchoSource
+from minorloop_head.geometry import Mount, Probe, wall_point
+from minorloop_head.twins import _echo_kernels as kernels
+from minorloop_head.twins.pipe import Bore, Crack, Dent, Pipe
+from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.ultrasound import Ultrasound, compile_echoes
+from minorloop_head.ultrasound.echoes import Pulse, matched
+from minorloop_head.ultrasound.field import CalibratedProbe
+
+FULL = -9.99e-3
+MOUNT = Mount(advance=20e-3)
+PIT = Bore(0.0, 20e-3, 1e-3, depth=0.5e-3)
+SPEED = 1482.38
+
+
+def probe_at(pipe=None, *, probe=None, z=20e-3, phi=0.0, **options):
+    options = {"noise": 0.0, "grain": 0.0, "roughness": 0.0, **options}
+    sonar = Ultrasound(pipe or Pipe(water=FULL), MOUNT, probe, **options)
+    sonar.look(*sonar.probe.aim(MOUNT, wall_point(phi, z, 10e-3)))
+    return sonar
+
+
+def received(sonar):
+    return sonar.shot().trace[250:]
+
+
+def peak(trace):
+    return np.abs(trace).max()
+
+
+def test_it_implements_the_protocol_of_an_echo_source():
+    sonar = probe_at()
+    assert isinstance(sonar, EchoSource)
+    first, second = sonar.shot(), sonar.shot()
+    assert first.trace.shape == (2048,)
+    assert second.t - first.t == pytest.approx(1e-3)
+
+
+def test_a_shot_at_a_pit_compiles_nothing_that_was_not_compiled_before():
+    compile_echoes()
+    loops = kernels.echo_of_wall, kernels.pressure_at
+    compiled = [list(loop.signatures) for loop in loops]
+    assert all(compiled)
+    probe_at(Pipe(water=FULL, bores=(PIT,))).shot()
+    assert [loop.signatures for loop in loops] == compiled
+
+
+@pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0])
+def test_a_plain_wall_echoes_after_twice_its_distance(temperature):
+    sonar = probe_at(temperature=temperature)
+    spectrum = np.fft.rfft(sonar.shot().trace * (np.arange(2048) > 500))
+    envelope = np.abs(np.fft.ifft(np.r_[2 * spectrum, np.zeros(2048 - len(spectrum))]))
+    speed = 1402.39 + 5.04 * temperature - 0.058 * temperature**2 + 3.3e-4 * temperature**3
+    assert np.argmax(envelope) * 10e-9 == pytest.approx(2 * 8e-3 / speed, abs=20e-9)
+
+
+def test_the_wall_fills_half_of_the_range():
+    assert peak(received(probe_at())) == pytest.approx(0.5, rel=0.1)
+
+
+def test_in_air_there_is_no_echo():
+    assert peak(received(probe_at(Pipe(water=None)))) < 1e-3
+    half = Pipe(water=0.0)
+    roll = Mount(roll=-np.pi / 2, advance=20e-3)
+    dry = Ultrasound(half, roll, noise=0.0)
+    dry.look(*dry.probe.aim(roll, wall_point(-np.pi / 2, 20e-3, 10e-3)))
+    assert peak(received(dry)) < 1e-3
+    roll = Mount(roll=np.pi / 2, advance=20e-3)
+    wet = Ultrasound(half, roll, noise=0.0)
+    wet.look(*wet.probe.aim(roll, wall_point(np.pi / 2, 20e-3, 10e-3)))
+    assert peak(received(wet)) > 0.3
+
+
+def test_with_a_lens_the_floor_of_a_pit_echoes_as_loud_as_the_wall_and_without_it_does_not():
+    pipe = Pipe(bores=(PIT,), water=FULL)
+    lens, bare = (
+        probe_at(pipe)._floor_level(),
+        probe_at(pipe, probe=Probe(focus=np.inf))._floor_level(),
+    )
+    assert -3 < 20 * np.log10(lens) < -0.5
+    assert -17 < 20 * np.log10(bare) < -12
+
+
+def test_tilt_costs_a_bare_disc_far_more_than_a_lens():
+    def loss(probe):
+        z = 20e-3 + 10e-3 * np.tan(np.radians(1.0))
+        return peak(received(probe_at(probe=probe))) / peak(received(probe_at(probe=probe, z=z)))
+
+    assert 20 * np.log10(loss(Probe())) < 0.6
+    assert 8 < 20 * np.log10(loss(Probe(focus=np.inf))) < 25
+
+
+def test_a_floor_is_late_by_twice_its_depth_and_a_hole_has_none():
+    def energy_about(trace, time):
+        n = int(time / 10e-9) - 250
+        return np.sum(trace[n - 8 : n + 9] ** 2)
+
+    late = 2 * 8.5e-3 / SPEED
+    pit = energy_about(received(probe_at(Pipe(bores=(PIT,), water=FULL))), late)
+    through = Bore(0.0, 20e-3, 1e-3)
+    assert energy_about(received(probe_at(Pipe(bores=(through,), water=FULL))), late) < 0.02 * pit
+
+
+def test_a_pit_in_a_dent_begins_where_the_wall_is():
+    def floor_late(dents):
+        pipe = Pipe(water=FULL, bores=(Bore(0.0, 20e-3, 1.5e-3, depth=0.8e-3),), dents=dents)
+        loud = np.abs(matched(probe_at(pipe).shot().trace, 10e-9, Pulse()))
+        return np.argmax(loud[900:]) * 10e-9 * SPEED / 2
+
+    sunk = floor_late((Dent(0.0, 20e-3, 6e-3, -0.3e-3),)) - floor_late(())
+    assert sunk == pytest.approx(0.3e-3, abs=0.02e-3)
+
+
+def test_the_steel_rings_behind_the_wall_at_its_own_time():
+    thin = received(probe_at(Pipe(water=FULL, thickness=2e-3)))
+    n = int((2 * 8e-3 / SPEED + 2 * 2e-3 / 5900) / 10e-9) - 250
+    ringing = peak(thin[n - 10 : n + 11]) / peak(thin)
+    assert 0.04 < ringing < 0.13
+
+
+def test_cracks_and_dents_change_the_echo():
+    plain = received(probe_at())
+    crack = Crack(((-0.1, 20e-3), (0.1, 20e-3)), (0.3e-3, 0.3e-3), depth=0.5e-3)
+    dent = Dent(0.0, 20e-3, 0.5e-3, -0.1e-3)
+    for pipe in (Pipe(cracks=(crack,), water=FULL), Pipe(dents=(dent,), water=FULL)):
+        assert peak(received(probe_at(pipe)) - plain) > 0.1 * peak(plain)
+
+
+def test_noise_repeats_with_its_seed_and_not_without():
+    a, b, c = (probe_at(noise=0.1, seed=seed).shot().trace for seed in (1, 1, 2))
+    assert (a == b).all()
+    assert (a != c).any()
+
+
+def test_specimens_differ():
+    assert peak(received(probe_at(specimen=1)) - received(probe_at(specimen=2))) > 0.02
+
+
+def test_echoes_change_with_a_moving_head_and_stay_with_a_still_one():
+    sonar = probe_at(Pipe(bores=(PIT,), water=FULL))
+    assert (received(sonar) == received(sonar)).all()
+    sonar.look(*sonar.probe.aim(MOUNT, wall_point(0.0, 20.3e-3, 10e-3)), rates=(0.5, 0.0))
+    first = received(sonar)
+    sonar.wait(0.1)
+    assert peak(received(sonar) - first) > 0.02
+
+
+def test_faults_freeze_or_lose_traces():
+    faults = (Fault("echo", "lost", 0.001, 0.002), Fault("echo", "stuck", 0.002, 0.003))
+    sonar = probe_at(noise=0.1, faults=faults)
+    good, lost, stuck, again = (sonar.shot().trace for _ in range(4))
+    assert peak(lost) == 0
+    assert (stuck == lost).all()
+    assert peak(again) > 0
+    assert peak(again - good) > 0
+
+
+def test_loud_echoes_clip():
+    sonar = probe_at()
+    sonar.amplify(3.0)
+    assert peak(received(sonar)) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_impossible_values_are_refused():
+    with pytest.raises(LimitError, match="gain 1000"):
+        probe_at().amplify(1000.0)
+    with pytest.raises(ParameterError, match="noise"):
+        probe_at(noise=-1.0)
+    with pytest.raises(ParameterError, match="120"):
+        probe_at(temperature=120.0)
+    with pytest.raises(ParameterError, match="wait"):
+        probe_at().wait(-1.0)
+
+
+@pytest.mark.parametrize("way", [(0.2, 0.0), (0.0, 2e-3)])
+@pytest.mark.parametrize(("width", "share"), [(0.1e-3, 0.37), (0.2e-3, 0.66)])
+def test_a_crack_takes_the_share_of_the_beam_that_falls_into_it_in_any_direction(way, width, share):
+    probe, mount = CalibratedProbe(Probe(), Mount(advance=20e-3)), Mount(advance=20e-3)
+    aim = probe.transducer.perpendicular(mount, -0.26), -0.26
+    phi, z = probe.spots(np.array([aim]))[0, :2]
+    ends = (phi - way[0], z - way[1]), (phi + way[0], z + way[1])
+    heights = []
+    for cracks in ((), (Crack(ends, (width, width), depth=1e-3),)):
+        pipe = Pipe(water=-9.99e-3, cracks=cracks, thickness=3e-3)
+        twin = Ultrasound(pipe, mount, noise=0.0, roughness=0.0, grain=0.0)
+        twin.look(*aim)
+        heights.append(np.abs(matched(twin.shot().trace, 10e-9, Pulse()))[900:1150].max())
+    assert 1 - heights[1] / heights[0] == pytest.approx(share, abs=0.03)

@@ -1,0 +1,349 @@
+"""Maps of sweeps whose echoes are made here: pulses at the distance of a surface."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop_head.geometry import Mount, Probe, wrapped
+from minorloop_head.reconstruction.depth_map import Patch
+from minorloop_head.ultrasound.c_scan import CRACK, CUT, NO_ECHO, PIT, c_scan
+from minorloop_head.ultrasound.echoes import Burst, Pulse
+from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.wall_distance import speed_error
+from minorloop_head.ultrasound.wall_echoes import SweptBurst, beam_width
+
+PROBE = CalibratedProbe(Probe(), Mount())
+BOTTOM, Z, STEP, NOISE = math.pi / 2, 20e-3, 10e-9, 0.02
+PATCH = Patch.around(BOTTOM, Z, size=4e-3)
+COSINE = 1 - 0.25 * math.atan(2.5 / 8) ** 2
+"""Of the way of the waves of a focused beam to the axis, in the mean."""
+_PULSE = Pulse().samples(STEP)
+
+
+def trace(depth, share, rng):
+    """An echo of the wall with a share, and of a floor with the rest."""
+    samples = NOISE * rng.standard_normal(2048)
+    for beyond, part in ((0.0, share), (depth, 1 - share)):
+        at = round(2 * (8e-3 + COSINE * beyond) / PROBE.speed / STEP)
+        samples[at - len(_PULSE) // 2 : at + len(_PULSE) // 2 + 1] += part * _PULSE
+    return samples
+
+
+def swept(depth_of=None, share_of=None, *, size=4e-3, step=0.24e-3, off=None, middle=BOTTOM):
+    """Bursts on a square about the bottom, of what lies at x and y metres from its middle."""
+    rng, found = np.random.default_rng(5), []
+    steps = np.arange(-size / 2, size / 2, step)
+    for y in steps:
+        for x in steps + rng.uniform(-0.05e-3, 0.05e-3):
+            depth = 0.0 if depth_of is None else depth_of(x, y)
+            share = (0.0 if depth else 1.0) if share_of is None else share_of(x, y)
+            far = 8e-3 + (0.0 if off is None else off(middle + x / 10e-3))
+            burst = Burst(trace(depth, share, rng), STEP, np.zeros(2), 4, 4, NOISE)
+            spot = np.array([float(wrapped(middle + x / 10e-3)), Z + y, far])
+            found.append(SweptBurst(0.04 * len(found), np.zeros(2), spot, burst))
+    return found
+
+
+def round_pit(depth, diameter=1e-3):
+    return lambda x, y: depth if math.hypot(x, y) < diameter / 2 else 0.0
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return c_scan(swept(), PROBE, PATCH)
+
+
+def test_a_plain_wall_has_no_depth_and_no_finds(plain):
+    assert plain.finds == ()
+    assert np.nanmax(np.abs(plain.wall.depth)) < 10e-6
+    assert np.nanmean(plain.amplitude) == pytest.approx(1.0, abs=0.05)
+    assert plain.gap.mean() < 0.03
+    assert np.abs(plain.wall.depth[~plain.gap] / plain.wall.sd[~plain.gap]).mean() < 2.0
+
+
+def test_a_line_that_lacks_is_a_gap():
+    lines = [one for one in swept() if abs(one.spot[1] - Z - 0.5e-3) > 0.3e-3]
+    found = c_scan(lines, PROBE, PATCH)
+    middle = np.abs(PATCH.places[..., 1] - Z - 0.5e-3) < 0.05e-3
+    assert found.gap[middle].mean() > 0.9
+    assert np.isnan(found.amplitude[found.gap]).all()
+    assert np.isinf(found.wall.sd[found.gap]).all()
+
+
+def test_faulty_bursts_count_as_gaps():
+    bursts = [
+        replace(one, burst=replace(one.burst, verdict="clipped")) if one.spot[1] > Z else one
+        for one in swept()
+    ]
+    found = c_scan(bursts, PROBE, PATCH)
+    assert found.gap[PATCH.places[..., 1] > Z + 0.4e-3].all()
+    assert found.gap[PATCH.places[..., 1] < Z - 0.4e-3].mean() < 0.05
+    assert c_scan([replace(one, burst=bursts[-1].burst) for one in bursts], PROBE, PATCH).gap.all()
+
+
+@pytest.mark.parametrize("depth", [0.3e-3, 0.8e-3])
+def test_a_pit_is_found_with_depth_and_size(depth):
+    (find,) = c_scan(swept(round_pit(depth)), PROBE, PATCH).finds
+    assert find.kind == PIT
+    assert find.depth == pytest.approx(depth, abs=3 * find.depth_sd)
+    assert find.diameter == pytest.approx(1e-3, abs=0.15e-3)
+    assert math.hypot(10e-3 * (find.phi - BOTTOM), find.z - Z) < 0.1e-3
+    row = find.finding(10e-3)
+    assert (row.kind, row.depth, row.width) == (PIT, find.depth, find.diameter)
+
+
+def test_two_pits_are_two_finds_the_deeper_one_first():
+    one, other = round_pit(0.4e-3, 0.9e-3), round_pit(0.7e-3, 0.9e-3)
+    both = swept(lambda x, y: one(x - 0.9e-3, y) or other(x + 0.9e-3, y))
+    finds = c_scan(both, PROBE, PATCH).finds
+    assert [find.depth for find in finds] == pytest.approx([0.7e-3, 0.4e-3], abs=20e-6)
+
+
+def test_a_pit_that_a_gap_cuts_in_two_is_one_find():
+    lines = [
+        one for one in swept(round_pit(0.5e-3, 1.4e-3)) if not -0.3e-3 < one.spot[1] - Z < 0.2e-3
+    ]
+    (find,) = c_scan(lines, PROBE, PATCH).finds
+    assert find.depth == pytest.approx(0.5e-3, abs=20e-6)
+    assert math.hypot(10e-3 * (find.phi - BOTTOM), find.z - Z) < 0.2e-3
+
+
+def test_the_rim_is_less_sure_than_floor_and_wall():
+    found = c_scan(swept(round_pit(0.5e-3, 1.4e-3)), PROBE, PATCH)
+    off = np.linalg.norm(PATCH.off(BOTTOM, Z), axis=-1)
+    rim = found.wall.sd[np.abs(off - 0.7e-3) < 0.06e-3]
+    assert np.median(rim) > 20 * np.median(found.wall.sd[off < 0.2e-3])
+
+
+def test_a_smooth_dent_is_no_pit():
+    dent = swept(lambda x, y: 0.2e-3 * math.exp(-0.5 * (x * x + y * y) / 0.5e-3**2))
+    found = c_scan(dent, PROBE, PATCH)
+    assert found.finds == ()
+    assert np.nanmax(found.wall.depth) == pytest.approx(0.2e-3, abs=20e-6)
+    assert found.noise[0] < 3e-6  # the dent is no noise
+
+
+def lossy(share, at=0.0, half=1.4e-3, depth_of=None):
+    """Bursts that lose a share of the echo on a line along x."""
+    bursts = swept(depth_of or (lambda x, y: 0.0), lambda x, y: 1.0)
+    for one in bursts:
+        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
+        if abs(y - at) < 0.12e-3 and abs(x) < half:
+            one.burst.trace[:] *= 1 - share
+    return bursts
+
+
+@pytest.mark.parametrize("share", [0.2, 0.6])
+def test_a_slender_loss_of_the_echo_is_a_crack(share):
+    (find,) = c_scan(lossy(share), PROBE, PATCH).finds
+    assert find.kind == CRACK
+    assert np.isnan(find.depth)
+    assert find.length == pytest.approx(2.8e-3, rel=0.2)
+
+
+def test_the_place_of_a_bent_crack_is_on_it():
+    bursts, arch = swept(), lambda x: 0.8e-3 - 1.4e-3 * (x / 1.4e-3) ** 2
+    for one in bursts:
+        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
+        if abs(y - arch(x)) < 0.25e-3 and abs(x) < 1.4e-3:
+            one.burst.trace[:] *= 0.5
+    (find,) = c_scan(bursts, PROBE, PATCH).finds
+    assert find.kind == CRACK
+    x, y = 10e-3 * (find.phi - BOTTOM), find.z - Z
+    assert abs(y - arch(x)) < 0.3e-3
+
+
+def test_a_slender_loss_along_the_edge_is_no_claim():
+    (find,) = c_scan(lossy(0.6, at=-1.76e-3), PROBE, PATCH).finds
+    assert find.kind == CUT
+    assert find.length > 2e-3
+
+
+def test_a_crack_that_runs_to_the_edge_is_at_least_as_long():
+    (inside,) = c_scan(lossy(0.6), PROBE, PATCH).finds
+    (beyond,) = c_scan(lossy(0.6, half=9e-3), PROBE, PATCH).finds
+    assert (inside.kind, inside.at_least) == (beyond.kind, not beyond.at_least) == (CRACK, False)
+    assert inside.finding(10e-3).verdict == "swept"
+    assert beyond.finding(10e-3).verdict == "swept, at least as long"
+
+
+def test_the_band_of_a_depth_has_that_of_the_speed_of_sound():
+    (shallow,), (deep,) = (
+        c_scan(swept(round_pit(depth)), PROBE, PATCH).finds for depth in (0.2e-3, 1e-3)
+    )
+    _, share = speed_error(0.0, 10e-3 - PROBE.transducer.face)
+    assert share > 1e-3
+    for find in (shallow, deep):
+        assert find.depth_sd >= np.hypot(4e-6, share * find.depth)
+    assert deep.depth_sd > 1.1 * shallow.depth_sd
+
+
+def test_a_slender_loss_between_walls_of_different_depth_is_the_flank_of_a_dent():
+    step = swept(share_of=lambda x, y: 1.0, off=None)
+    for one in step:
+        y = one.spot[1] - Z
+        one.spot[2] -= np.interp(y, [-0.2e-3, 0.2e-3], [0.0, 0.03e-3])
+        if abs(y) < 0.12e-3:
+            one.burst.trace[:] *= 0.5
+    assert c_scan(step, PROBE, PATCH).finds == ()
+
+
+def test_losses_at_the_foot_of_beads_are_no_crack():
+    bursts = swept()
+    for one in bursts:
+        x, y = 10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z
+        away = min(math.hypot(x - at, y - 0.1e-3) for at in (-0.9e-3, 0.9e-3))
+        # No echo of a steep flank; a part of it at its foot.
+        one.burst.trace[:] *= 0.05 if 0.15e-3 < away < 0.4e-3 else 0.6 if away < 0.8e-3 else 1.0
+    assert c_scan(bursts, PROBE, PATCH).finds == ()
+
+
+def test_losses_at_the_foot_of_a_bead_are_no_crack_where_sway_leaves_a_gap():
+    bursts = []
+    for one in swept(step=0.2e-3):
+        x, y = abs(10e-3 * (one.spot[0] - BOTTOM)), one.spot[1] - Z
+        if x > 0.5e-3 or not 0.1e-3 < y < 0.5e-3:
+            on_it, foot = x < 0.5e-3 and -0.9e-3 < y < 0.1e-3, x < 0.9e-3 and 0.5e-3 < y < 0.7e-3
+            one.burst.trace[:] *= 0.05 if on_it else 0.6 if foot else 1.0
+            bursts.append(one)
+    assert [find.kind for find in c_scan(bursts, PROBE, PATCH).finds] == [NO_ECHO]  # the bead
+
+
+def test_the_wall_about_the_top_of_a_bead_is_no_pit():
+    bead = swept(round_pit(-0.25e-3, 1e-3))
+    found = c_scan(bead, PROBE, PATCH)
+    assert np.nanmin(found.wall.depth) == pytest.approx(-0.25e-3, abs=20e-6)
+    assert found.finds == ()
+
+
+def test_a_loss_in_which_bursts_are_far_apart_is_none():
+    bursts = lossy(0.0)
+    for k, one in enumerate(one for one in bursts if abs(one.spot[1] - Z) < 0.12e-3):
+        one.burst.trace[:] *= 1.0 if k % 2 else 0.5
+    assert c_scan(bursts, PROBE, PATCH).finds == ()
+
+
+def test_floors_in_a_slender_loss_are_the_depth_of_a_crack():
+    def gap(x, y):
+        return 0.5e-3 if abs(y) < 0.15e-3 and abs(x) < 1.4e-3 else 0.0
+
+    (find,) = c_scan(swept(gap), PROBE, PATCH).finds
+    assert find.kind == CRACK
+    assert find.depth == pytest.approx(0.5e-3, abs=20e-6)
+
+
+def test_a_misplaced_pivot_is_no_depth():
+    off = lambda phi: 0.06e-3 * math.cos(phi)  # noqa: E731
+    found = c_scan(swept(off=off), PROBE, PATCH)
+    assert found.finds == ()
+    assert np.nanmax(np.abs(found.wall.depth)) < 20e-6
+
+
+def silenced(bursts, where):
+    """Bursts of which those at some x and y metres from the middle have noise only."""
+    rng = np.random.default_rng(7)
+    for one in bursts:
+        if where(10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z):
+            one.burst.trace[:] = NOISE * rng.standard_normal(2048)
+    return bursts
+
+
+def test_a_place_without_an_echo_amid_wall_that_answers_is_a_find_without_a_depth():
+    holed = silenced(swept(), lambda x, y: math.hypot(x - 0.3e-3, y) < 0.5e-3)
+    (find,) = c_scan(holed, PROBE, PATCH).finds
+    assert find.kind == NO_ECHO
+    assert np.isnan(find.depth)
+    assert find.diameter == find.length == pytest.approx(1e-3, abs=0.2e-3)
+    assert math.hypot(10e-3 * (find.phi - BOTTOM) - 0.3e-3, find.z - Z) < 0.1e-3
+
+
+def test_a_small_hole_of_which_most_bursts_have_a_faint_echo_of_the_rim_is_found():
+    bursts = silenced(swept(), lambda x, y: math.hypot(x, y) < 0.25e-3)
+    for one in bursts:
+        off = math.hypot(10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z)
+        if 0.25e-3 <= off < 0.45e-3:
+            one.burst.trace[:] *= 0.4
+    (find,) = c_scan(bursts, PROBE, PATCH).finds
+    assert find.kind == NO_ECHO
+    assert find.diameter == pytest.approx(0.9e-3, abs=0.2e-3)
+
+
+@pytest.mark.parametrize(("height", "kinds"), [(0.0, [NO_ECHO]), (0.03e-3, [])])
+def test_a_place_without_an_echo_whose_edge_rises_is_a_bead(height, kinds):
+    bursts = swept(lambda x, y: -height if math.hypot(x, y) < 0.7e-3 else 0.0)
+    bursts = silenced(bursts, lambda x, y: math.hypot(x, y) < 0.45e-3)
+    for one in bursts:
+        off = math.hypot(10e-3 * (one.spot[0] - BOTTOM), one.spot[1] - Z)
+        if 0.45e-3 <= off < 0.7e-3:
+            one.burst.trace[:] *= 0.4
+    assert [find.kind for find in c_scan(bursts, PROBE, PATCH).finds] == kinds
+
+
+def test_a_hole_on_a_gentle_slope_is_found():
+    dent = swept(lambda x, y: 0.2e-3 * math.exp(-0.5 * ((x - 1e-3) ** 2 + y * y) / 1e-3**2))
+    holed = silenced(dent, lambda x, y: math.hypot(x, y) < 0.5e-3)
+    assert [find.kind for find in c_scan(holed, PROBE, PATCH).finds] == [NO_ECHO]
+
+
+def test_bursts_that_are_lost_here_and_there_are_no_find():
+    for seed in range(5):
+        lost = np.random.default_rng(seed)
+        bursts = silenced(swept(), lambda x, y, lost=lost: lost.random() < 0.1)
+        assert c_scan(bursts, PROBE, PATCH).finds == ()
+
+
+def test_flanks_that_send_the_beam_elsewhere_are_no_place_without_an_echo():
+    dent = swept(lambda x, y: 0.4e-3 * math.exp(-0.5 * (x * x + y * y) / 0.8e-3**2))
+    flanks = silenced(dent, lambda x, y: 0.4e-3 < math.hypot(x, y) < 1.3e-3)
+    assert all(find.kind != NO_ECHO for find in c_scan(flanks, PROBE, PATCH).finds)
+    side = silenced(dent, lambda x, y: x > 0 and 0.4e-3 < math.hypot(x, y) < 1.3e-3)
+    assert all(find.kind != NO_ECHO for find in c_scan(side, PROBE, PATCH).finds)
+
+
+def test_a_place_without_an_echo_at_the_edge_is_no_find():
+    cut = silenced(swept(), lambda x, y: math.hypot(x - 1.8e-3, y) < 0.7e-3)
+    assert c_scan(cut, PROBE, PATCH).finds == ()
+
+
+def test_there_is_no_map_above_the_water():
+    def wet(x, y):
+        return 0.0
+
+    bursts = swept(wet, middle=0.0)
+    rng = np.random.default_rng(6)
+    for one in bursts:
+        if one.spot[0] < 0:
+            one.burst.trace[:] = NOISE * rng.standard_normal(2048)
+    patch = Patch.around(0.0, Z, size=4e-3)
+    found = c_scan(bursts, PROBE, patch)
+    assert found.water.height == pytest.approx(0.0, abs=0.2e-3)
+    assert found.finds == ()
+    width = beam_width(PROBE)
+    high = 10e-3 * np.sin(patch.places[..., 0]) < found.water.height - width
+    assert np.isnan(found.amplitude[high]).all()
+    assert not found.gap[high].any()
+
+
+def test_nothing_is_mapped_where_echoes_are_noise():
+    bursts = silenced(swept(), lambda x, y: True)
+    for one in bursts[7::12]:  # so loud that noise counts as an echo
+        at = round(2 * 8e-3 / PROBE.speed / STEP)
+        one.burst.trace[at - len(_PULSE) // 2 : at + len(_PULSE) // 2 + 1] += 0.04 * _PULSE
+    found = c_scan(bursts, PROBE, PATCH)
+    assert found.wall.unseen == 1.0
+    assert np.isnan(found.amplitude).all()
+    assert found.finds == ()
+
+
+def test_without_a_lens_there_is_a_map_but_no_finds():
+    disc = replace(PROBE, transducer=Probe(focus=math.inf))
+    assert beam_width(disc) == disc.transducer.aperture
+    found = c_scan(swept(round_pit(0.5e-3)), disc, PATCH)
+    assert found.finds == ()
+    assert np.nanmax(found.wall.depth) == pytest.approx(0.5e-3 * COSINE, abs=20e-6)
+
+
+def test_the_beam_is_as_wide_as_its_focus_allows():
+    assert beam_width(PROBE) == pytest.approx(1.02 * PROBE.speed * 8e-3 / (10e6 * 5e-3))

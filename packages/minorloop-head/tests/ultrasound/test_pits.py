@@ -1,0 +1,306 @@
+"""One scan of a pit and one of a hole on the twin, and what can go wrong with them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.lab.actuator import Shot
+from minorloop_head.geometry import Mount, Probe, wall_point, wrapped
+from minorloop_head.reconstruction.depth_map import Patch
+from minorloop_head.reconstruction.findings import finding_of
+from minorloop_head.reconstruction.fusion import mean_depths
+from minorloop_head.twins.pipe import Bore, Dent, Pipe
+from minorloop_head.twins.ultrasound import Ultrasound
+from minorloop_head.ultrasound.burst_checks import usable_bursts
+from minorloop_head.ultrasound.echoes import average
+from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.pits import PITCH, POINTS, measure_pit, raster
+from papers.catheter.scan_trials import draw_trial
+from papers.catheter.scan_trials import scan as sweep
+
+MOUNT = Mount(advance=20e-3)
+PROBE = CalibratedProbe(Probe(), MOUNT)
+TRUE = Bore(3e-3, 20.02e-3, 1.1e-3, depth=0.6e-3, floor_tilt=(0.03, 0.02))
+CENTRE = (0.0, 20e-3)
+
+
+def scan(
+    bores, seed, water=-9.99e-3, dents=(), noise=0.1, points=5, pitch=0.4e-3, temperature=20.0
+):
+    """A raster with 4 shots a point and a tenth of a degree of sway; a coarse one fits sooner."""
+    pipe = Pipe(bores=bores, dents=dents, water=water)
+    sonar = Ultrasound(pipe, MOUNT, specimen=5, seed=seed, noise=noise, temperature=temperature)
+    rng = np.random.default_rng(seed)
+    bursts = []
+    for target in raster(PROBE, CENTRE, points=points, pitch=pitch):
+        place = target + np.radians(0.1) * rng.standard_normal(2)
+        sonar.look(*place)
+        shots = [sonar.shot() for _ in range(4)]
+        bursts.append(average(shots, np.tile(place, (4, 1)), np.zeros(4)))
+    return bursts
+
+
+@pytest.fixture(scope="module")
+def bursts():
+    return scan((TRUE,), 1, points=POINTS, pitch=PITCH)
+
+
+@pytest.fixture(scope="module")
+def found(bursts):
+    return measure_pit(bursts, PROBE, CENTRE, 1.15e-3)
+
+
+def test_the_depth_is_measured_to_20_micrometres(found):
+    assert found.verdict == "measured"
+    assert found.diameter == pytest.approx(1.1e-3, rel=0.12)
+    assert np.hypot(10e-3 * wrapped(found.phi - TRUE.phi), found.z - TRUE.z) < 0.1e-3
+    assert 0 < found.depth_sd < 20e-6
+    assert found.depth == pytest.approx(0.6e-3, abs=min(1.645 * found.depth_sd, 8e-6))
+
+
+@pytest.mark.parametrize("assumed", [11.5, 31.5])
+def test_a_speed_of_sound_that_is_off_by_two_percent_makes_no_false_depth(bursts, assumed):
+    probe = replace(PROBE, temperature=assumed)
+    assert PROBE.speed / probe.speed == pytest.approx(1 + 0.02 * np.sign(20 - assumed), abs=1e-3)
+    found = measure_pit(bursts, probe, CENTRE, 1.15e-3)
+    assert found.verdict == "measured"
+    assert found.depth == pytest.approx(0.6e-3, abs=min(1.645 * found.depth_sd, 8e-6))
+
+
+def test_a_speed_of_sound_that_is_off_by_more_than_a_pivot_can_be_has_no_depth(bursts):
+    found = measure_pit(bursts, replace(PROBE, temperature=70.0), CENTRE, 1.15e-3)
+    assert found.verdict == "distances disagree"
+    assert np.isnan(found.depth)
+
+
+@pytest.fixture(scope="module")
+def warm():
+    return scan((TRUE,), 1, points=POINTS, pitch=PITCH, temperature=30.0)
+
+
+@pytest.mark.parametrize("since", [9, 18, 27])
+def test_water_that_warms_during_a_raster_makes_no_false_depth(bursts, warm, since):
+    found = measure_pit(bursts[:since] + warm[since:], PROBE, CENTRE, 1.15e-3)
+    assert found.verdict == "distances disagree"
+    assert np.isnan(found.depth)
+
+
+@pytest.fixture(scope="module")
+def through():
+    return scan((replace(TRUE, depth=np.inf),), 2)
+
+
+def test_a_hole_is_distinguished_from_a_pit(through):
+    found = measure_pit(through, PROBE, CENTRE, 1.1e-3)
+    assert found.verdict == "through-hole"
+    assert np.isnan(found.depth)
+
+
+def test_a_floor_deeper_than_is_measured_is_no_hole_and_has_no_depth():
+    deep = replace(TRUE, depth=1.6e-3, floor_tilt=(0.02, 0.01))
+    found = measure_pit(scan((deep,), 6), PROBE, CENTRE, 1.1e-3)
+    assert found.verdict == "deeper than 1.25 mm"
+    assert np.isnan(found.depth)
+
+
+def test_without_the_end_of_the_traces_a_hole_is_undecided(through):
+    cut = [replace(burst, trace=burst.trace[:1420]) for burst in through]
+    assert measure_pit(cut, PROBE, CENTRE, 1.1e-3).verdict == "no floor echo"
+
+
+def test_a_mark_that_is_not_a_pit_has_no_depth():
+    found = measure_pit(scan((), 3), PROBE, CENTRE, 1.1e-3)
+    assert found.verdict == "no pit"
+    assert np.isnan(found.depth)
+
+
+def test_in_air_no_depth_is_claimed():
+    found = measure_pit(scan((TRUE,), 4, water=None), PROBE, CENTRE, 1.1e-3)
+    assert found.verdict == "no coupling"
+    assert np.isnan(found.depth)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 10, 15])
+def test_too_little_of_a_scan_says_so(bursts, kept):
+    found = measure_pit(bursts[:kept], PROBE, CENTRE, 1.1e-3)
+    assert found.verdict == "too few echoes"
+    assert found.bursts == kept
+
+
+def test_lost_bursts_are_left_out_and_give_the_verdict(bursts):
+    lost = [replace(burst, verdict="dropout") for burst in bursts]
+    assert measure_pit(lost, PROBE, CENTRE, 1.1e-3).verdict == "dropout"
+    few = lost[:8] + bursts[8:]
+    found = measure_pit(few, PROBE, CENTRE, 1.1e-3)
+    assert found.bursts == 28
+    assert found.depth == pytest.approx(0.6e-3, abs=25e-6)
+
+
+def test_half_a_scan_is_kept_and_marked(bursts):
+    found = measure_pit(bursts[:18], PROBE, CENTRE, 1.15e-3, planned=36)
+    assert found.verdict == "measured"
+    assert not found.whole
+    assert found.depth == pytest.approx(0.6e-3, abs=max(3 * found.depth_sd, 10e-6))
+    assert finding_of(found).verdict == "measured (18 of 36 places)"
+    assert measure_pit(bursts[:10], PROBE, CENTRE, 1.15e-3, planned=36).planned == 36
+
+
+SPOILT = [
+    {"trace": np.full(2048, np.nan)},
+    {"trace": np.empty(0)},
+    {"trace": np.zeros(1500)},
+    {"trace": np.zeros((2, 2048))},
+    {"angles": np.array([np.nan, 0.1])},
+    {"noise": np.nan},
+    {"noise": 0.0},
+    {"noise": -1e-3},
+    {"sample_interval": np.nan},
+    {"sample_interval": 0.0},
+]
+
+
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_spoilt_bursts_are_left_out(bursts, found, spoilt):
+    few = [replace(burst, **spoilt) for burst in bursts]
+    alone = measure_pit(few[:15], PROBE, CENTRE, 1.1e-3)
+    assert alone.verdict in ("too few echoes", "not a trace", "no angles", "frozen")
+    kept = usable_bursts(few[:4] + bursts[4:])
+    assert [id(burst) for burst in kept] == [id(burst) for burst in bursts[4:]]
+    assert mean_depths(few[:4], PROBE, Patch.around(*CENTRE, size=1e-3), found) is None
+
+
+def test_a_scan_with_spoilt_bursts_of_each_kind_is_measured(bursts):
+    few = [replace(burst, **spoilt) for burst, spoilt in zip(bursts, SPOILT, strict=False)]
+    found = measure_pit(few + bursts[len(few) :], PROBE, CENTRE, 1.1e-3)
+    assert found.bursts == 26
+    assert found.depth == pytest.approx(0.6e-3, abs=25e-6)
+
+
+def test_traces_of_zeros_have_no_depth(bursts):
+    dead = [replace(burst, trace=np.zeros(2048)) for burst in bursts]
+    found = measure_pit(dead, PROBE, CENTRE, 1.1e-3)
+    assert found.verdict == "frozen"
+    assert np.isnan(found.depth)
+
+
+def test_faulty_shots_end_in_a_verdict_and_no_depth():
+    zeros, loud = np.zeros(2048), np.clip(3 * np.random.default_rng(1).normal(size=2048), -1, 1)
+    for trace, verdict in (
+        (zeros, "dropout"),
+        (loud, "clipped"),
+        (np.full(2048, np.nan), "not a trace"),
+        (np.zeros(9), "not a trace"),
+    ):
+        shots = [Shot(0.0, trace, 10e-9)] * 4
+        burst = average(shots, np.zeros((4, 2)), np.zeros(4))
+        found = measure_pit([burst] * 36, PROBE, CENTRE, 1.1e-3)
+        assert np.isnan(found.depth)
+        assert found.verdict in (verdict, "no coupling")
+
+
+def test_a_frozen_probe_does_not_hide_a_pit(bursts):
+    stuck = bursts[:9] + [replace(bursts[8], angles=burst.angles) for burst in bursts[9:]]
+    found = measure_pit(stuck, PROBE, CENTRE, 1.15e-3)
+    assert found.verdict == "frozen"
+    assert np.isnan(found.depth)
+
+
+@pytest.mark.parametrize("samples", [900, 1000, 1080, 1150, 1300])
+def test_traces_that_end_too_early_are_too_short(bursts, samples):
+    cut = [replace(burst, trace=burst.trace[:samples]) for burst in bursts]
+    found = measure_pit(cut, PROBE, CENTRE, 1.15e-3)
+    assert found.verdict == "too short"
+    assert np.isnan(found.depth)
+    assert mean_depths(cut, PROBE, Patch.around(*CENTRE, size=1e-3), found) is None
+
+
+def test_a_mouth_wider_than_the_raster_gives_a_verdict(bursts):
+    found = measure_pit(bursts, PROBE, CENTRE, 2.6e-3)
+    assert found.verdict == "raster too small"
+
+
+@pytest.mark.parametrize("diameter", [0.0, -1e-3, np.nan])
+def test_a_mouth_without_a_size_is_refused(bursts, diameter):
+    with pytest.raises(ParameterError, match="mouth"):
+        measure_pit(bursts, PROBE, CENTRE, diameter)
+
+
+def test_a_raster_aims_at_the_wall_about_its_centre():
+    spots = PROBE.spots(raster(PROBE, CENTRE, points=3, pitch=0.5e-3))
+    expected = wall_point(0.05, 20.5e-3, 10e-3)
+    assert wall_point(spots[-1, 0], spots[-1, 1], 10e-3) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("bores", "dents"),
+    [
+        ((replace(TRUE, depth=0.8e-3, floor_tilt=(0.0, 0.0), dish=0.2e-3),), ()),
+        ((), (Dent(2e-3, 20.02e-3, 0.2e-3, 0.3e-3),)),
+    ],
+    ids=["dished", "bead"],
+)
+def test_an_echo_that_is_not_from_a_floor_makes_no_hole(bores, dents):
+    found = measure_pit(scan(bores, 1, dents=dents, noise=0.02), PROBE, CENTRE, 1.1e-3)
+    assert found.verdict == "no floor echo"
+    assert np.isnan(found.depth)
+
+
+def test_a_floor_too_loud_for_a_flat_one_has_no_depth():
+    deep = draw_trial(205, bore=Bore(0.0, 0.0, 0.9e-3, 1.5e-3))
+    probe, heard = sweep(deep)
+    found = measure_pit(heard, probe, deep.centre, deep.diameter)
+    assert found.verdict == "deeper than 1.25 mm"
+    assert np.isnan(found.depth)
+
+
+def test_a_missing_part_of_a_raster_gives_a_verdict(bursts):
+    found = measure_pit(bursts[8:30], PROBE, CENTRE, 1.45e-3, planned=36)
+    assert found.verdict == "part missing"
+    assert finding_of(found).verdict == "part missing (22 of 36 places)"
+    lost = [replace(burst, verdict="dropout") for burst in bursts]
+    lost[8:30] = bursts[8:30]
+    assert measure_pit(lost, PROBE, CENTRE, 1.45e-3).verdict == "part missing"
+    beside = measure_pit(bursts[:18], PROBE, (0.0, 20.9e-3), 0.8e-3, planned=36)
+    assert beside.verdict == "part missing"
+
+
+def test_bursts_at_one_place_or_beside_the_mouth_give_a_verdict(bursts):
+    heap = [replace(burst, angles=bursts[0].angles) for burst in bursts]
+    assert measure_pit(heap, PROBE, CENTRE, 1.1e-3).verdict == "all at one place"
+    assert measure_pit(bursts, PROBE, (0.3, 20e-3), 1.1e-3).verdict == "raster beside the mouth"
+
+
+@pytest.mark.parametrize("stuck", [0, 9])
+def test_a_head_that_does_not_follow_its_angles_measures_nothing(bursts, stuck):
+    rng, last = np.random.default_rng(1), bursts[stuck]
+    again = [
+        replace(last, angles=burst.angles, trace=last.trace + rng.normal(0, last.noise, 2048))
+        for burst in bursts[stuck:]
+    ]
+    found = measure_pit(bursts[:stuck] + again, PROBE, CENTRE, 1.1e-3)
+    assert found.verdict in ("distances disagree", "no pit")
+    assert np.isnan(found.depth)
+
+
+def test_shots_out_of_time_measure_nothing(bursts):
+    rng = np.random.default_rng(1)
+    late = [replace(one, trace=np.roll(one.trace, int(rng.integers(-5, 6)))) for one in bursts]
+    assert measure_pit(late, PROBE, CENTRE, 1.1e-3).verdict == "distances disagree"
+
+
+@pytest.mark.parametrize("centre", [(np.nan, 20e-3), (0.0, np.inf)])
+def test_a_mouth_without_a_place_is_refused(bursts, centre):
+    with pytest.raises(ParameterError, match="of a mouth"):
+        measure_pit(bursts, PROBE, centre, 1.1e-3)
+
+
+@pytest.mark.parametrize("planned", [-1, 0, 10, 36.5, np.nan])
+def test_fewer_places_than_were_scanned_cannot_have_been_planned(bursts, planned):
+    with pytest.raises(ParameterError, match="bursts planned"):
+        measure_pit(bursts, PROBE, CENTRE, 1.1e-3, planned=planned)
+
+
+def test_a_scan_of_nothing_is_not_whole():
+    assert not measure_pit([], PROBE, CENTRE, 1.1e-3).whole

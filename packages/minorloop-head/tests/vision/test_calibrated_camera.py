@@ -1,0 +1,101 @@
+"""Images of the wall, unrolled."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError, SignalError
+from minorloop_head.geometry import wall_point
+from minorloop_head.vision.calibrated_camera import Window, irradiance, unroll, window_in_view
+
+from .walls import CAMERA, LEDS, photograph, texture, window_around
+
+AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+
+
+@given(u=st.floats(5, 634), v=st.floats(5, 474))
+def test_a_pixel_on_the_wall_projects_to_itself(u, v):
+    place = CAMERA.place((u, v), *AIM)
+    if np.isfinite(place).all() and place[1] < 0.5:
+        np.testing.assert_allclose(CAMERA.pixel(place, *AIM), (u, v), atol=1e-6)
+
+
+@given(u=st.floats(20, 620), v=st.floats(20, 460), by=st.floats(-0.01, 0.01))
+def test_a_place_after_an_unknown_turn_is_that_of_its_pixel(u, v, by):
+    before, after = np.array(AIM), np.array(AIM) + np.array([by, -by])
+    place = CAMERA.place((u, v), *AIM)
+    assume(np.isfinite(place).all() and place[1] < 0.5)
+    seen = CAMERA.place(CAMERA.pixel(place, *after), *AIM)
+    np.testing.assert_allclose(CAMERA.shifted(place, before, after), seen, atol=1e-8)
+    behind = CAMERA.shifted(np.array([place[0], -1.0]), before, after)
+    assert np.isnan(behind).all()
+
+
+def test_a_frame_laid_flat_shows_what_is_painted_on_the_wall():
+    window = window_around(0.5, 20e-3, size=6e-3)
+    flat = unroll(photograph(*AIM, noise=0.0), CAMERA, window, *AIM)
+    rows, columns = np.mgrid[: window.rows, : window.columns]
+    place = window.place(columns, rows, CAMERA.radius)
+    expected = 20 + 150 * texture(place[..., 0], place[..., 1])
+    assert np.isfinite(flat).mean() > 0.95
+    np.testing.assert_allclose(flat, np.where(np.isfinite(flat), expected, np.nan), atol=1.5)
+
+
+def test_the_same_wall_from_elsewhere_is_the_same_map():
+    window = window_around(0.5, 20e-3, size=5e-3)
+    maps = []
+    for off in (0.0, 0.12):
+        angles = (AIM[0] + off, AIM[1] - off)
+        maps.append(unroll(photograph(*angles, noise=0.0), CAMERA, window, *angles))
+    np.testing.assert_allclose(maps[0], maps[1], atol=2.5)
+
+
+@settings(max_examples=20)
+@given(turn=st.floats(0.15, 0.5), way=st.floats(-3.1, 3.1))
+def test_the_window_in_view_of_a_turned_head_holds_what_is_seen_large_enough(turn, way):
+    pan, tilt = turn * np.cos(way), turn * np.sin(way)
+    window = window_in_view(CAMERA, pan, tilt)
+    assume(window is not None)
+    flat = np.isfinite(
+        unroll(np.zeros((480, 640), np.uint8), CAMERA, window, pan, tilt, least=14e3)
+    )
+    assert flat.any()
+    around = Window(
+        window.phi - 20 * window.step / CAMERA.radius,
+        window.z - 20 * window.step,
+        window.step,
+        window.rows + 40,
+        window.columns + 40,
+    )
+    more = np.isfinite(
+        unroll(np.zeros((480, 640), np.uint8), CAMERA, around, pan, tilt, least=14e3)
+    )
+    assert flat.sum() >= 0.9 * more.sum()
+
+
+def test_light_falls_as_cosine_over_the_square_of_the_distance():
+    window = window_around(0.5, 20e-3, size=2e-3)
+    light = irradiance(CAMERA, window, *AIM)
+    place = window.place(10, 30, CAMERA.radius)
+    point = wall_point(*place, CAMERA.radius)
+    normal = -np.array([np.cos(place[0]), np.sin(place[0]), 0.0])
+    for level, led in zip(light, CAMERA.mount.pose(*AIM).to_pipe(LEDS), strict=True):
+        way = led - point
+        expected = (way @ normal) / np.linalg.norm(way) ** 3 * 1e-4
+        assert level[30, 10] == pytest.approx(expected, rel=1e-5)
+
+
+def test_nothing_is_seen_by_a_lens_that_is_nowhere():
+    window = window_around(0.5, 20e-3, size=1e-3)
+    assert np.isnan(unroll(photograph(*AIM), CAMERA, window, np.nan, 0.0)).all()
+
+
+def test_bad_frames_and_windows_are_refused():
+    with pytest.raises(SignalError, match="this camera gives"):
+        CAMERA.check(np.zeros((4, 4), np.uint8))
+    for image in (None, [[1, 2], [3, 4]], np.full((480, 640), np.nan)):
+        with pytest.raises(SignalError, match="this camera gives"):
+            CAMERA.check(image)
+    with pytest.raises(ParameterError, match="empty"):
+        Window(0.0, 0.0, 1e-4, 0, 4)

@@ -1,0 +1,44 @@
+"""Heights of dark lines under several lights."""
+
+import numpy as np
+
+from minorloop_head.vision.crack_lines import line_heights
+
+ROWS, COLUMNS = np.mgrid[:90, :120].astype(float)
+SEEN = np.ones(ROWS.shape, dtype=bool)
+
+
+def stack(*levels):
+    return np.stack(levels).astype(np.float32)
+
+
+def dark(off, width=1.2):
+    return -np.exp(-0.5 * (off / width) ** 2)
+
+
+def test_a_line_that_is_dark_under_every_light_is_high_whatever_its_direction():
+    for turn in np.linspace(0, np.pi, 7):
+        off = (ROWS - 45) * np.cos(turn) - (COLUMNS - 60) * np.sin(turn)
+        heights, middle = line_heights(stack(dark(off), 0.5 * dark(off)), SEEN)
+        assert heights[45, 60] > 0.25
+        assert middle[44:47, 59:62].any()
+        assert np.median(heights[np.abs(off) > 12]) < 0.02
+
+
+def test_a_line_that_one_light_does_not_show_an_edge_and_a_spot_are_low():
+    off = ROWS - 45
+    lit, _ = line_heights(stack(dark(off), 0 * off), SEEN)
+    assert lit.max() < 0.05
+    edge, _ = line_heights(stack(np.where(off > 0, -0.5, 0.0)), SEEN)
+    spot, _ = line_heights(stack(dark(np.hypot(off, COLUMNS - 60))), SEEN)
+    line, _ = line_heights(stack(dark(off)), SEEN)
+    assert edge[30:60, 30:90].max() < 0.3 * 0.5 * line[45, 60]
+    assert spot.max() < 0.6 * line[45, 60]
+
+
+def test_a_line_at_one_edge_of_the_map_is_not_seen_at_the_other():
+    level = stack(dark(ROWS - 2))
+    heights, _ = line_heights(level, SEEN)
+    bare, _ = line_heights(np.zeros_like(level), SEEN)
+    assert heights[:8].max() > 0.1
+    assert np.abs(heights[-12:] - bare[-12:]).max() < 0.01

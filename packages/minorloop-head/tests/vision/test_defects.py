@@ -1,0 +1,278 @@
+"""Holes beside glints, and verdicts on bad frames."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop_head.geometry import wall_distance, wrapped
+from minorloop_head.procedures.extract import acquire
+from minorloop_head.twins.scene_view import draw_view
+from minorloop_head.twins.sized_view import draw_sized_view
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.defects import SEQUENCE, Hole, find_holes, scales, strongest
+from minorloop_head.vision.reflectance_map import LitFrame, check_frames, lay_flat
+
+
+def taken(seed, **options):
+    view = draw_view(seed, **options)
+    camera = CalibratedCamera(view.camera.calibration, view.mount, view.camera.leds)
+    return view, camera, acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+
+
+@cache
+def scene():
+    return taken(1, hole=True, inside="backlit")
+
+
+def lens():
+    return scene()[1]
+
+
+def shots():
+    return scene()[2]
+
+
+NOISE = np.random.default_rng(5)
+
+
+def turned():
+    """A further frame with all lights, two degrees on."""
+    view = scene()[0]
+    pan = view.pan + np.radians(2.0)
+    view.camera.look(pan, view.tilt)
+    return LitFrame(view.camera.frame().image, pan, view.tilt)
+
+
+@pytest.mark.parametrize("inside", ["dark", "white", "backlit"])
+def test_a_hole_beside_a_glint_is_found_and_measured(inside):
+    view, camera, looks = taken(21, hole=True, inside=inside)
+    findings = find_holes(looks, camera)
+    assert findings.verdict == "good"
+    place = camera.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    first = findings.holes[0]
+    turn = 10e-3 * float(wrapped(first.place[0] - place[0]))
+    assert np.hypot(turn, first.place[1] - place[1]) < 0.1e-3
+    assert first.diameter == pytest.approx(view.hole.diameter, rel=0.12)
+    assert "diameter" in str(findings)
+    around = 10e-3 * wrapped(first.rim[:, 0] - first.place[0])
+    radius = np.hypot(around, first.rim[:, 1] - first.place[1])
+    assert radius.mean() == pytest.approx(first.diameter / 2, rel=0.02)
+
+
+def test_an_acquisition_is_each_led_alone_none_and_all():
+    assert tuple(look.lights for look in shots()) == SEQUENCE
+    assert shots()[3].image.mean() < shots()[0].image.mean() < shots()[4].image.mean()
+
+
+def test_more_evidence_asked_for_leaves_less():
+    few, many = (find_holes(shots(), lens(), least=least).holes for least in (5.0, -25.0))
+    assert len(few) < len(many)
+    assert [hole.evidence for hole in many] == sorted((h.evidence for h in many), reverse=True)
+    apart = [
+        np.hypot(10e-3 * wrapped(a.place[0] - b.place[0]), a.place[1] - b.place[1])
+        for n, a in enumerate(many)
+        for b in many[:n]
+    ]
+    assert min(apart) > 0.8e-3
+
+
+def spoilt(index, image):
+    looks = list(shots())
+    looks[index] = replace(looks[index], image=image)
+    return looks
+
+
+@pytest.mark.parametrize(
+    ("looks", "verdict"),
+    [
+        (lambda: spoilt(0, np.zeros((480, 640), np.uint8)), "black"),
+        (lambda: spoilt(4, np.full((480, 640), 255, np.uint8)), "saturated"),
+        (lambda: spoilt(2, np.zeros((240, 320), np.uint8)), "wrong size"),
+        (lambda: spoilt(2, None), "wrong size"),
+        (lambda: spoilt(2, np.full((480, 640), np.nan)), "wrong size"),
+        (lambda: spoilt(2, shots()[2].image.astype(np.uint16)), "wrong size"),
+        (lambda: spoilt(2, [[1, 2], [3]]), "wrong size"),
+        (lambda: [replace(shots()[0], pan=np.nan), *shots()[1:]], "angle unknown"),
+        (lambda: [*shots()[:2], replace(shots()[2], tilt=np.inf), *shots()[3:]], "angle unknown"),
+        (lambda: [*shots()[:4], replace(shots()[4], pan=None)], "angle unknown"),
+        (lambda: [*shots()[:4], replace(shots()[4], pan=3.0)], "angle unknown"),
+        (lambda: [*shots()[:4], replace(shots()[4], tilt=1e9)], "angle unknown"),
+        (lambda: spoilt(1, shots()[0].image), "frozen"),
+        (lambda: spoilt(2, shots()[0].image), "frozen"),
+        (lambda: spoilt(4, np.roll(shots()[4].image, 240, axis=0)), "torn"),
+        (lambda: [shots()[3]], "black"),
+        (lambda: spoilt(2, np.full((480, 640), 100, np.uint8)), "no picture"),
+        (lambda: spoilt(4, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
+        (lambda: spoilt(3, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
+        (lambda: spoilt(1, NOISE.integers(250, 256, (480, 640)).astype(np.uint8)), "saturated"),
+        (lambda: spoilt(4, shots()[3].image + NOISE.integers(0, 2, (480, 640), np.uint8)), "black"),
+    ],
+)
+def test_bad_frames_have_a_verdict_and_no_holes(looks, verdict):
+    findings = find_holes(looks(), lens())
+    assert findings.verdict == verdict
+    assert findings.holes == ()
+    assert findings.wall is None
+
+
+def again(index):
+    """The frame as it would be taken once more: another noise."""
+    off = NOISE.integers(-1, 2, (480, 640))
+    return np.clip(shots()[index].image.astype(int) + off, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("row", [80, 240, 400])
+@pytest.mark.parametrize("index", [1, 2, 3, 4])
+@pytest.mark.parametrize("old", [lambda index: shots()[index].image, again])
+def test_a_frame_that_holds_rows_of_the_one_before_is_torn(index, row, old):
+    halves = [shots()[index].image[:row], old(index - 1)[row:]]
+    assert find_holes(spoilt(index, np.vstack(halves)), lens()).verdict == "torn"
+    upside = [old(index - 1)[:row], shots()[index].image[row:]]
+    assert find_holes(spoilt(index, np.vstack(upside)), lens()).verdict == "torn"
+
+
+def test_the_first_frame_may_hold_rows_of_the_acquisition_before():
+    torn = np.vstack([shots()[0].image[:300], again(4)[300:]])
+    assert find_holes(spoilt(0, torn), lens()).verdict == "torn"
+
+
+def test_a_light_that_was_not_switched_is_a_frozen_picture():
+    assert find_holes(spoilt(2, again(1)), lens()).verdict == "frozen"
+    assert find_holes(spoilt(3, again(2)), lens()).verdict == "frozen"
+
+
+def test_rows_of_another_frame_tear_a_turned_one_as_well():
+    looks = [shots()[-1], turned()]
+    torn = np.vstack([looks[1].image[:200], looks[0].image[200:]])
+    findings = find_holes([looks[0], replace(looks[1], image=torn)], lens(), mode="dither")
+    assert findings.verdict == "torn"
+
+
+def test_a_finding_is_read_in_degrees_and_millimetres():
+    findings = find_holes(shots(), lens())
+    hole = findings.holes[0]
+    first, *rest = repr(findings).splitlines()
+    assert first == "1 hole; frames good"
+    assert len(rest) == 1
+    assert f"phi {np.degrees(hole.place[0]):+.2f} deg, z {1e3 * hole.place[1]:.2f} mm" in rest[0]
+    assert str(find_holes(spoilt(2, None), lens())) == "no holes; frames wrong size"
+
+
+def test_a_lens_that_would_be_outside_the_pipe_has_a_verdict():
+    camera = lens()
+    mount = replace(camera.mount, lever=6e-3)
+    narrow = CalibratedCamera(camera.lens, mount, camera.leds, radius=4e-3)
+    aside = [replace(look, pan=1.2) for look in shots()]
+    assert find_holes(aside, narrow).verdict == "angle unknown"
+
+
+def test_a_wall_too_far_away_is_not_in_view():
+    ahead = [replace(look, pan=0.0, tilt=0.0) for look in shots()]
+    camera = lens()
+    narrow = CalibratedCamera(replace(camera.lens, focal=5000.0), camera.mount, camera.leds)
+    assert find_holes(ahead, narrow).verdict == "no wall in view"
+
+
+def test_unknown_ways_and_no_frames_are_refused():
+    with pytest.raises(ParameterError, match="mode"):
+        find_holes(shots(), lens(), mode="guess")
+    with pytest.raises(ParameterError, match="no frames"):
+        find_holes([], lens())
+    with pytest.raises(ParameterError, match="evidence"):
+        find_holes(shots(), lens(), least=np.nan)
+
+
+@pytest.mark.parametrize("lights", [(), (True,), (True, False, False, True)])
+def test_a_look_says_of_each_light_whether_it_was_on(lights):
+    with pytest.raises(ParameterError, match="frame 1 has"):
+        find_holes([shots()[0], replace(shots()[1], lights=lights), *shots()[2:]], lens())
+
+
+def test_lights_may_be_given_as_0_and_1():
+    looks = [replace(look, lights=tuple(map(int, look.lights))) for look in shots()]
+    assert repr(find_holes(looks, lens())) == repr(find_holes(shots(), lens()))
+
+
+@pytest.mark.parametrize("mode", ["single", "dither"])
+def test_other_ways_to_acquire(mode):
+    looks = shots()[-1:] if mode == "single" else [shots()[-1], turned()]
+    assert find_holes(looks, lens(), mode=mode).verdict == "good"
+
+
+def test_reflectance_does_not_depend_on_which_light_is_on():
+    view = draw_view(3, hole=False)
+    camera = CalibratedCamera(view.camera._optics, view.mount, view.camera.leds)
+    looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+    assert check_frames(looks, camera) == "good"
+    wall = lay_flat(looks, camera)
+    assert wall.stack.shape[0] == 3
+    raw = np.array([np.log(look.image[200:280, 280:360] + 2.0).mean() for look in looks[:3]])
+    level = np.nanmedian(wall.stack - wall.stack.mean(axis=0), axis=(1, 2))
+    assert np.ptp(level) < max(np.ptp(raw), 0.25)
+    assert np.isfinite(wall.ground).any()
+
+
+def test_looks_may_have_been_taken_without_the_dark_one():
+    wall = lay_flat([look for look in shots() if any(look.lights)], lens())
+    assert wall.glow is None
+    view, camera, looks = scene()
+    alone = LitFrame(looks[4].image, view.pan, view.tilt)
+    assert lay_flat([alone], camera).stack.shape[0] == 1
+
+
+def test_a_hole_on_the_seam_of_phi_counts_once():
+    one, other = (
+        Hole(np.array([phi, 20e-3]), 1e-3, evidence, "dark", np.empty((0, 2)))
+        for phi, evidence in ((3.14, 2.0), (-3.14, 1.0))
+    )
+    assert strongest([other, one], 10e-3, 0.0) == (one,)
+
+
+@pytest.mark.parametrize("seed", [1006, 1022])
+def test_holes_and_pits_of_other_sizes_are_found_and_measured(seed):
+    view = draw_sized_view(seed, hole=True)
+    camera = CalibratedCamera(view.camera.calibration, view.mount, view.camera.leds)
+    looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+    first = find_holes(looks, camera, diameters=(0.4e-3, 3e-3)).holes[0]
+    place = camera.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    assert wall_distance(first.place, place, camera.radius) < 0.2e-3
+    assert first.diameter == pytest.approx(view.hole.diameter, rel=0.1)
+
+
+def test_scales_cover_the_diameters():
+    assert scales((0.85e-3, 1.15e-3)) == [1.0]
+    steps = scales((0.4e-3, 3e-3))
+    assert 0.85 * steps[0] == pytest.approx(0.4)
+    assert 1.15 * steps[-1] == pytest.approx(3.0)
+    assert max(b / a for a, b in pairwise(steps)) < 1.42
+
+
+@pytest.mark.parametrize(
+    "diameters", [(1e-3, 0.5e-3), (0.1e-3, 1e-3), (1e-3, 9e-3), (np.nan, 1e-3)]
+)
+def test_diameters_beyond_the_limits_are_refused(diameters):
+    with pytest.raises(ParameterError, match="cannot be searched; give diameters in metres"):
+        find_holes(shots(), lens(), diameters=diameters)
+
+
+def test_several_sizes_need_switched_lights():
+    with pytest.raises(ParameterError, match="cannot be searched in mode 'single'"):
+        find_holes(shots()[4:], lens(), mode="single", diameters=(0.4e-3, 3e-3))
+
+
+def test_a_hole_in_a_flooded_pipe_is_found_with_the_lens_in_water():
+    view = draw_view(1004, hole=True, flooded=True)
+    looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+    lenses = (view.camera.calibration, view.camera.calibration.in_water())
+    air, water = (CalibratedCamera(one, view.mount, view.camera.leds) for one in lenses)
+    place = water.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    first = find_holes(looks, water).holes[0]
+    assert wall_distance(first.place, place, water.radius) < 0.1e-3
+    assert first.diameter == pytest.approx(view.hole.diameter, rel=0.1)
+    assert wall_distance(place, view.place, water.radius) < 0.1e-3
+    wrong = air.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    assert wall_distance(wrong, view.place, water.radius) > 0.5e-3

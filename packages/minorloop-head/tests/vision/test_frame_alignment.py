@@ -1,0 +1,81 @@
+"""Frames of an acquisition whose angles have errors of their own."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from minorloop_head.procedures.extract import acquire
+from minorloop_head.twins.scene_view import draw_view
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.defects import find_holes
+from minorloop_head.vision.frame_alignment import aligned
+from minorloop_head.vision.recentre import outline_about
+
+SD = math.radians(0.15)
+"""Error of an angle: that of a poor sensor."""
+
+
+@cache
+def scene():
+    """A view, its camera and an acquisition with the true angles."""
+    view = draw_view(21, hole=True, inside="dark")
+    camera = CalibratedCamera(view.camera.calibration, view.mount, view.camera.leds)
+    return view, camera, acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+
+
+def mistaken(seed):
+    """The frames with wrong angles."""
+    wrong = np.random.default_rng(seed).normal(0.0, SD, (5, 2))
+    return [
+        replace(frame, pan=frame.pan + a, tilt=frame.tilt + b)
+        for frame, (a, b) in zip(scene()[2], wrong, strict=True)
+    ]
+
+
+def angles(frames):
+    return np.array([(frame.pan, frame.tilt) for frame in frames if any(frame.lights)])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_angles_of_frames_agree_and_keep_their_mean(seed):
+    wrong = mistaken(seed)
+    right = aligned(wrong, scene()[1])
+    truth, before, after = (angles(frames) for frames in (scene()[2], wrong, right))
+    np.testing.assert_allclose(after.mean(axis=0), before.mean(axis=0), atol=1e-12)
+    left = after - truth
+    assert (left - left.mean(axis=0)).std() < 0.15 * SD
+    assert (right[3].pan, right[3].tilt) == (wrong[3].pan, wrong[3].tilt)  # without light
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_hole_does_not_look_larger_when_the_angles_are_wrong(seed):
+    _, camera, looks = scene()
+    right, wrong = (find_holes(frames, camera).holes[0] for frames in (looks, mistaken(seed)))
+    assert wrong.diameter == pytest.approx(right.diameter, rel=0.03)
+
+
+def test_an_outline_in_frames_with_wrong_angles_is_where_it_was():
+    _, camera, looks = scene()
+    hole = find_holes(looks, camera).holes[0]
+    clicked = camera.pixel(hole.place, looks[-1].pan, looks[-1].tilt) + np.array([6.0, -5.0])
+    right, wrong = (outline_about(frames, camera, clicked) for frames in (looks, mistaken(6)))
+    assert math.dist(right.pixel, wrong.pixel) < 0.5
+
+
+def test_a_wall_without_marks_leaves_the_angles_as_measured():
+    noise = np.random.default_rng(8)
+    blank = [
+        replace(frame, image=noise.normal(90.0, 2.0, frame.image.shape).astype(np.uint8))
+        for frame in mistaken(7)
+    ]
+    np.testing.assert_allclose(angles(aligned(blank, scene()[1])), angles(blank), atol=0.05 * SD)
+
+
+def test_a_single_frame_and_pictures_of_other_places_keep_their_angles():
+    frames, camera = mistaken(9), scene()[1]
+    assert aligned(frames[4:], camera) == tuple(frames[4:])
+    torn = [replace(frame, image=np.roll(frame.image, 60 * n, 1)) for n, frame in enumerate(frames)]
+    assert np.abs(angles(aligned(torn, camera)) - angles(frames)).max() < 2 * math.radians(1.0)

@@ -1,0 +1,107 @@
+"""Verdicts on frames."""
+
+import numpy as np
+import pytest
+
+from minorloop_head.geometry import wall_point
+from minorloop_head.vision import _kernels
+from minorloop_head.vision.frame_checks import Brightness, check_frame, same_light
+
+from .walls import CAMERA, LENS, photograph
+
+AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+
+
+@pytest.fixture(scope="module")
+def image():
+    return photograph(*AIM)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        None,
+        "frame",
+        np.zeros((480, 640)),
+        np.zeros((480, 641), np.uint8),
+        np.zeros((480, 640, 3), np.uint8),
+        np.zeros((0, 0), np.uint8),
+    ],
+)
+def test_what_is_not_a_frame_of_this_camera(image):
+    assert check_frame(image, LENS) == "wrong size"
+
+
+def test_frames_of_a_live_camera_are_good(image):
+    assert check_frame(image, LENS) == "good"
+    assert check_frame(photograph(*AIM, seed=5), LENS, image) == "good"
+
+
+def test_black_and_white_frames():
+    noise = np.random.default_rng(0).integers(0, 3, (480, 640)).astype(np.uint8)
+    assert check_frame(noise, LENS) == "black"
+    assert check_frame(noise, LENS, lit=False) == "good"
+    assert check_frame(np.full((480, 640), 255, np.uint8), LENS) == "saturated"
+
+
+def test_a_dark_frame_at_a_high_gain_is_black_and_one_with_a_lit_spot_is_not():
+    noise = np.random.default_rng(3).normal(4, 12, (480, 640)).clip(0, 255).astype(np.uint8)
+    assert (noise > 12).mean() > 0.2
+    assert check_frame(noise, LENS) == "black"
+    noise[100:130, 100:130] = 200
+    assert check_frame(noise, LENS) == "good"
+
+
+def test_frames_without_a_picture():
+    rng = np.random.default_rng(1)
+    noise = rng.integers(0, 256, (480, 640)).astype(np.uint8)
+    assert check_frame(noise, LENS) == check_frame(noise, LENS, lit=False) == "no picture"
+    assert check_frame(np.full((480, 640), 100, np.uint8), LENS) == "no picture"
+    # A bare wall is a picture, though a dull one.
+    assert check_frame(rng.normal(95, 1.5, (480, 640)).astype(np.uint8), LENS) == "good"
+    assert check_frame(np.zeros((480, 640), np.uint8), LENS, lit=False) == "good"
+
+
+def test_a_frame_that_is_nearly_white_is_saturated():
+    white = np.random.default_rng(2).integers(250, 256, (480, 640)).astype(np.uint8)
+    assert check_frame(white, LENS) == "saturated"
+
+
+def test_a_frame_twice_is_frozen(image):
+    assert check_frame(image.copy(), LENS, image) == "frozen"
+
+
+@pytest.mark.parametrize("row", [40, 200, 401])
+def test_two_halves_of_different_frames_are_torn(image, row):
+    other = photograph(AIM[0] + 0.2, AIM[1] - 0.1, seed=1)
+    torn = np.concatenate([image[:row], other[row:]])
+    assert check_frame(torn, LENS) == "torn"
+    half = image.copy()
+    half[row:] = 0
+    assert check_frame(half, LENS) == "torn"
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.97, "good"), (0.998, "frozen")])
+def test_lights_that_differ_by_three_percent_are_different_ones(image, share, verdict):
+    other = np.rint(share * image.astype(float)).astype(np.uint8)
+    assert same_light(Brightness.of(image), Brightness.of(other)) == verdict
+
+
+def test_lights_that_cross_over_are_good_and_a_strip_of_the_same_light_is_torn():
+    grey = np.full((480, 1), 120.0)
+    crossing = grey * (1 + np.linspace(-0.05, 0.05, 480)[:, None])
+    strip = np.where(np.arange(480)[:, None] < 160, grey, 0.9 * grey)
+    verdicts = [
+        same_light(*(Brightness.of(np.tile(level, (1, 640)).astype(np.uint8)) for level in pair))
+        for pair in ((grey, crossing), (grey, strip))
+    ]
+    assert verdicts == ["good", "torn"]
+
+
+@pytest.mark.parametrize("columns", [637, 640])
+def test_steps_between_rows_are_medians(columns):
+    image = np.random.default_rng(0).integers(0, 60, (9, columns)).astype(np.uint8)
+    steps = np.empty(8)
+    _kernels.row_steps(image, 4, steps)
+    apart = np.abs(np.diff(image[:, ::4].astype(int), axis=0))
+    assert np.array_equal(steps, np.median(apart, axis=1))

@@ -1,0 +1,149 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop_head.geometry import Mount, Pinhole, wall_point
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.hold import PointHold
+from minorloop_head.vision.servo import Cone, Servo
+
+CAMERA = CalibratedCamera(Pinhole(), Mount(), np.zeros((3, 3)))
+HOLD = PointHold(servo=Servo(CAMERA, cone=Cone(half=np.radians(40))), lead=0.0)
+AIM = np.radians([22.0, 8.0])
+
+
+def seen(angles):
+    """Pixel of the point that is in the middle at AIM."""
+    pose = CAMERA.mount.pose(*AIM)
+    ray = pose.rotation[:, 2]
+    along = np.roots([ray[:2] @ ray[:2], 2 * pose.position[:2] @ ray[:2],
+                      pose.position[:2] @ pose.position[:2] - 1e-4]).max()  # fmt: skip
+    point = pose.position + along * ray
+    assert np.hypot(*point[:2]) == pytest.approx(10e-3)
+    phi = np.arctan2(point[1], point[0])
+    camera = CAMERA.mount.pose(*angles).to_camera(wall_point(phi, point[2], 10e-3))
+    return CAMERA.lens.project(camera)
+
+
+def test_a_still_point_is_sent_to_the_middle():
+    state = HOLD.begin(AIM + np.radians([3.0, -2.0]))
+    joints = AIM + np.radians([3.0, -2.0])
+    for _ in range(100):
+        step, state = HOLD.step(state, seen(joints), joints)
+        joints = step.angles
+    np.testing.assert_allclose(joints, AIM, atol=1e-5)
+
+
+def test_a_sway_is_predicted():
+    """The angles that are wanted go ahead of the sway by the lead."""
+    hold = PointHold(servo=HOLD.servo, lead=0.3, integral_gain=0.0)
+    state, wanted = hold.begin(AIM), []
+    sway = np.radians(1.0) * np.sin(2 * np.pi * 0.3 * 0.04 * np.arange(400))
+    for each in sway:
+        base = np.array([each, 0.0])
+        step, state = hold.step(state, seen(AIM + base), AIM)
+        wanted.append(step.angles[0] - AIM[0])
+    late = np.arange(150, 390)
+    errors = [
+        np.abs(np.array(wanted)[late] + np.interp(late + ahead, np.arange(400), sway)).max()
+        for ahead in (0.0, 0.3 / 0.04)
+    ]
+    assert errors[1] < 0.7 * errors[0]
+
+
+def followed(hold, seconds, *, off=(0.5, -0.3), bias=(0.0, 0.0), late=0, most=10.0):
+    """Errors (T, 2) in radians of joints that go to their wanted angles late and with a bias.
+
+    They turn by at most ``most`` degrees a second.
+    """
+    joints = AIM + np.radians(off)
+    state, errors = hold.begin(joints), []
+    asked = [joints] * (late + 1)
+    for _ in range(round(seconds / 0.04)):
+        step, state = hold.step(state, seen(joints + np.radians(bias)), joints)
+        asked.append(step.angles)
+        joints = joints + np.clip(
+            asked[-1 - late] - joints, *np.radians([-0.04 * most, 0.04 * most])
+        )
+        errors.append(joints + np.radians(bias) - AIM)
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("late", [0, 5, 9, 13])
+def test_the_integral_removes_a_bias_at_any_delay_up_to_half_as_long_again(late):
+    """The bias is one of where the head looks, which its joints do not show."""
+    loop = {"bias": (0.3, -0.2), "late": late}
+    held = followed(PointHold(servo=HOLD.servo), 20.0, **loop)
+    assert np.abs(np.degrees(held[-50:])).max() < 0.01
+    assert np.abs(np.degrees(held[100:])).max() < 0.4  # half of the first error after 4 s
+
+
+def test_the_printed_sign_of_the_integral_drives_the_point_away():
+    class Printed(PointHold):
+        def correction(self, integral, error):
+            return -super().correction(integral, error)
+
+    far = followed(Printed(servo=HOLD.servo, near=np.pi, slip=np.pi), 6.0, late=5)
+    assert np.abs(np.degrees(far[-1])).max() > 10
+
+
+def test_a_joint_that_does_not_follow_is_not_integrated():
+    stuck = PointHold(servo=HOLD.servo)
+    state = stuck.begin(AIM)
+    joints = AIM + np.radians([1.0, 0.0])
+    for _ in range(200):
+        _, state = stuck.step(state, seen(joints), joints)
+    assert np.abs(state.integral).max() < np.radians(0.2)
+    freely = PointHold(servo=HOLD.servo, slip=np.pi)
+    for _ in range(200):
+        _, state = freely.step(state, seen(joints), joints)
+    assert np.abs(state.integral).max() > np.radians(5)
+
+
+def test_the_wanted_angles_turn_no_faster_than_the_rate_limit():
+    hold = PointHold(servo=Servo(CAMERA, cone=Cone(half=np.radians(40)), rate_limit=0.1))
+    joints = AIM + np.radians([5.0, -4.0])
+    state, before = hold.begin(joints), joints
+    for _ in range(15):
+        step, state = hold.step(state, seen(joints), joints)
+        assert np.hypot(*(step.angles - before)) <= 0.1 * 0.04 + 1e-12
+        assert step.verdict == "at the rate limit"
+        joints = before = step.angles
+    assert np.abs(state.integral).max() == 0.0
+
+
+def test_what_is_far_is_not_integrated():
+    hold = PointHold(servo=HOLD.servo)
+    joints = AIM + np.radians([3.0, 0.0])
+    state = hold.begin(joints)
+    for _ in range(20):
+        _, state = hold.step(state, seen(joints), joints)
+    assert np.abs(state.integral).max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"integral_gain": 2.4}, r"give 0 to below 2.31 1/s, or the loop would ring"),
+        ({"integral_gain": -1.0}, "integral_gain is -1.0 1/s"),
+        ({"near": 0.0}, "near is 0.0 rad"),
+        ({"slip": np.nan}, "slip is nan"),
+    ],
+)
+def test_gains_and_bounds_out_of_range_are_refused(options, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        PointHold(servo=HOLD.servo, **options)
+
+
+def test_a_lost_point_is_waited_for_where_it_was():
+    state = HOLD.begin(AIM)
+    for _ in range(50):
+        step, state = HOLD.step(state, None, AIM)
+    np.testing.assert_allclose(step.angles, AIM, atol=1e-9)
+    assert step.verdict == "no target"
+
+
+@pytest.mark.parametrize("option", [{"lead": -1.0}, {"share": 0.0}, {"patience": 99.0}])
+def test_numbers_out_of_range_are_refused(option):
+    with pytest.raises(ParameterError, match="give"):
+        PointHold(servo=HOLD.servo, **option)

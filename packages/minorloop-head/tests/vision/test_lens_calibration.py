@@ -1,0 +1,76 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import RecordError
+from minorloop_head.vision.lens_calibration import corners_in_ninths, fit_lens, target_pose
+
+from .sighted_targets import LENS, all_over, held, seen
+
+SIZE = (640, 480)
+
+
+def test_a_lens_is_found_within_its_uncertainty():
+    fit = fit_lens(all_over(), SIZE)
+    true = (LENS.focal, *LENS.centre, LENS.k1, LENS.k2)
+    for each, value in zip(fit.measured, true, strict=True):
+        assert abs(each.value - value) < 4 * each.sd, each.name
+    assert fit.measured[0].sd < 1e-3 * LENS.focal
+    assert abs(fit.rms - np.sqrt(2) * 0.07) < 0.01
+    assert corners_in_ninths(fit.seen, fit.lens).min() >= 8
+
+
+def test_a_picture_in_which_the_target_moved_is_left_out():
+    pictures = all_over()
+    skewed = pictures[4].pixels + np.random.default_rng(0).normal(0, 3, pictures[4].pixels.shape)
+    pictures[4] = replace(pictures[4], pixels=skewed)
+    fit = fit_lens(pictures, SIZE)
+    assert list(fit.left_out) == ["4.png"]
+    assert "hold the target still" in fit.left_out["4.png"]
+    assert abs(fit.lens.focal - LENS.focal) < 4 * fit.measured[0].sd
+
+
+def turned_about(axis, count=12):
+    """Pictures all over the image, tilted about one axis of the image only."""
+    found = []
+    for number in range(count):
+        row, column = divmod(number % 9, 3)
+        turn = np.zeros(3)
+        turn[axis] = 30.0 if number % 2 else -30.0
+        aim = (0.3 * (column - 1), 0.22 * (row - 1))
+        found.append(seen(f"{number}.png", *held(aim, 0.025, turn)))
+    return found
+
+
+def upper_left_hidden():
+    return [
+        replace(each, points=each.points[there], pixels=each.pixels[there])
+        for each in all_over(count=20)
+        for there in [~((each.pixels < [215, 162]).all(axis=1))]
+    ]
+
+
+@pytest.mark.parametrize(
+    ("pictures", "sentence"),
+    [
+        (all_over(count=5), "5 pictures with a target; give 8 or more"),
+        (all_over(tilt=0.5), "tilt the target by 20 to 40 degrees"),
+        (turned_about(1), "no target is tilted up and down; tilt it so"),
+        (turned_about(0), "no target is tilted left and right; tilt it so"),
+        (upper_left_hidden(), "no corners in the upper left ninth; photograph the target there"),
+    ],
+    ids=["few", "frontal", "level", "upright", "uncovered"],
+)
+def test_poor_coverage_is_refused_with_what_to_photograph(pictures, sentence):
+    with pytest.raises(RecordError, match=sentence):
+        fit_lens(pictures, SIZE)
+
+
+def test_a_pose_is_found_within_its_uncertainty():
+    rotation, position = held((0.05, -0.03), 0.03, [15.0, -20.0, 5.0])
+    pose = target_pose(LENS, seen("one.png", rotation, position), 0.07)
+    sd = np.sqrt(np.diag(np.linalg.inv(pose.information)))
+    assert (np.abs(pose.position - position) < 4 * sd[3:]).all()
+    assert np.degrees(np.abs(pose.rotation - rotation)).max() < 0.5
+    assert abs(pose.tilt - 25) < 1

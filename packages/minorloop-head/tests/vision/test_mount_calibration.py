@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import RecordError
+from minorloop_head.geometry import Mount, rotation_z
+from minorloop_head.procedures.calibrate import calibrated_head, mount_doubts
+from minorloop_head.procedures.head_file import HeadFile
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.lens_calibration import LensFit, target_pose
+from minorloop_head.vision.mount_calibration import fit_mount
+
+from .sighted_targets import LENS, MIDDLE, seen
+
+MOUNT = Mount(lever=7.5e-3, offset=(0.4e-3, -0.6e-3), roll=0.2)
+STRAIGHT, ROLL = np.array([31.5, 28.7]), 2.0
+ANGLES = [(pan, tilt) for pan in (-15, -5, 5, 15) for tilt in (-12, 0, 12)]
+CORNER = np.array([0.0, 0.0, 0.04]) - MIDDLE
+
+
+def measured(angles=ANGLES, noise=0.1, mount=MOUNT):
+    """Poses of a target on the axis of the pipe, and the read angles."""
+    poses, rng = [], np.random.default_rng(1000)
+    for number, (pan, tilt) in enumerate(angles):
+        pose = mount.pose(*np.radians([pan, tilt]))
+        turn = (pose.rotation @ rotation_z(np.radians(ROLL))).T
+        picture = seen(f"{number}.png", turn, turn @ (CORNER - pose.position))
+        poses.append(target_pose(LENS, picture, 0.07))
+    return poses, np.array(angles) + STRAIGHT + rng.normal(0, noise, (len(angles), 2))
+
+
+def test_a_mount_is_found_within_its_uncertainty():
+    fit = fit_mount(*measured(), middle=MIDDLE[:2])
+    found = {each.name: each for each in fit.measured}
+    true = {
+        "lever": 7.5, "lens right of the axis": 0.0, "lens below the axis": 0.0,
+        "tilt axis before the pan axis": 0.0, "tilt where level": 28.7, "squint": 0.0,
+        "camera roll": 2.0, "pan where straight": 31.5, "roll of the base": np.degrees(0.2),
+        "lean of the base": 0.0, "pivot right of the axis": 0.4, "pivot below the axis": -0.6,
+        "target before the pivot": 40.0,
+    }  # fmt: skip
+    assert found.keys() == true.keys()
+    for name, value in true.items():
+        assert abs(found[name].value - value) < 3.5 * found[name].sd, name
+        if found[name].unit == "deg":
+            assert abs(found[name].value - value) < 0.3, name
+    assert abs(fit.lever - MOUNT.lever) < 0.2e-3
+    assert np.abs(fit.joints).max() < 0.4
+
+
+def doubts(change):
+    poses, joints = measured()
+    names = [f"{number}.png" for number in range(len(poses))]
+    return mount_doubts(fit_mount(poses, change(joints)), names, 0.1)
+
+
+def test_angles_that_contradict_the_pictures_are_doubted():
+    assert doubts(lambda joints: joints) == ()
+    (scaled,) = doubts(lambda joints: joints * [1.1, 1.0])
+    assert "the mount is not to be trusted" in scaled
+    one = np.zeros((len(ANGLES), 2))
+    one[5, 0] = 3.0
+    (said,) = doubts(lambda joints: joints + one)
+    assert "most in 5.png (" in said
+
+
+def test_without_a_target_on_the_axis_the_pipe_is_left_out():
+    fit = fit_mount(*measured())
+    assert (fit.roll, fit.offset) == (None, None)
+    assert "pan where straight" not in {each.name for each in fit.measured}
+
+
+def wrong(change):
+    poses, joints = measured()
+    return poses, change(joints)
+
+
+@pytest.mark.parametrize(
+    ("poses", "joints", "sentence"),
+    [
+        (*wrong(np.radians), "seem to be in radians; give them in degrees"),
+        (*wrong(lambda joints: joints * [1, -1]), "check units, signs"),
+        (*wrong(lambda joints: np.roll(joints, 1, axis=0)), "the order of the pictures"),
+        (*measured([(pan, 5) for pan in range(-12, 13, 4)]), "the tilt of the pictures is within"),
+        (*measured([(-10, -10), (10, 10)] * 3), "take pictures at several tilts for each pan"),
+        (*measured(ANGLES[:5]), "5 pictures with a target at known joint angles; give 6 or more"),
+    ],
+    ids=["radians", "signs", "order", "one axis", "two places", "few"],
+)
+def test_refuses_in_one_sentence(poses, joints, sentence):
+    with pytest.raises(RecordError, match=sentence):
+        fit_mount(poses, joints)
+
+
+def test_angles_that_are_hardly_known_determine_no_mount():
+    with pytest.raises(RecordError, match=r"do not determine the tilt where level"):
+        fit_mount(*measured(ANGLES[::2]), sd=9.0)
+
+
+def test_zeros_squint_and_roll_of_the_camera_are_used_to_place_what_it_sees():
+    turned = Mount(lever=7.5e-3, roll=0.2, squint=np.radians(3.0), camera_roll=np.radians(-4.0))
+    poses, rng = [], np.random.default_rng(1001)
+    for number, at in enumerate(ANGLES):
+        pose = turned.pose(*np.radians(at))
+        turn = pose.rotation.T
+        picture = seen(f"{number}.png", turn, turn @ (CORNER - pose.position))
+        poses.append(target_pose(LENS, picture, 0.07))
+    joints = np.array(ANGLES) + STRAIGHT + rng.normal(0, 0.1, (len(ANGLES), 2))
+    fit = fit_mount(poses, joints, middle=MIDDLE[:2])
+    lens = LensFit(LENS, (), (), (), {}, 0.0)
+    head, advice = calibrated_head(
+        HeadFile(serial="H-01"), lens=lens, mount=fit, leds=np.zeros((3, 3))
+    )
+    assert advice == ()
+    found, wall = head.calibration, [(0.4, 25e-3), (2.0, 22e-3)]
+    for read in ([20.0, 31.0], [45.0, 20.0]):
+        angles = np.radians(np.array(read) - STRAIGHT)
+        true = CalibratedCamera(LENS, turned, np.zeros((1, 3))).pixel(wall, *angles)
+        own = found.line_of_sight(np.radians(read))
+        pixel = found.camera_at((0.0, 0.0)).pixel(wall, *own)
+        assert np.abs(pixel - true).max() < 4.0
+        assert found.joints(own) == pytest.approx(read)

@@ -1,0 +1,301 @@
+"""Tracking a patch of the wall."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from minorloop.errors import ParameterError, SignalError
+from minorloop_head.geometry import wall_point
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.tracking import ELSEWHERE, PatchTracker
+
+from .walls import CAMERA, photograph, texture
+
+PLACE = np.array([0.5, 20e-3])
+AIM = np.array(CAMERA.mount.aim(wall_point(*PLACE, 10e-3)))
+TRACKER = PatchTracker(CAMERA)
+
+
+def begin(angles=AIM):
+    return TRACKER.begin(photograph(*angles), CAMERA.pixel(PLACE, *angles), *angles)
+
+
+def test_a_turning_head_does_not_lose_it():
+    _, state = begin()
+    for n in range(1, 16):
+        angles = AIM + 0.012 * n * np.array([np.cos(n / 3), np.sin(n / 3)])
+        track, state = TRACKER.step(state, photograph(*angles, seed=n), *angles)
+        assert track.verdict == "tracked"
+        assert np.hypot(*(track.pixel - CAMERA.pixel(PLACE, *angles))) < 0.3
+        assert track.score > 0.9
+
+
+def test_angles_that_are_off_are_made_up_for():
+    _, state = begin()
+    told = AIM + np.array([0.02, -0.015])
+    track, _ = TRACKER.step(state, photograph(*AIM, seed=1), *told)
+    assert track.verdict == "tracked"
+    # By 1.4 degrees: the wall looks a little different then.
+    assert np.hypot(*(track.pixel - CAMERA.pixel(PLACE, *AIM))) < 1
+
+
+def test_brighter_or_darker_light_does_not_matter():
+    _, state = begin()
+    for seed, gain in enumerate((0.4, 1.4), start=1):
+        track, state = TRACKER.step(state, photograph(*AIM, gain=gain, seed=seed), *AIM)
+        assert track.verdict == "tracked"
+        assert np.hypot(*(track.pixel - CAMERA.pixel(PLACE, *AIM))) < 0.3
+
+
+def test_a_hidden_patch_is_found_again():
+    _, state = begin()
+    for n in range(5):
+        hidden = photograph(*AIM, lambda phi, z: 0.5 + 0 * phi, seed=n)
+        track, state = TRACKER.step(state, hidden, *AIM)
+        assert track.verdict == "lost"
+    told, verdicts = AIM + np.array([0.04, 0.03]), []
+    for n in range(10):
+        track, state = TRACKER.step(state, photograph(*AIM, seed=50 + n), *told)
+        verdicts.append(track.verdict)
+        if track.verdict == "tracked":
+            break
+    assert verdicts[-1] == "tracked"
+    assert np.hypot(*(track.pixel - CAMERA.pixel(PLACE, *AIM))) < 2
+
+
+def test_it_leaves_the_view_and_returns():
+    _, state = begin()
+    away = AIM + np.array([0.9, 0.0])
+    for n in range(3):
+        track, state = TRACKER.step(state, photograph(*away, seed=n), *away)
+        assert track.verdict == "out of view"
+    for n in range(3):
+        track, state = TRACKER.step(state, photograph(*AIM, seed=10 + n), *AIM)
+    assert track.verdict == "tracked"
+
+
+@pytest.mark.parametrize(
+    ("frame", "verdict"),
+    [
+        (np.zeros((480, 640), np.uint8), "black"),
+        (np.full((480, 640), 255, np.uint8), "saturated"),
+        (np.zeros((240, 320), np.uint8), "wrong size"),
+        (None, "wrong size"),
+        (np.full((480, 640), np.nan), "wrong size"),
+        (np.roll(photograph(*AIM), 240, axis=0), "torn"),
+    ],
+)
+def test_a_bad_frame_is_said_to_be_bad_and_passed_over(frame, verdict):
+    _, state = begin()
+    track, state = TRACKER.step(state, frame, *AIM)
+    assert track.verdict == verdict
+    np.testing.assert_allclose(track.pixel, CAMERA.pixel(PLACE, *AIM), atol=1e-6)
+    for n in range(2):
+        track, state = TRACKER.step(state, photograph(*AIM, seed=n + 1), *AIM)
+    assert track.verdict == "tracked"
+
+
+def test_a_frozen_frame_and_broken_angles():
+    _, state = begin()
+    assert TRACKER.step(state, photograph(*AIM), *AIM)[0].verdict == "frozen"
+    for seed, pan in enumerate((np.nan, None, "far"), start=1):
+        track, after = TRACKER.step(state, photograph(*AIM, seed=seed), pan, 0.0)
+        assert track.verdict == "angle unknown"
+        assert np.isnan(track.pixel).all()
+    assert TRACKER.step(after, photograph(*AIM, seed=9), *AIM)[0].verdict == "tracked"
+
+
+def test_what_cannot_be_picked_is_refused():
+    with pytest.raises(SignalError, match="does not show"):
+        TRACKER.begin(photograph(*AIM), (2.0, 2.0), *AIM)
+    with pytest.raises(SignalError, match="this camera"):
+        TRACKER.begin(np.zeros((4, 4), np.uint8), (2.0, 2.0), *AIM)
+
+
+@pytest.mark.parametrize("options", [{"size": 0.0}, {"least": 1.0}, {"size": 1e-3}])
+def test_options_out_of_range_are_refused(options):
+    with pytest.raises(ParameterError):
+        PatchTracker(CAMERA, **options)
+
+
+@pytest.mark.parametrize("level", [0, 128])
+def test_nothing_is_picked_where_there_is_nothing_to_see(level):
+    with pytest.raises(SignalError, match=r"black|one grey"):
+        TRACKER.begin(np.full((480, 640), level, np.uint8), CAMERA.pixel(PLACE, *AIM), *AIM)
+
+
+def test_plain_wall_with_noise_is_not_picked():
+    plain = photograph(*AIM, lambda phi, z: 0.5 + 0.0 * phi)
+    with pytest.raises(SignalError, match=r"of one grey or lost in noise, two halves .* agree by"):
+        TRACKER.begin(plain, CAMERA.pixel(PLACE, *AIM), *AIM)
+
+
+def test_a_wall_with_detail_that_is_darker_than_its_noise_is_not_picked():
+    dim = photograph(*AIM, gain=0.02, noise=3.0)
+    dim[:60, :60] = 80  # a reflection: the frame is not black
+    with pytest.raises(SignalError, match="lost in noise"):
+        TRACKER.begin(dim, CAMERA.pixel(PLACE, *AIM), *AIM)
+
+
+def test_a_repeated_frame_is_frozen():
+    _, state = begin()
+    first, second = (photograph(*AIM, seed=n) for n in (1, 2))
+    for image, verdict in ((first, "tracked"), (second, "tracked"), (first, "frozen")):
+        track, state = TRACKER.step(state, image, *AIM)
+        assert track.verdict == verdict
+
+
+def test_angles_that_no_head_in_the_pipe_has_lose_the_piece():
+    camera = CalibratedCamera(CAMERA.lens, replace(CAMERA.mount, lever=11e-3), CAMERA.leds)
+    _, state = begin()
+    track, _ = replace(TRACKER, camera=camera).step(state, photograph(*AIM, seed=3), 1.5, 0.0)
+    assert track.verdict == "lost"
+
+
+def distance(track, angles):
+    return np.hypot(*(track.pixel - CAMERA.pixel(PLACE, *angles)))
+
+
+def test_a_reflection_that_moves_with_the_head_is_not_followed():
+    def with_reflection(angles, seed):
+        image = photograph(*angles, seed=seed).astype(float)
+        v, u = np.mgrid[0:480, 0:640]
+        image += 120 * np.exp(-((u - 330) ** 2 + (v - 250) ** 2) / 2 / 14**2)
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    _, state = TRACKER.begin(with_reflection(AIM, 0), CAMERA.pixel(PLACE, *AIM), *AIM)
+    seen = 0
+    for n in range(1, 16):
+        angles = AIM + 0.012 * n * np.array([1.0, 0.4])
+        track, state = TRACKER.step(state, with_reflection(angles, n), *angles)
+        if track.verdict == "tracked":
+            seen += 1
+            assert distance(track, angles) < 2.0
+    assert seen > 10
+
+
+def test_a_patch_that_is_covered_is_lost_though_its_surroundings_are_seen():
+    _, state = begin()
+    for n in range(1, 4):
+        _, state = TRACKER.step(state, photograph(*AIM, seed=n), *AIM)
+    covered = photograph(*AIM, seed=9).copy()
+    u, v = np.rint(CAMERA.pixel(PLACE, *AIM)).astype(int)
+    rng = np.random.default_rng(0)
+    covered[v - 60 : v + 60, u - 60 : u + 60] = rng.integers(90, 110, (120, 120))
+    track, state = TRACKER.step(state, covered, *AIM)
+    assert track.verdict == "lost"
+    assert distance(track, AIM) < 2
+    track, _ = TRACKER.step(state, photograph(*AIM, seed=10), *AIM)
+    assert track.verdict == "tracked"
+
+
+def test_a_frame_that_is_late_by_half_a_second_is_not_believed():
+    _, state = begin()
+    before = AIM - np.array([0.05, 0.03])  # 0.5 s ago at 7 degrees a second
+    track, state = TRACKER.step(state, photograph(*before, seed=1), *AIM)
+    assert track.verdict != "tracked"
+    track, state = TRACKER.step(state, photograph(*AIM, seed=2), *AIM)
+    assert track.verdict == "tracked"
+    assert distance(track, AIM) < 0.3
+
+
+def test_a_jump_that_stays_is_believed():
+    _, state = begin()
+    told, verdicts = AIM + np.array([0.035, 0.0]), []
+    for n in range(1, 4):
+        track, state = TRACKER.step(state, photograph(*AIM, seed=n), *told)
+        verdicts.append(track.verdict)
+    assert verdicts[0] == "jumped"
+    assert verdicts[-1] == "tracked"
+    assert distance(track, AIM) < 2
+
+
+def test_a_mirror_image_is_not_taken_for_the_wall():
+    _, state = begin()
+    mirrored = np.ascontiguousarray(photograph(*AIM, seed=1)[:, ::-1])
+    track, state = TRACKER.step(state, mirrored, *AIM)
+    assert track.verdict != "tracked"
+    assert TRACKER.step(state, photograph(*AIM, seed=2), *AIM)[0].verdict == "tracked"
+
+
+@pytest.mark.parametrize("flip", [np.s_[:, ::-1], np.s_[::-1], np.s_[::-1, ::-1]])
+def test_a_mirror_image_of_a_round_hole_in_the_middle_is_not_the_hole(flip):
+    def hole(phi, z):
+        around, along = phi - PLACE[0], z - PLACE[1]
+        marks = 0.6 + 0.1 * texture(PLACE[0] + 3 * around, PLACE[1] + 3 * along)
+        return np.where(np.hypot(10e-3 * around, along) < 0.5e-3, 0.02, marks)
+
+    _, state = TRACKER.begin(photograph(*AIM, hole), CAMERA.pixel(PLACE, *AIM), *AIM)
+    mirrored = np.ascontiguousarray(photograph(*AIM, hole, seed=1)[flip])
+    track, state = TRACKER.step(state, mirrored, *AIM)
+    assert track.verdict == ELSEWHERE
+    track, _ = TRACKER.step(state, photograph(*AIM, hole, seed=2), *AIM)
+    assert track.verdict == "tracked"
+    assert distance(track, AIM) < 0.3
+
+
+def test_a_lens_that_is_fouled_on_one_side_leaves_the_other():
+    _, state = begin()
+    for n in range(1, 6):
+        fouled = photograph(*AIM, seed=n).copy()
+        rng = np.random.default_rng(n)
+        fouled[:, 350:] = rng.integers(20, 26, fouled[:, 350:].shape)
+        track, state = TRACKER.step(state, fouled, *AIM)
+        assert track.verdict == "lost" or distance(track, AIM) < 1.5
+    track, _ = TRACKER.step(state, photograph(*AIM, seed=9), *AIM)
+    assert track.verdict == "tracked"
+
+
+def test_one_of_many_equal_spots_is_never_taken_for_another():
+    def spots(phi, z):
+        x, y = 10e-3 * phi, np.asarray(z)
+        return 0.5 + 0.4 * np.cos(2 * np.pi * x / 1.5e-3) * np.cos(2 * np.pi * y / 1.5e-3)
+
+    _, state = TRACKER.begin(photograph(*AIM, spots), CAMERA.pixel(PLACE, *AIM), *AIM)
+    dark = np.zeros((480, 640), np.uint8)
+    for n, turn in enumerate((0.0, 0.01, 0.05, 0.06, 0.0), start=1):
+        _, state = TRACKER.step(state, dark, *AIM)
+        told = AIM + np.array([turn, 0.0])
+        track, state = TRACKER.step(state, photograph(*AIM, spots, seed=n), *told)
+        assert track.verdict != "tracked" or distance(track, AIM) < 4
+
+
+def test_a_hole_has_a_place_of_its_own_on_a_blurred_wall_that_varies_slowly_along_the_pipe():
+    def wall(phi, z):
+        around, along = phi - PLACE[0], z - PLACE[1]
+        marks = texture(PLACE[0] + 2 * around, PLACE[1] + 0.6 * along)
+        return np.where(np.hypot(10e-3 * around, along) < 0.3e-3, marks - 0.4, marks)
+
+    def blurred(angles, seed):
+        image = gaussian_filter(photograph(*angles, wall, noise=0.0).astype(float), 3.0)
+        image += 1.5 * np.random.default_rng(seed).standard_normal(image.shape)
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    _, state = TRACKER.begin(blurred(AIM, 0), CAMERA.pixel(PLACE, *AIM), *AIM)
+    track, _ = TRACKER.step(state, blurred(AIM + 0.01, 1), *(AIM + 0.01))
+    assert track.verdict == "tracked"
+    assert distance(track, AIM + 0.01) < 0.5
+
+
+EDGE = AIM + np.array([0.36, 0.0])  # the patch is 10 pixels from the edge of the frame
+
+
+def test_a_lost_patch_is_found_again_only_with_most_of_its_surroundings():
+    _, state = begin()
+    _, state = TRACKER.step(state, np.zeros((480, 640), np.uint8), *AIM)
+    track, _ = TRACKER.step(state, photograph(*EDGE, seed=1), *EDGE)
+    assert track.verdict == "out of view"
+    track, _ = TRACKER.step(state, photograph(*AIM, seed=1), *AIM)
+    assert track.verdict == "tracked"
+
+
+def test_a_view_is_kept_only_of_a_patch_whose_surroundings_are_seen():
+    _, state = begin()
+    track, after = replace(TRACKER, fresh=1e-9).step(state, photograph(*EDGE, seed=1), *EDGE)
+    assert track.verdict == "tracked"
+    assert len(after.views) == 1
+    angles = AIM + np.array([0.05, 0.0])
+    _, after = replace(TRACKER, fresh=1e-9).step(state, photograph(*angles, seed=1), *angles)
+    assert len(after.views) == 2

@@ -1,0 +1,394 @@
+"""Pan and tilt from pictures of the wall alone, with good pictures and bad ones."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from minorloop.errors import ParameterError, SignalError
+from minorloop_head.geometry import Mount
+from minorloop_head.twins.camera import LENS, Camera
+from minorloop_head.twins.pipe import Pipe
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.wall_angles import WallAngles
+from minorloop_head.vision.wall_patches import SEEN
+
+from .walls import CAMERA, photograph
+
+REST = np.radians([-30.0, -30.0])
+CLOSE = math.radians(0.15)
+ALIKE = 110
+"""Columns of 320 that look as they did elsewhere: two in five of the patches in view."""
+
+MOST_ALIKE = 170
+"""Columns with more than half of them."""
+
+
+class Seen:
+    """A camera in a pipe, and the estimator of its angles."""
+
+    def __init__(self):
+        self.camera = Camera(Pipe.draw(1006), Mount(), LENS.scaled(0.5), seed=1)
+        self.camera.focus_at(10e-3)
+        known = CalibratedCamera(self.camera.calibration, Mount(), self.camera.leds)
+        self.eyes = WallAngles(known)
+        for _ in range(10):
+            frame = self.picture(*REST)
+        self.first, self.state = self.eyes.begin(frame.image, REST, frame.t)
+
+    def picture(self, pan, tilt):
+        self.camera.look(pan, tilt)
+        self.camera.expose(0.01, 0.7 if abs(pan) > 0.4 else 1.2)
+        return self.camera.frame()
+
+    def step(self, pan, tilt, spoil=lambda image: image):
+        frame = self.picture(pan, tilt)
+        sight, self.state = self.eyes.step(self.state, spoil(frame.image), frame.t)
+        return sight
+
+    def goes(self, degrees, tilt=REST[1]):
+        """Turn to a pan in steps of half a degree."""
+        start = float(self.state.angles[0])
+        for pan in np.linspace(start, math.radians(degrees), 40)[1:]:
+            sight = self.step(pan, tilt)
+        return sight
+
+
+@pytest.fixture
+def seen():
+    return Seen()
+
+
+def error(sight, pan, tilt=REST[1]):
+    return float(np.abs(sight.angles - [pan, tilt]).max())
+
+
+def test_the_angles_of_a_turn_are_followed_and_its_return_has_no_drift(seen):
+    there = seen.goes(-8.0)
+    assert there.verdict == SEEN
+    assert error(there, math.radians(-8.0)) < CLOSE
+    back = seen.goes(-30.0)
+    assert error(back, *REST) < math.radians(0.03)
+    assert (back.sd < math.radians(0.02)).all()
+
+
+def test_a_still_head_reads_with_little_noise(seen):
+    read = np.array([seen.step(*REST).angles for _ in range(10)])
+    assert np.degrees(read.std(axis=0)).max() < 0.02
+
+
+def test_a_jump_that_no_picture_shows_is_found_again(seen):
+    seen.goes(-14.0)
+    for _ in range(6):
+        sight = seen.step(*REST)
+        if sight.verdict == SEEN:
+            break
+    assert error(sight, *REST) < CLOSE
+
+
+def test_a_head_that_stopped_beside_what_it_saw_is_found_within_a_few_pictures(seen):
+    """Far down the pipe, looks change so fast that steps of a search have to be short."""
+    for each in np.radians(np.linspace(-30.0, -6.0, 60)):
+        seen.step(each, each)
+    there = math.radians(-1.0)
+    for _ in range(8):
+        sight = seen.step(there, there)
+        if sight.verdict == SEEN:
+            break
+    assert error(sight, there, there) < math.radians(0.3)
+
+
+def test_a_search_may_try_one_angle_in_a_picture(seen):
+    seen.goes(-14.0)
+    seen.eyes = replace(seen.eyes, tries=1)
+    assert np.isnan(seen.step(*REST).angles).all()
+    assert error(seen.step(math.radians(-14.0), REST[1]), math.radians(-14.0)) < CLOSE
+
+
+def test_a_search_may_try_all_angles_in_one_picture(seen):
+    seen.goes(-14.0)
+    seen.eyes = replace(seen.eyes, tries=10_000)
+    assert error(seen.step(*REST), *REST) < CLOSE
+
+
+def dirt(seed):
+    """A blurred texture on the lens, which stands still in the picture."""
+    rough = np.random.default_rng(seed).standard_normal((240, 320))
+    smooth = gaussian_filter(rough, 6.0)
+    return 60.0 + 25.0 * smooth / smooth.std()
+
+
+def noisy(level, seed):
+    noise = np.random.default_rng(seed).normal(0.0, 1.5, level.shape)
+    return np.clip(np.rint(level + noise), 0, 255).astype(np.uint8)
+
+
+def test_dirt_in_which_some_patches_match_elsewhere_is_not_believed(seen):
+    """A third of the picture looks as it did at rest; the head is far from there."""
+    level = dirt(0)
+    level[:, -ALIKE:] = seen.picture(*REST).image[:, -ALIKE:]
+    seen.goes(-14.0)
+    count = len(seen.state.patches.sd)
+    for n in range(3):
+        sight = seen.step(math.radians(-14.0), REST[1], lambda _, n=n: noisy(level, n))
+        assert np.isnan(sight.angles).all()
+    assert len(seen.state.patches.sd) == count
+    pan = math.radians(-14.0)
+    assert error(seen.step(pan, REST[1]), pan) < CLOSE
+
+
+def patchy(picture, columns, seed):
+    """Return a picture of which only some columns at the right are seen beside dirt."""
+    level = dirt(0)
+    level[:, -columns:] = picture[:, -columns:]
+    return noisy(level, seed)
+
+
+def test_dirt_in_which_most_patches_match_elsewhere_stays_on_trial_until_the_lens_is_clean(seen):
+    """Half of the picture looks as it did at rest, and goes on so while the head turns."""
+    rest = seen.picture(*REST).image
+    seen.goes(-14.0)
+    found = []
+    for n, pan in enumerate(np.radians(np.linspace(-14.0, -20.0, 13))):
+        sight = seen.step(pan, REST[1], lambda _, n=n: patchy(rest, MOST_ALIKE, n))
+        found += [sight] if sight.verdict == SEEN else []
+    assert len(found) > 6
+    assert all(each.trial and error(each, *REST) < CLOSE for each in found)
+    assert found[-1].reason.startswith(
+        "the view that was found again has not turned with the head yet, and "
+    )
+    clean = [seen.step(math.radians(-20.0), REST[1]) for _ in range(3)][-1]
+    assert (clean.trial, clean.reason) == (False, "")
+    assert error(clean, math.radians(-20.0)) < CLOSE
+
+
+def test_a_view_that_was_found_beside_dirt_is_on_trial_until_it_turns(seen):
+    seen.goes(-14.0)
+    for _ in range(3):
+        seen.step(*REST, dark)
+    trials = []
+    for n, pan in enumerate(np.radians([-28.0] * 5 + [*np.linspace(-27.5, -24.0, 8)])):
+        sight = seen.step(pan, REST[1], lambda image, n=n: patchy(image, MOST_ALIKE, n))
+        trials.append(sight.trial)
+    assert trials[4]
+    assert not sight.trial
+    assert error(sight, pan) < CLOSE
+
+
+def test_dirt_that_fouls_half_of_the_lens_in_a_turn_is_not_learned_as_wall(seen):
+    """What is learned through it would be in the way of the clean view: it disagrees there."""
+
+    def soiled(image):
+        level = image.astype(float)
+        level[:, :160] = dirt(0)[:, :160]
+        return noisy(level, int(image.sum()))
+
+    seen.goes(-26.0)
+    for pan in np.radians(np.arange(-25.5, -17.0, 0.5)):
+        sight = seen.step(pan, REST[1], soiled)
+    assert error(sight, math.radians(-17.5)) < CLOSE
+    clean = seen.step(math.radians(-17.0), REST[1])
+    assert error(clean, math.radians(-17.0)) < CLOSE
+    assert clean.agreeing > 0.8 * clean.seen
+
+
+def test_a_view_that_was_found_again_is_not_taken_to_turn(seen):
+    seen.goes(-14.0)
+    for _ in range(6):
+        if seen.step(*REST).verdict == SEEN:
+            break
+    assert error(seen.step(*REST), *REST) < CLOSE
+    assert seen.state.hunted == 0
+
+
+def test_a_view_that_was_found_again_is_learned_from_once_it_turns(seen):
+    seen.goes(-14.0)
+    count, tilt = len(seen.state.patches.sd), REST[1] + math.radians(4.0)
+    for _ in range(6):
+        sight = seen.step(math.radians(-26.0), tilt)
+        if sight.verdict == SEEN:
+            break
+    assert error(sight, math.radians(-26.0), tilt) < CLOSE
+    assert len(seen.state.patches.sd) == count
+    for further in np.radians(np.arange(0.5, 4.0, 0.5)):
+        assert seen.step(math.radians(-26.0), tilt + further).verdict == SEEN
+    assert len(seen.state.patches.sd) > count
+
+
+def test_a_fast_head_that_a_search_finds_is_followed_from_there_and_learned_from(seen):
+    """Nine pictures a second, and 31 degrees a second at once: too far for steps from the last."""
+    count, at, state = len(seen.state.patches.sd), REST, seen.state
+    searched = []
+    for n in range(1, 8):
+        at = REST + math.radians(3.5) * np.array([n, n])
+        sight, state = seen.eyes.step(state, seen.picture(*at).image, 10.0 + 0.11 * n)
+        searched.append(sight.verdict)
+    assert searched == [SEEN] * 7
+    assert error(sight, *at) < math.radians(0.3)
+    assert len(state.patches.sd) > count
+
+
+@pytest.mark.parametrize("wait", [2.0, 5.0, 20.0])
+def test_a_head_that_settled_while_there_was_no_picture_is_seen_without_a_search(
+    seen, wait, monkeypatch
+):
+    monkeypatch.setattr(WallAngles, "_hunted", lambda eyes, pyramid, state: (None, state))
+    settling, t = math.radians(5.0), 0.0
+    at, state = np.array(REST), seen.state
+    for t in [*np.arange(0.2, 2.2, 0.2), 2.0 + wait]:
+        at = REST + settling * np.array([1.0 - math.exp(-t / 5.0), 0.0])
+        sight, state = seen.eyes.step(state, seen.picture(*at).image, 10.0 + t)
+    assert sight.verdict == SEEN
+    assert error(sight, *at) < CLOSE
+
+
+def dark(image):
+    return np.zeros_like(image)
+
+
+def fouled(image):
+    """Hide the left half behind an even grey."""
+    hidden = image.copy()
+    hidden[:, : image.shape[1] // 2] = 70 + image[:, : image.shape[1] // 2] // 40
+    return hidden
+
+
+def reflected(image):
+    """Add a bright mirror image of an LED that stands still in the picture."""
+    v, u = np.mgrid[: image.shape[0], : image.shape[1]]
+    spot = 160 * np.exp(-((u - 90) ** 2 + (v - 130) ** 2) / (2 * 14.0**2))
+    return np.clip(image + spot, 0, 255).astype(np.uint8)
+
+
+def doubled(image):
+    """Show a piece of the wall twice."""
+    twice = image.copy()
+    twice[150:210, 200:280] = image[60:120, 60:140]
+    return twice
+
+
+def plain(image):
+    """Show wall without detail."""
+    noise = np.random.default_rng(int(image.sum())).normal(0.0, 1.0, image.shape)
+    v, u = np.mgrid[: image.shape[0], : image.shape[1]]
+    return np.clip(120 - 0.2 * u - 0.1 * v + noise, 0, 255).astype(np.uint8)
+
+
+def white(image, share):
+    """The left of a picture is white."""
+    image = image.copy()
+    image[:, : round(share * image.shape[1])] = 255
+    return image
+
+
+@pytest.mark.parametrize("spoil", [fouled, reflected, doubled])
+def test_patches_that_disagree_are_outvoted(seen, spoil):
+    for pan in np.linspace(-30.0, -24.0, 13):
+        sight = seen.step(math.radians(pan), REST[1], spoil)
+    assert sight.verdict == SEEN
+    assert error(sight, math.radians(-24.0)) < CLOSE
+    assert error(seen.goes(-30.0), *REST) < CLOSE
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (dark, "the picture is black"),
+        (plain, "of wall in view agree"),
+        (lambda image: image[:100], "wrong size"),
+        (lambda image: None, "wrong size"),
+        (lambda image: np.full_like(image, 255), "saturated"),
+        (lambda image: white(image, 0.85), "of wall in view agree"),
+        (lambda image: image[:, ::-1].copy(), "of wall in view agree"),
+        (lambda image: image[::-1].copy(), "of wall in view agree"),
+        (lambda image: image[::-1, ::-1].copy(), "of wall in view agree"),
+    ],
+)
+def test_without_a_view_it_says_why_and_goes_on_when_it_sees_again(seen, spoil, reason):
+    seen.step(*REST)
+    for _ in range(3):
+        sight = seen.step(*REST, spoil)
+        assert np.isnan(sight.angles).all()
+        assert reason in sight.reason
+    pan = math.radians(-27.0)
+    assert error(seen.step(pan, REST[1]), pan) < CLOSE
+
+
+def test_too_few_patches_are_told_with_the_number_that_is_needed(seen):
+    seen.step(*REST)
+    reason = seen.step(*REST, plain).reason
+    counts = r"(\d+) of (\d+) patches of wall in view agree, and (\d+) are needed: something is "
+    agree, _, needed = (int(each) for each in re.match(counts, reason).groups())
+    assert agree < needed
+
+
+def test_a_repeated_picture_is_frozen_and_an_old_one_late(seen):
+    frame = seen.picture(*REST)
+    _, state = seen.eyes.step(seen.state, frame.image, frame.t)
+    sight, state = seen.eyes.step(state, frame.image, frame.t + 0.04)
+    assert sight.reason == "the picture is frozen"
+    later = seen.picture(*REST)
+    sight, _ = seen.eyes.step(state, later.image, frame.t - 0.5)
+    assert sight.reason == "the picture is late"
+
+
+def test_the_state_before_is_not_changed(seen):
+    before, poor = seen.state, seen.state.patches.poor.copy()
+    sights = [seen.eyes.step(before, seen.picture(*REST).image, 9.0)[0] for _ in range(2)]
+    assert np.array_equal(before.patches.poor, poor)
+    assert np.abs(sights[0].angles - sights[1].angles).max() < math.radians(0.03)
+
+
+def test_a_first_picture_without_wall_is_refused(seen):
+    image = seen.picture(*REST).image
+    with pytest.raises(SignalError, match="the first picture is black; check lights"):
+        seen.eyes.begin(dark(image), REST)
+    with pytest.raises(SignalError, match="shows 0 patches of wall with detail, and 4 are needed"):
+        seen.eyes.begin(plain(image), REST)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"size": 0.0}, "size is 0.0; give a number above 0"),
+        ({"least": 1.0}, "least is 1.0; give a correlation between 0 and 1"),
+        ({"readout": -1.0}, "readout is -1.0 s; give 0 or more"),
+        ({"fewest": 0}, "fewest is 0; give 1 or more"),
+        ({"low": (1.0, 1.0)}, "give low < high"),
+    ],
+)
+def test_options_out_of_range_are_refused(seen, options, said):
+    with pytest.raises(ParameterError, match=said):
+        replace(seen.eyes, **options)
+
+
+def brushed(phi, z):
+    """Marks around the pipe that vary little along themselves."""
+    ways = np.random.default_rng(3).normal(0.0, (1800.0, 4.0, 9.0), (16, 3))
+    return 0.5 + 0.06 * sum(np.cos(way * z + turns * phi + shift) for way, turns, shift in ways)
+
+
+def test_the_deviations_are_those_of_the_errors_also_on_brushed_metal():
+    eyes = WallAngles(CAMERA, readout=0.0)
+
+    def way(n):
+        return np.radians([18 + 9 * np.sin(n / 15), 9 * np.cos(n / 15) - 4])
+
+    _, state = eyes.begin(photograph(*way(0), brushed), way(0))
+    errors, deviations = [], []
+    for n in range(1, 21):
+        sight, state = eyes.step(state, photograph(*way(n), brushed, seed=n), 0.04 * n)
+        if sight.verdict == SEEN:
+            errors.append(sight.angles - way(n))
+            deviations.append(sight.sd)
+    assert len(errors) > 15
+    # The noise of the pictures alone gives 25.
+    assert (np.sqrt(np.mean((np.array(errors) / deviations) ** 2, axis=0)) < 6).all()
+
+
+def test_the_deviations_after_a_turn_include_those_of_the_places_of_the_patches(seen):
+    there = seen.goes(-8.0)
+    assert (np.abs(there.angles - [math.radians(-8.0), REST[1]]) < 4 * there.sd).all()

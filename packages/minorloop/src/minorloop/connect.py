@@ -1,0 +1,230 @@
+"""Connect to the actuator at an address.
+
+An address is ``SCHEME:NAME``. Schemes are the entry points of the group ``minorloop.actuators``.
+The names after ``twin:`` are the entry points of the group ``minorloop.twins``. Any installed
+package can add to both.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+from minorloop.errors import InstrumentError, MinorloopError, ParameterError
+from minorloop.lab.actuator import Actuator
+from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.limited_actuator import with_limits
+from minorloop.lab.registry import loaded, registered
+
+SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
+
+
+def connect(
+    address: str,
+    *,
+    specimen: int | None = None,
+    noise: float = 0.0,
+    seed: int = 0,
+    **options: Any,
+) -> Actuator:
+    """Connect to the actuator at an address.
+
+    Parameters
+    ----------
+    address : str
+        A simulated actuator, such as ``twin:ipmc`` or ``twin:fibre``; `addresses` names those of
+        installed packages too. Or real instruments: ``bench:FILE``, a file that describes them as
+        `minorloop.lab.drivers.bench_file` says (``visa:FILE`` for one channel), or
+        ``module:package.factory``, see `open_module`. Installed packages can add schemes and
+        simulated actuators; the entry point of a scheme is called with ``NAME`` and the options.
+        If it has an option ``specimen``, it is a simulation and gets specimen, noise and seed
+        too.
+    specimen : int, optional
+        Seed of the specimen; nominal parameters without it.
+    noise : float
+        Standard deviation of the sensor, in the unit of each output.
+    seed : int
+        Seed of the noise.
+    **options
+        Further options of the actuator. Strip and fibre have ``tick``, ``substeps`` and
+        ``drift``.
+
+    Returns
+    -------
+    Actuator
+
+    Raises
+    ------
+    ParameterError
+        If there is nothing at the address, its driver cannot be loaded, or an option is unknown
+        there or out of its range.
+    MissingExtraError
+        If the actuator needs an extra that is not installed.
+    InstrumentError
+        If an instrument does not answer.
+    """
+    scheme, _, name = address.partition(":") if isinstance(address, str) else ("", "", "")
+    schemes = registered(SCHEMES)
+    if scheme not in schemes or not name:
+        raise ParameterError(_nothing_at(address))
+    opener = loaded(schemes[scheme], address)
+    if _simulates(opener):
+        options = {"specimen": specimen, "noise": noise, "seed": seed, **options}
+    elif specimen is not None or noise != 0 or seed != 0:
+        raise ParameterError(f"{address} is not simulated; leave specimen, noise and seed out")
+    _check_options(address, opener, options)
+    opened: Actuator = opener(name, **options)
+    return opened
+
+
+def is_simulated(address: str) -> bool:
+    """Return whether the actuator at an address takes a specimen, noise and seed."""
+    schemes, scheme = registered(SCHEMES), address.partition(":")[0]
+    return scheme in schemes and _simulates(loaded(schemes[scheme], address))
+
+
+def _simulates(opener: Callable[..., Actuator]) -> bool:
+    return "specimen" in inspect.signature(opener).parameters
+
+
+def open_twin(
+    name: str, *, specimen: int | None = None, noise: float = 0.0, seed: int = 0, **options: Any
+) -> Actuator:
+    """Make a simulated actuator.
+
+    Parameters
+    ----------
+    name : str
+        Name of an entry point of the group ``minorloop.twins``.
+    specimen, noise, seed, **options
+        As in `connect`.
+
+    Returns
+    -------
+    Actuator
+
+    Raises
+    ------
+    ParameterError
+        If there is no such actuator, or it has no such option.
+    """
+    twins = registered(TWINS)
+    if name not in twins:
+        raise ParameterError(_nothing_at(f"twin:{name}"))
+    kind = loaded(twins[name], f"twin:{name}")
+    _check_options(f"twin:{name}", kind, options, ("specimen", "noise", "seed"))
+    twin: Actuator = kind(specimen, noise, seed, **options)
+    return twin
+
+
+def open_module(name: str) -> Actuator:
+    """Return the actuator that a function of a Python module makes.
+
+    A `Bench` is made safe and read first; any other is put behind the limits of its channels.
+
+    Parameters
+    ----------
+    name : str
+        ``package.factory``, or ``package.factory:ARGUMENT`` for a factory with an argument. The
+        package is installed, or in the current folder.
+
+    Returns
+    -------
+    Actuator
+
+    Raises
+    ------
+    ParameterError
+        If there is no such function, or what it returns is no actuator.
+    InstrumentError
+        If it fails.
+    """
+    path, colon, argument = name.partition(":")
+    made = _made(factory(path), path, [argument] if colon else [])
+    if isinstance(made, Bench):
+        try:
+            made.check()
+        except BaseException:
+            made.close()
+            raise
+        return made
+    try:
+        return with_limits(made)
+    except ParameterError as error:
+        raise ParameterError(f"module:{name}: {error}") from None
+
+
+def factory(path: str) -> Callable[..., Any]:
+    """Return a function by its module and name, such as ``package.function``.
+
+    The current folder is searched last, also in the processes of the console.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such function.
+    InstrumentError
+        If its module fails.
+    """
+    module, _, function = path.rpartition(".")
+    folder = os.getcwd()
+    if folder not in sys.path:
+        sys.path.append(folder)
+    try:
+        found = getattr(import_module(module), function)
+    except (ImportError, AttributeError, ValueError, SyntaxError) as error:
+        remedy = "give module:PACKAGE.FUNCTION of an installed package or a file in this folder"
+        if isinstance(error, ModuleNotFoundError) and not f"{module}.".startswith(f"{error.name}."):
+            remedy = f"install {error.name}, which it imports"
+        raise ParameterError(f"module:{path} cannot be loaded: {error}; {remedy}") from None
+    except (Exception, SystemExit) as error:
+        raise InstrumentError(f"module:{path} cannot be loaded: {_said(error)}") from error
+    if not callable(found):
+        raise ParameterError(f"module:{path} is no function")
+    made: Callable[..., Any] = found
+    return made
+
+
+def _made(make: Callable[..., Any], path: str, given: list[str]) -> Any:
+    try:
+        return make(*given)
+    except MinorloopError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise InstrumentError(f"module:{path} failed: {_said(error)}") from error
+
+
+def _said(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+def addresses() -> list[str]:
+    """Return the known addresses: each simulated actuator, and ``SCHEME:NAME`` for instruments.
+
+    Those of installed packages are among them.
+    """
+    twins = [f"twin:{name}" for name in registered(TWINS)]
+    return [*twins, *(f"{name}:NAME" for name in registered(SCHEMES) if name != "twin")]
+
+
+def _nothing_at(address: object) -> str:
+    known = ", ".join(f"'{each}'" for each in addresses())
+    return f"there is nothing at address {address!r}; give one of {known}"
+
+
+def _check_options(
+    address: str, opener: Any, options: dict[str, Any], always: tuple[str, ...] = ()
+) -> None:
+    """Refuse unknown options, unless the opener has ``**options`` and checks them itself."""
+    parameters = inspect.signature(opener).parameters.values()
+    if any(each.kind is each.VAR_KEYWORD for each in parameters):
+        return
+    allowed = [*always, *(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)]
+    for name in options:
+        if name not in allowed:
+            takes = f"it takes {', '.join(allowed)}" if allowed else "it takes none"
+            raise ParameterError(f"{address} has no option {name!r}; {takes}")

@@ -1,0 +1,525 @@
+"""Model files: a model with names, units, provenance and warnings, as one JSON object.
+
+::
+
+    {"format": "minorloop model", "version": 2,
+     "input": {"name": "voltage", "unit": "V"},
+     "output": {"name": "curvature", "unit": "1/m"},
+     "lag": 0,
+     "model": {"kind": "preisach", "levels": [...], "weights": [...], ...},
+     "provenance": {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0",
+                    "data": "run.csv", "sha256": "9f86...", "scores": {"nrmse": 0.004}},
+     "warnings": ["the output is clipped: ..."]}
+
+``lag`` is the number of whole samples by which the output follows the model; a model of a record
+with times may have ``lag_s`` as well, the same in seconds. In the provenance,
+``data`` is the name of the file that the model was identified from and ``sha256`` the digest of
+its bytes; both are null if there was none. Scores are numbers by name.
+
+The other keys of ``model`` depend on its kind. They are the parameters of its class:
+
+==================================  ==========================================================
+``preisach``                        levels, weights, offset, relay, diagonal, slope of
+                                    `Preisach`
+``relay``                           levels, weights, offset, relay of `RelayModel`
+``prandtl-ishlinskii``              radii, weights, offset of `PrandtlIshlinskii`
+``generalised-prandtl-ishlinskii``  plays, zones, offset of `GeneralisedPrandtlIshlinskii`:
+                                    plays has radii, weights, offset, and zones has
+                                    thresholds, weights
+``polynomial``                      coefficients, low, high of `Polynomial`
+``cascade``                         operator (one of the above), linear, first, creep, noise of
+                                    `Cascade`: linear has numerator, denominator, interval,
+                                    delay; creep is null or has times, strengths, gain, offset;
+                                    ahead, if present, has the keys of linear
+``linear``                          numerator, denominator, interval, delay of `Linear`
+``after-effect``                    plane (the keys of ``preisach`` without a kind), field,
+                                    settling, times, creep of `AfterEffect`
+``oscillator``                      mass, damping, stiffness, operator of `Oscillator`:
+                                    ``preisach``, ``prandtl-ishlinskii``, or ``bouc-wen`` with
+                                    alpha, gamma, delta, exponent, or ``duhem`` with levels,
+                                    rising, falling
+==================================  ==========================================================
+
+Other packages add kinds by the entry points ``minorloop.models``: the name is the kind, and the
+parameters of the class are the keys.
+
+The weights of the first two, and those of the creep for each time, are rows up to the diagonal: row
+i has i + 1 numbers. Decimal numbers
+are read as exactly the same float64. ``warnings`` are sentences that say why the model is not to be
+trusted. ``bands`` is what the bands of a Preisach model follow from (`BandModel`): the posterior on
+a plane of at most 12 bands, and the error beyond it. A reader refuses unknown keys, so files with
+bands have version 3, others with warnings version 2, and all others version 1.
+"""
+
+from __future__ import annotations
+
+import json
+import stat
+import warnings as _warnings
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from minorloop._modelschema import (
+    LONGEST_WARNING,
+    MOST_WARNINGS,
+    BandsPart,
+    Content,
+    Header,
+    Model,
+    Named,
+    Provenance,
+    StaticModel,
+    build,
+    kind_of,
+    layout,
+    plain,
+    reason,
+)
+from minorloop.arrays import as_finite
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.oscillator import Oscillator
+from minorloop.errors import ModelFileError, ParameterError
+from minorloop.files import PathLike, check_name, check_writable, kind_of_file, write_atomically
+from minorloop.lab.records import Quantity
+from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.preisach import Preisach
+from minorloop.version import __version__
+
+if TYPE_CHECKING:
+    from minorloop.dynamics.cascade import CascadeInversion
+    from minorloop.identification.band_model import BandModel
+    from minorloop.operators.inversion import Inversion
+
+__all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "ModelWarning", "Provenance"]
+__all__ += ["load", "plain", "read", "save"]
+
+FORMAT = "minorloop model"
+VERSION = 3
+"""Newest version that this package writes and reads."""
+LARGEST = 64 * 2**20
+"""Bytes of the largest model file: a plane of some 2,000 bands."""
+_GIVE = "give one that identify --save has written"
+_MOST = {b",": 2_200_000, b"[": 5_000, b"{": 1_000, b":": 100_000}
+"""Largest number of each mark: more than such a plane needs. Without these bounds, refusing a file
+full of marks takes minutes."""
+
+
+class ModelWarning(UserWarning):
+    """The model of a file is not to be trusted."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """The content of a model file.
+
+    Parameters
+    ----------
+    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii,
+        Polynomial, Cascade, Linear, AfterEffect or Oscillator
+        The model.
+    input, output : Quantity
+        Names and units of its input and output.
+    lag : int
+        Samples by which the output follows the model.
+    provenance : Provenance
+        Origin of the model.
+    warnings : tuple of str
+        Why the model is not to be trusted; empty if there are no warnings.
+    lag_seconds : float
+        The lag in seconds; 0 if it is known in samples only.
+    band_model : callable, optional
+        Returns what the bands follow from, which takes a moment; None where the file has no bands.
+    """
+
+    model: Model
+    input: Quantity
+    output: Quantity
+    lag: int
+    provenance: Provenance
+    warnings: tuple[str, ...] = ()
+    lag_seconds: float = 0.0
+    band_model: Callable[[], BandModel] | None = None
+
+    @property
+    def has_time(self) -> bool:
+        """Whether the output depends on the times of the inputs; not where only a lag does."""
+        return isinstance(self.model, Cascade | AfterEffect | Oscillator)
+
+    @property
+    def operator(self) -> StaticModel:
+        """The model, or the operator of one with time: the output for slow inputs.
+
+        Raises
+        ------
+        ModelFileError
+            If the model has no operator on the input of the file.
+        """
+        if isinstance(self.model, Cascade):
+            return self.model.operator  # type: ignore[return-value]
+        if isinstance(self.model, AfterEffect):
+            return self.model.settled
+        if isinstance(self.model, Oscillator):
+            raise ModelFileError(
+                "the file has an oscillator, whose output depends on all forces before; it can be "
+                "simulated in time, but not inverted: give a file with another model"
+            )
+        if not isinstance(self.model, StaticModel):
+            raise ModelFileError(
+                f"the file has a model of kind {self.kind!r}, which minorloop.load reads; give a "
+                "file that identify --save has written"
+            )
+        return self.model
+
+    @property
+    def kind(self) -> str:
+        """The name of the class of the model in the file."""
+        return kind_of(self.model)
+
+    def inverse_columns(
+        self, targets: npt.ArrayLike, found: Inversion | CascadeInversion
+    ) -> dict[str, list[Any]]:
+        """Return the columns of a CSV file of an inverse, by headers with units.
+
+        A model that is not to be trusted adds the column ``warning``, its text in the first row.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Wanted outputs.
+        found : Inversion or CascadeInversion
+            Result for these targets.
+        """
+        columns = {
+            str(self.input): found.u.tolist(),
+            f"target {self.output}": np.asarray(targets, dtype=np.float64).tolist(),
+            f"predicted {self.output}": found.y.tolist(),
+            "reachable": found.reachable.astype(int).tolist(),
+        }
+        if self.warnings:
+            columns["warning"] = ["; ".join(self.warnings), *[""] * (found.u.size - 1)]
+        return columns
+
+
+@runtime_checkable
+class Identified(Protocol):
+    """An identified model with its lag, scores and warnings."""
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+
+    @property
+    def lag(self) -> int:
+        """Samples by which the output follows the model."""
+
+    @property
+    def lag_seconds(self) -> float:
+        """The same in seconds; 0 where it is not known."""
+
+    @property
+    def scores(self) -> Mapping[str, float | None]:
+        """Scores by name."""
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """Why the model is not to be trusted."""
+
+
+def save(
+    model: Model | Identified,
+    path: PathLike,
+    *,
+    input: str | Quantity = "input",
+    output: str | Quantity = "output",
+    lag: int | None = None,
+    lag_seconds: float | None = None,
+    provenance: Provenance | Mapping[str, Any] | None = None,
+    warnings: Sequence[str] | None = None,
+    force: bool = False,
+) -> None:
+    """Write a model to a file, completely or not at all.
+
+    Parameters
+    ----------
+    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial,
+            Cascade, Linear, AfterEffect, Oscillator, or the result of an identification
+        The model. That of an identification is written with its lag, scores and warnings.
+    path : str or path
+        The file to write.
+    input, output : str or Quantity
+        Names and units of its input and output, such as ``voltage [V]``.
+    lag : int, optional
+        Samples by which the output follows the model; that of the identification, or 0, if not
+        given.
+    lag_seconds : float, optional
+        The same in seconds, where it is known, for records with other intervals; that of the
+        identification if not given.
+    provenance : Provenance or mapping, optional
+        Origin of the model; a mapping has the keys of `Provenance`.
+    warnings : sequence of str, optional
+        Why the model is not to be trusted; those of the identification, or none, if not given.
+        At most 20 are kept.
+    force : bool
+        Whether a file that exists may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, or exists and ``force`` is false.
+    ParameterError
+        If a file cannot contain the model, the provenance or the warnings.
+    """
+    target = check_writable(path, force=force)
+    complete, bands = _complete(provenance), None
+    if isinstance(model, Identified):
+        lag = getattr(model, "lag_of_model", model.lag) if lag is None else lag
+        lag_seconds = model.lag_seconds if lag_seconds is None else lag_seconds
+        warnings = model.warnings if warnings is None else warnings
+        bands = _bands_of(model)
+        complete = {**complete, "scores": {**model.scores, **complete["scores"]}}
+        model = model.model
+    content = {
+        "format": FORMAT,
+        "version": 0,
+        "input": _named(input),
+        "output": _named(output),
+        "lag": lag or 0,
+        "model": {"kind": kind_of(model), **plain(model)},
+        "provenance": complete,
+    }
+    if lag_seconds:
+        content["lag_s"] = float(lag_seconds)
+    if warnings:
+        content["warnings"] = [text[:LONGEST_WARNING] for text in warnings][:MOST_WARNINGS]
+    if bands is not None:
+        content["bands"] = bands
+    content["version"] = _version(bool(bands), bool(warnings))
+    try:
+        _check_words(msgspec.convert(content, Content).provenance)
+        data = f"{layout(content)}\n".encode()
+    except ValueError as error:
+        raise ParameterError(f"this cannot go into a model file: {reason(error)}") from None
+    if len(data) > LARGEST:
+        raise ParameterError(
+            f"the model takes {len(data)} bytes, a model file {LARGEST} at most; use fewer levels"
+        )
+    if flood := _flood(data):
+        raise ParameterError(f"this cannot go into a model file: {flood}; use fewer levels")
+    write_atomically(target, data)
+
+
+def load(path: PathLike) -> Model:
+    """Read a model from a file that `save` wrote.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial, Cascade,
+    Linear, AfterEffect or Oscillator
+        Equal to what was saved, to the last bit.
+
+    Raises
+    ------
+    ModelFileError
+        If there is no such file, or it is damaged, inconsistent, too large, not a model file, or of
+        a newer version.
+
+    Warns
+    -----
+    ModelWarning
+        If the file has warnings.
+    """
+    known = read(path)
+    if known.warnings:
+        _warnings.warn(f"{path}: {'; '.join(known.warnings)}", ModelWarning, stacklevel=2)
+    return known.model
+
+
+def read(path: PathLike) -> ModelFile:
+    """Read the whole content of a model file.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    ModelFile
+
+    Raises
+    ------
+    ModelFileError
+        As for `load`.
+    """
+    data = _bytes_of(path)
+    _check_header(path, data)
+    try:
+        content = msgspec.json.decode(data, type=Content)
+        _check_repeats(data)
+        if content.version != _version(content.bands is not None, bool(content.warnings)):
+            raise ParameterError(
+                "a file with bands has version 3, another one with warnings 2, all others 1"
+            )
+        model = build(content.model)
+        _check_words(content.provenance)
+        mapped = _quantity(content.input), _quantity(content.output)
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
+    bands = None if content.bands is None else partial(_read_bands, path, content.bands, model)
+    warnings, lag_s = tuple(content.warnings), float(content.lag_s)
+    return ModelFile(model, *mapped, content.lag, content.provenance, warnings, lag_s, bands)
+
+
+def _version(bands: bool, warnings: bool) -> int:
+    """Return the version of a file, by what it has."""
+    return VERSION if bands else 2 if warnings else 1
+
+
+def _bands_of(found: Identified) -> dict[str, Any] | None:
+    """Return what a file keeps of the bands of an identification; None if that has none."""
+    known = getattr(found, "band_model", None)
+    if known is None:
+        return None
+    from minorloop._bandschema import bands_in_file  # identification takes half a second to import
+
+    return bands_in_file(known)
+
+
+def _read_bands(path: PathLike, part: BandsPart, model: Preisach) -> BandModel:
+    """Return what bands follow from.
+
+    Raises
+    ------
+    ModelFileError
+        If the numbers contradict each other.
+    """
+    from minorloop._bandschema import bands_of
+
+    try:
+        if not isinstance(model, Preisach):
+            raise ParameterError("a model of another kind than preisach has no bands")
+        return bands_of(part, model)
+    except ValueError as error:
+        raise ModelFileError(f"the bands of {path} are not valid: {reason(error)}") from None
+
+
+def _bytes_of(path: PathLike) -> bytes:
+    try:
+        status = Path(path).stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise ModelFileError(f"{path} is not a file; give the name of a model file")
+        if status.st_size > LARGEST:
+            raise ModelFileError(
+                f"{path} has {status.st_size} bytes, a model file {LARGEST} at most"
+            )
+        return Path(path).read_bytes()
+    except FileNotFoundError:
+        raise ModelFileError(f"there is no file {path}; check the name") from None
+    except OSError as error:
+        raise ModelFileError(f"{path} cannot be read: {reason(error)}") from None
+    except ModelFileError:
+        raise
+    except ValueError as error:
+        raise ModelFileError(f"{path!r} cannot be the name of a file: {error}") from None
+
+
+def _check_words(provenance: Provenance) -> None:
+    """Refuse texts that cannot be printed."""
+    words = {"data": provenance.data, "minorloop": provenance.minorloop}
+    for what, text in words.items():
+        check_name(f"the {what} of the provenance", text or "")
+    for name in provenance.scores:
+        check_name("the score", name)
+
+
+def _check_repeats(data: bytes) -> None:
+    """Refuse an object that has a key twice: readers differ in which of the two they use."""
+    number: Any = float  # whole numbers may have more digits than int() takes
+    json.loads(data.decode(), object_pairs_hook=_once, parse_int=number)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    known = dict(pairs)
+    if len(known) < len(pairs):
+        twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
+        raise ParameterError(f"it has the key {twice!r} twice; keep one of the two")
+    return known
+
+
+def _flood(data: bytes) -> str:
+    """Return in words of which mark there are too many; empty if of none."""
+    for mark, most in _MOST.items():
+        if (count := data.count(mark)) > most:
+            return f"it has {count} of the mark {mark.decode()}, a model file {most} at most"
+    return ""
+
+
+def _check_header(path: PathLike, data: bytes) -> None:
+    """Refuse files that are not model files, or that a newer version wrote."""
+    kind = kind_of_file(path, data)
+    what = f"{kind}, " if kind in ("a table", "a TOML file", "the file of a head") else ""
+    if what or (data.strip() and not data.lstrip().startswith(b"{")):
+        raise ModelFileError(f"{path} is {what}not a model file; {_GIVE}")
+    if flood := _flood(data):
+        raise ModelFileError(f"{path} is not a model file, is damaged, or is not JSON: {flood}")
+    try:
+        header = msgspec.json.decode(data, type=Header)
+    except msgspec.ValidationError:
+        header = Header()
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(f"{path} is damaged, or is not JSON: {reason(error)}") from None
+    if header.format != FORMAT or header.version < 1:
+        raise ModelFileError(
+            f"{path} is not a model file: it has no format {FORMAT!r} with a version; {_GIVE}"
+        )
+    if header.version > VERSION:
+        raise ModelFileError(
+            f"{path} has format version {header.version}, and this minorloop reads up to "
+            f"{VERSION}; install a newer one"
+        )
+
+
+def _quantity(named: Named) -> Quantity:
+    return Quantity(named.name, named.unit)
+
+
+def _named(quantity: str | Quantity) -> dict[str, str]:
+    known = quantity if isinstance(quantity, Quantity) else Quantity.parse(quantity)
+    return {"name": known.name, "unit": known.unit}
+
+
+def _complete(provenance: Provenance | Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the provenance to write, with date and version filled in."""
+    try:
+        if isinstance(provenance, Provenance):
+            provenance = msgspec.structs.asdict(provenance)
+        fields = {"scores": {}, **(provenance or {})}
+        scores = {name: _score(name, value) for name, value in dict(fields["scores"]).items()}
+        known = msgspec.convert({**fields, "scores": scores}, Provenance)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"provenance cannot be used: {reason(error)}") from None
+    created = known.created or datetime.now(UTC).replace(microsecond=0)
+    complete: dict[str, Any] = msgspec.to_builtins(
+        msgspec.structs.replace(
+            known, created=created.astimezone(UTC), minorloop=known.minorloop or __version__
+        )
+    )
+    return complete
+
+
+def _score(name: str, value: float | None) -> float | None:
+    return None if value is None else as_finite(f"score {name}", value)

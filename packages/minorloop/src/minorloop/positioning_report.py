@@ -1,0 +1,214 @@
+"""Figures and report of the positioning experiment."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from minorloop.drawing.layout import new_figure
+from minorloop.drawing.operators import draw_density
+from minorloop.report import Picture, Report, Table
+
+if TYPE_CHECKING:
+    from minorloop.positioning import AppliedSequence, Positioning
+
+COLOURS = {"Preisach": "C0", "quadratic": "C3", "plays": "C2", "polynomial": "C3"}
+MINUTE, HOUR = 60.0, 3600.0
+"""In seconds."""
+
+
+def positioning_report(result: Positioning) -> Report:
+    """Return the experiment as a page: method, figures, and the errors of both inverses."""
+    setup, figures = result.protocol, result.summary
+    report = Report(
+        "Positioning an ionic polymer strip without a sensor",
+        f"{setup.targets} target curvatures, reached open loop: {figures['rms_preisach']:.2f} 1/m "
+        f"rms from target with the inverse of a Preisach model, {figures['rms_quadratic']:.2f} 1/m "
+        f"with the inverse of a quadratic fitted to the same {figures['measurements']} points, "
+        f"{figures['rms_ratio']:.1f} times as much.",
+    )
+    report.add(
+        "What this is",
+        text=(
+            "The experiment of Chen, Tan and Shahinpoor (Quasi-static positioning of ionic "
+            "polymer-metal composite actuators, 2005), carried out on a twin: a simulation of the "
+            "strip from its physics, with ion pinning, water relaxation and creep, and without a "
+            "Preisach operator. The figures are those of the twin, not of the paper's strip.",
+            f"Specimen and targets are drawn with seed {result.seed}; the curvature sensor has a "
+            f"noise of {result.noise:g} 1/m. Identification and inversion use only voltages and "
+            "measured curvatures.",
+        ),
+        table=_scores(result),
+    )
+    report.add(
+        "Measuring: a decaying staircase",
+        text=f"{result.voltages.size} holds of {setup.hold:g} s, one level shorter each turn and "
+        "measured at every level: as many points as the model has unknowns.",
+        pictures=[
+            Picture(draw_staircase(result), "Voltage and curvature in time (compare Figs 7, 8)."),
+            Picture(
+                draw_model(result),
+                "Settled curvature at each level with the loops of the model, and its density on "
+                "the Preisach plane (compare Figs 8, 9).",
+            ),
+        ],
+    )
+    report.add(
+        "For comparison: a single-valued quadratic",
+        text=_quadratic_text(result),
+        pictures=[
+            Picture(draw_quadratic(result), "The quadratic through all points (compare Fig 11).")
+        ],
+    )
+    report.add(
+        "Driving: both inverses on the strip",
+        text=f"Each sequence begins after {setup.saturation_hold:g} s at -{setup.voltage:g} V, and "
+        f"holds each voltage for {setup.hold:g} s; the last sample counts.",
+        table=_target_table(result),
+        pictures=[
+            Picture(draw_sequences(result), "The voltages of each inverse (Fig 12)."),
+            Picture(draw_trajectories(result), "The curvature of the strip (compare Fig 13)."),
+            Picture(
+                draw_errors(result),
+                "Settled error at each target (compare Fig 14). Whiskers: 90 % band of the error "
+                "of the Preisach inverse, as the identification predicts it; it lies inside at "
+                f"{result.coverage:.0%} of the targets.",
+            ),
+        ],
+    )
+    return report
+
+
+def _scores(result: Positioning) -> Table:
+    rows = [
+        (name, f"{drive.rms:.3f}", f"{drive.worst:.3f}")
+        for name, drive in (("Preisach", result.preisach), ("quadratic", result.quadratic))
+    ]
+    return Table(("inverse", "rms error, 1/m", "largest error, 1/m"), rows)
+
+
+def _target_table(result: Positioning) -> Table:
+    columns = ("target, 1/m", "Preisach, V", "achieved, 1/m", "quadratic, V", "achieved, 1/m")
+    one, other = result.preisach, result.quadratic
+    rows = [
+        (
+            f"{target:.2f}",
+            f"{one.voltages[k]:.3f}",
+            f"{one.achieved[k]:.2f}",
+            f"{other.voltages[k]:.3f}",
+            f"{other.achieved[k]:.2f}",
+        )
+        for k, target in enumerate(result.targets)
+    ]
+    return Table(columns, rows)
+
+
+def _quadratic_text(result: Positioning) -> str:
+    c0, c1, c2 = result.polynomial.coefficients
+    return (
+        f"Least squares on the same points gives y = {c2:.2f} u^2 + {c1:.2f} u + {c0:.2f} in 1/m; "
+        "the paper's strip gave -0.35 u^2 + 8.2 u + 0.34."
+    )
+
+
+def draw_staircase(result: Positioning) -> Any:
+    """Voltage and curvature of the identification against time."""
+    figure, (upper, lower) = new_figure(2, 1, height=5.0, sharex=True)
+    hours = result.staircase.t / HOUR
+    upper.step(hours, result.staircase.u, where="post", color="0.25", lw=1.0)
+    upper.set_ylabel("voltage [V]")
+    lower.plot(hours, result.staircase.y, color="C0", lw=0.9, rasterized=True, label="curvature")
+    ends = (np.arange(result.settled.size) + 1) * result.protocol.hold / HOUR
+    lower.plot(ends, result.settled, "o", ms=3, color="C1", label="taken as settled")
+    lower.set(xlabel="time [h]", ylabel="curvature [1/m]")
+    lower.legend(frameon=False)
+    return figure
+
+
+def draw_model(result: Positioning) -> Any:
+    """Measured points with the model's loops, and the density."""
+    figure, (left, right) = new_figure(1, 2, height=4.2)
+    model = result.identification.model
+    fine = _between(result.voltages)
+    left.plot(fine, model.simulate(fine), color="C0", lw=0.9, label="model")
+    left.plot(result.voltages, result.settled, "o", ms=3, color="C1", label="measured")
+    left.set(xlabel="voltage [V]", ylabel="curvature [1/m]", title="Settled curvature")
+    left.legend(frameon=False)
+    right.grid(False)
+    draw_density(right, model, input_label="V")
+    return figure
+
+
+def draw_quadratic(result: Positioning) -> Any:
+    """Measured points with the quadratic."""
+    figure, axes = new_figure()
+    u = np.linspace(-result.protocol.voltage, result.protocol.voltage, 200)
+    axes.plot(result.voltages, result.settled, "o", ms=3, color="C1", label="measured")
+    axes.plot(u, result.polynomial.simulate(u), color=COLOURS["quadratic"], label="quadratic")
+    axes.set(xlabel="voltage [V]", ylabel="curvature [1/m]")
+    axes.legend(frameon=False)
+    return figure
+
+
+def draw_sequences(result: Positioning) -> Any:
+    """The two voltage sequences."""
+    figure, axes = new_figure()
+    for name, drive in _drives(result):
+        steps = np.append(drive.voltages, drive.voltages[-1])
+        minutes = np.arange(steps.size) * result.protocol.hold / MINUTE
+        axes.step(minutes, steps, where="post", color=COLOURS[name], label=f"{name} inverse")
+    axes.set(xlabel="time [min]", ylabel="voltage [V]")
+    axes.legend(frameon=False)
+    return figure
+
+
+def draw_trajectories(result: Positioning) -> Any:
+    """Curvature under both sequences, and what was wanted."""
+    figure, axes = new_figure(height=4.2)
+    steps = np.append(result.targets, result.targets[-1])
+    minutes = np.arange(steps.size) * result.protocol.hold / MINUTE
+    axes.step(minutes, steps, where="post", color="0.2", lw=1.6, ls="--", label="wanted")
+    for name, drive in _drives(result):
+        t = (drive.record.t - drive.record.t[0]) / MINUTE
+        axes.plot(
+            t,
+            drive.record.y,
+            color=COLOURS[name],
+            lw=0.9,
+            label=f"{name} inverse",
+            rasterized=True,
+        )
+    axes.set(xlabel="time [min]", ylabel="curvature [1/m]")
+    axes.legend(frameon=False)
+    return figure
+
+
+def draw_errors(result: Positioning) -> Any:
+    """Settled error at each target, side by side."""
+    figure, axes = new_figure()
+    place = np.arange(result.targets.size) + 1
+    for shift, (name, drive) in zip((-0.2, 0.2), _drives(result), strict=True):
+        label = f"{name} inverse: {drive.rms:.2f} 1/m rms"
+        axes.bar(place + shift, drive.errors, width=0.38, color=COLOURS[name], label=label)
+    bands = result.bands
+    middle, reach = bands.y - result.targets, bands.half_width
+    label = "90 % band, predicted"
+    axes.errorbar(
+        place - 0.2, middle, reach, fmt="none", color="0.1", lw=0.9, capsize=2, label=label
+    )
+    axes.axhline(0.0, color="0.3", lw=0.8)
+    axes.set(xlabel="target", ylabel="achieved minus target [1/m]")
+    axes.set_xticks(place)
+    axes.legend(frameon=False)
+    return figure
+
+
+def _drives(result: Positioning) -> tuple[tuple[str, AppliedSequence], tuple[str, AppliedSequence]]:
+    return ("Preisach", result.preisach), ("quadratic", result.quadratic)
+
+
+def _between(voltages: Any, points: int = 12) -> Any:
+    """Return the staircase with points in between, to draw a line."""
+    places = np.linspace(0, voltages.size - 1, (voltages.size - 1) * points + 1)
+    return np.interp(places, np.arange(voltages.size), voltages)

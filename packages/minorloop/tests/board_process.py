@@ -1,0 +1,32 @@
+"""The simulated board of the examples, as a process of its own."""
+
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+
+
+@contextmanager
+def simulated_board(folder, *options):
+    """Yield a bench file for a board that runs, and the process; the log is ``board.log``."""
+    program = [sys.executable, "-I", "-S", EXAMPLES / "simulated_board.py"]
+    log = folder / "board.log"
+    with subprocess.Popen(
+        [*program, "--log", log, "--port", folder / "board", *options],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        port = process.stdout.readline().strip()
+        text = (EXAMPLES / "head.toml").read_text().replace("/dev/ttyACM0", port)
+        (folder / "head.toml").write_text(text)
+        try:
+            yield f"bench:{folder / 'head.toml'}", process
+        finally:
+            process.kill()
+
+
+def commands(folder):
+    """The commands that the board has received, as words."""
+    return [line.split()[1:] for line in (folder / "board.log").read_text().splitlines()]

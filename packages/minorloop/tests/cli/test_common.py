@@ -1,0 +1,184 @@
+import io
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.cli import _common
+from minorloop.errors import OutputError, ParameterError
+from minorloop.report import Report
+
+ends = st.none() | st.integers(-20, 20)
+
+
+@given(st.integers(1, 15), ends, ends)
+def test_rows_equal_those_of_a_slice_or_are_refused(total, first, last):
+    text = ":".join("" if end is None else str(end) for end in (first, last))
+    wanted = range(total)[slice(first, last)]
+    inside = all(end is None or -total <= end <= total for end in (first, last))
+    if inside and len(wanted):
+        assert range(total)[_common.as_rows(text, total)] == wanted
+    else:
+        with pytest.raises(ParameterError, match="--rows is"):
+            _common.as_rows(text, total)
+
+
+def test_without_the_option_all_rows_are_used():
+    assert _common.as_rows(None, 7) == slice(0, 7)
+
+
+@pytest.mark.parametrize("text", ["", "5", "a:b", "1:2:3", "1.5:3", "1-3"])
+def test_refuses_wrong_rows_and_gives_an_example(text):
+    with pytest.raises(ParameterError, match=r"two whole numbers A:B, such as 200:7000"):
+        _common.as_rows(text, 9)
+
+
+@pytest.mark.parametrize(
+    ("parse", "text", "value"),
+    [(_common.whole, "-3", -3), (_common.number, "1e-3", 1e-3), (_common.number, "inf", math.inf)],
+)
+def test_numbers_of_options(parse, text, value):
+    assert parse(text) == value
+    for bad in ("", "1,5", "many"):
+        with pytest.raises(typer.BadParameter, match=f"'{bad}' is not a"):
+            parse(bad)
+
+
+def test_numbers_that_json_lacks_become_null(capsys):
+    content = {"a": math.nan, "b": [math.inf, 1.0], "c": np.array([-math.inf, 2.0])}
+    _common.print_json(content | {"d": np.float64(0.5), "e": np.int64(3), "f": None, "g": "µ"})
+    assert json.loads(capsys.readouterr().out) == {
+        "a": None,
+        "b": [None, 1.0],
+        "c": [None, 2.0],
+        "d": 0.5,
+        "e": 3,
+        "f": None,
+        "g": "µ",
+    }
+
+
+def test_a_table_shows_text_without_markup(capsys):
+    _common.print_table(("voltage [V]", "[red]"), [("[b]", "1")], "length [1/m] and [i]")
+    _common.print_advice(["try [bold]"])
+    shown = capsys.readouterr().out
+    for text in ("voltage [V]", "[red]", "[b]", "length [1/m] and [i]", "! try [bold]"):
+        assert text in shown
+
+
+def test_progress_is_drawn_only_on_a_terminal(capsys):
+    with _common.working("adding") as now:
+        now("subtracting")
+        now("compiling", kept=True)
+    assert capsys.readouterr() == ("", "compiling\n")
+
+
+def test_progress_is_shown_on_stderr_only(monkeypatch, capsys):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with _common.working("adding") as now:
+        now("subtracting")
+    assert "subtracting" in terminal.getvalue()
+    assert capsys.readouterr().out == ""
+
+
+def test_every_step_is_done_and_the_first_error_is_raised():
+    done = []
+
+    def fails(name):
+        done.append(name)
+        raise OutputError(name)
+
+    steps = [lambda: fails("a"), lambda: done.append("b"), lambda: fails("c")]
+    with pytest.raises(OutputError, match=r"^a$"):
+        _common.do_all(steps)
+    assert done == ["a", "b", "c"]
+    _common.do_all([])
+
+
+def test_an_interruption_ends_the_steps_at_once():
+    def interrupted():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        _common.do_all([interrupted, lambda: pytest.fail("went on")])
+
+
+def test_a_report_that_cannot_be_drawn_is_one_sentence():
+    def draw():
+        raise RuntimeError("no fonts")
+
+    with pytest.raises(OutputError, match=r"new\.html was not written.* no fonts"):
+        _common.write_report(draw, Path("new.html"), force=False)
+    with pytest.raises(OutputError, match="exists already"):
+        _common.write_report(lambda: Report("a", "b"), Path("good.csv"), force=False)
+    _common.write_report(lambda: Report("a", "b"), Path("new.html"), force=False)
+    assert "<h1>a</h1>" in Path("new.html").read_text()
+
+
+def test_refuses_outputs_that_cannot_be_written():
+    new, old = Path("new.csv"), Path("targets.csv")
+    _common.check_outputs([None, new, None], force=False)
+    _common.check_outputs([old], force=True)
+    with pytest.raises(OutputError, match=r"exists already; .* or --force to replace it"):
+        _common.check_outputs([old], force=False)
+    with pytest.raises(OutputError, match="folder missing does not exist"):
+        _common.check_outputs([Path("missing/new.csv")], force=False)
+    assert not new.exists()
+
+
+@pytest.mark.parametrize("other", ["new.csv", "./new.csv", "here/../new.csv", "link.csv"])
+@pytest.mark.parametrize("force", [False, True])
+def test_two_results_cannot_have_the_same_file(other, force):
+    Path("here").mkdir()
+    Path("link.csv").symlink_to("new.csv")
+    with pytest.raises(OutputError, match="is given for two results"):
+        _common.check_outputs([Path("new.csv"), Path(other)], force=force)
+
+
+@pytest.mark.parametrize("name", ["good.csv", "./good.csv", "link.csv"])
+def test_inputs_are_never_replaced(name):
+    Path("link.csv").symlink_to("good.csv")
+    with pytest.raises(OutputError, match="is an input and is not replaced"):
+        _common.check_outputs([Path(name)], inputs=[Path("good.csv")], force=True)
+
+
+def test_a_table_is_written_and_read_back():
+    values = np.array([0.1, 1 / 3, -2e-300])
+    _common.write_csv(Path("new.csv"), {"a, b [µm]": values, "n": [1, 2, 3]}, force=False)
+    np.testing.assert_array_equal(_common.read_column(Path("new.csv"), "a, b"), values)
+    assert Path("new.csv").read_text(encoding="utf-8").splitlines()[0] == '"a, b [µm]",n'
+    with pytest.raises(OutputError, match="exists already"):
+        _common.write_csv(Path("new.csv"), {"a": [1]}, force=False)
+
+
+@pytest.mark.parametrize("value", ["-3", "0", "nan", "inf"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "invert model.json targets.csv --target length --hold",
+        "drive model.json targets.csv --target length --actuator twin:ipmc --store s --every",
+        "drive model.json targets.csv --target length --actuator twin:ipmc --store s --hold",
+        "export fmu model.json --out c.fmu --interval",
+        "export board model.json --out c --interval",
+        "plan decaying --low -1 --high 1 --input u --hold",
+        "plan sines --frequencies 1 --amplitudes 1 --preamble -1 --input u --tick",
+        "run --actuator twin:ipmc --plan plan.csv --store s --shortest",
+        "run --actuator twin:ipmc --plan plan.csv --store s --interval",
+    ],
+)
+def test_seconds_that_are_not_positive_are_refused(refused, line, value):
+    option = line.split()[-1]
+    said = refused(f"{line} {value}")
+    assert said == f"error: {option} is {value}; give a positive number of seconds\n"

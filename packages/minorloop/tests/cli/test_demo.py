@@ -1,0 +1,115 @@
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import minorloop.positioning
+import minorloop.positioning_report
+from minorloop import modelfile
+from minorloop.positioning import run_positioning
+
+KEYS = ("rms_preisach", "rms_quadratic", "rms_ratio", "max_preisach", "max_quadratic")
+
+
+def test_json_has_the_figures_of_merit(answer):
+    found = answer("demo --seed 3 --noise 0.05")
+    summary = run_positioning(3, 0.05).summary
+    assert {key: found[key] for key in KEYS} == {key: summary[key] for key in KEYS}
+    assert found["rms_ratio"] == found["rms_quadratic"] / found["rms_preisach"]
+    assert (found["seed"], found["noise"]) == (3, 0.05)
+    assert found["measurements"] == found["unknowns"] == 56
+
+
+def test_prints_a_row_for_each_target(run):
+    status, out, err = run("demo --seed 1")
+    result = run_positioning(1)
+    assert (status, err) == (0, "")
+    rows = [line for line in out.splitlines() if line.startswith("│")]
+    assert len(rows) == 14
+    for row, target in zip(rows, result.targets, strict=True):
+        assert row.split()[1] == f"{target:.2f}"
+    assert f"{result.preisach.rms:.3f} 1/m with the Preisach inverse" in out
+    assert list(Path().glob("*.html")) == []
+
+
+def test_report_data_and_model_agree(answer, run, refused):
+    status, out, err = run("demo --out new/result --seed 2")
+    assert (status, err) == (0, "")
+    assert "report written to new/result/report.html; open it in a browser" in out
+    folder = Path("new/result")
+    assert {path.name for path in folder.iterdir()} == {
+        "report.html",
+        "staircase.csv",
+        "model.json",
+    }
+    found = answer(
+        "identify new/result/staircase.csv --input voltage --output curvature --levels 10 "
+        "--diagonal reversible --smoothness 0 --save new/model.json"
+    )
+    assert found["rank"] == found["unknowns"] == 56
+    mine, theirs = modelfile.read("new/model.json"), modelfile.read(folder / "model.json")
+    np.testing.assert_allclose(mine.model.weights, theirs.model.weights, atol=1e-9)
+    assert (mine.input, mine.output) == (theirs.input, theirs.output)
+    assert mine.provenance.sha256 == theirs.provenance.sha256
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    assert "is not empty; give a new or an empty one" in refused("demo --out new/result")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_the_report_opens_offline(run):
+    assert run("demo --out result --json")[0] == 0
+    page = Path("result/report.html").read_text(encoding="utf-8")
+    sources = re.findall(r'(?:src|href|action|data)="([^"]*)"', page)
+    assert len(sources) == 6
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in sources)
+    assert not re.search(r"https?://|@import|url\(|<script|<link", page)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ("--seed -1", "seed is -1; give a whole number of at least 0"),
+        ("--seed 1.5", "'--seed': '1.5' is not a whole number"),
+        ("--seed x", "'x' is not a whole number"),
+        ("--noise -1", "noise is -1.0 1/m; give 0 to 7.5"),
+        ("--noise nan", "noise is nan"),
+        ("--noise inf", "noise is inf"),
+        ("--noise 1e300", "noise is 1e+300"),
+        ("--noise loud", "'loud' is not a number"),
+        ("--out good.csv", "good.csv is a file; give the name of a folder"),
+        ("--out good.csv/inside", "cannot be written"),
+        ("--out .", "is not empty"),
+    ],
+)
+def test_refuses_wrong_options(options, says, refused):
+    assert says in refused(f"demo {options}")
+
+
+def test_a_folder_is_checked_before_the_computation(refused, monkeypatch):
+    def too_late(*args, **options):
+        pytest.fail("the work was begun")
+
+    monkeypatch.setattr(minorloop.positioning, "run_positioning", too_late)
+    assert "is not empty" in refused("demo --out .")
+
+
+def test_data_and_numbers_are_kept_if_the_report_cannot_be_drawn(run, monkeypatch):
+    def fail(result):
+        raise RuntimeError("no fonts")
+
+    monkeypatch.setattr(minorloop.positioning_report, "positioning_report", fail)
+    status, out, err = run("demo --out result --json")
+    assert status == 2
+    assert err.startswith("error: result/report.html was not written")
+    assert json.loads(out)["measurements"] == 56
+    assert modelfile.load("result/model.json").bands == 10
+    assert Path("result/staircase.csv").exists()
+
+
+def test_make_removes_only_what_the_demo_writes():
+    text = (Path(__file__).parents[4] / "Makefile").read_text()
+    rule = re.search(r"^demo:.*\n((?:\t.*\n)+)", text, re.MULTILINE)[1]
+    names = ("report.html", "staircase.csv", "model.json")
+    assert re.findall(r"rm (.*)", rule) == [" ".join(["-f", *(f"demo/{name}" for name in names)])]

@@ -1,0 +1,161 @@
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from command_line import write
+
+LEVELS = [-1.0, -0.4, 0.3, 1.0, 0.2, -0.6, 0.5, -0.1]
+
+
+@pytest.fixture(autouse=True)
+def _log(_somewhere):
+    """A raw log: a first-order lag in mm behind eight holds."""
+    chance = np.random.default_rng(1000)
+    u, t = np.repeat(LEVELS, 100), 0.1 * np.arange(800)
+    shares = 1 - np.exp(-np.arange(1, 101) / 15)
+    ends = np.array([0.0, *LEVELS])
+    y = np.concatenate([a + (b - a) * shares for a, b in itertools.pairwise(ends)])
+    d = 20 - y + 1e-3 * chance.normal(size=y.size)
+    write("log.csv", "time [s],voltage [V],distance [mm]", np.column_stack([t, u, d]))
+
+
+LINE = "reduce log.csv --input voltage --output distance"
+
+
+def test_a_log_becomes_points_that_identify_takes(run):
+    status, out, err = run(f"{LINE} --laser 20,15,0.02,0.05 --save points.csv --report r.html")
+    assert (status, err) == (0, "")
+    assert "8 holds in 800 samples: 8 settled" in out
+    assert "points written to points.csv" in out
+    assert "Settled points of curvature" in Path("r.html").read_text()
+    status, out, _ = run("identify points.csv --input voltage --output curvature --levels 4")
+    assert "curvature [1/m] against voltage [V]" in out
+    assert "weights: by the standard deviations in the column sd [1/m]" in out
+
+
+def test_the_standard_deviation_of_a_point_is_its_weight(answer, refused, model):
+    chance = np.random.default_rng(1000)
+    u = np.concatenate([[-1, 1], chance.uniform(-1, 1, 298)])
+    sd = np.where(np.arange(300) % 2, 0.002, 0.1)
+    y = model.simulate(u) + sd * chance.normal(size=300)
+    rows = np.column_stack([u, y, sd, 1e3 * sd])
+    write("points.csv", "u [V],y [um],sd [um],other [nm]", rows)
+    line = "identify points.csv --input u --output y --levels 8 --lag 0 --prior none"
+    ways = ("", "--sd sd", "--sd none", "--noise 0.1")
+    recognised, named, without, noise = (answer(f"{line} {way}") for way in ways)
+    assert (recognised["sd"], named["sd"]) == ("sd [um]", "sd")
+    assert without["sd"] is noise["sd"] is None
+    assert recognised["rmse_train"] == named["rmse_train"] > without["rmse_train"]
+    assert "is no standard deviation of 'y [um]'" in refused(f"{line} --sd other")
+    assert "--sd cannot be combined with --noise" in refused(f"{line} --sd sd --noise 1")
+
+
+def test_json_has_the_points(answer):
+    found = answer(f"{LINE} --linear=-1,20 --name deflection")
+    assert (found["holds"], found["settled"], found["samples"]) == (8, 8, 800)
+    np.testing.assert_allclose(found["points"]["voltage [V]"], LEVELS)
+    np.testing.assert_allclose(found["points"]["deflection [mm]"], LEVELS, atol=3e-3)
+    np.testing.assert_allclose(found["points"]["held [s]"], 10.0)
+
+
+def test_calibrations_agree(answer):
+    write("table.csv", "distance [mm],deflection [mm]", [[18, 2], [22, -2]])
+    ways = ("--linear=-1,20", "--polynomial 20,-1", "--table table.csv --flip --flip-input --flip")
+    found = [answer(f"{LINE} {way} --name x --unit um")["points"]["x [um]"] for way in ways]
+    np.testing.assert_allclose(found[0], found[1])
+    np.testing.assert_allclose(found[0], -np.array(found[2]))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--laser 20", "--laser is '20'; give D0,H0[,SD,SD], numbers separated by commas"),
+        ("--laser 20,-15", "h0 is -15 mm; give a positive height"),
+        ("--laser 20,15 --linear 2", "--laser and --linear are given; give one conversion"),
+        ("--laser 20,15 --unit mm", "--laser gives curvature [1/m]; leave --name"),
+        ("--polynomial 1,x", "--polynomial is '1,x'; give C0,C1,..."),
+        ("--range 3", "--range is '3'; give LOW:HIGH, such as 10:30"),
+        ("--laser 20,1.05 --range 18.9:21.1 --shortest 11", "0 holds of 11 s or more found"),
+        ("--laser 2000,15", "none of the 8 holds has a usable output"),
+        ("--time voltage", "--input and --time are both 'voltage [V]'; give two columns"),
+        ("--output nothing", "has no column 'nothing', it has 'time [s]', 'voltage [V]'"),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(refused, options, message):
+    line = LINE if "--output" not in options else LINE.replace(" --output distance", "")
+    assert message in refused(f"{line} {options}")
+
+
+def test_the_unit_of_a_matlab_column_is_given_with_its_name(answer):
+    t, u, d = np.genfromtxt("log.csv", delimiter=",", skip_header=1).T
+    savemat("log.mat", {"t": t, "voltage": u, "d": d})
+    line = "reduce log.mat --input voltage --output 'd [mm]' --time 't [s]' --laser 20,15"
+    wanted = answer(f"{LINE} --laser 20,15")["points"]["curvature [1/m]"]
+    assert answer(line)["points"]["curvature [1/m]"] == wanted
+
+
+def test_two_columns_of_time_are_refused(refused):
+    write("two.csv", "t [s],u,y,clock [ms]", [[0, 1, 2, 3], [1, 2, 3, 4]])
+    write("named.csv", "t [s],u,y,time [ms]", [[0, 1, 2, 3], [1, 2, 3, 4]])
+    said = refused("reduce named.csv --input u --output y")
+    assert "named.csv has 2 columns that could be time, 't [s]' and 'time [ms]'; name one" in said
+    assert "0 holds" in refused("reduce two.csv --input u --output y --time clock")
+
+
+def test_a_second_clock_is_named_and_a_duration_is_not(answer):
+    header, *rows = Path("log.csv").read_text().splitlines()
+    two = [f"{header},t2 [s],held [s]", *(f"{row},{k},{-k}" for k, row in enumerate(rows))]
+    Path("two.csv").write_text("\n".join(two) + "\n")
+    said = " ".join(answer(LINE.replace("log.csv", "two.csv"))["notes"])
+    assert "is the time; 't2 [s]' could be too: name the right one with --time" in said
+
+
+def spoilt(column, value, every=150):
+    """Replace some cells of the log; the column is counted from 0."""
+    header, *rows = Path("log.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    for row in cells[90::every]:
+        row[column] = value
+    Path("log.csv").write_text("\n".join([header, *map(",".join, cells)]) + "\n")
+
+
+@pytest.mark.parametrize("code", ["9999", "9.9e37", "-9999"])
+def test_codes_of_the_instrument_are_named_and_not_used(code, run, answer):
+    clean = answer(f"{LINE} --laser 20,15 --save clean.csv")
+    spoilt(2, code)
+    status, out, _ = run(f"{LINE} --laser 20,15 --save points.csv")
+    assert status == 0
+    assert "5 of 800 readings of distance [mm] are codes of the instrument" in " ".join(out.split())
+    assert clean["settled"] == 8
+    wanted, found = (
+        np.genfromtxt(name, delimiter=",", skip_header=1)[:, 2]
+        for name in ("clean.csv", "points.csv")
+    )
+    np.testing.assert_allclose(found, wanted, atol=0.05)
+
+
+def test_codes_among_the_inputs_are_refused(refused):
+    spoilt(1, "9999")
+    assert "samples of voltage [V] are codes of the instrument, first 9999" in refused(LINE)
+
+
+def test_an_input_that_never_changes_is_refused(refused):
+    text = Path("log.csv").read_text()
+    header, *rows = text.splitlines()
+    rows = [",".join([row.split(",")[0], "1", row.split(",")[2]]) for row in rows]
+    Path("log.csv").write_text("\n".join([header, *rows]) + "\n")
+    assert "voltage [V] is 1 throughout" in refused(LINE)
+
+
+def test_a_drift_of_the_sensor_is_refused_and_subtracted(refused, answer):
+    t = 0.1 * np.arange(2000)
+    u = np.repeat([*LEVELS, *LEVELS[::-1], *LEVELS[:4]], 100)
+    d = u + 0.003 * t + 1e-3 * np.random.default_rng(1000).normal(size=t.size)
+    write("log.csv", "time [s],voltage [V],distance [mm]", np.column_stack([t, u, d]))
+    assert "none of the 18 holds settled: the sensor drifts" in refused(LINE)
+    found = answer(f"{LINE} --subtract-drift")
+    assert found["settled"] == 18
+    assert "the sensor drifts by 10.8 +- " in found["notes"][0]

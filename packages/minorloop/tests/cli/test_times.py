@@ -1,0 +1,171 @@
+"""Times of a record on the command line: gaps, lags in seconds, and raw logs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import MODEL, write
+
+T = 0.01 * np.arange(900)
+U = np.exp(-T / 8) * np.sin(T * 4)
+COLUMNS = "time [s],voltage [V],length [um]"
+LINE = "identify log.csv --input voltage --output length --levels 6 --diagonal uniform --no-slope"
+
+
+def _log(t, u, y, columns=COLUMNS):
+    write("log.csv", columns, np.column_stack([t, u, y]))
+
+
+def test_missing_rows_are_said_and_not_fitted(run, answer):
+    kept = np.delete(np.arange(900), slice(150, 450))
+    _log(T[kept], U[kept], MODEL.simulate(U)[kept])
+    status, out, _ = run(f"{LINE} --lag 0 --json")
+    found = json.loads(out)
+    assert found["samples"] < 300
+    assert found["chosen"][0].startswith("time: column 'time [s]'")
+    assert "1 gap in column 'time [s]': about 300 samples are missing" in found["advice"][1]
+    assert status == 1  # more than half of the rows are lost
+    assert "not fitted, because the memory is unknown after a gap" in found["warnings"][0]
+    assert "read the record without time (--time none)" in found["warnings"][0]
+    found = answer(f"{LINE} --lag 0 --time none")
+    assert (found["samples"], found["chosen"]) == (600, [])
+    assert not any("gap" in said for said in found["advice"])
+
+
+def test_with_dynamics_the_advice_on_lost_rows_can_be_followed(run):
+    kept = np.delete(np.arange(900), slice(150, 450))
+    _log(T[kept], U[kept], MODEL.simulate(U)[kept])
+    line = LINE.replace(" --no-slope", "")
+    status, out, _ = run(f"{line} --levels 4 --time time --dynamics operator --json")
+    assert status == 1
+    said = json.loads(out)["warnings"][0]
+    assert "--rows A:B" in said
+    assert "--time" not in said
+    assert "--curves" not in said
+
+
+def test_rows_after_a_clock_was_set_back_are_said_to_be_left_out(answer):
+    t = np.where(np.arange(900) < 450, T, T - 3.0)
+    _log(t, U, MODEL.simulate(U))
+    found = answer(f"{LINE} --lag 0 --time time")
+    assert found["samples"] < 500
+    said = next(advice for advice in found["advice"] if "measured rows" in advice)
+    assert f"{900 - found['samples']} of 900 measured rows are not fitted, because" in said
+    assert "(--time none)" in said
+
+
+def test_uneven_samples_are_said_where_a_lag_needs_even_ones(answer):
+    t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 900))
+    _log(t, U, MODEL.simulate(U), COLUMNS.replace("time [s]", "clock [ms]"))
+    assert "uneven" not in " ".join(answer(f"{LINE} --lag 0")["advice"])
+    assert "samples are uneven" in answer(f"{LINE} --lag 3")["advice"][0]
+
+
+def test_curves_whose_memory_is_reset_have_no_gaps(answer):
+    t = np.where(np.arange(900) < 450, T, T + 1000)
+    y = np.concatenate([MODEL.simulate(U[:450]), MODEL.simulate(U[450:])])
+    rows = np.column_stack([t, U, y, np.arange(900) >= 450])
+    write("log.csv", f"{COLUMNS},curve", rows.astype(float))
+    found = answer(f"{LINE} --lag 0 --time time --curves curve")
+    assert found["samples"] == 900
+    assert not any("gap" in advice for advice in found["advice"])
+
+
+def test_a_lag_in_seconds_needs_time(answer, refused):
+    t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 800))
+    u = np.interp(t, T, U)
+    _log(t, u, MODEL.simulate(np.interp(t - 0.025, t, u)))
+    right = answer(f"{LINE} --time time --lag '25 ms'")["nrmse_train"]
+    wrong = answer(f"{LINE} --time time --lag '0 s'")["nrmse_train"]
+    assert right < 0.65 * wrong
+    assert "the lag is 0.025 s and the record has no time; name its column (--time)" in refused(
+        f"{LINE} --time none --lag 25ms"
+    )
+    assert "--lag is '3 rows'; give it in one of s, ms" in refused(f"{LINE} --lag '3 rows'")
+
+
+def test_a_raw_log_is_not_to_be_trusted(run):
+    levels = np.random.default_rng(1000).uniform(-1, 1, 12)
+    u, y, last = np.repeat(levels, 60), [], 0.0
+    for level in u:
+        last += (level - last) / 12
+        y.append(last)
+    _log(0.1 * np.arange(u.size), u, y)
+    status, out, err = run(f"{LINE} --lag 0")
+    assert status == 1
+    assert "this looks like a raw log: 720 samples with 12 holds of about 60" in " ".join(
+        out.split()
+    )
+    assert "reduce" in out
+    assert "not to be trusted" in err
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ("time [V],voltage [V],length [um]", "time in column 'time [V]' must be in one of s, ms"),
+        ("time [s],voltage [V],length [um],time [ms]", "could be any of 'time [s]', 'time [ms]'"),
+    ],
+)
+def test_a_column_that_is_no_time_is_refused(refused, columns, message):
+    write("log.csv", columns, np.column_stack([T, U, U, T])[:, : columns.count(",") + 1])
+    assert message in refused(f"{LINE} --time time")
+
+
+def test_two_columns_of_time_are_no_trouble_where_none_is_asked_for(answer):
+    write("log.csv", COLUMNS + ",clock [ms]", np.column_stack([T, U, MODEL.simulate(U), T]))
+    assert answer(f"{LINE} --lag 0")["samples"] == 900
+
+
+def test_invert_keeps_the_times_of_the_targets(run, refused):
+    write("wanted.csv", "when [ms],length [um]", [[0, 0.3], [500, 1.5], [1500, -2.0]])
+    line = "invert model.json wanted.csv --target length --time when --save inputs.csv"
+    assert run(line)[0] == 0
+    rows = Path("inputs.csv").read_text().splitlines()
+    assert rows[0].startswith("when [s],voltage [V],target length [um]")
+    assert [row.split(",")[0] for row in rows[1:]] == ["0.0", "0.5", "1.5"]
+    rows = [[k if k < 15 else k - 5, 0.3] for k in range(20)]
+    write("wanted.csv", "when [ms],length [um]", rows)
+    said = refused(f"{line} --force")
+    assert "column 'when [ms]' of wanted.csv runs backwards in row 17; give the rows in" in said
+
+
+def test_simulate_leaves_outputs_after_a_gap_empty(run, answer):
+    kept = np.delete(np.arange(900), slice(150, 450))
+    write("in.csv", "time [s],voltage [V]", np.column_stack([T[kept], U[kept]]))
+    line = "simulate model.json in.csv --input voltage --time time"
+    notes = answer(line)["notes"]
+    assert "1 gap in column 'time [s]': about 300 samples are missing" in notes[0]
+    assert run(f"{line} --save out.csv")[0] == 0
+    cells = [row.split(",")[2] for row in Path("out.csv").read_text().splitlines()[1:]]
+    assert f"{cells.count('')} outputs are left empty" in notes[1]
+    assert "" not in cells[:150]
+    assert cells[150:160] == [""] * 10
+    y = MODEL.simulate(U[kept])
+    np.testing.assert_allclose([float(cell) for cell in cells[:150]], y[:150], atol=1e-12)
+
+
+def test_gaps_and_uneven_times_of_targets_are_said(run):
+    t = np.delete(np.cumsum(np.where(np.arange(100) % 2, 0.01, 0.02)), slice(40, 60))
+    write("wanted.csv", "time [s],length [um]", np.column_stack([t, np.sin(t)]))
+    err = run("invert model.json wanted.csv --target length --time time")[2]
+    assert "note: 1 gap in the times of the targets, the longest 0.32 s: the input of" in err
+    assert "note: samples are uneven" in err
+
+
+@pytest.mark.parametrize("given", ["30 ms", "auto"])
+def test_a_lag_in_seconds_is_kept_in_the_model_for_other_intervals(answer, given):
+    late = np.interp(T - 0.03, T, MODEL.simulate(U))
+    _log(T, U, late)
+    answer(f"{LINE} --time time --smoothness 0 --lag '{given}' --save late.json")
+    fine = np.arange(0, 8.99, 0.004)
+    write("fine.csv", "time [s],voltage [V]", np.column_stack([fine, np.interp(fine, T, U)]))
+    answer("simulate late.json fine.csv --time time --save out.csv")
+    found = np.loadtxt("out.csv", delimiter=",", skiprows=1)[:, -1]
+    off, prompt = (
+        np.sqrt(np.mean((found - np.interp(fine - lag, T, MODEL.simulate(U)))[50:] ** 2))
+        for lag in (0.03, 0.0)
+    )
+    assert off < 0.3 * prompt

@@ -1,0 +1,85 @@
+"""A folder with files, and the command line as a user calls it."""
+
+import json
+import shlex
+
+import numpy as np
+import pytest
+
+from minorloop import modelfile
+from minorloop.cli import main
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.linspace(-1, 1, 9)
+MODEL = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(size=(8, 8))), 0.4)
+
+
+@pytest.fixture(autouse=True)
+def _somewhere(tmp_path, monkeypatch, without_layout):
+    """A separate folder with a record, targets and a model."""
+    monkeypatch.chdir(tmp_path)
+    u = np.concatenate([[-1, 1], np.random.default_rng(1).uniform(-1, 1, 398)])
+    write("good.csv", "voltage [V],length [um]", np.column_stack([u, MODEL.simulate(u)]))
+    write("targets.csv", "length [um]", [[0.3], [1.5], [-2.0]])
+    modelfile.save(MODEL, "model.json", input="voltage [V]", output="length [um]")
+
+
+def write(name, header, rows):
+    np.savetxt(name, rows, delimiter=",", header=header, comments="", fmt="%s")
+
+
+@pytest.fixture
+def model():
+    """The model of the simulated record."""
+    return MODEL
+
+
+@pytest.fixture
+def program():
+    """What carries out the words of a command line."""
+    return main
+
+
+@pytest.fixture
+def run(capsys, program):
+    """Return exit status, stdout and stderr of a command line."""
+
+    def run(line):
+        status = program(shlex.split(line))
+        shown = capsys.readouterr()
+        return status, shown.out, shown.err
+
+    return run
+
+
+@pytest.fixture
+def refused(run):
+    """Return the error, after checking that it is one line."""
+
+    def refused(line):
+        status, out, err = run(line)
+        assert (status, out) == (2, "")
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
+        assert "Traceback" not in err
+        return err
+
+    return refused
+
+
+@pytest.fixture
+def answer(run):
+    """Return the JSON object that ``--json`` prints."""
+
+    def forbidden(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    def answer(line):
+        status, out, err = run(f"{line} --json")
+        assert (status, err) == (0, "")
+        assert out.count("\n") == 1
+        found = json.loads(out, parse_constant=forbidden)
+        assert isinstance(found, dict)
+        return found
+
+    return answer

@@ -1,0 +1,136 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.drawing import identification
+from minorloop.operators.preisach import Preisach
+
+TRUTH = Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))
+U = np.array([-1.0, 0.6, -0.4, 1.0, -1.0, 0.1, -0.7, 0.9, -1.0])
+
+
+@pytest.fixture(scope="module")
+def fit():
+    y = TRUTH.simulate(U) + 0.1 * U**2
+    return identify(U, y, levels=4, prior="none", smoothness=0.1)
+
+
+def test_record_and_residual_are_those_of_the_identification(fit):
+    _, _, record, residual = fit.plot().axes[:4]
+    measured, model = (line.get_ydata() for line in record.lines)
+    np.testing.assert_array_equal(measured, fit.y)
+    np.testing.assert_array_equal(model, fit.prediction)
+    share = 100 * (fit.prediction - fit.y) / np.ptp(fit.y)
+    np.testing.assert_allclose(residual.lines[0].get_ydata(), share)
+
+
+def test_cells_that_are_not_excited_are_grey():
+    found = identify(U[:3], TRUTH.simulate(U[:3]), levels=4, prior="none", smoothness=0.1)
+    plane = found.plot().axes[1]
+    grey = np.ma.masked_array(plane.collections[1].get_array()).reshape(4, 4)
+    unexcited = np.tril(~found.excited)
+    assert unexcited.any()
+    np.testing.assert_array_equal(~np.ma.getmaskarray(grey), unexcited)
+    assert "grey" in plane.get_title()
+
+
+def test_no_line_joins_points_across_rows_that_are_not_measured():
+    u = np.tile(U, 50)
+    y = TRUTH.simulate(u)
+    y[100:120] = np.nan
+    for found in (
+        identify(u, y, levels=4, prior="none", smoothness=0.1),
+        identify(u, y, levels=4, prior="none", smoothness=0.1, lag=2),
+    ):
+        for line in found.plot().axes[0].lines:
+            gaps = np.flatnonzero(np.isnan(line.get_ydata()))
+            np.testing.assert_array_equal(gaps, np.arange(100, 120) - found.lag)
+
+
+def test_a_line_does_not_cross_a_leap_of_the_input():
+    u = np.tile(np.linspace(-1, 1, 60), 8)
+    line = identify(u, u, levels=4, prior="none", smoothness=0.1).plot().axes[0].lines[1]
+    leaps = np.flatnonzero(np.abs(np.diff(u)) > 1) + 1
+    np.testing.assert_array_equal(
+        np.flatnonzero(np.isnan(line.get_xdata())), leaps + np.arange(leaps.size)
+    )
+
+
+def test_the_residual_is_drawn_by_amplitude_and_rate_and_against_time():
+    u = np.concatenate([np.linspace(-a, a, 50) * s for a in (1.0, 0.5) for s in (1, -1)] * 2)
+    y = TRUTH.simulate(u)
+    y[200:] += 0.1 * (np.arange(200) % 2)
+    found = identify(u, y, levels=4, prior="none", smoothness=0.1)
+    clock = 0.1 * np.arange(u.size)
+    record, residual, amplitude, rate = found.plot(time=clock).axes[2:6]
+    assert record.get_xlabel() == residual.get_xlabel() == "time [s]"
+    np.testing.assert_array_equal(residual.lines[0].get_xdata(), clock)
+    for axes in (amplitude, rate):
+        samples, rms = axes.lines
+        size = samples.get_ydata()
+        assert size.min() <= rms.get_ydata().min() <= rms.get_ydata().max() <= size.max()
+    assert samples.get_xdata().size == u.size
+    assert rate.get_xlabel() == "change per second, input"
+    np.testing.assert_allclose(samples.get_xdata(), np.abs(np.diff(u, prepend=u[0])) / 0.1)
+    assert not rate.texts
+
+
+def test_one_rate_is_said_and_shown_from_0():
+    u = np.tile(np.append(np.linspace(-1, 1, 40)[:-1], np.linspace(1, -1, 40)[:-1]), 3)
+    found = identify(u, TRUTH.simulate(u), levels=4, prior="none", smoothness=0.1)
+    rate = found.plot().axes[5]
+    assert rate.texts[0].get_text() == "90% of the samples have the same rate"
+    np.testing.assert_allclose(rate.get_xlim(), [0, 2 * 2 / 39])
+
+
+def test_the_density_has_a_unit(fit):
+    figure = fit.plot(input_label="voltage [V]", output_label="curvature [1/m]")
+    assert "density [1/m / V²]" in [axes.get_ylabel() for axes in figure.axes]
+
+
+def test_a_notebook_shows_the_last_samples_of_a_long_record(fit, monkeypatch):
+    monkeypatch.setattr(identification, "_MOST_DRAWN", 5)
+    axes = identification.draw_loop_and_plane(fit).axes[0]
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), fit.y[-5:])
+    assert axes.get_title() == "Loop, last 5 samples"
+
+
+def test_of_many_dots_those_that_can_be_told_apart_are_drawn(monkeypatch):
+    monkeypatch.setattr(identification, "_MOST_DRAWN", 5)
+    u = np.tile(np.append(np.linspace(-1, 1, 20), np.linspace(1, -1, 20)), 30)
+    y = TRUTH.simulate(u)
+    y[700] += 100
+    found = identify(u, y, levels=4, prior="none", smoothness=0.1)
+    dots = found.plot().axes[0].lines[0]
+    points = list(zip(dots.get_xdata(), dots.get_ydata(), strict=True))
+    drawn = [points[k] for k in dots.get_markevery()]
+    assert set(drawn) == {point for point in points if np.isfinite(point).all()}
+    assert len(drawn) < 50
+    assert y[700] in dots.get_ydata()[dots.get_markevery()]
+
+
+def test_curves_are_drawn_with_their_rms_and_largest_errors():
+    labels = np.repeat(np.arange(12), 9)
+    found = identify(
+        np.tile(U, 12), np.tile(TRUTH.simulate(U), 12), levels=4, curves=labels, skip=1
+    )
+    rms, largest, left_out = identification.draw_curves(found.curve_accuracy).axes[0].lines
+    errors = [one.accuracy for one in found.curve_accuracy]
+    np.testing.assert_allclose(rms.get_ydata(), [100 * one.nrmse for one in errors])
+    np.testing.assert_allclose(largest.get_ydata(), [100 * abs(one.worst) for one in errors])
+    assert np.isfinite(left_out.get_ydata()).all()
+
+
+def test_the_worst_sample_of_a_long_record_is_drawn_by_amplitude_and_rate(monkeypatch):
+    monkeypatch.setattr(identification, "_MOST_DRAWN", 100)
+    u = np.concatenate([np.linspace(-1, 1, 301), np.linspace(0.99, -1, 300)])
+    y = Preisach(np.linspace(-1, 1, 5), np.eye(4)).simulate(u)
+    y[[203, 407]] += 0.8, -0.3
+    found = identify(u, y, levels=4, lag=0)
+    axes = identification.draw_identification(found).axes
+    worst = 100 * np.abs(found.prediction - y).max() / np.ptp(y)
+    for axis in (one for one in axes if one.get_ylabel().startswith("|residual|")):
+        dots = axis.lines[0]
+        drawn = dots.get_ydata()[dots.get_markevery() or slice(None)]
+        assert drawn.size < u.size
+        assert drawn.max() == pytest.approx(worst)

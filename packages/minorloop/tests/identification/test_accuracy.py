@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.identification.accuracy import accuracy, by_curve, scores_of
+from minorloop.identification.curves import Curves, as_curves
+from minorloop.operators.preisach import Preisach
+
+U = np.cos(np.linspace(0, 4 * np.pi, 401))
+LATE = np.cos(np.linspace(0, 4 * np.pi, 401) - 0.3)
+EVERY = np.ones(401, dtype=bool)
+WHOLE = Curves.whole("negative")
+
+
+def test_each_figure_is_what_its_definition_says():
+    y = 3.0 + LATE
+    predicted = 3.0 + 1.1 * LATE
+    found = accuracy(U, y, predicted, EVERY, WHOLE)
+    assert found.samples == 401
+    assert found.rmse == pytest.approx(np.sqrt(np.mean((0.1 * LATE) ** 2)))
+    assert found.nrmse == pytest.approx(found.rmse / np.ptp(y))
+    assert found.relative_rms == pytest.approx(found.rmse / np.sqrt(np.mean(y**2)))
+    assert abs(found.worst) == pytest.approx(0.05, rel=1e-3)
+    assert abs(LATE[found.worst_sample]) == pytest.approx(1.0, rel=1e-3)
+    assert found.loops == 2
+    assert found.loop_area == pytest.approx(0.1)
+
+
+def test_areas_that_are_too_small_do_not_make_up_for_those_that_are_too_large():
+    predicted = np.concatenate([1.2 * LATE[:201], 0.8 * LATE[201:]])
+    assert accuracy(U, LATE, predicted, EVERY, WHOLE).loop_area == pytest.approx(0.2, rel=0.01)
+
+
+def test_a_record_without_closed_loops_has_no_loop_area():
+    ramp = np.linspace(0, 1, 50)
+    assert accuracy(ramp, ramp, ramp, EVERY[:50], WHOLE).loop_area is None
+
+
+def test_samples_that_were_not_measured_count_nowhere():
+    y, scored = LATE.copy(), EVERY.copy()
+    y[10], scored[10] = np.nan, False
+    found = accuracy(U, y, LATE + 0.1, scored, WHOLE)
+    assert (found.samples, found.loops) == (400, 1)
+    assert found.rmse == pytest.approx(0.1)
+    assert found.loop_area < 1e-9
+
+
+def test_curves_are_scored_each_over_the_range_of_the_record():
+    labels = np.repeat(["a", "b", "c"], [150, 150, 101])
+    curves = as_curves(labels, 401, "negative", None)
+    error = np.repeat([0.1, 0.2, 0.4], [150, 150, 101])
+    scored = labels != "b"
+    left_out = np.where(labels == "a", LATE + 0.6, np.nan)
+    first, last = by_curve(U, LATE, LATE + error, scored, curves, left_out)
+    assert (first.name, first.first, last.name, last.first) == ("a", 0, "c", 300)
+    span = np.ptp(LATE[scored])
+    assert (first.accuracy.nrmse, last.accuracy.nrmse) == pytest.approx((0.1 / span, 0.4 / span))
+    assert 300 <= last.accuracy.worst_sample <= 400
+    assert (first.left_out, last.left_out) == (pytest.approx(0.6 / span), None)
+
+
+def test_an_identification_has_all_of_them():
+    levels = np.linspace(-1, 1, 6)
+    plane = Preisach(levels, np.tril(np.ones((5, 5))))
+    u = np.tile(np.concatenate([np.linspace(-1, 1, 30), np.linspace(1, -1, 30)]), 4)
+    y = plane.simulate(u)
+    found = identify(u, y, levels=levels, prior="none", smoothness=0.0, holdout=0.5)
+    assert found.scores["loop_area_train"] < 1e-9
+    assert found.scores | scores_of(found.accuracy, found.holdout_accuracy) == found.scores
+    assert found.free_parameters == np.count_nonzero(found.model.weights) + 1
+    assert found.curve_accuracy == ()
+    whole = identify(u, y, levels=levels, prior="none", smoothness=0.0)
+    assert whole.scores["worst_holdout"] is None
+    assert whole.holdout_accuracy is None

@@ -1,0 +1,139 @@
+import numpy as np
+import pytest
+
+from fault_records import INPUTS, record
+from fixed_options import identify
+from minorloop.identification import excitation
+from minorloop.identification.baseline import percent
+from minorloop.lab.columns import read_columns
+from minorloop.operators.preisach import Preisach
+from plane_records import LEVELS, a_plane, a_record
+
+
+def test_warnings_come_first_and_go_with_every_inverse():
+    u, y = record()
+    y[40:120] = y[40]
+    found = identify(u, y, levels=8, holdout=0.3)
+    assert "the output is stuck" in found.warnings[0]
+    assert found.advice[: len(found.warnings)] == found.warnings
+    inverse = found.invert([0.0])
+    assert inverse.warnings == found.warnings
+    assert f"warning: {found.warnings[0]}" in str(inverse)
+    assert "warning" not in str(found.model.invert([0.0]))
+
+
+def test_a_large_error_on_held_out_data_is_a_warning():
+    u, y = record()
+    found = identify(u, np.where(np.arange(y.size) > 300, y - 0.5, y), levels=8, holdout=0.3)
+    assert f"on held-out data is {found.holdout_nrmse:.3%}" in " ".join(found.warnings)
+
+
+def test_an_outlier_held_out_is_not_an_error_of_the_model():
+    u, y = record()
+    y[350] += 30 * np.ptp(y)
+    found = identify(u, y, levels=8, holdout=0.3)
+    (warning,) = found.warnings
+    assert "1 outlier: sample 350" in warning
+
+
+@pytest.mark.parametrize("option", ["lag", "slope"])
+def test_an_option_is_not_recommended_where_it_was_given_or_compared(option):
+    u = INPUTS["levels"]
+    for given, said in (({}, True), ({option: "auto"}, False)):
+        found = identify(u, u**3, levels=3, holdout=0.3, diagonal="uniform", **given)
+        worse = next(text for text in found.warnings if "polynomial" in text)
+        assert (f"--{option}" in worse) == said
+
+
+@pytest.mark.parametrize(
+    ("u", "y", "says"),
+    [
+        (excitation.major_loop(LEVELS), None, "one major loop"),
+        (LEVELS[[0, 10, 1, 9, 2, 8, 3, 7, 4, 6, 5]], None, "reversal points only"),
+        (a_record(30)[0], None, "30 samples for 56 unknowns"),
+    ],
+)
+def test_advice_names_a_poor_input(u, y, says):
+    advice = " ".join(identify(u, a_plane().simulate(u), levels=LEVELS).advice)
+    assert says in advice
+    assert "no data were held out" in advice
+
+
+def test_other_advice():
+    u, y = a_record()
+    assert "widen the levels" in " ".join(identify(1.1 * u, y, levels=LEVELS).advice)
+    polynomial = identify(u, u**3, levels=3, holdout=0.3)
+    assert "polynomial of the delayed input is better" in " ".join(polynomial.advice)
+    changed = np.where(np.arange(y.size) > 1000, y + 10, y)
+    assert "more than twice" in " ".join(identify(u, changed, levels=10, holdout=0.3).advice)
+    assert identify(u, y, levels=LEVELS, holdout=0.3).advice == ()
+
+
+def test_groups_that_differ_are_named():
+    u, y = a_record(400)
+    groups = np.arange(400) // 80
+    same = " ".join(identify(u, y, levels=10, groups=groups).advice)
+    assert "no data were held out" not in same
+    few = groups[::4]
+    differ = identify(u[:100], y[:100], levels=10, groups=few, smoothness=0.0)
+    assert "the error on left-out groups" in " ".join(differ.advice)
+
+
+def test_the_error_of_groups_that_are_not_alike_is_promised_for_no_other_group():
+    groups = np.repeat(np.arange(6), 60)
+    reach = np.array([1.2, 0.4, 0.4, 0.4, 0.4, 0.4])  # no other goes where the first does
+    u = np.random.default_rng(1000).uniform(-1, 1, groups.size) * reach[groups]
+    unlike = identify(u, a_plane().simulate(u), levels=5, groups=groups)
+    median, worst = np.quantile(unlike.each_group_nrmse, [0.5, 1])
+    assert worst == unlike.each_group_nrmse[0] > 2 * median
+    assert f"{percent(worst)} for the worst" in " ".join(unlike.advice)
+    assert "Expect that error for another group" not in " ".join(unlike.advice)
+
+
+def test_noise_alone_is_not_taken_for_hysteresis():
+    rng = np.random.default_rng(0)
+    u, y = rng.normal(size=(2, 800))
+    advice = " ".join(identify(u, y, levels=8, holdout=0.3).advice)
+    assert "is nearly as good" in advice or "is better" in advice
+
+
+def test_advice_names_a_falling_output():
+    u, y = a_record(400)
+    assert "reverse the sign of the output" in " ".join(identify(u, -y, levels=10).advice)
+    assert "reverse the sign" not in " ".join(identify(u, y, levels=10).advice)
+
+
+def test_a_smaller_range_at_the_end_is_no_overfitting():
+    """The same noise over a smaller range is a larger share of it, and no worse."""
+    rng = np.random.default_rng(1)
+    t = np.arange(3000)
+    u = np.where(t < 2100, 5.0, 0.25) * np.sin(t / 20)
+    model = Preisach(np.linspace(-5, 5, 21), np.tril(np.ones((20, 20))))
+    y = model.simulate(u) + rng.normal(0, 0.5, t.size)
+    found = identify(u, y, levels=20, holdout=0.3)
+    assert found.holdout_nrmse > 2 * found.nrmse
+    assert "more than twice" not in " ".join(found.advice)
+
+
+@pytest.mark.parametrize("shape", INPUTS)
+def test_exchanged_columns_are_named_unless_weights_may_be_negative(shape):
+    u, y = record(shape)
+    says = "loops run clockwise"
+    assert says in " ".join(identify(y, u, levels=8, holdout=0.3).warnings)
+    assert says not in " ".join(identify(u, y, levels=8, holdout=0.3).warnings)
+    assert says not in " ".join(identify(y, u, levels=8, holdout=0.3, signed=True).warnings)
+
+
+@pytest.mark.parametrize("seed", range(1000, 1004))
+def test_noise_on_loops_that_decay_is_no_error_of_the_model(seed):
+    u, y = record("staircase", noise=0.0)
+    y += 0.02 * np.ptp(y) * np.random.default_rng(seed).normal(size=y.size)
+    assert not identify(u, y, levels=10, holdout=0.3).warnings
+
+
+def test_advice_names_one_measured_major_loop(shared_data):
+    columns = read_columns(
+        shared_data / "piezo_micromanipulator_model.csv", ["input_V", "displacement_um"]
+    )
+    u, y = (column[200:] for column in columns.values())
+    assert "one major loop" in " ".join(identify(u, y, levels=25, lag=3, holdout=0.3).advice)

@@ -1,0 +1,268 @@
+import numpy as np
+import pytest
+
+from benchmarks.after_effect import SKIP, read_runs
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.after_effect import (
+    Constants,
+    State,
+    TimedRecord,
+    identify_after_effect,
+    rows_of,
+)
+from minorloop.identification.after_effect_result import AfterEffectIdentification, along
+from minorloop.identification.curves import as_curves
+from minorloop.identification.design_matrix import PlaneSpec, pack
+from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.preisach import Preisach
+
+BANDS = 5
+LEVELS = np.linspace(-1, 1, BANDS + 1)
+
+
+def a_plane(seed=1000):
+    rng = np.random.default_rng(seed)
+    weights = np.tril(rng.uniform(0.2, 1, (BANDS, BANDS)))
+    return Preisach(LEVELS, weights, 0.3, "unipolar", "reversible")
+
+
+def holds(seed=1000, count=60, short=1.0, long=10.0):
+    """Random inputs, each held for a short or a long time and sampled ten times, as t and u."""
+    rng = np.random.default_rng(seed)
+    length = np.where(rng.random(count) < 0.5, short, long)
+    u = np.repeat(rng.uniform(-1, 1, count), 10)
+    return np.cumsum(np.repeat(length / 10, 10)), u
+
+
+def a_record(model, noise=0.0, **options):
+    t, u = holds(**options)
+    y = model.simulate(t, u)
+    return t, u, y + noise * np.random.default_rng(1001).normal(size=y.size)
+
+
+def creeping():
+    plane = a_plane()
+    shares = np.stack([0.2 * plane.weights, -0.3 * plane.weights])
+    return AfterEffect(plane, times=[0.5, 5.0], creep=shares)
+
+
+@pytest.fixture(scope="module")
+def spectrum():
+    options = {"levels": LEVELS, "creep": "spectrum", "rate": False, "times": [0.5, 5.0]}
+    return identify_after_effect(*a_record(creeping(), noise=1e-2, count=150), **options)
+
+
+def test_a_spectrum_is_found_and_inverted(spectrum):
+    truth = creeping()
+    t, u = holds(1002, 12)
+    wanted = truth.simulate(t, u)
+    assert spectrum.law == "spectrum"
+    assert spectrum.without_time > 10 * spectrum.left_out_error
+    np.testing.assert_allclose(spectrum.predict(t, u), wanted, atol=5e-3 * np.ptp(wanted))
+    assert spectrum.model.monotone
+    found = spectrum.invert(t, wanted, unreachable="clip")
+    assert found.residual[found.reachable] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_bands_contain_the_share_they_promise(spectrum):
+    t, u = holds(1003, 40)
+    y = creeping().simulate(t, u) + 1e-2 * np.random.default_rng(1004).normal(size=t.size)
+    assert 0.8 <= spectrum.predict(t, u, bands=0.9).covers(y) <= 1.0
+
+
+def test_bands_of_two_runs_contain_another_run():
+    truth, (t, u) = creeping(), holds(1010, 40)
+    label = np.repeat([0, 1], t.size)
+    y = np.concatenate([truth.simulate(t, u) + shift for shift in (-0.02, 0.02)])
+    t2, u2 = np.concatenate([t, t[-1] + 1 + t]), np.tile(u, 2)
+    options = {"levels": LEVELS, "creep": "spectrum", "rate": False, "times": [0.5, 5.0]}
+    found = identify_after_effect(t2, u2, y, curves=label, groups=label, **options)
+    alone = identify_after_effect(t2, u2, y, curves=label, **options)
+    wide, narrow = (one.predict(t, u, bands=0.9).sd.mean() for one in (found, alone))
+    # Student's factor of one degree of freedom is 3.8.
+    assert wide > 2 * narrow
+    assert found.predict(t, u, bands=0.9).covers(truth.simulate(t, u) + 0.05) >= 0.9
+
+
+def test_a_fluctuation_field_is_found():
+    truth = AfterEffect(a_plane(), 0.03, 30.0)
+    record = a_record(truth, noise=1e-4)
+    found = identify_after_effect(*record, levels=LEVELS, creep="thermal", rate=False)
+    assert found.law == "thermal"
+    assert found.model.field[0] == pytest.approx(0.03, rel=0.15)
+    assert found.model.settling == pytest.approx(30.0, rel=0.5)
+    assert len(found.directions) == 2
+    t, u = holds(1005, 20, long=100.0)
+    y = truth.simulate(t, u)
+    prediction = found.predict(t, u, bands=0.9)
+    np.testing.assert_allclose(prediction.y, y, atol=5e-3 * np.ptp(y))
+
+
+def reversals(pauses, seed):
+    """Curves after each pause at 8 reversals, 0.2 s a row, as t, u and label of the curve."""
+    rng = np.random.default_rng(seed)
+    steps, u, label = [], [], []
+    for pause in pauses:
+        for low in np.linspace(0.6, -0.8, 8) + 0.05 * rng.random():
+            rise = np.arange(low + 0.1, 0.9, 0.1)
+            steps += [500.0, pause + 0.2, *np.full(rise.size, 0.2)]
+            u += [low, low, *rise]
+            label += [len(label) and label[-1] + 1] * (2 + rise.size)
+    return np.cumsum(steps), np.array(u), np.array(label)
+
+
+def test_a_settling_time_that_two_pauses_do_not_determine_is_in_bands_and_advice():
+    truth = AfterEffect(a_plane(), 0.02, 1e4)
+    t, u, label = reversals((0.0, 50.0), 1020)
+    y = along(truth, t, u, as_curves(label, t.size, "positive", None))
+    y += 0.1 * np.random.default_rng(1021).normal(size=y.size)
+    found = identify_after_effect(
+        t, u, y, levels=LEVELS, creep="thermal", rate=False, curves=label, start="positive"
+    )
+    t, u, label = reversals((350.0, 1500.0), 1022)
+    wanted = along(truth, t, u, as_curves(label, t.size, "positive", None))
+    assert found.predict(t, u, bands=0.9, curves=label).covers(wanted) >= 0.85
+    far = [one.settling for one, likely in found.settlings if likely > 0.1]
+    assert max(far) > 1e4 > 1e3 > min(far)
+    # The pause between curves, of 500 s, is not a hold.
+    assert "and no hold is longer than 50.4 s" in str(found)
+
+
+def test_a_record_without_effect_of_time_keeps_the_plane():
+    truth = a_plane()
+    t, u = holds()
+    y = truth.simulate(u) + 1e-3 * np.random.default_rng(1006).normal(size=t.size)
+    found = identify_after_effect(t, u, y, levels=LEVELS, creep="spectrum")
+    assert found.law == "none"
+    assert found.model.times.size == found.model.field.size == 0
+    assert "time explains nothing" in str(found)
+
+
+def test_viscous_relays_are_found_from_two_rates():
+    truth = AfterEffect(a_plane(), 20.0, 0.05)
+    sweep = np.sin(np.linspace(0, 6 * np.pi, 300)) * np.linspace(1, 0.4, 300)
+    u = np.concatenate([sweep, sweep])
+    t = np.cumsum(np.repeat([0.02, 0.4], 300))
+    found = identify_after_effect(
+        t, u, truth.simulate(t, u), levels=LEVELS, creep="none", rate=True
+    )
+    assert found.law == "viscous"
+    assert found.model.settling == pytest.approx(0.05, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("field", "settling", "laws"),
+    [(0.03, 30.0, ("thermal", "wide")), (20.0, 0.05, ("viscous",))],  # a wide field can be even
+)
+def test_thresholds_and_creep_are_found_at_once(field, settling, laws):
+    plane = a_plane()
+    truth = AfterEffect(plane, field, settling, [1.0], [0.4 * plane.weights])
+    sweep = np.sin(np.linspace(0, 6 * np.pi, 200)) * np.linspace(1, 0.4, 200)
+    u = np.concatenate([sweep, sweep, holds(1011, 20)[1]])
+    t = np.cumsum(np.repeat([0.02, 0.4, 0.3], 200))
+    y = truth.simulate(t, u) + 1e-3 * np.random.default_rng(1012).normal(size=t.size)
+    found = identify_after_effect(t, u, y, levels=LEVELS, times=[1.0, 5.0])
+    alone = {one.law: one.error for one in found.tried}
+    assert found.law in [f"{law} and spectrum" for law in laws]
+    assert found.left_out_error < 0.1 * min(alone[law] for law in (*laws, "spectrum"))
+    assert found.model.settling == pytest.approx(settling, rel=0.2)
+    assert found.model.monotone
+
+
+@pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
+@pytest.mark.parametrize(("field", "settling"), [(0.03, 30.0), (20.0, 0.5), (0.0, 0.0)])
+def test_rows_of_the_design_matrix_are_the_operator(diagonal, field, settling):
+    plane = a_plane()
+    plane = Preisach(LEVELS, plane.weights, 0.3, "unipolar", diagonal)
+    creep = [0.4 * plane.weights, -0.2 * plane.weights]
+    model = AfterEffect(plane, field, settling, [0.5, 5.0], creep)
+    t, u = holds(1013, 6)
+    curves = as_curves(np.repeat([0, 1], t.size // 2), t.size, "demagnetised", None)
+    record = TimedRecord(t, u, u, np.ones(t.size, dtype=bool), curves)
+    spec = PlaneSpec(LEVELS, "unipolar", diagonal)
+    constants = Constants(model.field, settling, model.times)
+    rows = rows_of(spec, record, constants, 0, t.size, State(spec, record, constants))
+    weights = np.array([plane.weights, *creep])
+    found = weights if settling else np.cumsum(weights, axis=0)
+    unknowns = np.append(np.concatenate([pack(one) for one in found]), plane.offset)
+    np.testing.assert_allclose(rows @ unknowns, along(model, t, u, curves), rtol=0, atol=1e-12)
+
+
+def test_curves_begin_anew():
+    truth, parts = creeping(), 8
+    t, u = holds(1007, parts)
+    label = np.repeat(np.arange(parts), 10)
+    whole = identify_after_effect(
+        t,
+        u,
+        np.concatenate([truth.simulate(t[label == k], u[label == k]) for k in range(parts)]),
+        levels=LEVELS,
+        creep="spectrum",
+        rate=False,
+        curves=label,
+        skip=1,
+    )
+    assert isinstance(whole, AfterEffectIdentification)
+    assert whole.fitted.sum() == 9 * parts
+    again = whole.predict(t, u, curves=label)
+    np.testing.assert_allclose(again, whole.prediction)
+
+
+def test_one_rate_is_refused_with_what_to_measure():
+    u = np.tile([-1.0, -0.5, 0.0, 0.5, 1.0, 0.5, 0.0, -0.5], 10)
+    with pytest.raises(SignalError, match="one rate; record the same loops ten times as fast"):
+        identify_after_effect(np.arange(80.0), u, u, levels=4, rate=True)
+
+
+def test_a_spectrum_without_holds_is_refused():
+    u = np.sin(np.arange(200.0))
+    with pytest.raises(SignalError, match="so that no creep is seen; record holds"):
+        identify_after_effect(np.arange(200.0), u, u, levels=4, creep="spectrum")
+
+
+def test_bad_times_and_options_are_refused():
+    t, u = holds(1008, 6)
+    with pytest.raises(SignalError, match="t does not increase at index 3"):
+        identify_after_effect(np.where(np.arange(60) == 3, t[2], t), u, u)
+    with pytest.raises(SignalError, match="give one time for each input"):
+        identify_after_effect(t[:-1], u, u)
+    with pytest.raises(ParameterError, match="creep is 'slow'"):
+        identify_after_effect(t, u, u, creep="slow")
+    with pytest.raises(ParameterError, match="give fewer levels"):
+        identify_after_effect(t, u, u, levels=100, creep="spectrum", times=[1.0, 2.0])
+
+
+def test_a_change_within_a_gap_is_a_warning():
+    t, u = holds(1009, 10, long=1.0)
+    t = t + np.where(np.arange(100) >= 50, 30.0, 0.0)
+    found = identify_after_effect(t, u, u, levels=4, creep="none", rate=False)
+    assert "changes in 1 gap of the times, first from" in found.warnings[0]
+
+
+def test_rows_of_a_slow_rate_are_no_gaps():
+    place = np.arange(1, 41) / 40
+    loops = -np.concatenate([amplitude * np.cos(2 * np.pi * place) for amplitude in (1, 0.7, 0.4)])
+    u = np.tile(loops, 2)
+    t = np.cumsum(np.repeat([0.25, 0.01], loops.size))
+    found = identify_after_effect(t, u, u, levels=4, creep="none", rate=True)
+    assert not found.warnings
+
+
+def test_pauses_of_a_rock_that_were_not_fitted_are_predicted_better_with_time(shared_data):
+    """Every fifth first-order reversal curve, on a coarse plane."""
+    levels = 65.5 * np.sinh(2.5 * np.linspace(-1, 1, 17)) / np.sinh(2.5)
+    fitted, new = (
+        [column[label % 1000 % 5 == 0] for column in (*columns, label)]
+        for *columns, label in (read_runs((0, 50)), read_runs((350,)))
+    )
+    t, u, y, label = fitted
+    options = {"rate": False, "levels": levels, "curves": label, "start_of_curve": "positive"}
+    found, without = (
+        identify_after_effect(t, u, y, creep=creep, skip=SKIP, **options)
+        for creep in ("thermal", "none")
+    )
+    assert found.left_out_error < 0.75 * without.left_out_error
+    t, u, y, label = new
+    errors = [one.predict(t, u, curves=label) - y for one in (found, without)]
+    ours, theirs = (np.sqrt(np.nanmean(error**2)) for error in errors)
+    assert ours < 0.95 * theirs

@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.errors import ParameterError
+from minorloop.identification import likelihood, prior_fit
+from minorloop.identification.bands import Prediction
+from minorloop.operators.preisach import Preisach
+
+MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
+U = np.random.default_rng(0).uniform(0, 1, 25)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    y = MODEL.simulate(U) + np.random.default_rng(1).normal(0, 0.1, 25)
+    return identify(U, y, levels=8)
+
+
+def test_bands_cover_their_share():
+    rng = np.random.default_rng(2)
+    y, sd = rng.normal(size=20_000), np.full(20_000, 0.5)
+    shown = Prediction(y, y, sd, 0.9)
+    assert shown.covers(y + sd * rng.normal(size=y.size)) == pytest.approx(0.9, abs=0.01)
+    np.testing.assert_allclose((shown.upper + shown.lower) / 2, y)
+
+
+def test_missing_outputs_are_not_counted():
+    shown = Prediction(np.zeros(3), np.zeros(3), np.ones(3), 0.5)
+    assert shown.covers(np.array([0.0, np.nan, 9.0])) == 0.5
+    assert np.isnan(shown.covers(np.full(3, np.nan)))
+
+
+@pytest.mark.parametrize("bands", [0, 1, -0.1, 1.5, np.nan])
+def test_refuses_what_is_no_probability(fit, bands):
+    with pytest.raises(ParameterError, match="bands is"):
+        fit.predict(U, bands=bands)
+
+
+def test_no_outputs_are_printed_as_none(fit):
+    assert str(fit.predict([], bands=0.9)) == "no outputs, bands of 90%"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"noise": 1e300}, "noise is 1e"),
+        ({"noise": True}, "noise is True"),
+    ],
+)
+def test_refuses_what_the_prior_cannot_use(options, says):
+    with pytest.raises(ParameterError, match=says):
+        identify(U, U, **options)
+
+
+def many_plays(u):
+    """Output of plays with widths from a continuous distribution."""
+    rng = np.random.default_rng(1000)
+    width, middle = rng.gamma(2.0, 0.15, 200), rng.normal(0, 0.3, 200)
+    place, y = -1 - width, np.empty(u.size)
+    for k, value in enumerate(u):
+        place = np.clip(place, value - width, value + width)
+        y[k] = np.tanh(4 * (place - middle)).mean()
+    return y / np.ptp(y)
+
+
+def readings_in_bands(samples, levels, noise):
+    rng = np.random.default_rng(1000)
+    u = rng.uniform(-1, 1, samples + 200)
+    y = many_plays(u) + noise * rng.normal(size=u.size)
+    found = identify(u[:samples], y[:samples], levels=np.linspace(-1, 1, levels + 1))
+    shown = found.predict(u, bands=0.9)
+    return np.mean((np.abs(shown.y - y) <= shown.half_width)[samples:])
+
+
+@pytest.mark.parametrize("noise", [0.03, 0.1])
+def test_bands_hold_readings_at_the_limit_of_few_samples(noise):
+    for samples in (prior_fit.MOST_CORRELATED, prior_fit.MOST_CORRELATED + 1):
+        assert 0.85 <= readings_in_bands(samples, 25, noise) <= 0.96
+
+
+@pytest.mark.parametrize("levels", [likelihood.MOST_SEARCH_BANDS, likelihood.MOST_SEARCH_BANDS + 1])
+def test_bands_hold_the_readings_of_a_sensor_with_half_the_range_of_noise(levels):
+    assert 0.85 <= readings_in_bands(300, levels, 0.5) <= 0.95
+
+
+def test_bands_of_true_outputs_are_those_without_the_noise(fit):
+    shown = fit.predict(U, bands=0.9)
+    assert shown.noise > 0
+    np.testing.assert_allclose(np.hypot(shown.without_noise().sd, shown.noise), shown.sd)

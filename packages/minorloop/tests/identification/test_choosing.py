@@ -1,0 +1,145 @@
+import numpy as np
+import pytest
+
+from fault_records import record
+from fixed_options import identify
+from minorloop.errors import ParameterError
+from minorloop.identification import choosing
+from minorloop.lab.columns import read_columns
+from minorloop.operators.densities import GaussianDensity
+from minorloop.operators.preisach import Preisach
+from plane_records import LEVELS, a_plane, a_record
+
+AUTO = dict.fromkeys(("levels", "diagonal", "slope", "lag"), "auto")
+
+
+def magnet():
+    """Field of a magnet over rising currents: nearly linear, with a little hysteresis."""
+    peaks = np.arange(50.0, 401.0, 50.0)
+    u = np.concatenate([np.r_[np.linspace(0, p, 40)[1:], np.linspace(p, 0, 40)[1:]] for p in peaks])
+    radii, places = np.linspace(2, 40, 12), np.zeros(12)
+    y = np.empty(u.size)
+    for k, current in enumerate(u):
+        places = np.clip(places, current - radii, current + radii)
+        y[k] = 1e-3 * current + 1e-4 * places.mean()
+    return u, y + 1e-5 * np.random.default_rng(1000).normal(size=u.size)
+
+
+def test_a_slope_is_chosen_where_the_output_is_nearly_linear():
+    u, y = magnet()
+    options = {"levels": 12, "start": "demagnetised", "holdout": 0.3, "prior": "none"}
+    plain, chosen = identify(u, y, **options), identify(u, y, **options, slope="auto")
+    assert chosen.model.slope > 0
+    assert chosen.holdout_nrmse < 0.2 * plain.holdout_nrmse
+    (choice,) = chosen.choices
+    assert choice.name == "structure"
+    assert choice.error < choice.other_error
+    assert str(choice) in str(chosen)
+
+
+def test_the_simplest_structure_is_kept_where_others_are_no_better():
+    u, y = a_record(600)
+    found = identify(u, y, levels=LEVELS, diagonal="auto", slope="auto", lag="auto")
+    assert (found.model.diagonal, found.model.slope, found.lag) == ("uniform", 0.0, 0)
+
+
+def test_a_reversible_diagonal_is_chosen_where_small_loops_have_no_area():
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-1.2, 1.2, 500), 2) + np.tile([0, 0.1], 500)
+    u = np.clip(u, -1.2, 1.2)
+    y = a_plane(diagonal="reversible").simulate(u) + 0.05 * rng.normal(size=u.size)
+    assert identify(u, y, levels=LEVELS, diagonal="auto").model.diagonal == "reversible"
+
+
+def test_relays_are_compared_without_an_offset_only():
+    u, y = a_record(300)
+    assert identify(u, y, levels=5, relay="auto").choices == ()
+    (choice,) = identify(u, y + 10, levels=5, relay="auto", offset=False).choices
+    assert "relays" in choice.chosen
+
+
+@pytest.mark.parametrize("seed", [1003, 1010])
+def test_comparisons_leave_the_prior_to_its_own_rule(seed):
+    rng, time = np.random.default_rng(seed), np.arange(150)
+    weights = np.tril(rng.uniform(0.5, 1.5, (40, 40)))
+    plant = Preisach(np.linspace(-1, 1, 41), weights / weights.sum())
+    ends = np.append(0.0, rng.uniform(-1, 1, 299))
+    decay = np.cos(3 * np.pi * time / 150) * (1 - time / 150)
+    u = np.append(decay, np.interp(time / 10, np.arange(300), ends))
+    y = plant.simulate(u)
+    y += 1e-3 * np.ptp(y) * rng.normal(size=u.size)
+    found = identify(u, y, levels=12, diagonal="auto", holdout=1 / 3)
+    assert found.posterior is not None
+    assert found.holdout_nrmse < 0.01
+    assert [one.name for one in found.choices] == ["structure"]
+
+
+def test_rows_of_one_group_are_compared_in_contiguous_parts(monkeypatch):
+    monkeypatch.setattr(choosing, "_MOST_ROWS", 150)
+    u, y = a_record(300)
+    found = identify(u, y, levels=5, slope="auto", smoothness=0.0, groups=np.arange(300) >= 200)
+    assert [one.name for one in found.choices] == ["structure"]
+
+
+def test_lags_are_compared_on_the_same_rows_of_curves():
+    u, label = reversal_curves()
+    y = a_magnet().simulate(u)[label >= 0]
+    u, label = u[label >= 0], label[label >= 0]
+    options = {"levels": 8, "curves": label, "start_of_curve": "negative", "smoothness": 0.0}
+    found = identify(u, y, **options, lag="auto")
+    assert found.lag == 0
+    said = " ".join(identify(u, y, **options, lag=2).advice)
+    assert f"the lag of 2 samples leaves {2 * 24} of {u.size} samples out" in said
+    assert "samples out" not in " ".join(found.advice)
+
+
+def a_magnet():
+    return Preisach.from_density(np.linspace(-1, 1, 25), GaussianDensity(0.3, 0.3, 0.3))
+
+
+def reversal_curves():
+    """Inputs of 24 curves up to 1, each after saturation; its label, or -1 in the saturation."""
+    ends = np.linspace(-1, 1, 25)
+    curves = [ends[k:] for k in range(23, -1, -1)]
+    u = np.concatenate([np.append(1.0, curve) for curve in curves])
+    label = np.concatenate([[-1, *[k] * curve.size] for k, curve in enumerate(curves)])
+    return u, label
+
+
+def test_each_step_is_announced():
+    said = []
+    u = np.tile(np.sin(np.linspace(0, 9, 60)), 3)
+    group = np.repeat(range(3), 60)
+    identify(u, u**3, **AUTO, groups=group, prior="none", smoothness=0.0, progress=said.append)
+    assert said[0] == "comparing lags"
+    assert "comparing structures, 3 of 3: reversible diagonal" in said
+    assert "fitting 325 cells to 180 samples" in said
+    assert said[-1] == "leaving out groups, fit 3 of 3"
+
+
+def test_the_search_for_the_weights_is_announced():
+    said = []
+    identify(*a_record(50), levels=5, smoothness=0.0, progress=said.append)
+    assert said[0] == "fitting 15 cells to 50 samples"
+    assert said[1] == "solving for 15 weights, smoothness 0"
+    assert any(stage.endswith(" of 16 unknowns are not zero") for stage in said)
+
+
+def test_few_samples_are_not_compared():
+    u, y = record("staircase")
+    assert identify(u, y, **{**AUTO, "levels": 4}).choices == ()
+
+
+def test_a_spelling_mistake_is_refused():
+    with pytest.raises(ParameterError, match="slope is 'odd'"):
+        identify(*a_record(50), slope="odd")
+
+
+def test_the_piezo_stage_as_recorded(shared_data):
+    columns = read_columns(
+        shared_data / "piezo_micromanipulator_minor_loops.csv", ["input_V", "displacement_um"]
+    )
+    found = identify(*columns.values(), **AUTO, holdout=0.3)
+    assert found.holdout_nrmse <= 0.005
+    assert found.lag == 3
+    assert [one.name for one in found.choices] == ["lag", "structure", "levels"]

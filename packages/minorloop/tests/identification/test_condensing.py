@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.identification import condensing, fitting
+from minorloop.identification.condensing import condense
+from plane_records import LEVELS, a_plane
+
+
+def slow(samples=4000, seed=0):
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0, 1, samples)
+    u = 1.2 * (0.4 + 0.6 * np.cos(3 * s)) * np.sin(60 * s)
+    u[500:600] = u[500]  # a hold
+    y = a_plane().simulate(u) + 0.1 * rng.normal(size=samples)
+    y[rng.uniform(size=samples) < 0.1] = np.nan
+    return u, y
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"diagonal": "reversible", "slope": True, "lag": 2},
+        {"relay": "unipolar", "start": "positive", "skip": 7},
+        {"curves": np.repeat([0, 1, 2, 3], 1000), "start_of_curve": "positive"},
+    ],
+)
+def test_a_condensed_record_has_the_same_fit(options, monkeypatch):
+    u, y = slow()
+    whole = identify(u, y, levels=LEVELS, smoothness=1e-5, **options)
+    monkeypatch.setattr(condensing, "LONG", 1000)
+    monkeypatch.setattr(fitting, "LONG", 1000)
+    short = identify(u, y, levels=LEVELS, smoothness=1e-5, **options)
+    assert short.matrix.samples < 0.5 * whole.matrix.samples
+    assert short.samples == whole.samples
+    assert (short.rank, short.excited_fraction) == (whole.rank, whole.excited_fraction)
+    np.testing.assert_allclose(short.model.weights, whole.model.weights, atol=1e-7)
+    assert short.rmse == pytest.approx(whole.rmse)
+    if whole.groups_nrmse is not None:
+        assert short.groups_nrmse == pytest.approx(whole.groups_nrmse)
+
+
+def test_weights_and_moments_are_kept(monkeypatch):
+    monkeypatch.setattr(condensing, "LONG", 10)
+    u, y = np.linspace(0.0, 0.09, 50), np.random.default_rng(0).normal(size=50)
+    found = condense(np.array([0.0, 0.1]), "negative", u, y, np.ones(50, dtype=bool))
+    inputs = found.u[found.measured]
+    assert inputs.size <= 4
+    for degree in range(5):
+        assert found.counts @ inputs**degree == pytest.approx(np.sum(u**degree))
+    for degree in range(3):
+        assert found.counts @ (found.y * inputs**degree) == pytest.approx(np.sum(y * u**degree))
+    assert found.counts @ found.y**2 + 50 * found.within == pytest.approx(np.sum(y**2))
+
+
+def test_short_records_and_inputs_beyond_the_levels_are_left_alone(monkeypatch):
+    u = np.linspace(0, 1, 50)
+    seen = np.ones(50, dtype=bool)
+    assert condense(np.array([0.0, 1.0]), "negative", u, u, seen) is None
+    monkeypatch.setattr(condensing, "LONG", 10)
+    assert condense(np.array([0.0, 0.5]), "negative", u, u, seen) is None

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.curves import Curves, as_curves
+from minorloop.operators.memory import Memory
+from plane_records import LEVELS, a_plane
+
+STARTS = ["negative", "positive", "demagnetised", Memory([-1.2, 0.5, 0.1])]
+LABELS = np.repeat(np.arange(4), 120)
+
+
+def curves_of(start, seed=0, **options):
+    """Curves of a plane, each simulated alone from its start."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1.2, 1.2, LABELS.size)
+    parts = [a_plane(**options).simulate(u[k == LABELS], start) for k in range(4)]
+    return u, np.concatenate(parts)
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_curves_whose_memory_is_reset_are_fitted_exactly(start):
+    u, y = curves_of(start)
+    found = identify(u, y, levels=LEVELS, curves=LABELS, start_of_curve=start)
+    assert found.nrmse < 1e-9
+    np.testing.assert_allclose(found.prediction, y, atol=1e-7)
+    np.testing.assert_allclose(found.predict(u, curves=LABELS), y, atol=1e-7)
+    continued = identify(u, y, levels=LEVELS, curves=LABELS, start_of_curve="as-left")
+    assert continued.nrmse > 0.01
+
+
+def test_a_lag_does_not_reach_into_the_previous_curve():
+    u, y = curves_of("negative")
+    late = np.concatenate(
+        [np.r_[[y[k] for _ in range(3)], y[k : k + 117]] for k in range(0, 480, 120)]
+    )
+    found = identify(u, late, levels=LEVELS, curves=LABELS, lag="auto")
+    assert found.lag == 3
+    assert found.samples == 4 * 117
+    assert found.nrmse < 1e-9
+
+
+def test_skipped_rows_set_the_memory_and_are_not_fitted():
+    u, y = curves_of("negative")
+    spoilt = y.copy()
+    spoilt[np.arange(480) % 120 < 2] += 100.0
+    found = identify(u, spoilt, levels=LEVELS, curves=LABELS, skip=2, smoothness=0.0)
+    assert (found.samples, found.skipped) == (4 * 118, 8)
+    np.testing.assert_allclose(found.prediction, y, atol=1e-6)
+
+
+def test_driven_inputs_put_the_reset_before_each_later_curve():
+    curves = Curves(np.array([0, 2]), "positive")
+    inputs, places = curves.driven(np.array([0.1, 0.2, 0.3, 0.4]), LEVELS)
+    np.testing.assert_array_equal(inputs, [0.1, 0.2, -1.2, 1.2, 0.3, 0.4])
+    np.testing.assert_array_equal(places, [0, 1, 4, 5])
+    np.testing.assert_array_equal(curves.delayed(np.arange(4.0), 1), [0, 0, 2, 2])
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "says"),
+    [
+        ({"curves": [1, 2]}, SignalError, "one label for each of 480 rows"),
+        ({"groups": np.full(480, np.nan)}, SignalError, "groups is NaN at index 0"),
+        ({"curves": np.arange(480)}, ParameterError, "480 groups of one row, the first is 0"),
+        ({"curves": np.arange(480.0)}, ParameterError, "480 groups of one row, the first is 0;"),
+        ({"curves": ["a", *["b"] * 479]}, ParameterError, "1 group of one row, the first is 'a'"),
+        ({"curves": np.zeros(480), "slope": "auto"}, ParameterError, "rows are of one group"),
+        ({"groups": np.zeros(480), "lag": "auto"}, ParameterError, "rows are of one group"),
+        (
+            {"groups": np.where(np.arange(480) == 7, 9, np.arange(480) // 100)},
+            ParameterError,
+            "groups has 9 in one row only, at index 7; correct this label",
+        ),
+        (
+            {"curves": np.tile(["A", "B"], 240)},
+            ParameterError,
+            "changes from row to row, A, B, A, B, and each change begins a curve",
+        ),
+        ({"groups": np.zeros(480)}, ParameterError, "all fitted rows are of one group"),
+        ({"start_of_curve": "negative"}, ParameterError, "without curves"),
+        ({"curves": LABELS, "start_of_curve": "odd"}, ParameterError, "is 'odd'; give one of"),
+        ({"skip": 480}, ParameterError, "whole rows from 0 to 479"),
+        ({"skip": 478}, ParameterError, "skip leaves 2 measured rows"),
+        ({"skip": 1.5}, ParameterError, "skip is 1.5"),
+    ],
+)
+def test_refuses(options, error, says):
+    with pytest.raises(error, match=says):
+        identify(*curves_of("negative"), levels=5, **options)
+
+
+def test_labels_may_be_text():
+    labels = np.where(LABELS < 2, "up", "down")
+    curves = as_curves(labels, 480, "negative", None)
+    assert curves.begins.tolist() == [0, 240]
+    assert (curves.name(0), curves.name(1)) == ("up", "down")
+    assert curves.parts(480) == [(0, 240), (240, 480)]
+
+
+def test_whole_numbers_as_labels_have_no_decimal_point():
+    assert as_curves([1.0, 1.0, 2.5], 3, "negative", None).names == ("1", "2.5")
+    assert Curves.whole("negative").name(0) == "0"

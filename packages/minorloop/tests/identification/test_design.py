@@ -1,0 +1,125 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.errors import ParameterError
+from minorloop.identification.design import budget, design, next_input
+from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.likelihood import regressors
+from minorloop.identification.prior import Hyperparameters
+from minorloop.identification.prior_fit import posterior_after
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.linspace(0, 1, 11)
+MODEL = Preisach(LEVELS, np.tril(np.exp(-np.subtract.outer(LEVELS[1:], LEVELS[1:]))))
+U = np.array([0.0, 0.85, 0.3, 0.5, 0.95])
+NOW = Memory.after(U, low=0, high=1)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return identify(U, MODEL.simulate(U), levels=LEVELS, prior="gaussian", noise=0.05)
+
+
+def test_a_design_goes_everywhere_and_never_repeats_itself_at_once():
+    u = design(LEVELS, 12)
+    assert u.size == 12
+    assert u[0] == 0
+    assert (np.diff(u) != 0).all()
+    assert np.ptp(u) > 0.9
+    np.testing.assert_array_equal(design(LEVELS, 8), u[:8])
+
+
+def test_a_design_leaves_less_uncertainty_than_random_inputs():
+    spec, h = PlaneSpec(LEVELS, diagonal="reversible"), Hyperparameters()
+    rng = np.random.default_rng(0)
+    aims = rng.uniform(0, 1, 60)
+
+    def left(u):
+        dense = regressors(spec, u, np.ones(u.size, dtype=bool), "negative")
+        return np.mean(posterior_after(spec, h, dense).deviation(aims, "negative") ** 2)
+
+    random = [left(np.append(0.0, rng.uniform(0, 1, 9))) for _ in range(10)]
+    assert left(design(LEVELS, 10)) < np.quantile(random, 0.2)
+
+
+def test_what_is_expected_of_a_hold_comes_true(fit):
+    found = next_input(fit, NOW)
+    assert 0 < found.gain < 1
+    spec, h = fit.matrix.spec, fit.posterior.hyperparameters
+    rng = np.random.default_rng(3)
+    aims = rng.uniform(0, 1, 200)
+    spread = []
+    for u in (U, np.append(U, found.u)):
+        dense = regressors(spec, u, np.ones(u.size, dtype=bool), "negative")
+        posterior = posterior_after(spec, h, dense)
+        spread.append(np.sqrt(np.mean(posterior.deviation(aims, "negative") ** 2)))
+    assert spread[1] / spread[0] == pytest.approx(1 - found.gain, abs=0.15)
+
+
+def test_keeps_to_the_range_and_to_the_step(fit):
+    for low, high, step in ((0.2, 0.9, np.inf), (0.0, 1.0, 0.1), (0.4, 0.96, 0.05)):
+        u = next_input(fit, NOW, low=low, high=high, step=step).u
+        assert low <= u <= high
+        assert abs(u - NOW.u) <= step * (1 + 1e-12)
+    steps = design(LEVELS, 10, step=0.25)
+    assert np.abs(np.diff(steps)).max() <= 0.25 * (1 + 1e-12)
+
+
+def test_stops_where_the_next_hold_gains_too_little():
+    few = design(LEVELS, 100, least_gain=0.05)
+    assert 3 <= few.size < 40
+
+
+def test_budgets():
+    assert budget(12, None, 200.0) == 12
+    assert budget(None, 1.0, 300.0) == 12
+    assert design(LEVELS, hours=0.5, hold=200.0).size == 9
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({}, "one of them"),
+        ({"holds": 5, "hours": 1.0}, "one of them"),
+        ({"holds": 2}, "holds is 2; give a budget of 3 to 1000"),
+        ({"holds": 2.5}, "holds is 2.5"),
+        ({"hours": 0.1}, "0.1 h are 1 holds of 200 s; give a budget"),
+        ({"hours": 1.0, "hold": 0.0}, "hold is 0 s"),
+        ({"holds": 5, "step": 0.0}, "step is 0"),
+        ({"holds": 5, "low": 0.7, "high": 0.6}, "no input is allowed"),
+        ({"holds": 5, "least_gain": 1.0}, "least_gain is 1.0"),
+    ],
+)
+def test_refuses_impossible_budgets(options, says):
+    with pytest.raises(ParameterError, match=says):
+        design(LEVELS, **options)
+
+
+def test_needs_the_prior():
+    plain = identify(U, MODEL.simulate(U), levels=LEVELS, prior="none")
+    with pytest.raises(ParameterError, match="needs the prior"):
+        next_input(plain, NOW)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"step": "a"}, "step is 'a'"),
+        ({"memory": [0.0, 1.0]}, "memory is a list"),
+        ({"identification": Preisach(np.linspace(0, 1, 3), np.eye(2))}, "that is a Preisach"),
+    ],
+)
+def test_next_input_refuses_what_it_cannot_use(change, says):
+    u = np.linspace(0, 1, 5) ** 2
+    fit = identify(u, u, levels=4, prior="gaussian")
+    given = {"identification": fit, "memory": Memory.after(u, low=0.0, high=1.0), **change}
+    with pytest.raises(ParameterError, match=says):
+        next_input(**given)
+
+
+def test_a_plane_too_fine_for_dense_matrices_is_refused(fit, monkeypatch):
+    monkeypatch.setattr("minorloop.identification.design.MOST_DENSE_CELLS", 54)
+    with pytest.raises(ParameterError, match="56 unknowns; give at most 64 levels"):
+        next_input(fit, NOW)

@@ -1,0 +1,117 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import minorloop as ml
+from fixed_options import identify
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.creep import Creep
+from minorloop.dynamics.linear import Linear
+from minorloop.identification.baseline import percent
+from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
+
+T = 0.01 * np.arange(200)
+U = -np.cos(5 * T) * np.exp(-T)
+PLANE = ml.Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))
+CHOSEN = TriedDynamics(1, 0, 0.01, True, 0.002, True)
+
+
+def result(linear, first="operator", creep=None, off=0.0):
+    model = Cascade(PLANE, linear, first, creep, 0.01)
+    y = model.simulate(T, U) + off * np.sin(50 * T)
+    static = identify(U, PLANE.simulate(U), levels=4)
+    fitted = T < 1.5
+    return DynamicIdentification(model, static, T, U, y, fitted, ~fitted, (CHOSEN,))
+
+
+def test_rows_say_what_the_dynamics_are():
+    omega = 2 * np.pi * 4
+    oscillating = Linear([omega**2], [1, 0.2 * omega, omega**2], delay=0.03)
+    found = result(oscillating, creep=Creep([0.1, 1.0], [0.1, 0.2], 0.7))
+    rows = dict(found.rows)
+    assert rows["order"] == "operator, then dynamics"
+    assert rows["dead time"] == "0.03 s"
+    assert rows["resonance"] == "4 Hz"
+    assert rows["damping ratio"] == "0.1"
+    assert rows["creep"] == "30.0% of the output, within 0.1 s to 1 s"
+    assert dict(result(Linear.lags(0.2), "linear").rows)["order"] == "dynamics, then operator"
+
+
+@pytest.mark.parametrize("near", [True, False])
+def test_the_runner_up_is_shown_and_may_be_too_close_to_call(near):
+    contains = TriedDynamics(2, 0, 0.0, True, 0.001)
+    other = TriedDynamics(0, 2, 0.0, False, 0.0021, near=near)
+    found = replace(result(Linear.lags(0.2), "linear"), tried=(CHOSEN, contains, other))
+    rows = dict(found.rows)
+    assert rows["chosen"] == "1 pole, operator, creep: 0.200% of range on left-out pieces"
+    assert rows["runner-up"] == "operator, 2 poles: 0.210%" + ", as good" * near
+    assert any("too close to call" in text for text in found.advice) == near
+
+
+def test_without_another_structure_there_is_no_runner_up():
+    assert result(Linear.lags(0.2), "linear").runner_up is None
+
+
+def test_time_constants_of_both_sides_are_shown():
+    found = result(Linear.lags(0.3))
+    model = replace(found.model, ahead=Linear.lags(0.004))
+    found = replace(found, model=model)
+    rows = dict(found.rows)
+    assert rows["order"] == "dynamics, operator, dynamics"
+    assert (rows["time constants before"], rows["time constants behind"]) == ("0.004 s", "0.3 s")
+    assert any("the fastest time constant is 0.004 s" in text for text in found.advice)
+
+
+def test_a_start_up_that_no_other_row_is_like_is_named():
+    found = replace(result(Linear.lags(0.2)), startup=30)
+    assert any("skip=30 (--skip 30)" in text for text in found.advice)
+    found = replace(found, startup_fitted=False)
+    assert any("the first 30 rows are not fitted" in text for text in found.advice)
+
+
+def test_errors_are_those_of_the_whole_model():
+    found = result(Linear.lags(0.1), off=0.1)
+    off = 0.1 * np.sin(50 * T)
+    for rows, value in ((found.fitted, found.nrmse), (found.held_out, found.holdout_nrmse)):
+        assert value == pytest.approx(np.sqrt(np.mean(off[rows] ** 2)) / np.ptp(found.y[rows]))
+    assert found.scores["nrmse_train"] == found.nrmse
+    assert found.scores["nrmse_holdout"] == found.holdout_nrmse
+    assert found.scores["worst_holdout"] == found.holdout_accuracy.worst
+
+
+def test_advice_has_the_errors_of_the_whole_model():
+    found = result(Linear.lags(0.3), off=0.5)
+    own = replace(
+        found.static, y=found.static.prediction + found.y - found.prediction,
+        fitted=found.fitted, held_out=found.held_out,
+    )  # fmt: skip
+    found = replace(found, static=replace(own, measured=found.y))
+    said = " ".join(found.advice)
+    assert percent(own.holdout_nrmse) in " ".join(own.advice)
+    assert percent(own.holdout_nrmse) not in said
+    assert f"on held-out data is {percent(found.holdout_nrmse)} of range" in said
+    assert f"on held-out data is {percent(found.holdout_nrmse)} of range" in found.warnings[0]
+
+
+def test_advice_is_about_the_time_constants_too():
+    assert any("sample faster" in text for text in result(Linear.lags(0.004)).advice)
+    assert any("record three time" in text for text in result(Linear.lags(1.0)).advice)
+    static = result(Linear.lags())
+    assert not static.dynamic
+    assert "no better than with the operator alone" in static.advice[-1]
+
+
+def test_prints_and_draws():
+    found = result(Linear.lags(0.1), creep=Creep([0.5], [0.2], 0.8))
+    assert (
+        "tried: 1 pole, operator, creep, dead time 0.01 s: 0.2% of range on left-out pieces  chosen"
+        in str(found).replace("0.200%", "0.2%")
+    )
+    figure = found.plot(input_label="voltage [V]", output_label="length [um]")
+    assert [axis.get_xlabel() for axis in figure.axes] == [
+        "time [s]",
+        "voltage [V]",
+        "time [s]",
+        "time [s]",
+    ]

@@ -1,0 +1,122 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.errors import SignalError
+from minorloop.identification import excitation
+from minorloop.lab.columns import read_columns
+from minorloop.operators.preisach import Preisach
+from plane_records import LEVELS, a_plane, a_record
+
+
+@pytest.mark.parametrize("options", [{}, {"smoothness": 0.0}])
+@pytest.mark.parametrize("unit", [1e-7, 1.0, 1e6])
+def test_a_plane_is_found_from_its_decaying_staircase(options, unit):
+    plane, u = a_plane(), excitation.decaying_staircase(LEVELS)
+    found = identify(u, unit * plane.simulate(u), levels=LEVELS, **options)
+    error = np.abs(found.model.weights - unit * plane.weights).max()
+    assert error <= 1e-10 * unit * plane.weights.max()
+    assert (found.rank, found.unknowns, found.samples) == (56, 56, 56)
+    assert found.condition == pytest.approx(73, rel=0.02)
+    assert found.kkt < 1e-10
+    assert found.model.offset == pytest.approx(unit * 3.0)
+
+
+@pytest.mark.parametrize(
+    "options", [{"relay": "unipolar"}, {"diagonal": "reversible"}, {"slope": 0.7}]
+)
+def test_every_other_structure_is_found_too(options):
+    plane, u = a_plane(**options), excitation.decaying_staircase(LEVELS)
+    u = np.concatenate([u, np.random.default_rng(0).uniform(-1.2, 1.2, 200)])
+    wanted = {**options, "slope": True} if "slope" in options else options
+    found = identify(u, plane.simulate(u), levels=LEVELS, smoothness=0.0, **wanted)
+    np.testing.assert_allclose(found.model.weights, plane.weights, atol=1e-8)
+    assert found.model.slope == pytest.approx(plane.slope, abs=1e-8)
+
+
+def test_samples_not_measured_move_the_memory_only():
+    u, y = a_record(noise=0.0)
+    gaps = np.random.default_rng(1).uniform(size=y.size) < 0.5
+    found = identify(u, np.where(gaps, np.nan, y), levels=LEVELS)
+    assert found.samples == np.count_nonzero(~gaps)
+    np.testing.assert_allclose(found.model.weights, a_plane().weights, atol=1e-7)
+
+
+@pytest.mark.parametrize("lag", [0, 3, 11])
+def test_a_lag_is_found_and_predicted(lag):
+    u, y = a_record()
+    late = np.concatenate([np.full(lag, y[0]), y[: y.size - lag]])
+    found = identify(u, late, levels=LEVELS, lag="auto")
+    assert found.lag == lag
+    np.testing.assert_allclose(found.predict(u)[lag:], late[lag:], atol=0.05 * np.ptp(y))
+
+
+def test_signed_weights_fit_a_butterfly():
+    i = np.arange(10)
+    butterfly = Preisach(LEVELS, np.tril(1.0 * np.sign(i[:, None] + i - 9)))
+    u, _ = a_record()
+    y = butterfly.simulate(u)
+    plain, signed = (identify(u, y, levels=LEVELS, signed=signed) for signed in (False, True))
+    assert signed.nrmse < 1e-6 < 0.1 < plain.nrmse
+    np.testing.assert_allclose(signed.model.weights, butterfly.weights, atol=1e-4)
+    assert "cannot be inverted" in " ".join(signed.advice)
+
+
+def test_piezo_minor_loops_are_predicted(shared_data):
+    columns = read_columns(
+        shared_data / "piezo_micromanipulator_minor_loops.csv", ["input_V", "displacement_um"]
+    )
+    u, y = (column[200:7000] for column in columns.values())
+    found = identify(u, y, levels=25, lag="auto", holdout=2500 / 6800)
+    assert found.holdout_nrmse <= 0.008
+    assert found.holdout_nrmse < found.baseline_nrmse
+
+
+@pytest.mark.parametrize(
+    ("rows", "options"),
+    [(400, {"prior": "none"}), (400, {"smoothness": 1e-6}), (90, {"prior": "gaussian"})],
+)
+def test_outputs_count_by_their_standard_deviations(rows, options):
+    u, y = a_record(noise=0.0)
+    u, y, chance = u[:rows], y[:rows], np.random.default_rng(1000)
+    sd = np.where(chance.uniform(size=u.size) < 0.5, 0.01, 1.0)
+    rough = y + sd * chance.normal(size=u.size)
+    alike, weighted = (
+        identify(u, rough, levels=LEVELS, noise=noise, **options) for noise in (None, sd)
+    )
+    errors = [np.sqrt(np.mean((found.prediction - y) ** 2)) for found in (alike, weighted)]
+    assert errors[1] < 0.5 * errors[0]
+    assert weighted.samples == u.size
+
+
+def test_the_error_of_the_model_adds_to_the_noise_of_the_outputs():
+    u = np.tile(np.append(np.linspace(-1, 1, 60), np.linspace(1, -1, 60)), 6)
+    y = u + 0.2 * np.sin(40 * u)  # which three bands cannot follow
+    sd = np.full(u.size, 1e-3)
+    sd[: u.size // 2] = 1e-5
+    options = {"levels": 3, "prior": "none", "smoothness": 0.0}
+    found, alike = identify(u, y, noise=sd, **options), identify(u, y, **options)
+    np.testing.assert_allclose(found.prediction, alike.prediction, atol=1e-4)
+
+
+def test_equal_standard_deviations_are_as_good_as_none_and_missing_ones_as_the_greatest():
+    u, y = a_record(noise=0.01)
+    sd = np.full(u.size, 0.02)
+    plain = identify(u, y, levels=LEVELS, prior="none")
+    for noise in (sd, np.where(np.arange(u.size) % 3, sd, np.nan), 0 * sd):
+        found = identify(u, y, levels=LEVELS, prior="none", noise=noise)
+        np.testing.assert_allclose(found.model.weights, plain.model.weights, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda sd: sd[1:], "noise has shape"),
+        (lambda sd: -sd, "noise is -0.1 at index 0; give standard deviations >= 0"),
+        (lambda sd: np.nan * sd, "noise is nan at index 0"),
+    ],
+)
+def test_standard_deviations_that_cannot_be_are_refused(change, message):
+    u, y = a_record(noise=0.01)
+    with pytest.raises(SignalError, match=message):
+        identify(u, y, levels=LEVELS, noise=change(np.full(u.size, 0.1)))

@@ -1,0 +1,264 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fixed_options import identify
+from minorloop.arrays import uniform_levels
+from minorloop.connect import connect
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification import excitation
+from minorloop.identification.frequency import (
+    FrequencyResponse,
+    Preamble,
+    describing_function,
+    frequency_response,
+    fundamental,
+    harmonic_distortion,
+)
+from minorloop.lab.records import Record
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
+
+G = Linear.from_poles([-20.0, -1.5], [-1.0])
+PLANE = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(0, 1, (8, 8))))
+PREAMBLE = Preamble(-1.0, 10.0)
+FREQUENCIES = [0.05, 0.3, 1.0]
+
+
+def driving(operator, first="operator", system=G):
+    """The door to a plant that is a cascade, negatively saturated at the beginning."""
+    cascade = Cascade(operator, system, first)
+
+    def drive(t, u):
+        return Record(5.0 + t, u, cascade.simulate(t, u, between="straight"))
+
+    return drive
+
+
+def measured(operator, model=None, frequencies=FREQUENCIES, amplitudes=(0.4, 0.8), **options):
+    return frequency_response(
+        driving(operator), frequencies, amplitudes,
+        preamble=PREAMBLE, settling=8.0, operator=model, **options,
+    )  # fmt: skip
+
+
+@given(st.integers(1, 5), st.floats(0.1, 5), st.floats(-3, 3), st.integers(1, 10))
+def test_fundamental_is_the_amplitude_of_its_component(periods, size, phase, harmonic):
+    turn = 2 * np.pi * np.arange(1, 64 * periods + 1) / 64
+    x = 3.0 + size * np.cos(harmonic * turn + phase) + 0.7 * np.cos((harmonic + 1) * turn)
+    np.testing.assert_allclose(
+        fundamental(x, periods, harmonic), size * np.exp(1j * phase), atol=1e-12
+    )
+
+
+def test_distortion_of_a_cube():
+    sine = np.sin(2 * np.pi * np.arange(200) / 100)
+    assert harmonic_distortion(sine, 2) < 1e-12
+    # sin^3 has three quarters of the fundamental and a quarter of the third harmonic.
+    np.testing.assert_allclose(harmonic_distortion(sine + sine**3, 2), 0.25 / 1.75)
+    assert harmonic_distortion(np.zeros(200), 2) == np.inf
+
+
+@given(st.floats(0.3, 3.0), st.floats(0.05, 0.95))
+def test_describing_function_of_a_play(amplitude, share):
+    """Gelb and Vander Velde, Multiple-Input Describing Functions, 1968: backlash."""
+    radius = share * amplitude
+    b = 1 - 2 * share
+    wanted = (np.pi / 2 + np.arcsin(b) + b * np.sqrt(1 - b**2)) / np.pi
+    wanted = wanted - 1j * (1 - b**2) / np.pi
+    got = describing_function(PrandtlIshlinskii([radius], [1.0]), amplitude, bias=0.3)
+    np.testing.assert_allclose(got, wanted, atol=1e-5)
+
+
+@given(st.floats(0.2, 1.0), st.floats(1.05, 5.0))
+def test_describing_function_of_a_relay(threshold, ratio):
+    relay = RelayModel([-threshold, threshold], [[0.0, 0.0], [1.0, 0.0]])
+    amplitude = ratio * threshold
+    wanted = 4 / (np.pi * amplitude) * np.exp(-1j * np.arcsin(1 / ratio))
+    got = describing_function(relay, amplitude)
+    np.testing.assert_allclose(got, wanted, atol=5e-3 * np.abs(wanted))
+
+
+def test_describing_function_of_a_cubic_and_a_line():
+    cubic = Polynomial([0.0, 1.0, 0.0, 2.0], -3.0, 3.0)
+    np.testing.assert_allclose(describing_function(cubic, 0.5), 1 + 0.75 * 2 * 0.25, atol=1e-9)
+    np.testing.assert_allclose(
+        describing_function(Polynomial([4.0, 3.0], -9, 9), 2.0, 1.5), 3.0, atol=1e-12
+    )
+
+
+def test_describing_function_of_a_plane_lags():
+    assert np.degrees(np.angle(describing_function(PLANE, 0.7))) < -3
+
+
+def test_a_linear_plant_has_the_gains_of_its_transfer_function():
+    found = measured(Polynomial([0.0, 2.0], -5, 5), frequencies=[0.05, 0.3, 1.0, 4.0])
+    wanted = 2 * G.response(found.frequencies)
+    np.testing.assert_allclose(found.plant, [wanted, wanted], rtol=1e-3)
+    assert found.after is None
+    assert found.distortion.max() < 1e-3
+    assert found.unsettled.max() < 1e-3
+    assert found.advice == ()
+
+
+def test_behind_the_true_operator_the_gain_forgets_the_amplitude():
+    found = measured(PLANE, PLANE)
+    wanted = G.response(found.frequencies)
+    np.testing.assert_allclose(found.after, [wanted, wanted], rtol=5e-3)
+    spread = found.gain_spread()
+    assert spread.before > 0.5
+    assert spread.ratio < 0.1
+    before, after = found.phase_spread()
+    assert before > 10 * after
+    fit = found.fit(order=2, zeros=1)
+    np.testing.assert_allclose(fit.model.response(FREQUENCIES), wanted, rtol=5e-3)
+
+
+def test_phases_are_compared_across_half_a_turn():
+    gains = np.exp(1j * np.radians([[179.0], [-179.0]]))
+    nothing = np.zeros((2, 1))
+    found = FrequencyResponse(
+        np.ones(1), np.array([0.4, 0.8]), 0.0, gains, gains.conj(), nothing, nothing
+    )
+    np.testing.assert_allclose(found.phase_spread(), [2.0, 2.0])
+
+
+def test_slowly_the_plant_is_its_describing_function():
+    slow = Linear.lags(1e-3)
+    found = frequency_response(
+        driving(PLANE, system=slow), [0.1], [0.6], preamble=PREAMBLE, settling=1.0, bias=0.1
+    )
+    memory = PLANE.step("negative", -1.0)[1]
+    wanted = describing_function(PLANE, 0.6, 0.1, start=memory)
+    np.testing.assert_allclose(found.plant[0, 0], wanted, rtol=5e-3)
+
+
+def test_a_preamble_that_saturates_makes_the_start_irrelevant():
+    ends = [measured(PLANE, PLANE, [0.3], [0.5], start=end) for end in ("negative", "positive")]
+    np.testing.assert_array_equal(ends[0].after, ends[1].after)
+
+
+def test_advice_names_a_plant_that_has_not_settled():
+    slow = Linear.lags(30.0)
+    found = frequency_response(
+        driving(PLANE, system=slow), [0.5], [0.4], preamble=PREAMBLE, settling=0.0, bias=0.5
+    )
+    assert "increase the settling time" in found.advice[0]
+    assert "advice" in str(found)
+
+
+@pytest.fixture(scope="module")
+def strip_response():
+    """An ionic polymer strip, behind a plane from a decaying staircase of the same strip."""
+    grid = uniform_levels(-1.2, 1.2, 10)
+    u = excitation.decaying_staircase(grid)
+    strip = connect("twin:ipmc")
+    y = np.array([strip.apply(value, 200.0, 200.0).y[-1] for value in u])
+    model = identify(u, y, levels=grid, smoothness=0.0, diagonal="reversible").model
+    found = frequency_response(
+        lambda t, u: connect("twin:ipmc").drive(t, u),
+        [0.01, 0.025, 0.05, 0.1, 0.2, 0.5, 1.0],
+        [0.7, 1.0],
+        preamble=Preamble(-1.2, 200.0),
+        settling=150.0,
+        operator=model,
+    )
+    return model, found
+
+
+def test_a_strip_comes_together_behind_its_operator(strip_response):
+    _, found = strip_response
+    spread = found.gain_spread(high=0.5)
+    assert 0.5 <= spread.before <= 2.0
+    assert spread.ratio <= 0.2
+    assert max(found.phase_spread(high=0.5)) <= 5
+    # At 1 Hz the amplitudes no longer agree: the strip is no operator with a linear part.
+    assert found.gain_spread(1.0, 1.0).ratio > 0.3
+
+
+def test_the_inverse_of_the_cascade_leads_a_strip_closer_than_that_of_the_operator(strip_response):
+    model, found = strip_response
+    cascade = Cascade(model, found.fit().model)
+    t = np.arange(0.0, 80.0, 0.05)
+    start = model.step("negative", -1.2)[1]
+    rest, memory = model.step(start, 0.0)
+    targets = rest + 4.0 * np.minimum(t / 20, 1) * np.sin(2 * np.pi * t / 40.0)
+    errors = []
+    for u in (
+        model.invert(targets, memory).u,
+        cascade.invert(t, targets, start, before=0.0, unreachable="clip").u,
+    ):
+        strip = connect("twin:ipmc")
+        strip.apply(-1.2, 400.0, 400.0)
+        strip.apply(0.0, 400.0, 400.0)
+        y = strip.drive(t, np.clip(u, -1.2, 1.2)).y
+        errors.append(np.sqrt(np.mean((y - targets)[800:] ** 2)))
+    assert errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"periods": 1}, "periods is 1; give a whole number of at least 2"),
+        ({"samples": 39}, "at least 40"),
+        ({"samples": 100.0}, "at least 40"),
+        ({"frequencies": [0.0]}, "frequency is .* give positive"),
+        ({"amplitudes": [-1.0]}, "amplitude is .* give positive"),
+    ],
+)
+def test_refuses_options_out_of_range(options, why):
+    with pytest.raises(ParameterError, match=why):
+        measured(PLANE, **options)
+
+
+def test_refuses_what_makes_no_sense():
+    with pytest.raises(ParameterError, match="give a time >= 0"):
+        frequency_response(driving(PLANE), [1.0], [0.5], preamble=PREAMBLE, settling=-1.0)
+    with pytest.raises(ParameterError, match="give a positive time"):
+        Preamble(0.0, 0.0)
+    with pytest.raises(ParameterError, match="amplitude"):
+        describing_function(PLANE, 0.0)
+    found = measured(PLANE, frequencies=[1.0])
+    with pytest.raises(ParameterError, match="no frequency from 2 to 3 Hz"):
+        found.gain_spread(2, 3)
+    with pytest.raises(ParameterError, match="there was no operator"):
+        found.fit()
+
+
+def test_refuses_records_that_do_not_fit():
+    def short(t, u):
+        return Record(t[:-400], u[:-400], u[:-400])
+
+    def gap(t, u):
+        return Record(t, u, np.where(t > t[-9], np.nan, u))
+
+    def pair(t, u):
+        return Record(t, np.array([u, u]), u, inputs=("a", "b"))
+
+    for drive, why in (
+        (short, "without gaps are needed"),
+        (gap, "gaps"),
+        (pair, "several channels"),
+    ):
+        with pytest.raises(SignalError, match=why):
+            frequency_response(drive, [1.0], [0.5], preamble=PREAMBLE, settling=1.0)
+    with pytest.raises(SignalError, match="does not"):
+        measured(PLANE, RelayModel([2.0, 3.0], [[0.0, 0.0], [1.0, 0.0]]), frequencies=[1.0])
+
+
+def test_prints_and_draws():
+    found = measured(PLANE, PLANE, frequencies=[0.3, 1.0])
+    assert "of it" in str(found)
+    assert str(found).count("\n") == 5
+    assert len(found.plot().axes) == 4
+    assert len(measured(PLANE, frequencies=[1.0]).plot().axes) == 2
+
+
+def test_no_amplitude_is_refused():
+    with pytest.raises(ParameterError, match="amplitude is"):
+        describing_function(Preisach([0, 1], [[1]]), [])

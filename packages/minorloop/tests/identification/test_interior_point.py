@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from benchmarks import fit_times, real_records
+from fixed_options import identify
+from minorloop.errors import ParameterError
+from minorloop.identification import active_set, everett_system, least_squares
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.least_squares import Problem
+from plane_problems import a_problem, objective
+
+SPECS = (
+    {},
+    {"slope": True},
+    {"offset": False},
+    {"relay": "unipolar"},
+    {"relay": "unipolar", "offset": False, "slope": True},
+    {"diagonal": "reversible"},
+)
+
+
+@pytest.fixture
+def sparse(monkeypatch):
+    """Use the sparse system for planes of any size."""
+    monkeypatch.setattr(least_squares, "_LEAST_SPARSE", 0)
+    monkeypatch.setattr(least_squares, "_FILL", np.inf)
+    monkeypatch.setattr(everett_system, "_REVERSALS", np.inf)
+
+
+def dense_optimum(problem):
+    """Least objective by scipy on columns from unit weights."""
+    spec, columns = problem.matrix.spec, problem.matrix.dense()
+    if spec.offset:
+        columns = np.column_stack([columns, -columns[:, spec.cells]])
+    return 0.5 * nnls(columns, problem.y, maxiter=10_000)[1] ** 2
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_the_optimum_is_that_of_scipy(spec, sparse):
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        samples, noise = int(rng.choice([5, 30, 300])), float(rng.choice([1e-3, 0.1]))
+        problem = a_problem(int(rng.integers(2, 11)), samples, noise, seed, **spec)
+        fit = problem.fit(0.0)
+        assert fit.kkt <= 1e-10
+        assert fit.converged
+        scale = np.sum((problem.y - problem.y.mean()) ** 2) + 1e-12
+        least = dense_optimum(problem)
+        assert objective(problem, fit.x) == pytest.approx(least, rel=1e-9, abs=1e-14 * scale)
+
+
+def a_real_problem(bands, samples):
+    model, u, y = real_records.a_record(bands, samples)
+    every = np.ones(u.size, dtype=bool)
+    return Problem(DesignMatrix(PlaneSpec(model.levels), u, every, "negative"), y)
+
+
+def test_the_sparse_system_finds_the_optimum_of_the_dense_one(monkeypatch):
+    problem = a_real_problem(40, 1500)
+    monkeypatch.setattr(least_squares._System, "gram", None)  # the sparse one does not need it
+    sparse = problem.fit(0.0)
+    monkeypatch.undo()
+    monkeypatch.setattr(least_squares, "_LEAST_SPARSE", np.inf)
+    dense = problem.fit(0.0)
+    assert sparse.kkt <= 1e-10
+    assert objective(problem, sparse.x) == pytest.approx(objective(problem, dense.x), rel=1e-8)
+
+
+def test_the_optimality_holds_in_simulated_outputs():
+    model, u, y = real_records.a_record(40, 1500)
+    found = identify(u, y, levels=model.levels, smoothness=0.0)
+    assert found.kkt <= 1e-10
+    assert real_records.violation(found.model, u, y) <= 1e-10
+
+
+@pytest.mark.parametrize(
+    ("shape", "seed"), [(fit_times.walk, 931006), (fit_times.random_staircase, 1000)]
+)
+def test_unknowns_hardly_determined_take_few_factorisations(shape, seed, monkeypatch):
+    model, u, y = fit_times.a_record(shape, 50, 1000, seed)
+    spec, every = PlaneSpec(model.levels), np.ones(u.size, dtype=bool)
+    done, factorise = list[int](), everett_system.EverettSystem.factorise
+
+    def counted(self, ridge):
+        done.append(1)
+        factorise(self, ridge)
+
+    monkeypatch.setattr(everett_system.EverettSystem, "factorise", counted)
+    fit = Problem(DesignMatrix(spec, u, every, "negative"), y).fit(0.0)
+    assert fit.kkt <= active_set.TOLERANCE
+    assert len(done) <= 60
+
+
+def test_planes_too_fine_for_dense_matrices_need_a_sparse_system(monkeypatch):
+    monkeypatch.setattr(least_squares, "MOST_DENSE", 7)
+    random, signed = a_problem(), a_problem(signed=True)
+    with monkeypatch.context() as much_fill:
+        much_fill.setattr(least_squares, "_LEAST_SPARSE", 0)
+        much_fill.setattr(least_squares, "_FILL", 0)
+        with pytest.raises(ParameterError, match="reverses every few samples"):
+            random.fit(0.0)
+    with pytest.raises(ParameterError, match="beyond give smoothness 0"):
+        signed.fit(0.0)
+    with pytest.raises(ParameterError, match="beyond give smoothness 0"):
+        random.fit("auto")
+    assert a_real_problem(40, 1500).fit(0.0).kkt <= 1e-10

@@ -1,0 +1,149 @@
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear, nnls
+
+from benchmarks import optima, staircases
+from minorloop.errors import ParameterError
+from minorloop.identification import least_squares
+from minorloop.identification.design_matrix import PlaneSpec, unpack
+from minorloop.identification.least_squares import Problem, neighbour_penalty
+from plane_problems import a_problem, objective
+
+
+def kkt(problem, x):
+    """By definition: columns of unit length, gradient X'r, relative to |y|."""
+    dense = problem.matrix.dense()
+    norms = np.linalg.norm(dense, axis=0)
+    norms = np.where(norms > 0, norms, 1)
+    g = (dense / norms).T @ (problem.y - dense @ x)
+    bounded = np.ones(x.size, dtype=bool)
+    if problem.matrix.spec.offset:
+        bounded[problem.matrix.spec.cells] = False
+    at_zero = bounded & (x <= 0)
+    worst = np.where(at_zero, np.maximum(g, 0), np.abs(g)).max()
+    return max(worst, -min(x[bounded].min(), 0)) / np.linalg.norm(problem.y)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 0.01, 0.3])
+@pytest.mark.parametrize(("bands", "samples"), [(3, 50), (8, 200), (8, 20), (12, 400)])
+def test_the_objective_is_that_of_scipy(noise, bands, samples):
+    problem = a_problem(bands, samples, noise)
+    fit = problem.fit(0.0)
+    dense = problem.matrix.dense()
+    offset = problem.matrix.spec.cells
+    both_signs = np.column_stack([dense, -dense[:, offset]])
+    _, norm = nnls(both_signs, problem.y, maxiter=10_000)
+    scale = np.sum((problem.y - problem.y.mean()) ** 2)
+    assert objective(problem, fit.x) <= 0.5 * norm**2 * (1 + 1e-9) + 1e-18 * scale
+    assert kkt(problem, fit.x) < 1e-9
+    assert fit.kkt < 1e-9
+
+
+@pytest.mark.parametrize(
+    "spec", [{"slope": True}, {"relay": "unipolar"}, {"diagonal": "reversible"}, {"offset": False}]
+)
+def test_every_structure_is_fitted_to_optimality(spec):
+    problem = a_problem(**spec)
+    assert kkt(problem, problem.fit(0.0).x) < 1e-9
+
+
+def test_signed_weights_are_ordinary_least_squares():
+    problem = a_problem(5, 200, signed=True)
+    fit = problem.fit(0.0)
+    best = np.linalg.lstsq(problem.matrix.dense(), problem.y, rcond=None)[0]
+    assert objective(problem, fit.x) == pytest.approx(objective(problem, best), rel=1e-9)
+
+
+def smoothed(problem, strength):
+    """The same with the penalty as rows of a dense problem."""
+    spec, dense = problem.matrix.spec, problem.matrix.dense()
+    rows, columns, values = neighbour_penalty(spec)
+    square = np.zeros((spec.unknowns, spec.unknowns))
+    np.add.at(square, (rows, columns), values)
+    square = np.tril(square) + np.tril(square, -1).T
+    eigenvalues, vectors = np.linalg.eigh(square * strength * len(problem.y) * spec.bands**2)
+    root = (vectors * np.sqrt(np.maximum(eigenvalues, 0))) @ vectors.T
+    lower = np.zeros(spec.unknowns)
+    lower[spec.cells] = -np.inf
+    stacked = np.vstack([dense, root])
+    target = np.concatenate([problem.y, np.zeros(spec.unknowns)])
+    return lsq_linear(stacked, target, (lower, np.inf), tol=1e-14, method="bvls").x
+
+
+@pytest.mark.parametrize("strength", [1e-6, 1e-3])
+def test_smoothness_is_the_documented_penalty(strength):
+    problem = a_problem(5, 100)
+    np.testing.assert_allclose(problem.fit(strength).x, smoothed(problem, strength), atol=1e-6)
+
+
+def test_the_penalty_compares_neighbours_weight_by_weight():
+    spec = PlaneSpec(np.arange(4.0))
+    rows, columns, values = neighbour_penalty(spec)
+    x = np.random.default_rng(0).uniform(size=6)
+    w = unpack(x) / (1 - 0.5 * np.eye(3))
+    expected = sum(
+        (w[i, j] - w[k, m]) ** 2
+        for i in range(3)
+        for j in range(i + 1)
+        for k, m in ((i + 1, j), (i, j + 1))
+        if k < 3 and m <= k
+    )
+    twice = np.where(rows == columns, 1, 2)
+    assert np.sum(twice * values * x[rows] * x[columns]) == pytest.approx(expected)
+
+
+def test_the_strength_is_chosen_on_contiguous_segments():
+    held = least_squares.held_out_segments(1000)
+    assert 0.15 < held.mean() < 0.25
+    assert np.count_nonzero(np.diff(held.astype(int)) == 1) == 5
+    noisy = a_problem(12, 60, noise=0.1).fit("auto")
+    assert noisy.smoothness > 0
+
+
+def test_data_without_noise_are_not_smoothed():
+    assert a_problem(4, 300, noise=0.0).fit("auto").smoothness == 0
+
+
+def test_tiny_outputs_are_fitted_as_well_as_large_ones():
+    problem = a_problem()
+    tiny = Problem(problem.matrix, problem.y * 1e-7)
+    np.testing.assert_allclose(tiny.fit(0.0).x * 1e7, problem.fit(0.0).x, atol=1e-8)
+
+
+@pytest.mark.parametrize("strength", [-1.0, np.nan, np.inf, "some", None, True])
+def test_refuses_what_is_no_strength(strength):
+    with pytest.raises(ParameterError, match="smoothness"):
+        a_problem().fit(strength)
+
+
+@pytest.mark.parametrize("seed", [82, 97, 111, 123, 204, 227, 274, 463])
+def test_near_singular_signed_fits_reach_the_objective_of_dense_least_squares(seed):
+    problem, smoothness = optima.a_problem(seed)
+    fit = problem.fit(smoothness)
+    assert fit.converged
+    assert optima.excess(problem, smoothness, fit) <= optima.CLOSE
+
+
+@pytest.mark.parametrize("first", [0, 40])
+def test_signed_fits_of_all_kinds_reach_it_too(first):
+    for seed in range(first, first + 40):
+        problem, smoothness = optima.a_problem(seed)
+        fit = problem.fit(smoothness)
+        close = optima.excess(problem, smoothness, fit) <= optima.CLOSE
+        assert close or not fit.converged, seed
+
+
+@pytest.mark.parametrize("bands", [4, 10, 20, 25])
+def test_a_staircase_without_noise_gives_the_weights_to_ten_digits(bands):
+    assert max(staircases.error(bands, seed) for seed in range(3)) <= staircases.CLOSE
+
+
+@pytest.mark.parametrize("strength", [0.0, 1e-4])
+def test_many_samples_are_fitted_by_their_normal_equations(strength, monkeypatch):
+    problem = a_problem(6, 300)
+    usual = problem.fit(strength)
+    monkeypatch.setattr(least_squares, "_MANY", 10)
+    other = problem.fit(strength)
+    np.testing.assert_allclose(other.x, usual.x, atol=1e-8)
+    assert other.kkt < 1e-9
+    assert problem.fit("auto").smoothness in least_squares.CANDIDATES

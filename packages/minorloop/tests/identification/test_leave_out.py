@@ -1,0 +1,171 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.identification.excitation import decaying_staircase
+from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
+from minorloop.identification.leave_out import left_out
+from minorloop.lab.columns import read_columns
+from plane_records import a_plane
+
+LABELS = np.repeat(np.arange(10), 40)
+
+
+def specimens(seed=1000, scatter=0.05):
+    """One plane whose output has another gain in each group."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1.2, 1.2, LABELS.size)
+    plane = a_plane()
+    y = np.concatenate([plane.simulate(u[k == LABELS]) for k in range(10)])
+    return u, (y - 3.0) * (1 + scatter * rng.normal(size=10))[LABELS] + 0.05 * rng.normal(size=400)
+
+
+def inside(found, u, y, labels):
+    band = found.predict(u, bands=0.9, curves=labels)
+    if not found.grouped:
+        band = band.without_noise()
+    return (y >= band.lower) & (y <= band.upper)
+
+
+def covered(u, y, labels, folds, **options):
+    """Share of the rows of left-out groups inside bands of fits to the others."""
+    names = np.unique(labels)
+    rows = []
+    for k in range(folds):
+        out = np.isin(labels, names[k::folds])
+        found = identify(u[~out], y[~out], curves=labels[~out], **options)
+        rows.append(inside(found, u[out], y[out], labels[out]))
+    return float(np.concatenate(rows).mean())
+
+
+@pytest.mark.parametrize(("prior", "rows", "folds"), [("none", 40, 5), ("gaussian", 8, 2)])
+def test_bands_hold_for_groups_that_were_left_out(prior, rows, folds):
+    u, y = specimens()
+    some = np.arange(u.size) % 40 < rows
+    share = covered(u[some], y[some], LABELS[some], folds, levels=4, prior=prior)
+    assert 0.85 <= share <= 0.95
+
+
+def _play(u, gain):
+    """Output of plays that begin at the lowest input."""
+    radii = np.linspace(0.02, 1.0, 25)
+    state, y = radii - 1.0, np.empty(u.size)
+    for k, x in enumerate(u):
+        state = np.clip(state, x - radii, x + radii)
+        y[k] = gain * np.exp(-3 * radii) @ state / 6
+    return y
+
+
+def test_bands_hold_between_levels_that_no_group_was_measured_at():
+    levels = np.linspace(-1, 1, 7)
+    stairs = decaying_staircase(levels)
+    shares = []
+    for seed in range(1000, 1006):
+        chance = np.random.default_rng(seed)
+        gains = 1 + 0.01 * chance.normal(size=16)
+        y = np.concatenate([_play(stairs, gain) for gain in gains[:8]])
+        y += 0.002 * chance.normal(size=y.size)
+        labels = np.repeat(np.arange(8), stairs.size)
+        found = identify(np.tile(stairs, 8), y, levels=levels, curves=labels)
+        u = np.append([-1.0, 1.0], chance.uniform(-1, 1, 20))
+        other = [_play(u, gain) + 0.002 * chance.normal(size=u.size) for gain in gains[8:]]
+        shares += [inside(found, u, one, np.zeros(u.size)) for one in other]
+        assert found.predict(u, bands=0.9).half_width.max() < 0.05 * np.ptp(y)
+    assert np.mean(shares) >= 0.85
+
+
+def test_bands_without_groups_are_too_narrow_for_other_groups():
+    u, y = specimens(scatter=0.1)
+    seen, other = (np.arange(u.size) % 40 < 8) & (LABELS < 8), LABELS >= 8
+    options = {"levels": 4, "prior": "gaussian", "curves": LABELS[seen]}
+    grouped = identify(u[seen], y[seen], **options)
+    alone = replace(grouped, groups=None, left_out=None)
+    shares = [inside(one, u[other], y[other], LABELS[other]).mean() for one in (alone, grouped)]
+    assert shares[0] < 0.9 <= shares[1]
+
+
+def test_each_group_is_predicted_by_a_fit_to_the_others():
+    u, y = specimens()
+    found = identify(u, y, levels=5, curves=LABELS, smoothness=0.0)
+    out = LABELS == 3
+    others = identify(
+        u[~out], y[~out], levels=found.model.levels, curves=LABELS[~out], smoothness=0.0
+    )
+    np.testing.assert_allclose(found.left_out[out], others.predict(u[out]), atol=1e-6)
+    assert found.nrmse < found.groups_nrmse < 0.1
+    assert "error on left-out groups" in str(found)
+
+
+def test_reversal_curves_of_a_magnet_lie_in_their_bands(shared_data):
+    columns = read_columns(
+        shared_data / "forc_feco_nanowires.csv", ["curve", "field_Oe", "moment_emu"]
+    )
+    curve, u, y = columns.values()
+    drift = np.append(True, np.diff(curve) != 0)  # the first row of each is a drift calibration
+    used = ~drift & (curve % 4 == 0)
+    options = {"levels": 20, "spacing": "adaptive", "start_of_curve": "positive"}
+    assert 0.85 <= covered(u[used], y[used], curve[used], 3, **options) <= 0.95
+
+
+def test_a_left_out_group_is_predicted_by_a_fit_that_has_not_seen_it():
+    labels = np.repeat(np.arange(5), 40)
+    amplitude = np.linspace(1.0, 0.2, 5)[labels]
+    u = amplitude * np.cos(2 * np.pi * np.arange(200) / 40)
+    y = a_plane().simulate(u)
+    levels = np.linspace(-1, 1, 16)
+    plain = {"levels": levels, "prior": "none", "smoothness": 0.0}
+    found = identify(u, y, groups=labels, **plain)
+    for k in range(5):
+        others = identify(u, np.where(labels == k, np.nan, y), **plain)
+        expected = others.model.simulate(u)[labels == k]
+        np.testing.assert_allclose(found.left_out[labels == k], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("options", "close"), [({"prior": "none"}, 1e-9), ({}, 1e-3)])
+def test_what_is_left_out_chooses_no_smoothness_and_no_hyperparameters(options, close):
+    rng, labels = np.random.default_rng(1001), np.repeat(np.arange(5), 40)
+    u = np.linspace(1.0, 0.2, 5)[labels] * np.cos(2 * np.pi * np.arange(200) / 40)
+    y = a_plane().simulate(u)
+    y += 0.01 * np.ptp(y) * rng.normal(size=200)
+    levels = np.linspace(-1, 1, 11)
+    found = identify(u, y, groups=labels, levels=levels, **options)
+    for k in range(5):
+        out = labels == k
+        others = identify(u, np.where(out, np.nan, y), levels=levels, **options)
+        expected = others.model.simulate(u)[out]
+        assert np.abs(found.left_out[out] - expected).max() <= close * np.ptp(y)
+
+
+def test_a_sample_that_was_left_out_as_an_outlier_is_not_scored():
+    some = np.arange(LABELS.size) % 40 < 8
+    u, y = (part[some] for part in specimens())
+    y[23] += 8 * np.ptp(y)
+    found = identify(u, y, levels=8, curves=LABELS[some], prior="gaussian")
+    assert found.suspects == (23,)
+    assert np.flatnonzero(np.isnan(found.left_out)).tolist() == [23]
+
+
+def test_samples_of_no_fold_are_in_all_fits():
+    u, y = specimens()
+    plain = identify(u, y, levels=5, prior="none")
+    options = FitOptions(prior="none")
+    record = FitRecord(u, y, plain.fitted, plain.curves, False)
+    found = fit_plane(plain.matrix.spec, record, 0, options)
+    said = []
+    predicted = left_out(record, found, 0, np.where(LABELS < 5, -1, LABELS % 2), said.append)
+    assert said == ["leaving out groups, fit 1 of 2", "leaving out groups, fit 2 of 2"]
+    np.testing.assert_array_equal(np.isnan(predicted), LABELS < 5)
+
+
+def test_a_condensed_record_with_a_prior_has_the_scatter_of_its_groups():
+    rng = np.random.default_rng(1000)
+    labels = np.repeat(np.arange(4), 6000)
+    phase = np.linspace(0, 6 * np.pi, 6000)
+    u = np.tile(-1.2 * np.cos(phase) * np.linspace(1, 0.2, phase.size), 4)
+    y = np.concatenate([a_plane().simulate(u[labels == k]) for k in range(4)])
+    y = y * (1 + 0.03 * rng.normal(size=4))[labels] + 0.01 * rng.normal(size=y.size)
+    found = identify(u, y, levels=4, curves=labels, prior="gaussian")
+    assert found.grouped
+    assert inside(found, u, y, labels).mean() > 0.7

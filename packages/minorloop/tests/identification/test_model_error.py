@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.identification import _prior_kernels as kernels
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.model_error import Reach, contiguous_parts
+from plane_records import a_plane
+
+CELLS = PlaneSpec(np.linspace(0, 1, 26))
+
+
+def travel(u):
+    out = np.zeros(len(u))
+    kernels.closed_travel(np.array(u, dtype=float), 0.25, 3.0, out)
+    return out
+
+
+def reach(u):
+    inputs = np.array(u, dtype=float)
+    matrix = DesignMatrix(CELLS, inputs, np.ones(inputs.size, dtype=bool), "negative")
+    return Reach.of(matrix.spec, matrix.corner)
+
+
+def squared_distance(known, u):
+    inputs = np.array(u, dtype=float)
+    wanted = np.ones(inputs.size, dtype=bool)
+    return known.covariates(inputs, wanted, "negative")[:, 1]
+
+
+def triangle(periods, samples):
+    phase = np.linspace(0, periods, samples) % 1
+    return 1 - np.abs(2 * phase - 1)
+
+
+def walk(rng, samples, step):
+    steps = np.cumsum(step * rng.normal(size=samples))
+    return np.append(0.0, np.abs((steps + 1) % 2 - 1))
+
+
+def bouc_wen(u, stiff=6.0, share=0.4):
+    """Piezo stage after Bouc and Wen, whose small loops do not close."""
+    z, last, out = -1.0, u[0], np.empty(u.size)
+    for k, value in enumerate(u):
+        steps = max(int(np.ceil(abs(value - last) / 0.01)), 1)
+        for step in np.full(steps, (value - last) / steps):
+            z += stiff * step * (1 - abs(z) * (0.6 * np.sign(step * z) + 0.4))
+        last, out[k] = value, value - share * z / stiff
+    return out
+
+
+def test_a_single_turn_closes_no_loop():
+    np.testing.assert_allclose(travel([0, 0.1, 0.2, 0.1, 0.0]), 0, atol=1e-12)
+    assert travel(triangle(5, 500)).max() < 1e-9
+
+
+def test_each_closed_loop_adds_its_length_up_to_a_bound():
+    loops = np.tile([0.1, 0.2], 20)
+    found = travel(np.append(0.1, loops))
+    np.testing.assert_allclose(np.diff(found[3:30:2]), 0.2, atol=1e-12)
+    assert travel(np.tile([0.1, 0.2], 200)).max() == 3.0
+
+
+def test_a_far_input_ends_closed_travel():
+    assert travel([*np.tile([0.1, 0.2], 20), 0.9])[-1] == 0
+
+
+def test_holds_do_not_travel():
+    moves = np.array([0.3, 0.4, 0.35, 0.45, 0.4])
+    np.testing.assert_allclose(travel(np.repeat(moves, 7))[6::7], travel(moves))
+
+
+def test_distance_counts_from_the_cells_that_were_reached():
+    known = reach(triangle(3, 300))
+    minor = [0.0, 1.0, 0.3, 0.7]  # a turn within the major loop
+    assert squared_distance(known, triangle(2, 300)).max() == 0
+    assert squared_distance(known, minor)[-1] == pytest.approx(0.3**2, abs=0.02)
+    assert squared_distance(reach([*triangle(3, 300), *minor]), minor)[-1] == 0
+
+
+def test_parts_are_contiguous():
+    part = contiguous_parts(1500)
+    assert set(np.diff(part)) == {0, 1, -4}
+    np.testing.assert_array_equal(np.bincount(part), 300)
+
+
+@pytest.mark.parametrize("prior", ["auto", "none"])
+def test_bands_of_a_major_loop_are_wide_on_minor_loops(prior):
+    rng = np.random.default_rng(1008)
+    u, fresh = triangle(8, 800), walk(rng, 400, 0.1)
+    y = bouc_wen(u) + 1e-3 * rng.normal(size=u.size)
+    found = identify(u, y, holdout=0.3, prior=prior)
+    band = found.predict(fresh, bands=0.9)
+    assert band.covers(bouc_wen(fresh)) > 0.6
+    assert band.half_width.max() < 0.1 * np.ptp(y)
+    assert band.beyond > 0.5
+    assert "their bands are assumed, not measured" in str(band)
+    assert found.predict(u, bands=0.9).beyond == 0
+
+
+def test_a_record_like_the_prediction_determines_the_width_of_bands():
+    rng, plane = np.random.default_rng(1000), a_plane()
+    shares, widths = [], []
+    for _ in range(3):
+        u, fresh = (2.4 * walk(rng, 600, 0.1) - 1.2 for _ in range(2))
+        noise = 0.01 * np.ptp(plane.simulate(u))
+        y, readings = (plane.simulate(x) + noise * rng.normal(size=x.size) for x in (u, fresh))
+        band = identify(u, y).predict(fresh, bands=0.9)
+        shares.append(band.covers(readings))
+        widths.append(band.half_width.mean() / noise)
+    assert 0.85 <= np.mean(shares) <= 0.97
+    assert max(widths) < 2.3
+
+
+def test_nothing_is_left_out_of_few_samples():
+    u = np.random.default_rng(1000).uniform(-1.2, 1.2, 60)
+    y = a_plane().simulate(u)
+    assert identify(u[:49], y[:49]).model_error is None
+    assert identify(u[:50], y[:50]).model_error is not None

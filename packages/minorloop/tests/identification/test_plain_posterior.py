@@ -1,0 +1,128 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from long_branches import a_record_with_long_branches
+from minorloop.identification.bands import PER_DEVIATION
+from minorloop.identification.excitation import decaying_staircase
+from minorloop.operators.preisach import Preisach
+from plane_records import a_plane
+
+
+def covered(found):
+    """Share of the held-out readings within their bands of 90 %."""
+    samples = np.flatnonzero(found.held_out)
+    off = (found.prediction - found.y)[samples]
+    return np.mean(np.abs(off) <= PER_DEVIATION * found.deviation(samples))
+
+
+@pytest.mark.parametrize("smoothness", ["auto", 0.0])
+def test_bands_of_many_random_samples_cover_held_out_ones(smoothness):
+    rng = np.random.default_rng(1000)
+    model = a_plane(12)
+    u = rng.uniform(*model.levels[[0, -1]], 900)
+    y = model.simulate(u)
+    y += 0.01 * np.ptp(y) * rng.normal(size=u.size)
+    found = identify(u, y, levels=model.levels, holdout=1 / 3, prior="none", smoothness=smoothness)
+    assert found.posterior is None
+    assert 0.85 <= covered(found) <= 0.95
+
+
+def test_bands_of_long_branches_cover_held_out_ones_and_are_little_wider_than_their_posterior():
+    shares, widths = [], []
+    for seed in range(1000, 1006):
+        model, u, y = a_record_with_long_branches(seed, each=40)
+        found = identify(u, y, levels=model.levels, holdout=1 / 3, prior="none")
+        shares.append(covered(found))
+        samples = np.flatnonzero(found.held_out)
+        alone = replace(found.band_model, error=None)
+        parts = found.curves, samples, 0.9
+        widths.append(found.deviation(samples) / alone.deviation(model, u, *parts))
+    assert np.mean(shares) >= 0.85
+    assert np.mean(widths) <= 1.3
+
+
+def test_bands_are_wide_where_nothing_was_measured():
+    model = a_plane(12)
+    low, high = model.levels[[0, -1]]
+    small = np.interp(
+        np.arange(600) / 20, np.arange(31), low + (high - low) * 0.3 * (np.arange(31) % 2)
+    )
+    y = model.simulate(small) + 1e-3 * np.random.default_rng(1000).normal(size=small.size)
+    found = identify(small, y, levels=model.levels, prior="none")
+    sd = found.predict([low, low + 0.2 * (high - low), high], bands=0.9).sd
+    assert sd[2] > 5 * sd[1]
+
+
+def test_few_samples_that_are_reproduced_have_bands_of_their_noise():
+    rng = np.random.default_rng(1000)
+    model = a_plane(12)
+    u = rng.uniform(*model.levels[[0, -1]], 60)
+    y = model.simulate(u)
+    noise = 0.05 * np.ptp(y)
+    found = identify(
+        u, y + noise * rng.normal(size=60), levels=model.levels, prior="none", smoothness=0.0
+    )
+    assert found.band_sd > 0.5 * noise
+
+
+@pytest.mark.parametrize("given", ["one", "each", "none"])
+def test_bands_of_as_many_unknowns_as_readings_are_no_narrower_than_the_noise(given):
+    """A decaying staircase over all six levels determines the plane exactly."""
+    model = Preisach(np.linspace(-10, 10, 7), np.tril(np.ones((6, 6))), diagonal="reversible")
+    u, noise, shares = decaying_staircase(model.levels), 0.05, []
+    future = np.random.default_rng(1000).choice(model.levels, 30)
+    for seed in range(1000, 1010):
+        rng = np.random.default_rng(seed)
+        sd = {"one": noise, "each": np.full(u.size, noise), "none": None}[given]
+        y = model.simulate(u) + noise * rng.normal(size=u.size)
+        found = identify(
+            u,
+            y,
+            levels=6,
+            diagonal="reversible",
+            prior="none",
+            smoothness=0.0,
+            signed=True,
+            noise=sd,
+        )
+        assert found.rmse < 1e-6 * np.ptp(y)
+        truth, bands = model.simulate(future), found.predict(future, bands=0.9)
+        reading = truth + noise * rng.normal(size=truth.size)
+        of_reading = np.hypot(bands.sd, 0.0 if sd is None else noise)
+        shares.append(
+            [bands.covers(truth), np.mean(np.abs(reading - bands.y) <= PER_DEVIATION * of_reading)]
+        )
+        assert found.band_sd >= 0.5 * noise
+    assert np.mean(shares, axis=0).min() >= 0.85
+
+
+def test_an_exact_fit_to_readings_without_noise_has_narrow_bands():
+    model = Preisach(np.linspace(-10, 10, 7), np.tril(np.ones((6, 6))), diagonal="reversible")
+    u = decaying_staircase(model.levels)
+    y = model.simulate(u)
+    found = identify(u, y, levels=6, diagonal="reversible", noise=0.0)
+    assert found.band_sd < 1e-3 * np.ptp(y)
+
+
+def test_three_samples_that_determine_nothing_have_wide_bands():
+    found = identify([0.0, 1.0, 0.5], [0.0, 1.0, 0.7], prior="none")
+    assert found.predict([0.0, 1.0], bands=0.9).sd[1] > 1e-3
+
+
+@pytest.mark.parametrize("prior", ["gaussian", "none"])
+def test_bands_hold_where_neighbouring_errors_are_alike(prior):
+    shares = []
+    for seed in range(1000, 1004):
+        rng = np.random.default_rng(seed)
+        ends = rng.uniform(-1.2, 1.2, 80)
+        u = np.interp(np.arange(1500) / 20, np.arange(ends.size), ends)
+        model, noise = a_plane(20), rng.normal(size=u.size)
+        for k in range(1, u.size):
+            noise[k] = 0.9 * noise[k - 1] + np.sqrt(1 - 0.9**2) * noise[k]
+        y = model.simulate(u)
+        y += 0.01 * np.ptp(y) * noise
+        shares.append(covered(identify(u, y, levels=20, holdout=1 / 3, prior=prior)))
+    assert 0.85 <= np.mean(shares) <= 0.95

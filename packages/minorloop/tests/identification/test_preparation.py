@@ -1,0 +1,124 @@
+"""One record gives one model, whoever reads it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import minorloop as ml
+from benchmarks import one_model
+from minorloop.errors import ParameterError, RecordError, SignalError
+from minorloop.fleet._fitting import Task, identify_one
+from minorloop.fleet.manifest import Specimen
+from minorloop.lab.logs import Log
+from minorloop.lab.records import Record
+
+pytestmark = pytest.mark.usefixtures("without_layout")
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    """Ten records, each with something of its own, by what that is."""
+    folder = tmp_path_factory.mktemp("records")
+    return {table.what: table for table in one_model.own_records(folder, 1000)}
+
+
+def _by_fleet(table, folder):
+    """As a worker does, without its process."""
+    one = Specimen("one", table.file, **table.columns)
+    options = {"holdout": one_model.HOLDOUT, **table.options}
+    return identify_one(Task(one, one.read(), options), folder / "scratch.csv")
+
+
+@pytest.mark.parametrize("what", one_model.MADE)
+def test_command_line_python_page_and_fleet_find_the_same_model(what, tables, tmp_path):
+    table = replace(tables[what], options={"levels": 8})
+    known, _ = one_model.by_command(table, tmp_path)
+    python, _ = one_model.by_python(table, tmp_path)
+    page, _ = one_model.by_page(table, tmp_path)
+    for other in (python, page):
+        assert other.model == known.model
+        assert (other.lag, other.lag_seconds) == (known.lag, known.lag_seconds)
+        assert other.warnings == known.warnings
+    found = _by_fleet(table, tmp_path)
+    assert found["model"] == known.model
+    assert (found["lag"], found["warnings"]) == (known.lag, known.warnings)
+
+
+def test_arrays_are_identified_as_their_file_is(tables, tmp_path):
+    table = tables["even"]
+    known, _ = one_model.by_command(table, tmp_path)
+    u, y = np.loadtxt(table.file, delimiter=",", skiprows=1).T
+    found = ml.identify(u, y, holdout=one_model.HOLDOUT)
+    assert found.model == known.model
+    read = ml.identify(ml.read(table.file, **table.columns), holdout=one_model.HOLDOUT)
+    assert found.advice == read.advice
+    assert found.chosen == read.chosen
+
+
+def test_uneven_rows_are_used_as_they_are_where_the_output_has_no_lag(tables):
+    record = ml.read(tables["uneven"].file, **tables["uneven"].columns)
+    found = ml.identify(record, levels=8)
+    np.testing.assert_array_equal(found.u, record.record.u)
+    assert found.lag == 0
+    assert found.chosen[0].startswith("time: column 'time [ms]'")
+    assert "pass lag=" not in str(found)
+    assert not any("uneven" in said for said in found.advice)
+    late = ml.read(tables["uneven and late"].file, **tables["uneven and late"].columns)
+    found = ml.identify(late, levels=8)
+    assert found.lag_seconds == pytest.approx(0.04, abs=0.005)
+    assert found.u.size == found.t.size
+    np.testing.assert_allclose(np.diff(found.t), found.interval)
+    assert any("samples are uneven" in said for said in found.advice)
+
+
+def test_a_lag_in_seconds_is_that_of_the_model_file(tables, tmp_path):
+    record = ml.read(tables["late"].file, **tables["late"].columns)
+    found = ml.identify(record, levels=8, lag="30 ms")
+    assert (found.lag, found.lag_of_model, found.lag_seconds) == (0, 3, 0.03)
+    ml.save(found, tmp_path / "late.json")
+    assert ml.modelfile.read(tmp_path / "late.json").lag == 3
+    assert found.nrmse < 0.6 * ml.identify(record, levels=8, lag=0).nrmse
+
+
+def test_a_record_of_arrays_has_its_times_checked():
+    t = np.delete(0.01 * np.arange(400), slice(100, 200))
+    u = np.sin(7 * t)
+    found = ml.identify(Record(t, u, u + 0.1 * u**2), levels=4, lag=0)
+    assert any("1 gap in column 'time [s]'" in said for said in found.advice)
+    assert found.samples < 300
+
+
+def test_rows_are_chosen_when_a_record_is_read(tables):
+    table = tables["late"]
+    record = ml.read(table.file, **table.columns, rows=slice(100, 600))
+    found = ml.identify(record, levels=8)
+    assert found.u.size == 500
+    np.testing.assert_allclose(found.t, 0.01 * np.arange(100, 600))
+    assert found.of_record.first == 100
+    with pytest.raises(ParameterError, match="rows 700 to 800 are given, and there are 780"):
+        record.only(700, 800)
+
+
+def test_what_cannot_be_is_refused(tables):
+    record = ml.read(tables["even"].file, **tables["even"].columns)
+    y = record.record.y
+    for options, message in (
+        ({"y": y}, "y is given beside a record"),
+        ({"curves": np.zeros(y.size)}, "curves is given beside a record"),
+        ({"noise": np.ones(y.size)}, "noise is given beside a record"),
+        ({"lag": "3 ms"}, "the record has no time"),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            ml.identify(record, **options)
+    with pytest.raises(ParameterError, match="y is missing; give the outputs, or a record"):
+        ml.identify(y)
+    with pytest.raises(ParameterError, match="dynamics need times"):
+        ml.identify_dynamics(record)
+    with pytest.raises(ParameterError, match="creep and rate need times"):
+        ml.identify_after_effect(record)
+    back = ml.read(tables["clock set back"].file, **tables["clock set back"].columns)
+    with pytest.raises(RecordError, match="set back after sample 199"):
+        ml.identify_after_effect(back)
+    with pytest.raises(SignalError, match="the input is 1 throughout"):
+        ml.identify(Log(Record(np.arange(9), np.ones(9), np.arange(9.0))))

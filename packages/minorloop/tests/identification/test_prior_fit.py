@@ -1,0 +1,280 @@
+import numpy as np
+import pytest
+
+from long_branches import a_record_with_long_branches
+from minorloop.connect import connect
+from minorloop.errors import ParameterError
+from minorloop.identification import (
+    condensing,
+    excitation,
+    fitting,
+    identify,
+    prior_fit,
+    prior_system,
+)
+from minorloop.identification.design import design
+from minorloop.identification.posterior import DensePosterior, SparsePosterior
+from minorloop.lab.settled_holds import hold_each
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.linspace(-1.2, 1.2, 21)
+SEQUENCE = -1.2 + 2.4 * np.array([0, 0.85, 0.3, 0.5, 0.95, 0.55, 0.1, 0.35, 0.65, 0.5, 1, 0.75])
+
+
+@pytest.fixture
+def sparse(monkeypatch):
+    """Use the sparse system for planes of any size."""
+    monkeypatch.setattr(prior_system, "_LEAST_SPARSE", 0)
+    monkeypatch.setattr(prior_system, "_FILL", np.inf)
+    monkeypatch.setattr(prior_fit, "MOST_CORRELATED", 0)
+
+
+def measured(u, noise=0.0, specimen=1, seed=0):
+    twin = connect("twin:ipmc", specimen=specimen, noise=noise, seed=seed)
+    return hold_each(twin, u, 200.0, 200.0)[1]
+
+
+def test_weights_are_not_negative_and_the_model_is_monotone():
+    found = identify(SEQUENCE, measured(SEQUENCE, 0.5), levels=LEVELS, prior="gaussian")
+    assert (found.model.weights >= 0).all()
+    assert found.kkt < 1e-8
+    found.model.invert([0.0])
+
+
+def test_twelve_holds_predict_better_than_without_the_prior():
+    y = measured(SEQUENCE, 0.1)
+    unseen = np.append(-1.2, np.random.default_rng(5).uniform(-1.2, 1.2, 40))
+    truth = measured(unseen)
+    errors = {}
+    for name in ("gaussian", "none"):
+        options = {"smoothness": 0.0} if name == "none" else {"noise": 0.1}
+        fit = identify(SEQUENCE, y, levels=LEVELS, prior=name, diagonal="reversible", **options)
+        errors[name] = np.sqrt(np.mean((fit.model.simulate(unseen) - truth) ** 2)) / 19
+    assert errors["gaussian"] < 0.01
+    assert errors["gaussian"] < 0.4 * errors["none"]
+
+
+def test_bands_cover_what_was_not_seen():
+    covered = []
+    for specimen in range(4):
+        y = measured(SEQUENCE, 0.1, specimen, specimen)
+        fit = identify(
+            SEQUENCE, y, levels=LEVELS, prior="gaussian", noise=0.1, diagonal="reversible"
+        )
+        unseen = np.append(-1.2, np.random.default_rng(specimen).uniform(-1.2, 1.2, 40))
+        covered.append(fit.predict(unseen, bands=0.9).covers(measured(unseen, 0, specimen)))
+    assert 0.8 <= np.mean(covered) <= 1.0
+
+
+def test_more_measurements_narrow_the_bands():
+    widths = []
+    for count in (4, 8, 12):
+        u = SEQUENCE[:count]
+        fit = identify(u, measured(u, 0.1), levels=LEVELS, prior="gaussian", noise=0.1)
+        widths.append(np.mean(fit.posterior.deviation(SEQUENCE, "negative")))
+    assert widths[0] > widths[1] > widths[2]
+
+
+def test_three_holds_give_a_model_with_wide_bands():
+    u = SEQUENCE[:3]
+    fit = identify(u, measured(u), levels=LEVELS, diagonal="reversible")
+    unseen = np.append(-1.2, np.random.default_rng(3).uniform(-1.2, 1.2, 40))
+    shown = fit.predict(unseen, bands=0.9)
+    assert np.mean(shown.sd) > 0.02 * np.ptp(measured(u))
+    assert shown.covers(measured(unseen)) >= 0.8
+
+
+@pytest.mark.parametrize("place", [5, 9, 30])
+def test_an_outlier_is_left_out_and_named(place):
+    stairs = excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
+    y = measured(stairs, 0.05)
+    y[place] += 3.0
+    fit = identify(stairs, y, levels=LEVELS, prior="gaussian", diagonal="reversible")
+    assert fit.suspects == (place,)
+    assert f"sample {place} " in fit.advice[0]
+    assert "repeat it" in fit.advice[0]
+    assert not fit.fitted[place]
+
+
+def test_no_sound_reading_is_left_out():
+    for specimen in range(3):
+        stairs = excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
+        y = measured(stairs, 0.1, specimen, specimen)
+        fit = identify(stairs, y, levels=LEVELS, prior="gaussian", diagonal="reversible")
+        assert fit.suspects == ()
+
+
+def test_many_samples_are_summed_and_agree_with_few():
+    """What is kept of few and of many samples gives the same where the discrepancy is small."""
+    rng = np.random.default_rng(0)
+    plane = np.tril(np.exp(-np.subtract.outer(np.arange(8), np.arange(8)) / 3.0))
+    model = Preisach(np.linspace(0, 1, 9), plane)
+    u = rng.uniform(0, 1, 900)
+    y = model.simulate(u) + rng.normal(0, 0.02, u.size)
+    many = identify(u, y, levels=8, prior="gaussian")
+    few = identify(u[:390], y[:390], levels=8, prior="gaussian")
+    truth = np.ptp(model.range)
+    check = rng.uniform(0, 1, 200)
+    for fit in (many, few):
+        error = fit.model.simulate(check) - model.simulate(check)
+        assert np.sqrt(np.mean(error**2)) < 0.004 * truth
+    assert many.posterior is not None
+
+
+def test_auto_takes_the_prior_for_many_samples_where_it_is_quick():
+    rng = np.random.default_rng(1002)
+    u = np.append(-1, rng.uniform(-1, 1, 3200))
+    width, middle = rng.gamma(2.0, 0.15, 100), rng.normal(0, 0.3, 100)
+    place, truth = -1 - width, np.empty(u.size)
+    for k, value in enumerate(u):
+        place = np.clip(place, value - width, value + width)
+        truth[k] = np.tanh(4 * (place - middle)).mean()
+    y, unseen = truth + 0.03 * rng.normal(size=u.size), np.arange(u.size) > 3000
+    fits = [identify(u[~unseen], y[~unseen], levels=25, prior=name) for name in ("auto", "none")]
+    assert fits[0].excited_fraction > 0.9
+    assert fits[0].posterior is not None
+    errors = [np.std((fit.predict(u) - truth)[unseen]) for fit in fits]
+    assert errors[0] < 0.9 * errors[1]
+
+
+def test_auto_takes_the_prior_for_few_samples_only_where_it_is_slow(monkeypatch):
+    monkeypatch.setattr(prior_system, "_MOST_CHEAP_CELLS", 10)
+    rng = np.random.default_rng(0)
+    model = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
+    u = rng.uniform(0, 1, 400)
+    y = model.simulate(u) + rng.normal(0, 0.05, u.size)
+    assert identify(u, y, levels=5).posterior is None
+    assert identify(u[:30], y[:30], levels=5).posterior is not None
+    assert identify(u[:30], y[:30], levels=5, smoothness=0.0).posterior is None
+    assert identify(u[:30], y[:30], levels=5, prior="none").posterior is None
+
+
+def test_auto_takes_the_prior_for_many_samples_that_leave_much_of_the_plane_open():
+    u = np.linspace(1, 0.5, 400) * np.cos(np.linspace(0, 20, 400))
+    y = Preisach(np.linspace(-1, 1, 11), np.tril(np.ones((10, 10)))).simulate(u)
+    y += 0.05 * np.random.default_rng(0).normal(size=u.size)
+    found = identify(u, y, levels=10)
+    assert found.samples > 3 * found.unknowns
+    assert found.excited_fraction < 0.9
+    assert found.posterior is not None
+
+
+@pytest.mark.parametrize("samples", [60, 400])
+def test_samples_without_noise_that_determine_the_plane_are_fitted_without_the_prior(samples):
+    model = Preisach(np.linspace(0, 1, 6), np.tril(np.random.default_rng(1).uniform(size=(5, 5))))
+    u = np.random.default_rng(0).uniform(0, 1, samples)
+    found = identify(u, model.simulate(u), levels=model.levels)
+    assert found.posterior is None
+    np.testing.assert_allclose(found.model.weights, model.weights, atol=1e-10)
+
+
+def test_data_that_determine_the_plane_are_reproduced():
+    rng = np.random.default_rng(1)
+    levels = np.linspace(0, 1, 11)
+    model = Preisach(levels, np.tril(rng.uniform(size=(10, 10))))
+    stairs = excitation.decaying_staircase(levels)
+    found = identify(stairs, model.simulate(stairs), levels=levels)
+    np.testing.assert_allclose(found.model.weights, model.weights, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"prior": "flat"}, "prior is 'flat'; give one of"),
+        ({"prior": "gaussian", "smoothness": 0.1}, "give one of them"),
+        ({"noise": -1.0}, "noise is -1.0; give a standard deviation >= 0"),
+        ({"noise": np.nan}, "noise is nan"),
+        (
+            {"mean": "ridge", "prior": "none"},
+            'mean of a prior, and there is none with prior "none"',
+        ),
+        ({"mean": "ridge", "smoothness": 0.1}, "there is none with smoothness 0.1"),
+    ],
+)
+def test_refuses(options, says):
+    with pytest.raises(ParameterError, match=says):
+        identify(SEQUENCE, measured(SEQUENCE), **options)
+
+
+@pytest.mark.parametrize("noise", [1.0, 3.0])
+def test_bands_hold_for_a_sensor_far_worse_than_usual(noise):
+    levels = np.linspace(-1.2, 1.2, 21)
+    u = design(levels, 12)
+    plant = Preisach(levels, np.tril(np.ones((20, 20))) / 21)
+    covered = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        y = plant.simulate(u) + noise * rng.standard_normal(u.size)
+        fit = identify(u, y, levels=levels, diagonal="reversible", prior="gaussian")
+        grid = np.r_[-1.2, rng.uniform(-1.2, 1.2, 20)]
+        covered.append(fit.predict(grid, bands=0.9).covers(plant.simulate(grid)))
+    assert np.mean(covered) > 0.75
+
+
+def test_hyperparameters_of_few_samples_on_a_fine_plane_are_searched_on_a_coarse_one(monkeypatch):
+    searched, search = [], prior_fit.search
+
+    def seen(evidence, *args):
+        searched.append(evidence.spec.bands)
+        return search(evidence, *args)
+
+    monkeypatch.setattr(prior_fit, "search", seen)
+    u = np.linspace(0, 1, 7) ** 2 * np.array([1, 0, 1, 0, 1, 0, 1])
+    fit = identify(u, u, levels=24, prior="gaussian")
+    assert set(searched) == {12}
+    assert fit.posterior.spec.bands == 24
+
+
+@pytest.mark.parametrize("options", [{}, {"slope": True}, {"offset": False}, {"signed": True}])
+def test_the_sparse_system_gives_the_fit_and_the_bands_of_dense_matrices(
+    sparse, options, monkeypatch
+):
+    model, u, y = a_record_with_long_branches()
+    options = {"levels": model.levels, "prior": "gaussian", **options}
+    fast = identify(u, y, **options)
+    monkeypatch.setattr(prior_system, "_LEAST_SPARSE", np.inf)
+    slow = identify(u, y, **options)
+    assert isinstance(fast.posterior, SparsePosterior)
+    assert isinstance(slow.posterior, DensePosterior)
+    assert fast.kkt < 1e-10
+    new = np.random.default_rng(1).uniform(-1, 1, 20)
+    one, other = fast.predict(new, bands=0.9), slow.predict(new, bands=0.9)
+    np.testing.assert_allclose(one.y, other.y, atol=2e-3 * np.ptp(y))
+    np.testing.assert_allclose(one.sd, other.sd, rtol=0.1)
+
+
+def test_a_condensed_record_is_fitted_like_the_long_one(sparse, monkeypatch):
+    model, u, y = a_record_with_long_branches(each=40)
+    options = {"levels": model.levels, "prior": "gaussian"}
+    long = identify(u, y, **options)
+    for module in (condensing, fitting):
+        monkeypatch.setattr(module, "LONG", 100)
+    short = identify(u, y, **options)
+    assert short.matrix.samples < u.size / 2
+    np.testing.assert_allclose(short.prediction, long.prediction, atol=2e-4 * np.ptp(y))
+    some = np.arange(u.size) % 20 == 0
+    one, other = (each.posterior.deviation(u, "negative", some) for each in (short, long))
+    np.testing.assert_allclose(one, other, rtol=0.01)
+
+
+def test_the_prior_does_not_depend_on_the_unit_of_the_input():
+    model, u, y = a_record_with_long_branches(each=3)
+    found = [
+        identify(k * u, y, levels=k * model.levels, prior="gaussian", slope=True).prediction
+        for k in (1.0, 1e-4)
+    ]
+    np.testing.assert_allclose(found[1], found[0], atol=1e-4 * np.ptp(y))
+
+
+def test_planes_too_fine_for_dense_matrices_are_smoothed_where_the_input_reverses_often(
+    monkeypatch,
+):
+    for name in ("MOST_DENSE_CELLS", "_MOST_CHEAP_CELLS"):
+        monkeypatch.setattr(prior_system, name, 10)
+    monkeypatch.setattr(prior_fit, "MOST_DENSE_CELLS", 10)
+    monkeypatch.setattr(prior_system, "_MOST_CELLS", 20)
+    rng = np.random.default_rng(0)
+    u = rng.uniform(0, 1, 60)
+    assert identify(u, u**2, levels=8).posterior is None
+    with pytest.raises(ParameterError, match=r"reverses \d+ times and the plane has 8 bands"):
+        identify(u, u**2, levels=8, prior="gaussian")

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.errors import ParameterError, SignalError
+from plane_records import a_record
+
+
+@pytest.mark.parametrize(
+    ("u", "y", "says"),
+    [
+        ([0, 1, 2], [0, 1], "3 samples and y has 2"),
+        ([0, 1, 2, 3], [0, np.nan, np.nan, 1], "2 outputs are finite"),
+        ([1, 1, 1], [0, 1, 2], "the input is 1 throughout"),
+        (
+            [0, 1, 2],
+            [9.9e37, 9.9e37, 9.9e37],
+            r"all 3 outputs are overload codes, as 9.9e\+37 is",
+        ),
+        ([0, 1, 2, 3], [9.9e37, 9.91e37, 1, 2], "2 of 4 outputs are overload codes"),
+        ([0, 1, 2], [1, 1, 1], "the output is 1 throughout"),
+        ([0, np.nan, 2], [1, 2, 3], "u is nan at index 1"),
+        ([0, 1, 2], [1, np.inf, 3], "y is inf at index 1"),
+        ([[0, 1, 2]], [[1, 2, 3]], "give one record"),
+        (["a", "b", "c"], [1, 2, 3], "real numbers"),
+    ],
+)
+def test_refuses_unusable_records(u, y, says):
+    with pytest.raises(SignalError, match=says):
+        identify(u, y)
+
+
+def test_what_is_held_out_of_a_record_of_codes_says_how_many_were_left_out():
+    y = np.full(20, 9.9e37)
+    y[[2, 5, 9]] = 1.0, 2.0, 3.0
+    with pytest.raises(ParameterError, match="2 of 3 measured samples to fit, 17 codes of the"):
+        identify(np.arange(20.0), y, holdout=0.2)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"levels": 0},
+        {"levels": 2.5},
+        {"levels": True},
+        {"levels": [1, 0]},
+        {"levels": [0, np.nan]},
+        {"levels": 501},
+        {"spacing": "odd"},
+        {"relay": "odd"},
+        {"diagonal": "odd"},
+        {"smoothness": "odd"},
+        {"lag": "odd"},
+        {"lag": 5000},
+        {"lag": 1.0},
+        {"start": "odd"},
+        {"holdout": 0.95},
+        {"holdout": "some"},
+        {"slope": "steep"},
+        {"signed": 1},
+    ],
+)
+def test_refuses_options_out_of_range(options):
+    with pytest.raises(ParameterError, match=r"give|needed|sort|must be"):
+        identify(*a_record(100), **options)
+
+
+def test_outputs_too_small_to_square_are_refused():
+    u, y = a_record(50)
+    with pytest.raises(SignalError, match=r"the output changes by .* only; scale it"):
+        identify(u, y * 1e-170)
+
+
+def test_inputs_one_rounding_apart_are_refused_in_the_words_of_the_record():
+    u = np.where(np.arange(30) % 2, 1.0, np.nextafter(1.0, 2.0))
+    with pytest.raises(
+        SignalError, match=r"input changes by 2\.22045e-16 only, about 1, .* 25 bands"
+    ):
+        identify(u, u)
+
+
+def test_outputs_of_a_huge_scale_are_told_to_be_scaled():
+    u = np.linspace(0, 1, 30)
+    with pytest.raises(SignalError, match=r"or scale what was measured to below 9e\+36"):
+        identify(u, 1e100 * (1 + u))

@@ -1,0 +1,132 @@
+import numpy as np
+import pytest
+
+from fault_records import record, sine
+from fixed_options import identify
+from minorloop.identification.curves import Curves
+from minorloop.lab.columns import read_columns
+from minorloop.operators.densities import GaussianDensity
+from minorloop.operators.preisach import Preisach
+from plane_records import LEVELS, a_record
+
+
+def advice(u, y, **options):
+    return " ".join(identify(u, y, **{"levels": 8, "holdout": 0.3, **options}).advice)
+
+
+def test_a_startup_is_named_with_its_rows_and_its_share():
+    u, y = record()
+    y[:6] += np.ptp(y) * np.array([0.5, 0.4, 0.3, 0.2, 0.15, 0.1])
+    found = identify(u, y, levels=8, holdout=0.3)
+    startup = found.residual.startup
+    assert 4 <= startup.rows <= 10
+    assert startup.share > 0.5
+    assert f"skip={startup.rows} (--skip {startup.rows})" in " ".join(found.advice)
+    skipped = identify(u, y, levels=8, holdout=0.3, skip=startup.rows)
+    assert skipped.residual.startup is None
+    assert skipped.nrmse < 0.5 * found.nrmse
+
+
+@pytest.mark.parametrize("shape", ["sine", "staircase", "levels"])
+def test_a_sound_record_has_neither_startup_nor_drift(shape):
+    said = advice(*record(shape))
+    assert "start-up" not in said
+    assert "drifts" not in said
+
+
+def test_a_drift_is_named_with_its_size():
+    u, y = record()
+    said = advice(u, y + np.linspace(0, 0.1 * np.ptp(y), y.size), holdout=0.0)
+    assert "the output drifts by" in said
+    assert "warm up" in said
+
+
+def test_a_shift_of_the_sensor_is_named_with_its_row_and_size():
+    u, y = record()
+    first, size = int(0.55 * y.size), 0.05 * np.ptp(y)
+    found = identify(u, y + size * (np.arange(y.size) >= first), levels=16)
+    assert found.residual.step.sample == first
+    assert found.residual.step.size == pytest.approx(0.05, rel=0.4)
+    said = " ".join(found.advice)
+    assert f"from sample {first} on the output is shifted by +" in said
+    assert "drifts" not in said
+    assert "autocorrelation" not in said
+
+
+def test_readings_far_from_the_model_of_a_long_record_are_named():
+    u, y = record()
+    far = [y.size // 3, y.size // 2 + 7, y.size - 40]
+    y[far] += np.array([0.1, -0.15, 0.12]) * np.ptp(y)
+    found = identify(u, y, levels=8, prior="none")
+    assert found.residual.outliers == tuple(far)
+    assert "3 readings are far from the model" in " ".join(found.advice)
+
+
+def test_groups_that_differ_are_named_and_not_taken_for_rate_or_creep():
+    u, y = record()
+    groups = np.repeat(np.arange(4), y.size)
+    u, y = np.tile(u, 4), np.tile(y, 4) * (1 + 0.03 * groups)
+    found = identify(u, y, levels=8, curves=groups, start_of_curve="negative")
+    said = " ".join(found.advice)
+    assert found.residual.groups.share > 0.5
+    assert "the 4 groups differ from one another" in said
+    assert "rate" not in said
+    assert "drifts" not in said
+
+
+def test_curves_too_short_for_a_gain_have_an_offset_only():
+    rng = np.random.default_rng(1000)
+    curve = np.repeat(np.arange(16), 5)
+    u = np.linspace(-1, 0.6, 16)[curve] + np.tile(np.linspace(0, 0.4, 5), 16)
+    magnet = Preisach.from_density(np.linspace(-1, 1, 31), GaussianDensity(0.3, 0.3, 0.3))
+    y = Curves(np.arange(0, 80, 5), "negative").simulate(magnet, u)
+    y += np.ptp(y) * (0.02 * rng.normal(size=16)[curve] + 1e-3 * rng.normal(size=80))
+    found = identify(u, y, levels=5, curves=curve, prior="none")
+    assert 0.01 < found.residual.groups.offset < 0.1
+    said = " ".join(found.advice)
+    assert "% of range, which are" in said
+    assert "and gains" not in said
+
+
+def test_an_error_that_grows_with_the_loop_or_the_rate_is_named():
+    noise = np.random.default_rng(0).normal(size=1000)
+    u = sine()
+    rate = np.abs(np.gradient(u))
+    y = u + 0.1 * rate / rate.max() * noise[: u.size]
+    assert "at fast inputs" in advice(u, y, slope=True, prior="none", holdout=0.0)
+    once = np.concatenate([np.linspace(0, 1, 21), np.linspace(1, 0, 21)[1:]])
+    sizes = np.repeat([0.2, 0.5, 1.0], 3 * once.size)
+    u = sizes * np.tile(once, 9)
+    y = u + 0.1 * sizes**2 * noise[: u.size]
+    assert "at large loops" in advice(u, y, slope=True, prior="none", holdout=0.0)
+
+
+def test_a_residual_that_is_no_noise_is_named():
+    u, y = record(noise=0.0)
+    wave = 0.03 * np.ptp(y) * np.sin(np.arange(y.size) / 15)
+    assert "autocorrelation" in advice(u, y + wave, holdout=0.0)
+    u, y = a_record(600, noise=0.02)
+    assert "autocorrelation" not in advice(u, y, levels=LEVELS)
+
+
+def test_the_startup_of_the_piezo_stage_is_named(shared_data):
+    columns = read_columns(
+        shared_data / "piezo_micromanipulator_minor_loops.csv", ["input_V", "displacement_um"]
+    )
+    found = identify(*columns.values(), lag=3)
+    assert found.residual.startup.share > 0.8
+    assert "start-up" in found.advice[0]
+    assert found.residual.step is None
+
+
+@pytest.mark.parametrize("start", [None, "positive", "demagnetised"])
+def test_curves_that_begin_with_another_memory_are_named(start):
+    magnet = Preisach.from_density(np.linspace(-1, 1, 31), GaussianDensity(0.3, 0.3, 0.3))
+    turn = np.cos(np.linspace(0, 2 * np.pi, 60))
+    loops = [size * np.append(np.linspace(0, 1, 10), turn) for size in (0.3, 0.5, 0.7, 1.0)]
+    y = np.concatenate([magnet.simulate(loop, "demagnetised") for loop in loops])
+    y += 1e-3 * np.ptp(y) * np.random.default_rng(1000).normal(size=y.size)
+    labels = np.repeat(np.arange(len(loops)), loops[0].size)
+    found = identify(np.concatenate(loops), y, curves=labels, levels=15, start_of_curve=start)
+    said = any('start_of_curve="demagnetised"' in text for text in found.advice)
+    assert said == (start != "demagnetised")

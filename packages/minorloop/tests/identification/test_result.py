@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.operators.preisach import Preisach
+from plane_records import LEVELS, a_record
+
+MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
+U = np.random.default_rng(0).uniform(0, 1, 25)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    y = MODEL.simulate(U) + np.random.default_rng(1).normal(0, 0.1, 25)
+    return identify(U, y, levels=8)
+
+
+def test_a_model_predicts_with_and_without_bands(fit):
+    shown = fit.predict(U, bands=0.5)
+    np.testing.assert_array_equal(shown.y, fit.predict(U))
+    assert (shown.lower < shown.y).all()
+    assert (shown.sd > 0).all()
+    assert "bands of 50%" in str(shown)
+    assert len(shown.plot().axes) == 2
+
+
+def test_an_inversion_has_standard_deviations(fit):
+    targets = np.quantile(MODEL.simulate(U), [0.3, 0.8, 0.5])
+    found = fit.invert(targets)
+    np.testing.assert_allclose(found.sd, fit.predict(found.u, bands=0.9).sd)
+    assert "sd" in str(found).splitlines()[0]
+    assert fit.model.invert(targets).sd is None
+
+
+def test_a_model_without_the_prior_has_bands():
+    plain = identify(U, MODEL.simulate(U), levels=8, prior="none")
+    assert (plain.predict(U, bands=0.9).sd > 0).all()
+    assert plain.invert([0.0], unreachable="clip").sd > 0
+    assert plain.band_sd == pytest.approx(plain.predict(U, bands=0.9).sd.mean())
+
+
+def test_the_record_is_drawn_with_bands_between_the_samples(fit):
+    record = fit.plot().axes[2]
+    assert record.get_title() == "Record"
+    across = record.collections[0].get_paths()[0].vertices[:, 0]
+    assert len(np.unique(across)) > 5 * U.size
+
+
+def test_draws_itself(tmp_path):
+    u, y = a_record()
+    identify(u, y, levels=5, holdout=0.3).plot().savefig(tmp_path / "fit.png")
+    assert (tmp_path / "fit.png").stat().st_size > 10_000
+
+
+def test_bands_of_groups_are_those_of_an_inversion_too():
+    u, y = a_record(300)
+    found = identify(u, y, levels=LEVELS, groups=np.arange(300) // 60)
+    inverse = found.invert([3.0, 4.0])
+    np.testing.assert_allclose(inverse.sd, found.predict(inverse.u, bands=0.9).sd)
+    assert (found.deviation(np.arange(300)) > 0).all()
+
+
+def test_curves_and_a_startup_are_drawn():
+    u, y = a_record(300)
+    y[:5] += 3 * np.ptp(y)
+    found = identify(u, y, levels=5, curves=np.arange(300) // 100, prior="none")
+    loop, _, _, residual = found.plot().axes[:4]
+    assert np.isnan(loop.lines[1].get_xdata()).sum() == 2  # no line from curve to curve
+    assert residual.get_ylim()[1] < 100
+    assert "start-up" in residual.get_legend().get_texts()[-1].get_text()

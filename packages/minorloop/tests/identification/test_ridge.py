@@ -1,0 +1,117 @@
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from fixed_options import identify
+from long_branches import a_record_with_long_branches
+from minorloop.errors import SignalError
+from minorloop.identification import prior_system
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.field_prior import FieldPrior
+from minorloop.identification.likelihood import Evidence
+from minorloop.identification.prior import Hyperparameters, PlanePrior
+from minorloop.identification.ridge import KINDS, Ridge, fit_ridge
+from minorloop.identification.scores import score_rows
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.linspace(-2, 2, 17)
+U = np.concatenate([np.linspace(-2, 2, 40), np.linspace(2, -2, 40)])
+
+
+def shape(kind):
+    return Ridge(kind, 0.6, 0.4, 0.5, 0.1, 0.7)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_weights_are_not_negative_have_a_sum_of_one_and_are_largest_at_the_coercive_field(kind):
+    weights = shape(kind).irreversible(LEVELS)
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights.min() >= 0
+    assert not np.triu(weights, 1).any()
+    i, j = np.unravel_index(weights.argmax(), weights.shape)
+    middle = (LEVELS[1:] + LEVELS[:-1]) / 2
+    assert (middle[i] - middle[j]) / 2 == pytest.approx(0.6, abs=0.2)
+    assert (middle[i] + middle[j]) / 2 == pytest.approx(0.1, abs=0.2)
+    reversible = shape(kind).reversible(LEVELS)
+    assert reversible.sum() == pytest.approx(1.0)
+    assert middle[reversible.argmax()] == pytest.approx(0.1, abs=0.2)
+
+
+@pytest.mark.parametrize("kind", ["gaussian", "factored lorentzian"])
+def test_a_major_loop_of_a_ridge_gives_its_minor_loops(kind):
+    weights = 3.0 * shape(kind).irreversible(LEVELS)
+    weights += np.diag(shape(kind).reversible(LEVELS))
+    plane = Preisach(LEVELS, weights, offset=5.0)
+    y = plane.simulate(U)
+    matrix = DesignMatrix(PlaneSpec(LEVELS), U, np.ones(U.size, dtype=bool), "negative")
+    found = fit_ridge(matrix, y, (kind,))
+    assert found.nrmse < 1e-4
+    model = matrix.spec.model(found.x)
+    minor = np.concatenate([U, np.linspace(-2, 0.5, 20), np.linspace(0.5, -0.5, 20)])
+    np.testing.assert_allclose(model.simulate(minor), plane.simulate(minor), atol=0.02)
+
+
+def test_the_kind_with_the_least_error_is_kept():
+    weights = shape("gaussian").irreversible(LEVELS)
+    matrix = DesignMatrix(PlaneSpec(LEVELS), U, np.ones(U.size, dtype=bool), "negative")
+    y = Preisach(LEVELS, weights).simulate(U)
+    assert fit_ridge(matrix, y, ("lorentzian", "gaussian")).ridge.kind == "gaussian"
+
+
+def test_few_samples_are_refused():
+    matrix = DesignMatrix(PlaneSpec(LEVELS), U[:7], np.ones(7, dtype=bool), "negative")
+    with pytest.raises(SignalError, match="7 samples are too few"):
+        fit_ridge(matrix, np.arange(7.0))
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_the_prior_with_a_mean_has_the_optimum_of_its_cost(sparse, monkeypatch):
+    if sparse:
+        for name, value in (("_LEAST_SPARSE", 0), ("_FILL", np.inf)):
+            monkeypatch.setattr(prior_system, name, value)
+    model, u, y = a_record_with_long_branches()
+    spec, h = PlaneSpec(model.levels), Hyperparameters(noise=0.05)
+    matrix = DesignMatrix(spec, u, np.ones(u.size, dtype=bool), "negative")
+    plane, variance = PlanePrior(spec), h.noise**2 + h.discrepancy**2
+    mean = np.random.default_rng(1000).uniform(-0.2, 1.0, spec.unknowns)
+    left, rows = y - matrix.forward(mean), matrix.dense()
+    if sparse:
+        system = prior_system.systems(matrix, left, np.ones(u.size), False, mean)(h)
+        precision = FieldPrior(plane).precision(h, variance)
+        prior = np.stack([precision.product(unit) for unit in np.eye(spec.unknowns)]) / variance
+    else:
+        evidence = Evidence.of_many(matrix, left, np.ones(u.size))
+        system = prior_system.dense_system(plane, evidence, h, False, mean)
+        scale = plane.scale(h)
+        prior = np.linalg.inv(scale[:, None] * plane.covariance(h) * scale)
+    root = np.linalg.cholesky(rows.T @ rows / variance + prior)
+    target = np.linalg.solve(root, rows.T @ y / variance + prior @ mean)
+    bounds = np.append(np.zeros(spec.cells), -np.inf)
+    optimum = lsq_linear(root.T, target, (bounds, np.inf), method="bvls", tol=1e-14).x
+    deviation, kkt = system.bounded()
+    assert kkt < 1e-10
+    assert (deviation + mean)[: spec.cells].min() > -1e-12
+    np.testing.assert_allclose(matrix.forward(deviation + mean), rows @ optimum, atol=1e-7)
+
+
+def test_a_ridge_as_the_mean_gives_the_minor_loops_that_a_major_loop_leaves_open():
+    levels = np.linspace(-2, 2, 11)
+    weights = shape("lorentzian").irreversible(levels)
+    plane = Preisach(levels, weights + 0.3 * np.diag(shape("lorentzian").reversible(levels)))
+    y = plane.simulate(U) + 0.002 * np.random.default_rng(1000).normal(size=U.size)
+    minor = np.concatenate([U, np.linspace(-2, 0.5, 20), np.linspace(0.5, -0.5, 20)])
+    found = {
+        mean: identify(U, y, levels=levels, prior="gaussian", mean=mean)
+        for mean in ("zero", "ridge")
+    }
+    errors = [np.std(one.predict(minor) - plane.simulate(minor)) for one in found.values()]
+    assert errors[1] < 0.5 * errors[0]
+    assert found["zero"].ridge is None
+    kind = found["ridge"].ridge.kind
+    assert dict(score_rows(found["ridge"]))["mean of the prior"] == f"{kind} ridge"
+
+
+def test_few_samples_leave_the_mean_zero():
+    found = identify(U[::16], U[::16], levels=4, prior="gaussian", mean="ridge")
+    assert found.samples < 8
+    assert found.ridge is None

@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+
+from fault_records import INPUTS, SIZE, kinds, plant, record, sine
+from fixed_options import identify
+from minorloop.errors import SignalError
+from minorloop.identification.curves import Curves
+from minorloop.identification.screening import record_faults
+from minorloop.operators.relays import RelayModel
+
+
+@pytest.mark.parametrize("unit", [1e-7, 1.0, 1e6])
+@pytest.mark.parametrize("shape", INPUTS)
+def test_no_fault_is_found_in_a_sound_record(shape, unit):
+    assert kinds(*record(shape, unit)) == []
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_no_fault_is_found_in_a_coarsely_quantised_record_that_saturates(noise):
+    u, y = record(noise=noise)
+    coarse = np.round(np.tanh(4 * y) * 100) / 100
+    assert kinds(u, coarse) == []
+
+
+@pytest.mark.parametrize("ranges", [-30, 0.8, 5, 1000])
+@pytest.mark.parametrize("shape", INPUTS)
+def test_an_outlier_is_named_with_its_sample(shape, ranges):
+    u, y = record(shape)
+    y[37] += ranges * np.ptp(y)
+    (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
+    assert (finding.kind, finding.samples) == ("outlier", (37,))
+    assert f"sample 37 ({y[37]:.6g})" in finding.text
+    assert "empty these cells" in finding.text
+
+
+def test_a_first_reading_that_the_rough_model_misses_is_no_outlier():
+    u, y = record("sine")
+    y[0] -= 0.3 * np.ptp(y)
+    assert kinds(u, y) == []
+
+
+def test_an_output_that_follows_its_input_far_out_is_no_outlier():
+    u = np.r_[0.3 + 0.02 * np.sin(np.arange(300) / 5), np.linspace(0.3, 1, 3), 0.3]
+    assert "outlier" not in kinds(u, plant(u))
+
+
+@pytest.mark.parametrize("each", [5, 8, 12])
+def test_readings_around_the_jump_of_a_coarsely_sampled_relay_are_no_outliers(each):
+    ends = np.concatenate([[-1.2, 1.2, -1.2], np.random.default_rng(1000).uniform(-1.2, 1.2, 25)])
+    u = np.interp(np.arange(27 * each) / each, np.arange(ends.size), ends)
+    y = RelayModel([-0.3, 0.3], np.diag([1.0], -1)).simulate(u) + 0.3 * u
+    assert "outlier" not in {one.kind for one in record_faults(u, y, Curves.whole("negative"), 0)}
+
+
+@pytest.mark.parametrize("code", [9.9e37, -9.9e37, 9.91e37, 3.4e38, -9999.0, 999.99, 32767.0])
+def test_codes_are_left_out_and_named(code):
+    u, y = record()
+    y[[5, 90]] = code
+    found = identify(u, y, levels=8, holdout=0.3)
+    assert [one.sample for one in found.codes] == [5, 90]
+    assert not found.fitted[[5, 90]].any()
+    clean = y.copy()
+    clean[[5, 90]] = np.nan
+    assert found.model == identify(u, clean, levels=8, holdout=0.3).model
+    assert "2 readings are codes of the instrument" in found.advice[0]
+    assert f"sample 5 ({code:.6g})" in found.advice[0]
+    assert found.warnings == ()
+
+
+def test_an_overload_code_is_no_input():
+    u, y = record()
+    u = u.copy()
+    u[7] = 9.9e37
+    with pytest.raises(SignalError, match=r"u is 9.9e\+37 at index 7, which is an overload code"):
+        identify(u, y, levels=8)
+
+
+def test_a_record_of_little_is_not_screened():
+    assert kinds(np.arange(8.0), np.arange(8.0) ** 9) == []
+
+
+@pytest.mark.parametrize("code", [-9999.0, 999.99])
+def test_a_sentinel_among_the_inputs_is_named(code):
+    u, y = record()
+    u = u.copy()
+    u[50] = code
+    assert f"an input is a code of a logger, far from all others: sample 50 ({code:g})" in " ".join(
+        identify(u, y, levels=8).warnings
+    )
+
+
+def test_inputs_that_often_go_to_the_end_of_a_converter_are_inputs():
+    u = np.tile([0.0, 1000.0, 32767.0, 500.0], 30)
+    y = 0.01 * u + np.tile([0, 9], 60)
+    assert not any("code" in text for text in identify(u, y, levels=3).advice)
+
+
+@pytest.mark.parametrize("holdout", [0.0, 0.2])
+def test_errors_as_they_are_printed_above_a_tenth_are_a_warning(holdout):
+    u, y = record()
+    drift = 0.8 * np.sin(np.arange(y.size) / 17) * (np.arange(y.size) < 240)
+    found = identify(u, y + drift, levels=8, holdout=holdout)
+    (warning,) = (text for text in found.warnings if "the error on" in text)
+    assert found.nrmse > 0.1
+    assert f"fitted data is {found.nrmse:.3%} of range" in warning
+    assert f"{found.nrmse:.3%} of range" in str(found)
+    if found.holdout_nrmse is not None and found.holdout_nrmse > 0.1:
+        assert f"held-out data is {found.holdout_nrmse:.3%} of range" in warning
+
+
+def test_a_small_range_that_was_held_out_does_not_hide_its_error():
+    u = np.r_[sine(), 0.5 + 0.05 * np.sin(np.arange(100) / 8)]
+    y = plant(u) + 0.03 * np.sin(np.arange(u.size)) * (np.arange(u.size) >= SIZE)
+    found = identify(u, y, levels=8, holdout=0.2)
+    assert found.nrmse < 0.1 < found.holdout_nrmse
+    assert any(f"is {found.holdout_nrmse:.3%} of range" in text for text in found.warnings)
+
+
+def test_a_polynomial_is_not_both_better_and_nearly_as_good():
+    u, y = record()
+    y = y + 3 * np.ptp(y) * np.random.default_rng(3).normal(size=y.size)
+    y[350] += 200 * np.ptp(y)  # held out: what it does to the scores counts in neither sentence
+    text = " ".join(identify(u, y, levels=3, holdout=0.3).advice)
+    assert ("is better" in text) + ("is nearly as good" in text) == 1

@@ -1,0 +1,226 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from board_process import commands, simulated_board
+from minorloop.connect import connect
+from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
+from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
+from minorloop.lab.drivers.scripted import Script
+from minorloop.lab.drivers.serial_board import SerialBoard
+from minorloop.lab.drivers.serial_line import write
+
+
+def ok(sequence, *words):
+    return write(sequence, "OK", *words)
+
+
+def asked(*exchanges):
+    """A script of questions and the words of their answers."""
+    lines = []
+    for sequence, (question, answer) in enumerate(exchanges, 1):
+        kind = [] if answer[:1] == ["ERR"] else ["OK"]
+        lines.append((write(sequence, *question.split()), write(sequence, *kind, *answer)))
+    return Script(lines)
+
+
+GREETING = (
+    ("HELLO", ["minorloop", "3", "2", "2", "1", "1000"]),
+    ("INPUT 0", ["A", "0", "0.4", "0"]),
+    ("INPUT 1", ["A", "0", "0.4", "0"]),
+    ("OUTPUT 0", ["deg"]),
+    ("OUTPUT 1", ["deg"]),
+)
+
+
+def channel(name, unit="A", **known):
+    return DeviceChannel(name, {}, unit, **known)
+
+
+PLAN = DevicePlan(
+    "board",
+    {},
+    (channel("pan current", low=0.0, high=0.4), channel("tilt current", low=0.0, high=0.4)),
+    (channel("pan", "deg"), channel("tilt", "deg")),
+    (DeviceChannel("led", {}, rest=1.0),),
+)
+
+
+def test_all_inputs_are_set_at_once_and_all_outputs_read_at_once():
+    script = asked(
+        *GREETING,
+        ("SET 0.1 0.2", ["0.1", "0.2"]),
+        ("GET", ["12.5", "-1"]),
+        ("LINE 0 1", ["1"]),
+        ("SAFE", ["0", "0"]),
+        ("LINE 0 1", ["1"]),
+    )
+    board = SerialBoard(script, PLAN)
+    board.set(np.array([0.1, 0.2]))
+    np.testing.assert_array_equal(board.read(), [12.5, -1.0])
+    board.switch({0: True})
+    board.safe()
+    assert script.finished()
+
+
+def test_a_board_follows_targets_within_its_own_limits():
+    script = asked(*GREETING, ("FOLLOW 20 30", ["20", "30"]), ("FOLLOW 90 30", ["ERR", "out"]))
+    board = SerialBoard(script, PLAN)
+    board.follow(np.array([20.0, 30.0]))
+    with pytest.raises(InstrumentError, match="out"):
+        board.follow(np.array([90.0, 30.0]))
+    sources = (PLAN.sources[0], replace(PLAN.sources[1], high=0.3))
+    narrow = SerialBoard(asked(*GREETING), replace(PLAN, sources=sources))
+    with pytest.raises(ParameterError, match="tilt current has narrower limits in the bench"):
+        narrow.follow(np.array([20.0, 30.0]))
+    sources = (replace(PLAN.sources[0], rate=0.5), PLAN.sources[1])
+    slow = SerialBoard(asked(*GREETING), replace(PLAN, sources=sources))
+    with pytest.raises(ParameterError, match="pan current has a rate limit"):
+        slow.follow(np.array([20.0, 30.0]))
+
+
+def test_a_board_of_protocol_2_has_one_input_and_one_output():
+    script = asked(
+        ("HELLO", ["minorloop", "2", "-1", "1", "30"]),
+        ("SET 0.25", ["0.25"]),
+        ("GET", ["7"]),
+        ("SAFE", []),
+    )
+    board = SerialBoard(
+        script, DevicePlan("b", {}, (channel("u", low=-1.0, high=1.0),), (channel("y"),))
+    )
+    board.set(np.array([0.25]))
+    assert board.read() == 7.0
+    board.safe()
+    assert board.patience == 0.03
+
+
+@pytest.mark.parametrize(
+    ("answers", "plan", "sentence"),
+    [
+        ({"INPUT 0": "mA 0 400 0"}, PLAN, "pan current is in A, and script has mA; correct"),
+        ({"OUTPUT 1": "rad"}, PLAN, "tilt is in deg, and script has rad"),
+        ({"INPUT 1": "A 0 0.2 0"}, PLAN, r"may be \[0, 0.4\], and script allows \[0, 0.2\]"),
+        ({"INPUT 0": "A 0 0.4 0.1"}, PLAN, "rests at 0, and script goes to 0.1 by itself"),
+        ({"HELLO": "minorloop 3 1 2 0 1000"}, PLAN, "is input 1 of the board, which has 1"),
+        ({"INPUT 0": "A 0"}, PLAN, "answers INPUT with A"),
+        ({"HELLO": "minorloop 4 1 2 0 1000"}, PLAN, "another protocol than minorloop 2 or 3"),
+        ({"HELLO": "minorloop 3 a 2 0 1000"}, PLAN, "answers HELLO with"),
+        ({"HELLO": "minorloop 3 2 2 1 0"}, PLAN, "patience of 0 ms"),
+    ],
+)
+def test_a_board_that_is_not_that_of_the_file_is_refused(answers, plan, sentence):
+    greeting = [(question, answers.get(question, " ".join(a)).split()) for question, a in GREETING]
+    with pytest.raises((ParameterError, InstrumentError), match=sentence):
+        SerialBoard(asked(*greeting), plan)
+
+
+@pytest.mark.parametrize(
+    ("exchange", "act", "sentence"),
+    [
+        (("SET 0.1 0.2", ["0.1"]), lambda b: b.set(np.array([0.1, 0.2])), "with 1 word"),
+        (("SET 0.1 0.2", ["0.1", "0.3"]), lambda b: b.set(np.array([0.1, 0.2])), "answers 0.3"),
+        (("GET", ["1", "nan"]), lambda b: b.read(), "answers GET with nan"),
+        (("GET", ["1", "2mm"]), lambda b: b.read(), "'2mm', which is not a number"),
+        (("LINE 0 0", ["1"]), lambda b: b.switch({0: False}), "to switch line 0 to 0"),
+    ],
+)
+def test_answers_that_cannot_be_used(exchange, act, sentence):
+    board = SerialBoard(asked(*GREETING, exchange), PLAN)
+    with pytest.raises(InstrumentError, match=sentence):
+        act(board)
+
+
+def test_a_board_that_is_not_at_its_safe_inputs_is_not_safe_and_its_lines_are_switched_still():
+    script = asked(*GREETING, ("SAFE", ["0", "0.1"]), ("LINE 0 1", ["1"]))
+    with pytest.raises(InstrumentError, match=r"answers '0 0.1', not its safe inputs \[0.0, 0.0\]"):
+        SerialBoard(script, PLAN).safe()
+    assert script.finished()
+
+
+# The simulated board of the examples, which knows the protocol only.
+
+
+@pytest.fixture
+def pyvisa():
+    pytest.importorskip("pyvisa_py", reason="needs pyvisa-py: minorloop[instruments]")
+
+
+@pytest.mark.usefixtures("pyvisa")
+def test_a_head_on_a_board_is_an_actuator_that_is_refused_what_is_beyond_its_limits(tmp_path):
+    with simulated_board(tmp_path) as (address, _):
+        plant = connect(address)
+        assert (plant.serial, plant.lines) == ("H-01", ("led 1", "led 2", "led 3", "pump"))
+        record = plant.apply([0.4, 0.1], 0.3, 0.1)
+        assert record.y.shape == record.u.shape == (2, len(record))
+        assert record.y[0, -1] > record.y[0, 0]
+        plant.switch({"pump": True})
+        for wrong in ([0.5, 0.0], [0.0, -1.0], [np.nan, 0.0], [np.inf, 0.0], [1e308, 0.0]):
+            for act in (plant.exchange, plant.at_once, lambda u: plant.apply(u, 0.1, 0.05)):
+                with pytest.raises(LimitError):
+                    act(wrong)
+        with pytest.raises(LimitError):
+            plant._source.set([0.5, 0.0])
+        with pytest.raises(InstrumentError, match="cannot be opened: another program uses it"):
+            connect(address)
+        plant.safe()
+        plant.close()
+        said = commands(tmp_path)
+    assert ["LINE", "3", "1"] in said
+    assert said[-5:] == [["SAFE"], *(["LINE", str(k), str(int(k < 3))] for k in range(4))]
+    sent = np.array([words[1:] for words in said if words[0] == "SET"], float)
+    assert (sent >= 0).all()
+    assert (sent <= 0.4).all()
+    assert ["BEYOND"] not in [words[:1] for words in said]
+
+
+@pytest.mark.usefixtures("pyvisa")
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--late", "0.3"], "gave no answer within 0.1 s"),
+        (["--half", "12"], "gave no (whole )?answer within 0.1 s|no valid answer"),
+        (["--unit", "mA"], "pan current is in A, and ASRL.* has mA"),
+    ],
+)
+def test_a_board_that_cannot_be_used_is_named_in_one_sentence(tmp_path, options, sentence):
+    with (
+        simulated_board(tmp_path, *options) as (address, _),
+        pytest.raises((InstrumentError, ParameterError), match=sentence) as found,
+    ):
+        connect(address)
+    assert "\n" not in str(found.value)
+    assert not [words for words in commands(tmp_path) if words[0] == "SET"]
+
+
+@pytest.mark.usefixtures("pyvisa")
+def test_a_board_that_is_pulled_is_missing_and_says_that_it_may_be_on(tmp_path):
+    with simulated_board(tmp_path) as (address, process):
+        plant = connect(address)
+        plant.at_once([0.1, 0.1])
+        process.kill()
+        process.wait()
+        (tmp_path / "board").unlink()  # the number of its terminal may be given to another
+        with pytest.raises(SafetyError, match=r"may still be on, switch it off by hand: in 0\.5 s"):
+            plant.at_once([0.1, 0.1])
+        plant.close()
+        with pytest.raises(InstrumentError, match="cannot be opened") as found:
+            connect(address)
+        assert str(found.value).count("Errno") == 1  # libraries repeat the error inside theirs
+
+
+@pytest.mark.usefixtures("pyvisa")
+def test_an_unknown_key_of_a_source_is_answered_with_all_that_there_are(tmp_path):
+    file = tmp_path / "head.toml"
+    text = (Path(__file__).parents[5] / "examples" / "head.toml").read_text()
+    assert "rate = 10.0 " in text
+    file.write_text(text.replace("rate = 10.0 ", "rat = 10.0 ", 1))
+    with pytest.raises(ParameterError) as found:
+        connect(f"bench:{file}")
+    assert "source 'pan current' does not describe a source: " in str(found.value)
+    assert str(found.value).endswith(
+        "unknown field `rat`; the fields there are name, device, low, high, unit, rate, rest, "
+        "conversion, channel"
+    )

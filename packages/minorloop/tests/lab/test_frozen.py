@@ -1,0 +1,120 @@
+import numpy as np
+import pytest
+
+from minorloop.connect import connect
+from minorloop.lab.frozen import RepeatedReadings, frozen
+
+RNG = np.random.default_rng(1000)
+NOISE = RNG.normal(size=4000)
+TIME = np.arange(4000) / 400
+SIGNAL = 50 * np.sin(2 * np.pi * TIME)
+
+
+def test_equal_readings_of_a_noisy_sensor_are_found_with_the_noise():
+    y = SIGNAL + NOISE
+    y[700:750], y[2000:2030] = y[700], y[2000]
+    found = frozen(y)
+    assert found.runs == ((700, 750), (2000, 2030))
+    assert found.noise == pytest.approx(1, rel=0.1)
+
+
+def test_a_sensor_that_is_stuck_for_most_of_a_record_is_found():
+    y = SIGNAL + NOISE
+    y[500:3500] = y[500]
+    assert frozen(y).runs == ((500, 3500),)
+
+
+@pytest.mark.parametrize("step", [0.02, 1.0])
+def test_a_stuck_sensor_with_steps_below_its_noise_is_found(step):
+    y = np.round((SIGNAL + NOISE) / step) * step
+    y[700:760] = y[700]
+    ((begin, end),) = frozen(y).runs
+    assert begin in range(696, 701)
+    assert end in range(760, 764)
+
+
+@pytest.mark.parametrize("step", [0.0, 1.0, 3.0, 30.0])
+def test_a_sensor_with_less_noise_than_its_steps_repeats_itself(step):
+    y = np.repeat(40 * np.sin(np.arange(40)), 100) + (NOISE if step else 0.0)
+    y = np.round(y / step) * step if step > 1 else np.round(y + 0.1 * NOISE) if step else y
+    assert frozen(y).runs == ()
+
+
+@pytest.mark.parametrize("digits", [2, 4, 12])
+def test_a_smooth_signal_that_rests_is_not_stuck(digits):
+    rests = np.where((TIME > 3.25) & (TIME < 4.25), SIGNAL[1300], SIGNAL)
+    assert frozen(np.round(rests, digits)).runs == ()
+
+
+def test_short_records_are_not_searched():
+    assert frozen(np.ones(30)).runs == ()
+    assert frozen(np.zeros(0)).runs == ()
+    assert frozen(np.ones(300)).runs == ()
+
+
+def _verdicts(levels, readings):
+    repeated = RepeatedReadings.of_plan(np.asarray(levels))
+    said = []
+    for level, y in zip(levels, readings, strict=True):
+        repeated = repeated.after(level, np.asarray(y))
+        said.append(repeated.verdict)
+    return said
+
+
+def _held(twin, levels, step):
+    """Readings of a twin, ten a hold, by a sensor whose resolution is this share of its range."""
+    y = [np.asarray(twin.apply(float(u), 60.0, 6.0).y) for u in levels]
+    digit = step * np.ptp(np.concatenate(y))
+    return [np.round(one / digit) * digit if step else one for one in y]
+
+
+STAIRS = [*np.linspace(0, 1, 11), *np.linspace(0.9, 0, 10)]
+
+
+class TestRepeatedReadings:
+    def test_a_dead_sensor_is_faulty_as_soon_as_the_input_has_crossed_its_range(self):
+        dead = np.full(20, 0.1)
+        assert _verdicts([-1, 1, -1, 1], [dead] * 4) == ["", *["faulty"] * 3]
+        said = _verdicts(STAIRS, [dead] * len(STAIRS))
+        assert said[:11] == [*[""] * 5, *["suspect"] * 5, "faulty"]
+
+    def test_a_noisy_sensor_that_stops_is_faulty_wherever_the_input_is(self):
+        y = [0.3 * u + 0.01 * RNG.normal(size=20) for u in STAIRS]
+        y[14:] = [np.full(20, y[14][0])] * len(y[14:])
+        assert _verdicts(STAIRS, y)[13:] == ["", "", *["faulty"] * 6]
+
+    def test_a_saturated_sensor_is_not_faulty(self):
+        y = [np.minimum(u + 0.01 * RNG.normal(size=20), 0.65) for u in STAIRS]
+        assert _verdicts(STAIRS, y) == [""] * len(y)
+
+    def test_unmeasured_readings_are_neither(self):
+        assert _verdicts([-1, 1, -1], [np.full(5, np.nan)] * 3) == [""] * 3
+        gaps = np.array([0.5, np.nan, 0.5])
+        assert _verdicts([-1, 1, -1], [gaps] * 3)[1:] == ["faulty"] * 2
+
+    def test_an_input_that_stays_says_nothing(self):
+        assert _verdicts([0.5] * 5, [np.zeros(9)] * 5) == [""] * 5
+
+    @pytest.mark.parametrize("noise", [0.0, 0.01])
+    @pytest.mark.parametrize("codes", [3, 8, 30, 1000])
+    def test_a_play_that_is_read_coarsely_is_not_faulty(self, codes, noise):
+        """It stays where it is over 60 % of the range after each reversal."""
+        place, y = -0.7, []
+        levels = [*np.linspace(-1, 1, 41), *np.linspace(0.95, -1, 40), *np.linspace(-0.95, 1, 40)]
+        for u in levels:
+            place = min(max(place, u - 0.6), u + 0.6)
+            y.append(np.round(codes * (place + noise * RNG.normal(size=20))))
+        assert "faulty" not in _verdicts(levels, y)
+
+    @pytest.mark.parametrize("step", [0.0, 1e-3, 0.02, 0.1])
+    @pytest.mark.parametrize("address", ["twin:ipmc", "twin:fibre"])
+    def test_a_twin_is_not_faulty_by_any_sensor(self, address, step):
+        low, high = {"twin:ipmc": (-1.2, 1.2), "twin:fibre": (0.2, 0.65)}[address]
+        chance = np.random.default_rng(1000)
+        for levels in (
+            chance.uniform(low, high, 15),
+            low + (high - low) * np.array(STAIRS),
+            low + 0.1 * (high - low) * chance.random(10),
+        ):
+            y = _held(connect(address, specimen=1000), levels, step)
+            assert "faulty" not in _verdicts([low, high, *levels], [[0, 1], [0, 1], *y])

@@ -1,0 +1,210 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fixed_options import identify
+from minorloop.identification.excitation import decaying_staircase
+from minorloop.lab.gaps import between, bridged, known_memory, with_lost_rows
+from minorloop.lab.logs import Log
+from minorloop.lab.records import Record
+from minorloop.lab.timebase import check_times
+from minorloop.operators.preisach import Preisach
+
+SEEDS = st.integers(0, 2**32 - 1)
+T = 0.01 * np.arange(1000)
+SINE = np.cos(2 * np.pi * 0.5 * T)
+SAW = 2 * np.abs((T + 0.5) % 2 - 1) - 1
+
+
+def _cut(u, begin, count):
+    """Times and inputs without some samples, and the sample after which they are missing."""
+    kept = np.delete(np.arange(u.size), slice(begin, begin + count))
+    return T[kept], u[kept], [begin - 1]
+
+
+def _one_way(u, begin, count):
+    """Whether the input is found to go one way across a gap."""
+    found = bridged(*_cut(u, begin, count))
+    return bool(found.known.all() and not found.turned.any())
+
+
+@pytest.mark.parametrize("seed", [1000, 1001])
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+def test_a_gap_is_crossed_on_a_smooth_slope_only(seed, noise):
+    """The sine turns at every hundredth sample."""
+    u = SINE + noise * np.random.default_rng(seed).normal(size=T.size)
+    assert _one_way(u, 345, 10)
+    assert _one_way(u, 340, 20)
+    assert not _one_way(u, 395, 10)  # it turned
+    found = bridged(*_cut(u, 380, 15))  # it did not, as other turns show
+    assert found.known.all()
+    assert not (found.u > 1 + 3 * noise + 1e-4).any()
+    assert not bridged(*_cut(u, 350, 200)).known.any()  # a whole period
+    assert not bridged(*_cut(u, 2, 10)).known.any()  # hardly anything before
+
+
+def test_a_jump_in_a_gap_is_not_crossed_and_a_rest_is():
+    steps = np.repeat([0.0, 1.0, -1.0, 0.5], 250)
+    assert not bridged(*_cut(steps, 245, 10)).known.any()
+    assert _one_way(steps, 345, 30)
+    assert not bridged(*_cut(steps, 250, 250)).known.any()  # a whole hold
+
+
+def test_a_tooth_in_a_gap_is_not_crossed():
+    """A triangle whose two turns are in the gap goes on with the same slope."""
+    u = np.abs((0.1 * np.arange(1000.0)) % 2 - 1)
+    assert not bridged(*_cut(u, 505, 20)).known.any()
+
+
+@pytest.mark.parametrize("fading", [0.0, 0.6])
+@pytest.mark.parametrize("noise", [0.0, 0.0005])
+@pytest.mark.parametrize("wave", [SINE, SAW], ids=["sine", "saw"])
+@pytest.mark.parametrize(("begin", "count"), [(396, 9), (390, 14), (401, 12)])
+def test_the_extreme_of_a_turn_in_a_gap_lies_within_its_doubt(wave, noise, fading, begin, count):
+    if wave is SAW:
+        begin -= 50
+    clean = wave * (1 - fading * T / T[-1])
+    u = clean + noise * np.random.default_rng(1002).normal(size=T.size)
+    found = bridged(*_cut(u, begin, count))
+    assert found.known.all()
+    extreme = np.abs(clean[begin - 1 : begin + count + 1]).max()
+    value = np.abs(found.u[0]) if found.turned[0] else np.abs(u[[begin - 1, begin + count]]).max()
+    doubt = found.doubt[0] if found.turned[0] else 0.0
+    assert abs(value - extreme) <= doubt + 4 * noise + 1e-12
+    assert doubt < 0.015
+
+
+def test_the_only_turn_of_a_record_lies_between_the_samples_and_the_tangents():
+    u = 1 - (T - 5) ** 2 / 25
+    found = bridged(*_cut(u, 480, 30))
+    assert found.known.all()
+    assert abs(found.u[0] - 1.0) <= found.doubt[0] < 0.005
+    jagged = 1 - np.abs(T - 5) / 5
+    found = bridged(*_cut(jagged, 480, 30))
+    assert abs(found.u[0] - 1.0) <= found.doubt[0] + 1e-12
+
+
+@pytest.mark.parametrize("seed", range(1000, 1004))
+@pytest.mark.parametrize("turns", [6, 30])
+def test_a_virgin_record_that_lost_a_third_of_its_rows_keeps_nearly_all_others(seed, turns):
+    chance = np.random.default_rng(seed)
+    t = np.arange(3000.0)
+    true = -np.cos(2 * np.pi * turns * t / t.size) * (1 - 0.9 * t / t.size)
+    weights = np.tril(chance.uniform(size=(20, 20)))
+    model = Preisach(np.linspace(-1, 1, 21), weights / np.abs(weights).sum())
+    kept = chance.random(t.size) > 0.33
+    u, y = true[kept], model.simulate(true)[kept]
+    log = Log(Record(t[kept], u, y), check_times(t[kept]))
+    assert log.check.gaps.size >= 5
+    found = log.with_known_memory()
+    fitted = np.isfinite(found.y)
+    assert fitted.mean() > 0.97
+    # Up to four rows without a gap, whose turn is not estimated, change the extreme by 0.8 %.
+    assert np.abs(model.simulate(found.u) - y)[fitted].max() < 0.008 * np.ptp(y)
+    even = log.evenly_sampled()
+    np.testing.assert_allclose(even.u, np.interp(even.t, t, true), atol=0.03)
+
+
+def test_what_is_said_names_turned_and_crossed_gaps():
+    kept = np.delete(np.arange(T.size), np.r_[340:350, 395:405, 450:650])
+    log = Log(Record(T[kept], SINE[kept], SINE[kept]), check_times(T[kept]))
+    (said,) = log.of_memory
+    assert "after 1 of 3 gaps the memory is unknown" in said
+    assert "in 1 of 3 gaps the input turned: its extreme is estimated from both sides, to" in said
+    assert said.endswith("in 1 other the input cannot have turned and the memory continues")
+
+
+def test_inputs_between_lie_on_the_curve():
+    t, u, gaps = _cut(SINE, 330, 20)
+    found = between(t, u, T, bridged(t, u, gaps))
+    inside = np.isfinite(found)
+    assert np.flatnonzero(inside).tolist() == list(range(330, 350))
+    line = np.interp(T, t, u)
+    wrong = np.abs(found - SINE)[inside].max()
+    assert wrong < 0.5 * np.abs(line - SINE)[inside].max()
+    assert ((found[inside] < u[329]) == (found[inside] > u[330])).all()
+
+
+class TestMemory:
+    @given(seed=SEEDS)
+    def test_known_outputs_do_not_depend_on_what_happened_in_the_gap(self, seed):
+        chance = np.random.default_rng(seed)
+        weights = np.tril(chance.uniform(size=(12, 12)))
+        model = Preisach(np.linspace(-1, 1, 13), weights)
+        u = np.concatenate([[-1, 1], chance.uniform(-1, 1, 300)])
+        place = int(chance.integers(10, 100))
+        known = known_memory(u, [place])
+        assert known[: place + 1].all()
+        for level in (-1.0, 1.0, *chance.uniform(-1, 1, 4)):
+            other = np.insert(u, place + 1, level)
+            apart = np.delete(model.simulate(other), place + 1) - model.simulate(u)
+            assert np.abs(apart[known]).max() <= 0.1 * weights.sum()
+
+    def test_saturation_makes_it_known(self):
+        u = np.array([-1, 1, -1, 0.2, 0.1, -0.2, 1.0, 0.3])
+        known = known_memory(u, [3])
+        assert known.tolist() == [True] * 4 + [False] * 2 + [True] * 2
+        assert known_memory(u, []).all()
+        assert known_memory(np.ones(4), [1]).all()
+
+
+class TestLostRows:
+    """A table with one row for each hold, 20 s apart, of which 15 of 172 are lost."""
+
+    LEVELS = np.linspace(-1, 1, 19)
+
+    def table(self, seed):
+        chance = np.random.default_rng(seed)
+        u = decaying_staircase(self.LEVELS)
+        model = Preisach(self.LEVELS, np.tril(chance.uniform(0.5, 1.5, (18, 18))))
+        lost = chance.choice(np.arange(1, u.size - 1), 15, replace=False)
+        return u, model.simulate(u), np.delete(np.arange(u.size), lost)
+
+    @pytest.mark.parametrize("seed", [1000, 1001, 1002, 1003])
+    def test_a_row_that_hid_a_turn_no_longer_spoils_the_fit(self, seed):
+        u, y, kept = self.table(seed)
+        times = check_times(20.0 * kept)
+        log = Log(Record(times.t, u[kept], y[kept]), with_lost_rows(times, u[kept]))
+        assert "15 rows are missing at" in log.notes[-1]
+        assert "one row can hide a turn" in log.notes[-1]
+        assert "uneven" not in " ".join(log.notes)
+        record = log.with_known_memory()
+        assert np.isfinite(log.evenly_sampled().y).sum() <= kept.size
+        errors = []
+        for inputs, outputs in ((u[kept], y[kept]), (record.u, record.y)):
+            model = identify(inputs, outputs, levels=self.LEVELS).model
+            errors.append(np.sqrt(np.mean((model.simulate(u) - y) ** 2)) / np.ptp(y))
+        assert errors[1] < errors[0] / 2
+
+    def test_an_extreme_in_a_lost_row_follows_from_equal_steps(self):
+        u = np.array([0, 1, 2, 3, 4, 5, 4, 3, 2, 1, 0, 1, 2, 3, 4, 3, 2, 1, 0.0])
+        t = np.arange(19.0)
+        for lost, extreme in ((5, 5.0), (10, 0.0), (7, np.nan)):
+            kept = np.delete(np.arange(19), lost)
+            check = with_lost_rows(check_times(t[kept]), u[kept])
+            assert check.gaps.tolist() == [lost - 1]
+            found = bridged(check.t, u[kept], check.gaps)
+            assert found.known.all()
+            np.testing.assert_array_equal(found.u, [extreme])
+
+    def test_a_lost_row_among_levels_without_order_leaves_the_memory_unknown(self):
+        u = np.random.default_rng(1000).uniform(-1, 1, 60)
+        kept = np.delete(np.arange(60), 30)
+        check = with_lost_rows(check_times(20.0 * kept), u[kept])
+        assert check.gaps.tolist() == [29]
+        assert not bridged(check.t, u[kept], check.gaps).known.any()
+
+    @pytest.mark.parametrize(
+        "u",
+        [
+            np.sin(0.05 * np.arange(400)),
+            np.sin(0.3 * np.arange(400)),
+            np.repeat(np.linspace(0, 1, 20), 20) + 0.02 * np.random.default_rng(1).normal(size=400),
+            np.arange(400) / 400 + 0.003 * np.random.default_rng(1).normal(size=400),
+        ],
+    )
+    def test_single_samples_of_a_raw_log_may_be_lost(self, u):
+        kept = np.delete(np.arange(400), [50, 120, 300])
+        check = check_times(0.01 * kept)
+        assert with_lost_rows(check, u[kept]) is check

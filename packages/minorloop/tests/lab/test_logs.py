@@ -1,0 +1,162 @@
+import numpy as np
+import pytest
+
+from fixed_options import identify
+from minorloop.errors import ParameterError, RecordError
+from minorloop.lab.columns import read_headers
+from minorloop.lab.logs import read_log
+from minorloop.lab.timebase import time_column
+from minorloop.operators.preisach import Preisach
+
+MODEL = Preisach(np.linspace(-1, 1, 7), np.tril(np.ones((6, 6))))
+T = 0.01 * np.arange(2000)
+U = np.exp(-T / 20) * np.sin(T * 4)
+
+
+def write(path, t, u, y, header="time [s],u [V],y [um]"):
+    np.savetxt(path, np.column_stack([t, u, y]), delimiter=",", header=header, comments="")
+    return path
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "log.csv"
+
+
+def test_a_lag_in_seconds_is_taken_out_of_uneven_samples(file):
+    """The lag is 25 ms, and rows are 5 to 15 ms apart."""
+    t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 1900))
+    u = np.interp(t, T, U)
+    y = MODEL.simulate(np.interp(t - 0.025, t, u))
+    log = read_log(write(file, t, u, y), input="u", output="y", time="time")
+    assert "samples are uneven" in log.notes[0]
+    options = {"levels": MODEL.levels, "smoothness": 0.0}
+    right = identify(*_columns(log.without_lag(0.025)), **options)
+    wrong = identify(log.record.u, log.record.y, **options)
+    assert right.nrmse < 0.2 * wrong.nrmse
+    found = identify(*_columns(log.evenly_sampled()), **options, lag="auto")
+    assert found.lag * log.check.interval == pytest.approx(0.025, abs=0.006)
+
+
+def _columns(record):
+    return record.u, record.y
+
+
+def test_after_a_gap_the_memory_counts_as_unknown(file):
+    y = MODEL.simulate(U)
+    kept = np.delete(np.arange(T.size), slice(480, 900))
+    log = read_log(write(file, T[kept], U[kept], y[kept]), input="u", output="y", time="time")
+    assert "about 420 samples are missing" in log.notes[0]
+    record = log.with_known_memory()
+    unknown = np.isnan(record.y)
+    assert unknown[480:500].all()
+    assert not unknown[:480].any()
+    with_gap = identify(record.u, record.y, levels=MODEL.levels, smoothness=0.0)
+    as_logged = identify(log.record.u, log.record.y, levels=MODEL.levels, smoothness=0.0)
+    assert with_gap.nrmse <= as_logged.nrmse
+
+
+def test_dates_and_units_give_seconds(file):
+    stamps = [f"2026-03-01T12:00:{k:02d}.500" for k in range(30)]
+    file.write_text("when,u,y\n" + "".join(f"{s},{k},{k}\n" for k, s in enumerate(stamps)))
+    record = read_log(file, input="u", output="y", time="when").record
+    np.testing.assert_allclose(record.t, np.arange(30.0))
+    for header in ("t [ms]", "t_ms"):
+        write(file, 1000.0 * np.arange(30), np.arange(30), np.arange(30), f"{header},u,y")
+        record = read_log(file, input="u", output="y", time=header).record
+        np.testing.assert_allclose(record.t, np.arange(30.0))
+
+
+def test_without_time_samples_are_counted(file):
+    log = read_log(write(file, T, U, U), input="u", output="y", time=None)
+    assert not log.record.timed
+    assert log.notes == ()
+    assert log.evenly_sampled() is log.with_known_memory() is log.record
+    with pytest.raises(ParameterError, match=r"the lag is 0\.1 s and the record has no time"):
+        log.without_lag(0.1)
+
+
+def test_a_column_cannot_be_used_twice_or_have_another_unit(file):
+    write(file, T, U, U)
+    with pytest.raises(ParameterError, match=r"--input and --time are both 'u \[V\]'"):
+        read_log(file, input="u", output="y", time="u [V]")
+    with pytest.raises(RecordError, match=r"'y \[um\]' must be in one of s, ms, us, ns, min, h, d"):
+        read_log(file, input="u", output="time", time="y")
+
+
+def test_labels_are_read_with_the_rest(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t [s],u,y,run,wire\n0,1,2,1,a\n1,2,,1,b\n2,3,4,2,7\n")
+    for groups in ("wire", "run"):
+        log = read_log(file, input="u", output="y", time="t", curves="run", groups=groups)
+        np.testing.assert_array_equal(log.record.y, [2, np.nan, 4])
+        np.testing.assert_array_equal(log.curves, [1.0, 1.0, 2.0])
+        assert log.groups.tolist() == (["a", "b", "7"] if groups == "wire" else [1.0, 1.0, 2.0])
+
+
+def test_a_file_in_another_encoding_is_read_and_said(tmp_path):
+    file = tmp_path / "log.csv"
+    rows = "".join(f"{k},{k % 7},{k}\n" for k in range(20))
+    text = f"# 20 °C, Öffnung\nt [s],u [V],y [µm]\n{rows}"
+    for encoding in ("cp1252", "utf-8"):
+        file.write_bytes(text.encode(encoding))
+        log = read_log(file, input="u", output="y", time="t")
+        assert str(log.record.output) == "y [µm]"
+        assert ["Windows-1252" in note for note in log.notes] == [True] * (encoding == "cp1252")
+
+
+def test_the_memory_continues_over_a_gap_on_a_smooth_slope(file):
+    """Of 2000 rows 10 are missing, at once, where the input is far from its turns."""
+    kept = np.delete(np.arange(T.size), slice(468, 478))
+    y = MODEL.simulate(U)
+    log = read_log(write(file, T[kept], U[kept], y[kept]), input="u", output="y", time="time")
+    assert np.isfinite(log.with_known_memory().y).all()
+    assert "the memory continues" in log.of_memory[0]
+    assert log.left_out() == ()
+    even = log.evenly_sampled()
+    assert np.isnan(even.y[468:478]).all()
+    assert np.isfinite(even.y).sum() >= kept.size - 2  # the ends of the gap, by rounding
+    np.testing.assert_allclose(even.u, U, atol=1e-3)
+
+
+@pytest.mark.parametrize("header", ["Datum;Uhrzeit", "date;time [hh:mm:ss.f]"])
+def test_the_time_of_day_is_the_time_and_continues_after_midnight(header, tmp_path):
+    path = tmp_path / "log.csv"
+    clock = [f"23:59:{50 + k:02d}.0" for k in range(10)] + [f"00:00:{k:02d}.0" for k in range(10)]
+    rows = "".join(f"1.3.2026;{cell};{k};{k}\n" for k, cell in enumerate(clock))
+    path.write_text(f"{header};u;y\n{rows}")
+    name = time_column(read_headers(path))
+    found = read_log(path, input="u", output="y", time=name)
+    np.testing.assert_allclose(np.diff(found.record.t), 1.0)
+    assert not found.breaks.size
+    assert "time of day at midnight" in found.notes[0]
+
+
+def test_the_input_of_another_logger_is_interpolated_at_the_times_of_the_output(tmp_path):
+    path = tmp_path / "merged.csv"
+    inputs = [f"{0.2 * k:.6f},{np.sin(0.1 * k):.9f}," for k in range(200)]
+    outputs = [f"{0.2 * k + 0.07:.6f},,{0.2 * k + 0.07:.6f}" for k in range(198)]
+    del inputs[100:120]
+    rows = sorted(inputs + outputs, key=lambda row: float(row.split(",")[0]))
+    path.write_text("time [s],u [V],y\n" + "\n".join(rows) + "\n")
+    found = read_log(path, input="u", output="y", time="time")
+    np.testing.assert_allclose(found.record.u, np.sin(0.5 * found.record.t), atol=2e-3)
+    measured = np.isfinite(found.record.y)
+    np.testing.assert_allclose(found.record.y[measured], found.record.t[measured])
+    assert measured.sum() == 198 - 21
+    assert found.check.gaps.size == 1
+    assert "u [V] is empty in 198 of 378 rows, as where two loggers were merged" in found.notes[0]
+    assert "21 rows without readings near are left out" in found.notes[0]
+    with pytest.raises(RecordError, match=r"name the column of time \(--time\)"):
+        read_log(path, input="u", output="y", time=None)
+    path.write_text("time [s],u [V],y\n" + "\n".join(rows[::-1]) + "\n")
+    with pytest.raises(RecordError, match="order of time: sort them"):
+        read_log(path, input="u", output="y", time="time")
+
+
+def test_lost_rows_of_a_table_of_holds_are_found_in_a_file(file):
+    u = np.concatenate([np.arange(k % 2, 9 - k % 2) * (-1.0) ** k for k in range(6)])
+    kept = np.delete(np.arange(u.size), [8, 21])
+    log = read_log(write(file, 20.0 * kept, u[kept], u[kept]), input="u", output="y", time="time")
+    assert "2 rows are missing at 2 intervals of 2 or more times the usual 20 s" in log.notes[0]
+    assert log.bridges.after.tolist() == [7, 19]

@@ -1,0 +1,219 @@
+import math
+import os
+import pty
+import sys
+import threading
+import tty
+
+import numpy as np
+import pytest
+
+from board_process import EXAMPLES
+from minorloop.connect import connect, is_simulated
+from minorloop.errors import InstrumentError, LimitError, ParameterError
+from minorloop.lab.actuator import Actuator
+
+TWINS = ("ipmc", "ipmc-laser", "fibre")
+
+
+@pytest.mark.parametrize("name", TWINS)
+def test_every_twin_has_an_address(name):
+    twin = connect(f"twin:{name}")
+    assert isinstance(twin, Actuator)
+    lowest = np.array([channel.low for channel in twin.inputs])
+    record = twin.apply(lowest if lowest.size > 1 else lowest[0], 1.0, 0.5)
+    assert [str(q) for q in record.inputs] == [str(c) for c in twin.inputs]
+    assert [str(q) for q in record.outputs] == [str(c) for c in twin.outputs]
+
+
+def test_options_reach_the_twin():
+    plain = connect("twin:ipmc").exchange(1.0)
+    assert connect("twin:ipmc", specimen=1).exchange(1.0) != plain
+    noisy = [connect("twin:ipmc", noise=0.1, seed=seed).exchange(1.0) for seed in (1, 1, 2)]
+    assert noisy[0] == noisy[1] != noisy[2]
+
+
+@pytest.mark.parametrize("address", ["twin:impc", "ipmc", "", "twin:", "visa:", "vsa:x"])
+def test_refuses_unknown_addresses_and_names_the_known_ones(address):
+    with pytest.raises(ParameterError, match=r"give one of .*'twin:ipmc'.*'visa:NAME'"):
+        connect(address)
+
+
+def test_instruments_are_described_by_a_file_and_have_no_specimen(tmp_path):
+    with pytest.raises(ParameterError, match="cannot be read"):
+        connect(f"visa:{tmp_path / 'bench.json'}")
+    with pytest.raises(ParameterError, match="is not simulated; leave specimen"):
+        connect("visa:bench.json", specimen=1)
+    with pytest.raises(ParameterError, match="has no option 'tick'; it takes clock"):
+        connect("visa:bench.json", tick=1.0)
+
+
+MODULE = """
+from minorloop.twins.ipmc import Ipmc
+
+def strip(name="nominal"):
+    return Ipmc(noise=0.0 if name == "nominal" else 0.1)
+
+def nothing():
+    return 7
+
+def broken():
+    raise ValueError("no cable")
+
+def exits():
+    raise SystemExit(7)
+
+number = 7
+"""
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    (tmp_path / "home_made.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+
+
+@pytest.mark.usefixtures("home")
+def test_a_function_of_a_module_in_the_current_folder_makes_an_actuator():
+    plant = connect("module:home_made.strip")
+    assert isinstance(plant, Actuator)
+    assert plant.exchange(1.0) == connect("twin:ipmc").exchange(1.0)
+    assert connect("module:home_made.strip:noisy").exchange(1.0) != plant.exchange(1.0)
+    with pytest.raises(LimitError):
+        plant.exchange(1e308)
+
+
+@pytest.mark.usefixtures("home")
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("home_made.nobody", "cannot be loaded: .*nobody.*; give module:PACKAGE.FUNCTION"),
+        ("no_such_home.head", "cannot be loaded: No module named 'no_such_home'"),
+        ("head", "cannot be loaded"),
+        ("home_made.number", "is no function"),
+        ("home_made.nothing", "int is no actuator: it has no inputs"),
+    ],
+)
+def test_a_module_without_an_actuator_is_refused(name, sentence):
+    with pytest.raises(ParameterError, match=f"module:{name}.*{sentence}"):
+        connect(f"module:{name}")
+
+
+@pytest.mark.usefixtures("home")
+def test_a_factory_that_fails_is_one_sentence():
+    with pytest.raises(InstrumentError, match="broken failed: ValueError: no cable"):
+        connect("module:home_made.broken")
+    with pytest.raises(InstrumentError, match="exits failed: SystemExit: 7"):
+        connect("module:home_made.exits")
+
+
+@pytest.mark.usefixtures("home")
+@pytest.mark.parametrize("line", ["raise SystemExit(7)", "1 / 0"])
+def test_a_module_that_fails_when_it_is_loaded_is_one_sentence(tmp_path, line):
+    (tmp_path / "home_failing.py").write_text(line)
+    with pytest.raises(InstrumentError, match=r"home_failing.head cannot be loaded: .*(7|zero)"):
+        connect("module:home_failing.head")
+
+
+class Amplifier:
+    """The device of examples/home_made_plant.py on a pseudo-terminal, in a thread."""
+
+    def __init__(self, angles=None):
+        self.angles = angles
+
+    def __enter__(self):
+        self.master, self.slave = pty.openpty()
+        tty.setraw(self.slave)
+        self.currents, self.seen = "0 0", []
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+        return self
+
+    def _serve(self):
+        with open(self.master, "rb", buffering=0, closefd=False) as line:
+            buffer = b""
+            while b"END" not in buffer:
+                buffer += line.read(64)
+                *lines, buffer = buffer.split(b"\n")
+                for each in lines:
+                    self.seen.append(each.decode())
+                    self.currents = {b"I": each[2:].decode(), b"O": "0 0"}.get(
+                        each[:1], self.currents
+                    )
+                    angles = self.angles or " ".join(
+                        f"{100 * float(i):g}" for i in self.currents.split()
+                    )
+                    answer = self.currents if each[:1] in (b"I", b"O") else angles
+                    os.write(self.master, f"{answer}\n".encode())
+
+    def __exit__(self, *_):
+        os.write(self.slave, b"END")
+        self._thread.join()
+        os.close(self.master)
+        os.close(self.slave)
+
+
+def test_a_plant_names_the_package_that_it_imports(monkeypatch):
+    monkeypatch.setitem(sys.modules, "serial", None)
+    monkeypatch.chdir(EXAMPLES)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with pytest.raises(ParameterError, match=r"head cannot be loaded: .*; install serial, which"):
+        connect("module:home_made_plant.head:/dev/ttyACM0")
+
+
+def test_the_plant_of_the_examples_has_at_most_40_lines_and_is_a_head(monkeypatch):
+    pytest.importorskip("serial", reason="needs pyserial: minorloop[instruments]")
+    assert len((EXAMPLES / "home_made_plant.py").read_text().splitlines()) <= 40
+    monkeypatch.chdir(EXAMPLES)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with Amplifier() as amplifier:
+        plant = connect(f"module:home_made_plant.head:{os.ttyname(amplifier.slave)}")
+        assert plant.serial == "H-02"
+        assert plant.at_once([0.1, 0.2]).tolist() == [10.0, 20.0]
+        for wrong in (0.5, math.nan, math.inf):
+            with pytest.raises(LimitError):
+                plant.exchange([wrong, 0.0])
+        plant.safe()
+        plant.close()
+        assert amplifier.seen[-1] == "OFF"
+    assert not [line for line in amplifier.seen if line.startswith("I 0.5")]
+
+
+def test_an_answer_that_a_home_made_driver_cannot_read_is_one_sentence(monkeypatch):
+    pytest.importorskip("serial", reason="needs pyserial: minorloop[instruments]")
+    monkeypatch.chdir(EXAMPLES)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with Amplifier("xx 3a") as amplifier:
+        address = f"module:home_made_plant.head:{os.ttyname(amplifier.slave)}"
+        for _ in range(2):  # the port is free again
+            with pytest.raises(InstrumentError, match=r"the driver failed: ValueError: .*xx"):
+                connect(address)
+
+
+@pytest.mark.parametrize("address", [None, 3, ["twin:ipmc"]])
+def test_refuses_addresses_that_are_not_text(address):
+    with pytest.raises(ParameterError, match="there is nothing at address"):
+        connect(address)
+
+
+def test_an_option_reaches_the_twin():
+    assert connect("twin:ipmc", tick=0.5).tick == 0.5
+
+
+@pytest.mark.parametrize("name", TWINS)
+def test_refuses_unknown_options_and_names_the_known_ones(name):
+    with pytest.raises(ParameterError, match=f"twin:{name} has no option 'wind'; it takes.* tick"):
+        connect(f"twin:{name}", wind=3.0)
+
+
+def test_an_option_out_of_its_range_is_refused():
+    with pytest.raises(ParameterError, match="tick is -1"):
+        connect("twin:ipmc", tick=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("address", "simulated"), [("twin:ipmc", True), ("bench:a.toml", False), ("nothing:a", False)]
+)
+def test_only_simulated_actuators_have_a_seed(address, simulated):
+    assert is_simulated(address) == simulated

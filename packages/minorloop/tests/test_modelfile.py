@@ -1,0 +1,545 @@
+import dataclasses
+import hashlib
+import json
+from datetime import UTC, datetime, timedelta, timezone
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+
+import minorloop
+from minorloop import (
+    GeneralisedPrandtlIshlinskii,
+    ModelFileError,
+    OutputError,
+    ParameterError,
+    Polynomial,
+    PrandtlIshlinskii,
+    Preisach,
+    RecordError,
+    RelayModel,
+    load,
+    save,
+)
+from minorloop._modelschema import KINDS, Content, plain
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.creep import Creep
+from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.oscillator import Oscillator
+from minorloop.lab.records import Quantity
+from minorloop.modelfile import LARGEST, ModelWarning, Provenance, read
+from minorloop.operators.after_effect import AfterEffect
+from minorloop.operators.dead_zones import DeadZones
+from minorloop.operators.differential import BoucWen, Duhem
+
+LEVELS = [-1.0, 0.0, 0.5, 2.0]
+TRIANGLE = [[0.1, 0.0, 0.0], [1 / 3, -0.0, 0.0], [5e-324, -1e300, np.pi]]
+SMALL = [[0.1, 0.0, 0.0], [1 / 3, -0.2, 0.0], [5e-324, 0.2, np.pi]]
+PLAYS = PrandtlIshlinskii([0.0, 0.1, 0.7], [1.0, 0.2, -0.3], 0.25)
+MODELS = {
+    "preisach": Preisach(LEVELS, TRIANGLE, 0.5, "unipolar", "reversible", 1 / 7),
+    "relay": RelayModel(LEVELS[:3], TRIANGLE, -0.5, "unipolar"),
+    "prandtl-ishlinskii": PLAYS,
+    "generalised-prandtl-ishlinskii": GeneralisedPrandtlIshlinskii(
+        PLAYS, DeadZones([-1.0, 0.0, 2.0], [0.1, 1.0, -0.5]), 3.0
+    ),
+    "polynomial": Polynomial([0.1, 0.2, 1 / 3], -2.0, 3.0),
+    "cascade": Cascade(
+        PLAYS,
+        Linear([0.1], [1.0, 1 / 3, 0.1], None, 0.7),
+        "operator",
+        Creep([0.1, 3.0], [1 / 3, 0.1], 0.5, 0.1),
+        1 / 7,
+        Linear([1 / 3], [1.0, 0.1]),
+    ),
+    "linear": Linear([0.1, 1 / 7], [1.0, -1 / 3], 0.1, 0.3),
+    "after-effect": AfterEffect(
+        Preisach(LEVELS, TRIANGLE), np.array([0.1, 1 / 3, 2.0]), 1 / 7, [0.1, 3.0], [SMALL, SMALL]
+    ),
+    "oscillator": Oscillator(1 / 3, 0.1, [1 / 7, 3.0], Duhem(LEVELS, LEVELS, LEVELS[::-1])),
+}
+GIVEN = {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0"}
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+kinds = pytest.mark.parametrize("kind", MODELS)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "model.json"
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory):
+    return tmp_path_factory.mktemp("models") / "model.json"
+
+
+@pytest.fixture
+def content(path):
+    """A valid file as an object, to be spoilt."""
+    save(MODELS["preisach"], path, provenance=GIVEN)
+    return json.loads(path.read_text())
+
+
+def test_dynamics_on_both_sides_are_kept_and_absent_in_other_files(path):
+    model = MODELS["cascade"]
+    save(model, path)
+    assert load(path).ahead == model.ahead
+    without = dataclasses.replace(model, ahead=None, first="linear")
+    assert "ahead" not in plain(without)
+    save(without, path, force=True)
+    assert same(load(path), without)
+
+
+def same(one, other):
+    """Whether models agree in every bit."""
+    return type(one) is type(other) and repr(plain(one)) == repr(plain(other))
+
+
+@kinds
+def test_loads_what_was_saved(kind, path):
+    save(MODELS[kind], path)
+    assert same(load(path), MODELS[kind])
+    assert read(path).kind == kind
+
+
+@pytest.mark.parametrize(
+    "force",
+    [BoucWen(1 / 3, 0.1, -0.2, 1.5), PLAYS, MODELS["preisach"]],
+    ids=lambda force: type(force).__name__,
+)
+def test_an_oscillator_is_kept_with_any_force(force, path):
+    model = Oscillator(1.0, 0.1, 2.0, force)
+    save(model, path)
+    assert same(load(path), model)
+
+
+def test_an_oscillator_has_no_inverse(path):
+    save(MODELS["oscillator"], path)
+    with pytest.raises(ModelFileError, match=r"an oscillator.*not inverted"):
+        _ = read(path).operator
+
+
+@kinds
+def test_the_file_has_every_parameter_of_the_class_and_no_other(kind, path):
+    save(MODELS[kind], path)
+    written = json.loads(path.read_text())["model"]
+    (fields,) = [
+        part.fields
+        for part in msgspec.inspect.type_info(Content).fields[5].type.types
+        if part.tag == kind
+    ]
+    assert written.pop("kind") == kind
+    assert set(written) == {field.name for field in fields}
+
+
+@pytest.mark.parametrize("kind", ["linear"])
+def test_a_model_without_an_operator_on_its_input_is_refused_where_one_is_needed(kind, path):
+    save(MODELS[kind], path)
+    with pytest.raises(ModelFileError, match=f"a model of kind '{kind}'.*identify --save"):
+        _ = read(path).operator
+
+
+def test_every_kind_is_tested():
+    own = {of: kind for of, kind in KINDS.items() if of.__module__.startswith("minorloop.")}
+    assert {type(model): kind for kind, model in MODELS.items()} == own
+
+
+@given(data=st.data(), bands=st.integers(1, 4))
+def test_every_float_is_read_back_to_the_bit(data, bands, scratch):
+    numbers = st.lists(
+        st.floats(-1e100, 1e100), min_size=bands + 1, max_size=bands + 1, unique=True
+    )
+    sizes, slopes = st.floats(-1e298, 1e298), st.floats(-1e150, 1e150)
+    levels = sorted(data.draw(numbers))
+    assume(np.diff(levels).min() > 1e-290)
+    weights = np.zeros((bands, bands))
+    inside = np.tril_indices(bands)
+    weights[inside] = data.draw(st.lists(sizes, min_size=len(inside[0]), max_size=len(inside[0])))
+    model = Preisach(levels, weights, data.draw(sizes), slope=data.draw(slopes))
+    save(model, scratch, force=True)
+    assert same(load(scratch), model)
+
+
+def test_rows_go_up_to_the_diagonal(content):
+    assert [len(row) for row in content["model"]["weights"]] == [1, 2, 3]
+
+
+def test_names_units_and_lag_are_read_back(path):
+    save(PLAYS, path, input="voltage [V]", output=Quantity("curvature", "1/m"), lag=3)
+    file = read(path)
+    assert (file.input, file.output) == (Quantity("voltage", "V"), Quantity("curvature", "1/m"))
+    assert file.lag == 3
+
+
+def test_provenance_is_read_back(path, tmp_path):
+    data = tmp_path / "run.csv"
+    data.write_bytes(b"u,y\n1,2\n")
+    given_ = Provenance.of(data, {"nrmse": np.float64(0.01), "holdout_nrmse": None})
+    before = datetime.now(UTC).replace(microsecond=0)
+    save(PLAYS, path, provenance=given_)
+    found = read(path).provenance
+    assert (found.data, found.sha256) == ("run.csv", hashlib.sha256(b"u,y\n1,2\n").hexdigest())
+    assert found.scores == {"nrmse": 0.01, "holdout_nrmse": None}
+    assert found.minorloop == minorloop.__version__
+    assert before <= found.created <= datetime.now(UTC)
+
+
+def test_provenance_that_is_given_is_kept(path, tmp_path):
+    noon = datetime(2020, 6, 1, 12, tzinfo=timezone(timedelta(hours=2)))
+    save(PLAYS, path, provenance={"created": noon, "minorloop": "0.0.1"})
+    found = read(path).provenance
+    assert (found.created, found.minorloop) == (noon, "0.0.1")
+    assert "2020-06-01T10:00:00Z" in path.read_text()
+    save(PLAYS, tmp_path / "again.json", provenance=found)
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+def test_provenance_of_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(RecordError, match=r"gone\.csv cannot be read: No such file"):
+        Provenance.of(tmp_path / "gone.csv")
+
+
+@pytest.mark.parametrize(
+    ("provenance", "message"),
+    [
+        ({"author": "me"}, "unknown field `author`"),
+        ({"sha256": "123"}, "at `sha256`"),
+        ({"scores": {"nrmse": np.nan}}, "score nrmse is nan"),
+        ({"scores": {"nrmse": "good"}}, "score nrmse is 'good'"),
+        ({"created": "yesterday"}, "at `created`"),
+        ({"created": datetime(2026, 1, 1)}, "at `created`"),
+        ("run.csv", "not a mapping"),
+    ],
+)
+def test_refuses_wrong_provenance(provenance, message, path):
+    with pytest.raises(ParameterError, match=message):
+        save(PLAYS, path, provenance=provenance)
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"lag": -1}, "`int` >= 0 - at `lag`"),
+        ({"lag": 0.5}, "got `float` - at `lag`"),
+        ({"input": "\udcff"}, "surrogates"),
+    ],
+)
+def test_refuses_to_write_what_it_could_not_read(options, message, path):
+    with pytest.raises(ParameterError, match=message):
+        save(PLAYS, path, **options)
+    assert not path.exists()
+
+
+def test_refuses_to_write_other_classes(path):
+    with pytest.raises(ParameterError, match="cannot hold a dict; give one of Preisach, Relay"):
+        save({}, path)
+
+
+def test_refuses_to_write_more_than_it_would_read(path, monkeypatch):
+    monkeypatch.setattr("minorloop.modelfile.LARGEST", 100)
+    with pytest.raises(ParameterError, match="a model file 100 at most"):
+        save(PLAYS, path)
+    assert not path.exists()
+
+
+def test_replaces_a_file_only_when_forced(path):
+    path.write_text("precious")
+    with pytest.raises(OutputError, match="exists already"):
+        save(PLAYS, path)
+    assert path.read_text() == "precious"
+    save(PLAYS, path, force=True)
+    assert same(load(path), PLAYS)
+
+
+def spoil(content, keys, value):
+    *way, last = keys
+    for key in way:
+        content = content[key]
+    if value is None:
+        del content[last]
+    else:
+        content[last] = value
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        (["format"], "other", "is not a model file"),
+        (["format"], None, "is not a model file"),
+        (["version"], None, "is not a model file"),
+        (["version"], 0, "is not a model file"),
+        (["version"], "1", "is not a model file"),
+        (["version"], 4, "format version 4, and this minorloop reads up to 3; install a newer"),
+        (["version"], 2, "a file with bands has version 3, another one with warnings 2"),
+        (["warnings"], ["it is clipped"], "another one with warnings 2"),
+        (["warnings"], [], "at `warnings`"),
+        (["warnings"], ["\x1b[2J"], "at `warnings"),
+        (["author"], "me", "unknown field `author`"),
+        (["model", "colour"], "red", "unknown field `colour` - at `model`"),
+        (["input", "colour"], "red", "unknown field `colour` - at `input`"),
+        (["provenance", "colour"], "red", "unknown field `colour` - at `provenance`"),
+        (["model", "kind"], "bouc-wen", "'bouc-wen' - at `model.kind`; kinds are preisach, relay"),
+        (["model", "kind"], "polynomial", "unknown field `levels`"),
+        (["model", "slope"], None, "missing required field `slope`"),
+        (["lag"], -1, "at `lag`"),
+        (["lag"], 1.5, "at `lag`"),
+        (["model", "relay"], "tripolar", "'tripolar' - at `model.relay`"),
+        (["model", "offset"], "0", "at `model.offset`"),
+        (["model", "levels"], [0.0, 1.0, 1.0, 2.0], "not strictly increasing"),
+        (["model", "levels"], [2.0, 1.0, 0.5, 0.0], "not strictly increasing"),
+        (["model", "levels"], [0.0, 1.0], "weights have 3 rows; the levels need 1"),
+        (["model", "levels"], [], "levels have shape"),
+        (["model", "weights", 1], [1.0], "row 1 of weights has 1 numbers; it needs 2"),
+        (["model", "weights", 0], [1.0, 2.0], "row 0 of weights has 2 numbers; it needs 1"),
+        (["model", "weights", 0, 0], True, r"`float`, got `bool` - at `model.weights\[0\]\[0\]"),
+        (["provenance", "sha256"], "xyz", "at `provenance.sha256`"),
+    ],
+)
+def test_refuses_a_file_that_is_inconsistent(keys, value, message, content, path):
+    spoil(content, keys, value)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelFileError, match=message):
+        load(path)
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999", "9" * 400, "0x10"])
+def test_refuses_numbers_that_are_not_finite(number, content, path):
+    content["model"]["offset"] = "here"
+    path.write_text(json.dumps(content).replace('"here"', number))
+    with pytest.raises(ModelFileError, match=r"damaged|out of range"):
+        load(path)
+
+
+@pytest.mark.parametrize("key", ["lag", "offset", "name"])
+def test_refuses_a_key_that_is_there_twice(key, path):
+    save(Preisach([0.0, 1.0], [[1.0]]), path)
+    text = path.read_text()
+    start = text.index(f'"{key}"')
+    again = text[start : text.index(",", start) + 1]
+    path.write_text(text[:start] + again + text[start:])
+    with pytest.raises(ModelFileError, match=f"it has the key '{key}' twice"):
+        load(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"", "damaged, or is not JSON"),
+        (b"not json", "is not a model file; give one that identify --save has"),
+        (b"\x80\x04\x95", "is not a model file"),
+        (b'{"format": "\xff"}', "damaged, or is not JSON"),
+        (b'{"a": ' * 100_000, "damaged, or is not JSON"),
+        (b"[" * 100_000, "is not a model file"),
+        (b"[1, 2]", "is not a model file"),
+        (b"null", "is not a model file"),
+        (b'{"weights": [1]}', "is not a model file"),
+    ],
+)
+def test_refuses_other_files(text, message, path):
+    path.write_bytes(text)
+    with pytest.raises(ModelFileError, match=message):
+        load(path)
+
+
+def test_refuses_paths_that_are_not_files(tmp_path, path):
+    with pytest.raises(ModelFileError, match="there is no file"):
+        load(path)
+    with pytest.raises(ModelFileError, match="is not a file"):
+        load(tmp_path)
+    with pytest.raises(ModelFileError, match="is not a file"):
+        load("/dev/zero")
+    with pytest.raises(ModelFileError, match="cannot be the name of a file"):
+        load("a\0b")
+
+
+def test_refuses_a_file_that_is_too_large(path):
+    with open(path, "wb") as file:
+        file.truncate(LARGEST + 1)
+    with pytest.raises(
+        ModelFileError, match=f"{LARGEST + 1} bytes, a model file {LARGEST} at most"
+    ):
+        load(path)
+
+
+def read_or_refused(path, data):
+    """Whether the file reads; what reads has to be a model that can be saved again."""
+    path.write_bytes(data)
+    try:
+        model = load(path)
+    except ModelFileError:
+        return False
+    save(model, path, force=True)
+    assert same(load(path), model)
+    return True
+
+
+@pytest.fixture(scope="module")
+def valid(scratch):
+    """The bytes of a valid file of each kind."""
+    texts = {}
+    for kind, model in MODELS.items():
+        save(model, scratch, provenance={**GIVEN, "scores": {"nrmse": 0.1}}, force=True)
+        texts[kind] = scratch.read_bytes()
+    return texts
+
+
+@kinds
+@given(
+    flips=st.lists(st.tuples(st.integers(0, 2**20), st.integers(1, 255)), min_size=1, max_size=3)
+)
+def test_flipped_bytes_give_a_model_or_a_refusal(kind, flips, valid, scratch):
+    data = bytearray(valid[kind])
+    for place, mask in flips:
+        data[place % len(data)] ^= mask
+    read_or_refused(scratch, bytes(data))
+
+
+@kinds
+def test_flipping_any_one_bit_gives_a_model_or_a_refusal(kind, valid, scratch):
+    outcomes = {
+        read_or_refused(scratch, valid[kind][:i] + bytes([byte ^ 1]) + valid[kind][i + 1 :])
+        for i, byte in enumerate(valid[kind])
+    }
+    assert outcomes == {True, False}
+
+
+@kinds
+def test_a_truncated_file_is_refused(kind, valid, scratch):
+    whole = valid[kind].rstrip()
+    assert read_or_refused(scratch, whole)
+    for length in range(len(whole)):
+        assert not read_or_refused(scratch, whole[:length])
+
+
+@given(
+    json_like=st.recursive(
+        st.none() | st.booleans() | st.integers() | finite | st.text(max_size=5),
+        lambda inner: (
+            st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+        ),
+        max_leaves=8,
+    )
+)
+@example(json_like={"format": "minorloop model", "version": 1})
+def test_other_json_in_place_of_a_part_is_refused_or_read(json_like, valid, scratch):
+    whole = json.loads(valid["preisach"])
+    for key in whole:
+        read_or_refused(scratch, json.dumps({**whole, key: json_like}).encode())
+    for key in whole["model"]:
+        model = {**whole["model"], key: json_like}
+        read_or_refused(scratch, json.dumps({**whole, "model": model}).encode())
+
+
+def test_warnings_are_kept_and_repeated_on_reading(path):
+    model = MODELS["preisach"]
+    save(model, path)
+    assert json.loads(path.read_text())["version"] == 1
+    assert read(path).warnings == ()
+    said = ["the output is clipped", "x" * 3000, *["again"] * 30]
+    save(model, path, warnings=said, force=True)
+    assert json.loads(path.read_text())["version"] == 2
+    assert read(path).warnings == ("the output is clipped", "x" * 1000, *["again"] * 18)
+    with pytest.warns(ModelWarning, match="the output is clipped"):
+        assert same(load(path), model)
+    with pytest.raises(ParameterError, match="warnings"):
+        save(model, path, warnings=["a\nb"], force=True)
+
+
+@pytest.mark.parametrize("letter", ["\n", "\x1b", "\x7f", "\x9b", "\u2028", "\u202e"])
+def test_refuses_names_with_control_characters(letter, tmp_path):
+    path, model = tmp_path / "m.json", MODELS["preisach"]
+    with pytest.raises(ParameterError, match="cannot be printed"):
+        save(model, path, input=f"u{letter}x")
+    with pytest.raises(ParameterError, match="cannot be printed"):
+        save(model, path, provenance={"data": f"u{letter}x.csv"})
+    save(
+        model, path, input="name-u [unit-u]", provenance={"data": "file-u", "scores": {"sc-u": 1.0}}
+    )
+    text = path.read_text()
+    for word in ("name-u", "unit-u", "file-u", "sc-u"):
+        path.write_text(text.replace(word, json.dumps(f"{word}{letter}")[1:-1]))
+        with pytest.raises(ModelFileError, match="cannot be printed"):
+            read(path)
+
+
+def test_control_characters_in_the_name_of_a_data_file_are_replaced(tmp_path):
+    data = tmp_path / "a\n\x1bb.csv"
+    data.write_text("x")
+    assert Provenance.of(data).data == "a\N{REPLACEMENT CHARACTER}\N{REPLACEMENT CHARACTER}b.csv"
+
+
+@pytest.mark.parametrize("unit", [b"[", b'{"a":', b"[],", b"1,", b'"a":1,'])
+def test_files_full_of_marks_are_refused_before_decoding(unit, tmp_path, monkeypatch):
+    monkeypatch.setattr(msgspec.json, "decode", None)
+    path = tmp_path / "m.json"
+    path.write_bytes(b'{"format": "minorloop model", "version": 1, "x": ' + unit * 3_000_000)
+    with pytest.raises(ModelFileError, match=r"of the mark .*, a model file \d+ at most"):
+        read(path)
+
+
+def test_the_message_names_a_key_that_is_there_twice(tmp_path):
+    path = tmp_path / "m.json"
+    save(MODELS["polynomial"], path, provenance={"scores": {"first": 1.0, "second": 2.0}})
+    path.write_text(path.read_text().replace('"first"', '"second"'))
+    with pytest.raises(ModelFileError, match="it has the key 'second' twice"):
+        read(path)
+
+
+def test_an_identification_with_an_interval_is_saved_with_its_lag_in_seconds(tmp_path):
+    u = np.sin(np.arange(60) / 4)
+    found = minorloop.identify(u, u, levels=3, prior="none", slope=False, lag=2, interval=0.01)
+    minorloop.save(found, tmp_path / "m.json")
+    assert read(tmp_path / "m.json").lag_seconds == pytest.approx(0.02)
+    with pytest.raises(minorloop.errors.ParameterError, match=r"interval is 0; give a time > 0"):
+        minorloop.identify(u, u, interval=0)
+
+
+@pytest.fixture(scope="module")
+def with_bands(tmp_path_factory):
+    """The text of a file with bands."""
+    u = np.random.default_rng(1000).uniform(-1, 1, 200)
+    noise = 0.01 * np.random.default_rng(1001).normal(size=200)
+    path = tmp_path_factory.mktemp("bands") / "m.json"
+    save(minorloop.identify(u, np.abs(u) + noise, levels=4), path)
+    return path.read_text()
+
+
+def test_a_file_with_bands_has_version_3_and_its_bands_are_read_when_they_are_used(
+    with_bands, path
+):
+    content = json.loads(with_bands)
+    assert content["version"] == 3
+    path.write_text(with_bands)
+    found = read(path).band_model()
+    np.testing.assert_allclose(found.posterior.factor, np.tril(found.posterior.factor))
+    for version in (1, 2):
+        path.write_text(json.dumps({**content, "version": version}))
+        with pytest.raises(ModelFileError, match="a file with bands has version 3"):
+            read(path)
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        (["levels"], [0.0, 0.0], "not strictly increasing"),
+        (["levels"], [0.0, 1.0], "factors have 11 rows; the levels need 2"),
+        (["factor", 1], [1.0], "row 1 of factors has 1 numbers; it needs 2"),
+        (["error", "reached", 1], "2a", "text of 0 and 1"),
+        (["error", "reached", 1], "1", "text of 0 and 1"),
+        (["error", "factors"], [1.0, -1.0, 0.0], "must be >= 0"),
+        (["error", "variance"], [1.0, 1.0], "one for each input"),
+        (["noise"], -1.0, "at `bands.noise`"),
+        (["samples"], 0, "at `bands.samples`"),
+        (["colour"], "red", "unknown field `colour` - at `bands`"),
+    ],
+)
+def test_damaged_bands_are_refused(keys, value, message, with_bands, path):
+    content = json.loads(with_bands)
+    spoil(content["bands"], keys, value)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelFileError, match=message):
+        read(path).band_model()

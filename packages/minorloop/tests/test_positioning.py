@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.operators.polynomial import Polynomial
+from minorloop.positioning import ExperimentProtocol, run_positioning
+from minorloop.positioning_report import positioning_report
+from minorloop.twins.ipmc_laser import NOISE
+
+
+def test_hysteresis_known_is_several_times_better_than_ignored():
+    ratios = [run_positioning(seed).summary["rms_ratio"] for seed in range(20)]
+    assert np.median(ratios) >= 5
+    assert min(ratios) >= 3.3
+
+
+def test_a_noisy_sensor_costs_some_of_it():
+    ratios = [run_positioning(seed, noise=0.1).summary["rms_ratio"] for seed in range(5)]
+    assert np.median(ratios) >= 4.5
+
+
+def test_is_the_papers_experiment():
+    result = run_positioning(3)
+    assert result.summary["measurements"] == result.summary["unknowns"] == 56
+    assert np.abs(result.targets).max() <= 7.5
+    assert np.abs(result.quadratic.voltages).max() <= 1.2
+    np.testing.assert_allclose(
+        result.preisach.errors, result.preisach.achieved - result.targets, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
+def test_targets_lie_in_their_bands(diagonal):
+    setup = ExperimentProtocol(laser=True, diagonal=diagonal)
+    shares = [run_positioning(seed, NOISE, setup).coverage for seed in range(1000, 1006)]
+    assert np.mean(shares) >= 0.8
+
+
+def test_repeats_itself_by_seed():
+    assert run_positioning(4, 0.1).summary == run_positioning(4, 0.1).summary
+    assert run_positioning(4).summary != run_positioning(5).summary
+
+
+def test_report_shows_every_figure():
+    page = positioning_report(run_positioning(0)).html()
+    assert page.count("data:image/svg+xml;base64,") == 6
+    assert "figures are those of the twin" in page.replace("\n", " ")
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, True])
+def test_refuses_what_is_no_seed(seed):
+    with pytest.raises(ParameterError, match="seed"):
+        run_positioning(seed)
+
+
+@pytest.mark.parametrize("noise", [-0.1, np.nan, np.inf, 8.0])
+def test_refuses_a_noise_that_is_none_or_too_much(noise):
+    with pytest.raises(ParameterError, match=r"give 0 to 7\.5, the largest target"):
+        run_positioning(0, noise)
+
+
+def test_a_quadratic_that_noise_has_bent_is_said_to_be_so(monkeypatch):
+    bent = Polynomial([0.0, 0.0, 1.0], -1.2, 1.2)
+    monkeypatch.setattr(Polynomial, "fit", lambda *_, **__: bent)
+    with pytest.raises(ParameterError, match=r"noise is 3\.0 1/m, .* non-monotone .*; give less"):
+        run_positioning(0, 3.0)
+
+
+def test_other_figures_than_the_papers_and_what_is_under_way():
+    stages = []
+    protocol = ExperimentProtocol(voltage=1.0, bands=4, hold=20.0, targets=3, reach=2.0)
+    result = run_positioning(0, protocol=protocol, progress=stages.append)
+    assert result.summary["measurements"] == 11
+    assert result.targets.size == result.preisach.voltages.size == 3
+    assert np.abs(result.preisach.voltages).max() <= 1.0
+    assert result.preisach.record.t[-1] - result.preisach.record.t[0] <= 3 * 20.0
+    assert [stage.split()[0] for stage in stages] == [
+        "measuring",
+        "identifying",
+        "driving",
+        "driving",
+    ]

@@ -1,0 +1,236 @@
+"""Walls with and without a crack, beside marks that are no cracks, by seed.
+
+Every wall has scratches, drawing marks, stains and dents, and two in five a weld. With a crack,
+some of them are beside it. Each mark looks as it does by its form: grooves and beads turn the
+light, stains only dim it, and a crack returns hardly any light of any lamp.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
+from minorloop_head.geometry import Pose, wall_lengths, wall_point
+from minorloop_head.twins.camera import LENS, Camera
+from minorloop_head.twins.pipe import Crack, Pipe, Scratch, Weld, draw_dent, draw_dirt, draw_finish
+from minorloop_head.twins.scene_view import (
+    AimedCamera,
+    draw_head,
+    draw_place,
+    focus_near,
+    metered_gain,
+)
+from minorloop_head.vision.reflectance_map import LEAST_SEEN
+
+NARROWEST, WIDEST = 30e-6, 200e-6
+SHORTEST, LONGEST = 2e-3, 15e-3
+"""Widths and lengths of the cracks in metres: those of the claim."""
+FINE = 0.05e-3
+"""Step of a true course in metres, in which its length is counted."""
+_EDGE = 12.0
+"""Pixels at the edge of the image that a map leaves out because of the errors of the pose."""
+_STEP = 0.4e-3
+"""Distance of the corners of a crack in metres, about the size of grains that turn a crack."""
+_TIP = 0.6e-3
+"""Length in metres over which a crack narrows to its tip."""
+_BRANCHING, _WELDED, _BESIDE = 0.3, 0.4, 0.4
+"""Shares of cracks with a branch, of walls with a weld, and of marks beside the crack."""
+_AROUND, _ALONG = 1.0, 9e-3
+"""Half the size of the wall with marks: in radians around and metres along."""
+_STAINS = 0.3e-3, 3e-3
+"""Sizes of stains in metres."""
+_TRIES = 60
+"""Most views drawn for a scene; most seeds need one or two."""
+
+
+@dataclass(frozen=True, eq=False)
+class CrackView(AimedCamera):
+    """A camera before a wall, and the truth of what it sees.
+
+    Parameters
+    ----------
+    pipe : Pipe
+        The wall. For scoring only.
+    width : float
+        Of the crack where it is neither at a tip nor in a branch, in metres; 0 without one.
+    """
+
+    pipe: Pipe
+    width: float
+
+
+def draw_crack_view(seed: int, *, crack: bool) -> CrackView:
+    """Draw a view of a wall with or without a crack.
+
+    Parameters
+    ----------
+    seed : int
+        Of the view. The head turns 18 to 30 degrees from the axis, as for holes.
+    crack : bool
+        Whether there is a crack, 30 to 200 um wide and 2 to 15 mm long, of any direction.
+
+    Raises
+    ------
+    ParameterError
+        If no view could be exposed.
+    """
+    rng = np.random.default_rng([seed, int(crack), 21])
+    for _ in range(_TRIES):
+        mount, pan, tilt = draw_head(rng)
+        place = draw_place(rng, mount.pose(pan, tilt))
+        cracks, width = _cracks(rng, *place)
+        if not _in_view(mount.pose(pan, tilt), cracks[0]):
+            continue
+        wall = _wall(rng, place, cracks, crack)
+        seeds = rng.integers(2**31, size=2).tolist()
+        camera = Camera(wall, mount, seed=seeds[0], specimen=seeds[1])
+        camera.look(pan, tilt)
+        focus_near(rng, camera, mount.pose(pan, tilt))
+        gain = metered_gain(camera) * math.exp(rng.uniform(math.log(0.5), math.log(2.0)))
+        if 0.1 <= gain <= 20:
+            camera.expose(0.01, gain)
+            return CrackView(camera, mount, pan, tilt, gain, wall, width if crack else 0.0)
+    raise ParameterError(f"no view found for seed {seed} in {_TRIES} tries; give another seed")
+
+
+def fine_course(crack: Crack, radius: float) -> tuple[FloatArray, FloatArray]:
+    """Return course (N, 2) and widths (N,) of a true crack, in steps of 50 um."""
+    corners = np.array(crack.points)
+    along = wall_lengths(corners, radius)
+    fine = np.arange(0.0, along[-1], FINE)
+    course = [
+        np.interp(fine, along, np.unwrap(corners[:, 0])),
+        np.interp(fine, along, corners[:, 1]),
+    ]
+    return np.stack(course, axis=1), np.interp(fine, along, np.array(crack.widths))
+
+
+def _in_view(pose: Pose, crack: Crack) -> bool:
+    """Return whether at least 2 mm and half of a crack are seen with the resolution of a map."""
+    course, _ = fine_course(crack, Pipe.radius)
+    points = wall_point(course[:, 0], course[:, 1], Pipe.radius)
+    local = pose.to_camera(points)
+    pixels = LENS.project(local)
+    way = points - pose.position
+    out = way[:, 0] * np.cos(course[:, 0]) + way[:, 1] * np.sin(course[:, 0])
+    fine = LENS.focal * out >= LEAST_SEEN * (way**2).sum(axis=1)
+    inside = (pixels > _EDGE) & (pixels < np.array([LENS.width, LENS.height]) - _EDGE)
+    seen = fine & inside.all(axis=1) & (local[:, 2] > 0)
+    return bool(seen.mean() >= 0.5 and seen.sum() * FINE >= SHORTEST)
+
+
+def _cracks(rng: np.random.Generator, phi: float, z: float) -> tuple[tuple[Crack, ...], float]:
+    """Return a crack about a place, perhaps with a branch, and its width."""
+    width = math.exp(rng.uniform(math.log(NARROWEST), math.log(WIDEST)))
+    length, heading = rng.uniform(SHORTEST, LONGEST), rng.uniform(0, 2 * np.pi)
+    look = {"depth": rng.uniform(0.2e-3, 1.5e-3), "albedo": rng.uniform(0.02, 0.12)}
+    way, ways = _way(rng, length, heading)
+    way = way - way[len(way) // 2] + rng.normal(0, 0.3e-3, 2)
+    found = [_crack(rng, way, width, (phi, z), look)]
+    if rng.random() < _BRANCHING:
+        at = int(rng.integers(len(way) // 4, 3 * len(way) // 4 + 1))
+        turn = float(rng.choice([-1, 1]) * rng.uniform(0.5, 1.0))
+        start = ways[min(at, len(ways) - 1)] + turn
+        side, _ = _way(rng, max(length * rng.uniform(0.2, 0.5), 1e-3), start)
+        thin = width * rng.uniform(0.6, 0.9)
+        found.append(_crack(rng, side + way[at], thin, (phi, z), look))
+    return tuple(found), width
+
+
+def _way(rng: np.random.Generator, length: float, heading: float) -> tuple[FloatArray, FloatArray]:
+    """Return corners (N, 2) in metres from (0, 0), and the N - 1 headings between them."""
+    count = max(round(length / _STEP), 2)
+    ways = heading + np.cumsum(rng.normal(0, 0.12, count)) + rng.normal(0, 0.3, count)
+    steps = length / count * np.stack([np.cos(ways), np.sin(ways)], axis=1)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), ways
+
+
+def _crack(
+    rng: np.random.Generator,
+    way: FloatArray,
+    width: float,
+    place: tuple[float, float],
+    look: dict[str, float],
+) -> Crack:
+    """Return a crack on corners (N, 2) about a place, narrower at its tips."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+    tip = np.minimum(along, along[-1] - along) / _TIP
+    widths = width * np.exp(rng.normal(0, 0.1, len(way))) * np.clip(0.3 + tip, 0.3, 1.0)
+    points = np.array(place) + way / [Pipe.radius, 1.0]
+    return Crack(tuple((float(phi), float(z)) for phi, z in points), tuple(widths.tolist()), **look)
+
+
+def _wall(
+    rng: np.random.Generator, place: tuple[float, float], cracks: tuple[Crack, ...], crack: bool
+) -> Pipe:
+    """Return a wall with marks about a place, some of them beside the course of the crack."""
+    course = np.array(cracks[0].points)
+
+    def somewhere() -> tuple[float, float]:
+        if rng.random() < _BESIDE:
+            phi, z = course[int(rng.integers(len(course)))] + rng.normal(0, 0.7e-3, 2) / [
+                Pipe.radius,
+                1.0,
+            ]
+        else:
+            phi = place[0] + rng.uniform(-_AROUND, _AROUND)
+            z = place[1] + rng.uniform(-_ALONG, _ALONG)
+        return float(phi), float(z)
+
+    welds = [_weld(rng, *somewhere())] if rng.random() < _WELDED else []
+    return Pipe(
+        finish=draw_finish(rng),
+        cracks=cracks if crack else (),
+        dents=tuple(draw_dent(rng, *somewhere()) for _ in range(rng.integers(1, 5))),
+        scratches=(
+            *(_scratch(rng, *somewhere()) for _ in range(rng.integers(3, 9))),
+            *(_drawing_mark(rng, *somewhere()) for _ in range(rng.integers(3, 9))),
+        ),
+        dirt=tuple(draw_dirt(rng, *somewhere(), _STAINS) for _ in range(rng.integers(2, 7))),
+        welds=tuple(welds),
+    )
+
+
+def _scratch(rng: np.random.Generator, phi: float, z: float) -> Scratch:
+    """Draw a scratch of 1 to 10 mm, straight or bent, clean or with dirt in it."""
+    return Scratch(
+        phi,
+        z,
+        rng.uniform(0, np.pi),
+        rng.uniform(1e-3, 10e-3),
+        rng.uniform(0.06e-3, 0.2e-3),
+        slope=rng.uniform(0.1, 0.8),
+        albedo=rng.uniform(0.5, 1.3),
+        bend=rng.normal(0, 15.0),
+    )
+
+
+def _drawing_mark(rng: np.random.Generator, phi: float, z: float) -> Scratch:
+    """Draw a groove of the drawing die: along the pipe, long and shallow."""
+    return Scratch(
+        phi,
+        z,
+        np.pi / 2 + rng.normal(0, 0.01),
+        rng.uniform(6e-3, 30e-3),
+        rng.uniform(0.05e-3, 0.15e-3),
+        slope=rng.uniform(0.1, 0.5),
+        albedo=rng.uniform(0.7, 1.1),
+    )
+
+
+def _weld(rng: np.random.Generator, phi: float, z: float) -> Weld:
+    """Draw a weld round or along the pipe; its ripples have sharp valleys."""
+    return Weld(
+        phi,
+        z,
+        float(rng.choice([0.0, np.pi / 2])) + rng.normal(0, 0.02),
+        rng.uniform(10e-3, 30e-3),
+        rng.uniform(1.5e-3, 4e-3),
+        height=rng.uniform(0.05e-3, 0.2e-3),
+        pitch=rng.uniform(0.3e-3, 1e-3),
+        ripple=rng.uniform(0.05, 0.3),
+    )

@@ -1,0 +1,257 @@
+"""Detection of cracks, on scenes that the weights of the evidence were not fitted on.
+
+Each seed gives a wall with a crack and one without, with the same kinds of marks. Courses are
+compared on the map of the calibrated camera, whose pivot and angles have the errors of the scenes
+with holes. Of a crack counts what this map shows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.identification.bands import PER_DEVIATION
+from minorloop_head.procedures.trace import between, traces_of
+from minorloop_head.vision.calibrated_camera import CalibratedCamera, Window
+from minorloop_head.vision.cracks import TracedCrack
+from minorloop_head.vision.defects import Findings, find_holes
+from minorloop_head.vision.reflectance_map import LitFrame
+from papers.catheter import scoring
+from papers.catheter.crack_scans import scanned_depth
+from papers.catheter.crack_scenes import FINE, CrackView, draw_crack_view, fine_course
+from papers.catheter.detection import misjudged, shots, wilson
+
+SAME = 0.2e-3
+"""Distance in metres within which two courses are the same: required."""
+SHARE = 0.5
+"""A crack is found if this share of its course is within `SAME` of what was traced; a trace is
+false if less than this share of it is within `SAME` of the crack."""
+WIDE, NARROW = 100e-6, 50e-6
+"""Limits of the classes of width in metres: required."""
+
+
+@dataclass(frozen=True)
+class CrackOutcome:
+    """Result of one scene.
+
+    Parameters
+    ----------
+    seed : int
+        Of the scene.
+    width : float
+        Drawn width of the crack in metres; 0 without a crack.
+    found : bool
+        Whether the crack was found.
+    shares : (float, float)
+        Shares of the drawn course that was traced, and of the traced one that was drawn.
+    length_error, width_error : float
+        Relative error of the length, and error of the median width in metres; NaN if not found.
+    false : int
+        Number of false findings.
+    scan : str
+        Verdict of the scan across it; empty without one.
+    depth_error : float
+        Of the depth by the scan, in metres; NaN without one.
+    width_sd : float
+        Standard deviation of the width that is stated, in metres; NaN if not found.
+    """
+
+    seed: int
+    width: float
+    found: bool
+    shares: tuple[float, float]
+    length_error: float
+    width_error: float
+    false: int
+    scan: str = ""
+    depth_error: float = math.nan
+    width_sd: float = math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class CrackSearch:
+    """Pictures of a scene, what was traced, and the truth on the same map.
+
+    Parameters
+    ----------
+    view : CrackView
+        The scene.
+    camera : CalibratedCamera
+        The calibrated camera.
+    frames : tuple of LitFrame
+        The acquisition.
+    traces : tuple of TracedCrack
+        What was found.
+    findings : Findings
+        Holes and the map.
+    course : (N, 2) array
+        Phi and z of the visible part of the crack in steps of 50 um; empty without one.
+    widths : (N,) array
+        True widths there, in metres.
+    """
+
+    view: CrackView
+    camera: CalibratedCamera
+    frames: tuple[LitFrame, ...]
+    traces: tuple[TracedCrack, ...]
+    findings: Findings
+    course: FloatArray
+    widths: FloatArray
+
+
+def search_cracks(seed: int, crack: bool) -> CrackSearch:
+    """Take an acquisition of one scene, and trace its cracks."""
+    view, rng = draw_crack_view(seed, crack=crack), np.random.default_rng([seed, int(crack), 22])
+    camera = misjudged(view, rng)
+    frames = tuple(shots(view, rng))
+    found = find_holes(frames, camera)
+    traces = traces_of(found, camera.radius)
+    course, widths = _visible(view, camera, found)
+    return CrackSearch(view, camera, frames, traces, found, course, widths)
+
+
+def score_cracks(seed: int, crack: bool, *, scan: bool = False) -> CrackOutcome:
+    """Search one scene, scan across the crack that was found, and compare with the truth."""
+    search = search_cracks(seed, crack)
+    outcome = outcome_of(seed, search)
+    if not (scan and outcome.found):
+        return outcome
+    best = max((trace for trace, _ in _right(search)), key=lambda trace: trace.length)
+    found = scanned_depth(seed, search.view.pipe.cracks, best, _true_places(search, best))
+    error = found.depth - search.view.pipe.cracks[0].depth
+    return replace(outcome, scan=found.verdict, depth_error=error)
+
+
+def _true_places(search: CrackSearch, traced: TracedCrack) -> FloatArray:
+    """Return the places (N, 2) of the wall that are at the pixels of a trace."""
+    view, camera = search.view, search.camera
+    pixels = camera.pixel(traced.places, view.pan, view.tilt)
+    true = replace(camera, lens=scoring.true_lens(view.camera), mount=view.mount)
+    return true.place(pixels, view.pan, view.tilt)
+
+
+def _right(search: CrackSearch) -> list[tuple[TracedCrack, BoolArray]]:
+    """Return the traces on the crack, and which of their places are on it."""
+    right = []
+    for trace in search.traces if len(search.course) else ():
+        off = between(trace.places, search.course, search.camera.radius)
+        near: BoolArray = off.min(axis=1) < SAME
+        if near.mean() >= SHARE:
+            right.append((trace, near))
+    return right
+
+
+def outcome_of(seed: int, search: CrackSearch) -> CrackOutcome:
+    """Compare the traces of a scene with the truth."""
+    radius, course = search.camera.radius, search.course
+    if not len(course):
+        return CrackOutcome(
+            seed, 0.0, False, (math.nan, math.nan), math.nan, math.nan, len(search.traces)
+        )
+    right = _right(search)
+    drawn = np.zeros(len(course), dtype=bool)
+    for trace, _ in right:
+        drawn |= between(trace.places, course, radius).min(axis=0) < SAME
+    false = len(search.traces) - len(right)
+    found = bool(drawn.mean() >= SHARE)
+    shares = (float(drawn.mean()), math.nan)
+    if not found:
+        return CrackOutcome(seed, search.view.width, False, shares, math.nan, math.nan, false)
+    shares = (shares[0], float(np.concatenate([near for _, near in right]).mean()))
+    length = sum(trace.length for trace, _ in right)
+    widths = np.concatenate([trace.widths[near] for trace, near in right])
+    return CrackOutcome(
+        seed,
+        search.view.width,
+        True,
+        shares,
+        length / (len(course) * FINE) - 1,
+        float(np.median(widths) - np.median(search.widths[drawn])),
+        false,
+        width_sd=max((trace for trace, _ in right), key=lambda trace: trace.length).width_sd,
+    )
+
+
+def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
+    """Return recall by width, false findings per acquisition, and errors of what was found."""
+    cracks = [one for one in outcomes if one.width > 0]
+    found = [one for one in cracks if one.found]
+    scans = [one for one in found if one.scan]
+    deep = [1e3 * abs(one.depth_error) for one in scans if math.isfinite(one.depth_error)]
+    figures: dict[str, Any] = {
+        "scenes": len(cracks),
+        "false_per_acquisition": sum(one.false for one in outcomes) / max(len(outcomes), 1),
+        "false_interval": _rate_interval(sum(one.false for one in outcomes), len(outcomes)),
+        "length_error_pct": _median([100 * abs(one.length_error) for one in found]),
+        "width_error_um": _median([1e6 * abs(one.width_error) for one in found]),
+        "width_band_um": _median([1e6 * PER_DEVIATION * one.width_sd for one in found]),
+        "width_coverage": float(
+            np.mean([abs(one.width_error) <= PER_DEVIATION * one.width_sd for one in found])
+        )
+        if found
+        else math.nan,
+        "found": len(found),
+        "course_traced": _median([one.shares[0] for one in found]),
+        "trace_right": _median([one.shares[1] for one in found]),
+        "scans": len(scans),
+        "depth_share": len(deep) / len(scans) if scans else math.nan,
+        "depth_error_mm": _median(deep),
+        "depth_error_mm_worst": max(deep, default=math.nan),
+        "verdicts": dict(Counter(one.scan for one in scans)),
+    }
+    for name, low, high in (
+        ("100um", WIDE, math.inf),
+        ("50um", NARROW, WIDE),
+        ("30um", 0.0, NARROW),
+    ):
+        own = [one.found for one in cracks if low <= one.width < high]
+        figures[f"recall_{name}"] = float(np.mean(own)) if own else math.nan
+        figures[f"recall_{name}_interval"] = wilson(sum(own), len(own)) if own else None
+        figures[f"scenes_{name}"] = len(own)
+    return figures
+
+
+def _median(values: Sequence[float]) -> float:
+    return float(np.median(values)) if values else math.nan
+
+
+def _rate_interval(count: int, of: int) -> tuple[float, float]:
+    """Return the exact 95 % interval of a rate of rare events (Garwood, Biometrika 28, 1936)."""
+    low = chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    return float(low / max(of, 1)), float(chi2.ppf(0.975, 2 * count + 2) / 2 / max(of, 1))
+
+
+def _visible(
+    view: CrackView, camera: CalibratedCamera, found: Findings
+) -> tuple[FloatArray, FloatArray]:
+    """Return places (N, 2) on the map of the camera, and widths (N,), of the visible crack."""
+    places, widths = [], []
+    for crack in view.pipe.cracks if found.wall is not None else ():
+        course, wide = fine_course(crack, camera.radius)
+        pixels = scoring.true_pixel(view.camera, course[:, 0], course[:, 1])
+        on_map = camera.place(pixels, view.pan, view.tilt)
+        seen = _on_map(found, on_map, camera.radius)
+        places.append(on_map[seen])
+        widths.append(wide[seen])
+    if not places:
+        return np.empty((0, 2)), np.empty(0)
+    return np.concatenate(places), np.concatenate(widths)
+
+
+def _on_map(found: Findings, places: FloatArray, radius: float) -> BoolArray:
+    """Return whether places (N, 2) are on texels of the map that are seen."""
+    assert found.wall is not None
+    window: Window = found.wall.window
+    x, y = np.rint(window.texels(places, radius)).T
+    inside = (x >= 0) & (x < window.columns) & (y >= 0) & (y < window.rows)
+    seen = np.isfinite(found.wall.whole)
+    rows, columns = (np.where(inside, n, 0).astype(int) for n in (y, x))
+    visible: BoolArray = inside & seen[rows, columns]
+    return visible

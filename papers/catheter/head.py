@@ -1,0 +1,664 @@
+"""The catheter head paper, end to end, on the twin.
+
+Boudjabi, Ferreira and Krupa (Modeling and vision-based control of a micro catheter head for
+teleoperated in-pipe inspection, IEEE ICRA 2003) identify a Preisach model of a shape-memory wire
+from reversal curves, invert it by stepping, and control the head by an internal model around that
+inverse. They find that open loop errs more and more, and leave changing surroundings open. Here
+the head is identified, driven in open and closed loop by seven controllers, disturbed, and given
+targets that it cannot reach; then its camera tracks, and its tool marks what was picked.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop_head.control.controller import Controller
+from minorloop_head.control.head import CONTROLLERS, HeadControl, head_control
+from minorloop_head.control.internal_model import InternalModel
+from minorloop_head.control.planning import PlannedPowers, Planner
+from minorloop_head.control.robustness import Margins, robust_margins
+from minorloop_head.heated_wire import HeatedWire
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
+from minorloop_head.twins.wire import Wire
+from papers.catheter import servo_integral
+from papers.catheter.head_camera import CameraStudy, run_camera
+from papers.catheter.head_loop import (
+    DELAY,
+    NOISE,
+    TICK,
+    HeadRun,
+    circle,
+    constant,
+    controller_figures,
+    ramps,
+    run_loop,
+    stairs,
+    step_figures,
+)
+from papers.catheter.head_ramps import HIGH, LOW, PERIOD, Ramps, ramp_figures, run_ramps
+from papers.catheter.head_static import CURRENT, HOLD, Static, run_static
+from papers.catheter.scoring import truth
+from papers.catheter.servo_integral import IntegralStudy
+from papers.catheter.sight import SIGHT_CLAIMS, SightStudy, gather_sight, run_sight
+from papers.catheter.unreachable import CLEARLY, cause_found, true_reach
+from papers.claims import Claim, medians
+
+TITLE = "A catheter head on shape-memory wires"
+PARTS = {
+    "integral": "papers.catheter.servo_integral",
+    "rivals": "papers.catheter.camera_rivals",
+    "unreachable": "papers.catheter.unreachable",
+}
+"""Studies of a part alone; unreachable has more cases."""
+DEFAULT = CONTROLLERS[0]
+TARGETS = (20.0, 30.0, 40.0)
+"""Steps in degrees, those of the paper."""
+STEP_SECONDS = 30.0
+"""Duration of a step: more than twice as long as it may take to settle."""
+DISTURBED = {
+    "ambient 10 C": Surroundings(ambient=10.0),
+    "ambient 30 C": Surroundings(ambient=30.0),
+    "convection 65": Surroundings(convection=65.0),
+    "convection 90": Surroundings(convection=90.0),
+}
+WARMER = Surroundings(ambient=30.0)
+VARYING = Surroundings(cooling=Cooling())
+RAMPS_SECONDS = 2 * PERIOD
+"""Duration of two of the slow ramps in closed loop."""
+RAMP_AT, RAMP_SECONDS = 40.0, 90.0
+"""Time of the rise of the ambient, long after the step has settled, and end of that run, in s."""
+RAMP = Surroundings(ambient=Course(20.0, 30.0, at=RAMP_AT, duration=10.0))
+RAMP_TARGET = 30.0
+"""Target in degrees while the ambient rises: the middle one of `TARGETS`."""
+PERIODS = (60.0, 30.0)
+"""Periods in seconds of the circles whose error is limited."""
+FASTER = (20.0, 15.0, 10.0)
+"""Shorter periods in seconds, down to where the wires cool too slowly to follow."""
+RIVALS_CIRCLE = f"circle {PERIODS[1]:g} s"
+"""The circle of all controllers, the faster one whose error is limited."""
+CIRCLE_WAIT = 20.0
+"""Wait at the first point of a circle in seconds: longer than a step may take to settle."""
+TURNS = 2
+"""Turns of a circle: the first begins from rest, the second shows whether the error stays."""
+OPEN_HOLD, OPEN_TARGETS, OPEN_RANGE = 25.0, 14, (5.0, 50.0)
+"""Targets in open loop: hold in s, of more than three time constants; how many, by trial; and range
+in degrees. Those beyond `STROKE_SHARE` of a specimen's identified stroke are put there."""
+IMPOSSIBLE = {
+    "flooded, no sleeve": (Surroundings(convection=1000.0), "convection too high"),
+    "ambient -10 C": (Surroundings(ambient=-10.0), "ambient too cold"),
+}
+STROKE_SHARE, IMPOSSIBLE_SECONDS = 0.95, 20.0
+"""Target then, as a share of the identified stroke. Some specimens reach it in the cold: the truth
+decides whether it is out of reach, by `CLEARLY`."""
+HOT = {
+    "little cooling": Surroundings(convection=30.0, ambient=30.0),
+    "hot": Surroundings(ambient=60.0),
+}
+HOT_SECONDS = 15.0
+FAULT_AT, FAULT_SECONDS = 12.0, 25.0
+OLD_HOLD, OLD_TARGETS, OLD_RANGE, OLD_WAIT = 12.0, 20, (10.0, 45.0), 4.0
+"""Targets for a head whose wires have aged since it was identified: s, how many, degrees, s."""
+OLD = (DEFAULT, "adaptive")
+LATER = (1.0, 1.25, 1.5, 1.75, 2.0)
+"""Delays of the sensor over the longest with which the internal model is predicted to be
+stable."""
+LATER_TARGET, LATER_SECONDS, LATER_END, OSCILLATES = 30.0, 60.0, 15.0, 2.0
+"""Target in degrees and duration of these runs in s; a loop is unstable if the angle still moves by
+so many degrees in the last seconds. A stable one moves by less, and beyond the edge by ten."""
+PLAN_INTERVAL, PLAN_HOLD = 0.5, 4.0
+"""Interval of the planned powers, by trial, and hold of each target, in seconds."""
+PLANNED = (40.0, 40.0, 40.0, 10.0, 10.0, 35.0, 5.0, 5.0, 25.0, 0.0)
+"""Targets of the planner in degrees, which fall faster than a wire cools."""
+
+CLAIMS = (
+    Claim("angle at 400 mA [deg]", "twin.angle_at_400mA_deg", "about 60", least=57, most=63),
+    Claim("heating, 63 % of the way [s]", "twin.heat_t63_s", "not given", least=5, most=9),
+    Claim("cooling, 63 % of the way [s]", "twin.cool_t63_s", "not given", least=3.5, most=6.5),
+    Claim(
+        "random holds, operator on power: rms [deg]", "static.rms_deg", "agrees (Fig 5)", most=1.5
+    ),
+    Claim("the same, mesh of 0.1 V: rms [deg]", "static.mesh_rms_deg", "agrees (Fig 5)"),
+    Claim(
+        "the same mesh, one relay at each of its points: rms [deg]",
+        "static.dots_rms_deg",
+        "not studied",
+    ),
+    Claim(
+        "the same, operator on power, between the ends of the stroke [deg]",
+        "static.moving_rms_deg",
+        "agrees (Fig 5)",
+        most=1.5,
+    ),
+    Claim("arbitrary input: rms [deg]", "arbitrary.rms_deg", "agrees (Fig 5)", most=1.5),
+    Claim(
+        "the same, while the wire moves: rms [deg]",
+        "arbitrary.moving_rms_deg",
+        "agrees (Fig 5)",
+        most=1.5,
+    ),
+    Claim(
+        "the same, mesh behind a linear lag [deg]",
+        "arbitrary.mesh_moving_rms_deg",
+        "agrees (Fig 5)",
+    ),
+    Claim(
+        "stepping inverse on its model, rms [% of range]",
+        "stepping_inverse.rms_pct",
+        "used (Fig 6)",
+    ),
+    Claim(
+        "open loop, settled holds: rms [deg]",
+        "open_loop.rms_deg",
+        "not given",
+        most=3.5,
+    ),
+    Claim("open loop, first ramp: rms [deg]", "fig8.error_first_ramp_deg", "followed (Fig 8)"),
+    Claim("the same, tenth ramp [deg]", "fig8.error_last_ramp_deg", "significant error (Fig 8)"),
+    Claim(
+        "tenth ramp over the first, with a body that warms, its size assumed",
+        "fig8.ratio",
+        "grows (Fig 8)",
+        least=1.5,
+    ),
+    Claim("the same, latent heat and resistance alone", "fig8.constant.ratio", "not studied"),
+    Claim("the same, convection that varies, no body", "fig8.film.ratio", "not studied"),
+    Claim("the same, ramps that get faster", "fig8.faster.ratio", "dynamical effects (Fig 8)"),
+    Claim("the same, the room warms by 6 K", "fig8.room.ratio", "not the cause"),
+    Claim("the same, ambient 10 K warmer [deg]", "open_loop_plus_10K.rms_deg", "not studied"),
+    Claim(
+        "steps of 20, 30, 40, the worst: settling [s]",
+        "steps.settle_s",
+        "plotted (Fig 10)",
+        most=8,
+    ),
+    Claim("the same: overshoot [%]", "steps.overshoot_pct", "plotted (Fig 10)", most=3),
+    Claim("the same: steady rms [deg]", "steps.steady_rms_deg", "plotted (Fig 10)", most=0.15),
+    Claim(
+        "the same steps in four other surroundings, the worst: settling [s]",
+        "steps_disturbed.settle_s",
+        "left open",
+        most=14,
+    ),
+    Claim("the same: overshoot [%]", "steps_disturbed.overshoot_pct", "left open", most=6),
+    Claim("ambient +10 K in 10 s: worst [deg]", "ambient_ramp.max_deg", "left open", most=1.2),
+    Claim(
+        "circle of both axes in 60 s: rms [deg]", "circle_60s.rms_deg", "plotted (Fig 11)", most=0.7
+    ),
+    Claim("the same in 30 s [deg]", "circle_30s.rms_deg", "plotted (Fig 11)", most=1.8),
+    Claim(
+        "steps of 20, 30, 40, internal model: settling [s]",
+        "rivals.internal_model.settle_s",
+        "plotted (Fig 10)",
+    ),
+    Claim("the same steps, PI alone: settling [s]", "rivals.pi.settle_s", "not studied"),
+    Claim(
+        "the same steps, inverse and PI: settling [s]",
+        "rivals.feedforward_pi.settle_s",
+        "named (ref. 11)",
+    ),
+    Claim(
+        "the same steps, model reference: settling [s]",
+        "rivals.model_reference.settle_s",
+        "named (ref. 12)",
+    ),
+    Claim("internal model: predicted edge of the delay [s]", "robust.predicted_edge", "adjusted"),
+    Claim(
+        "the same: measured over predicted", "robust.measured_ratio", "adjusted", least=1, most=2
+    ),
+    Claim("predicted edge of the gain, wire over model", "robust.gain", "adjusted"),
+    Claim("predicted edge of the lag, wire over model", "robust.lag", "adjusted"),
+    Claim(
+        "camera alone, random holds: rms [deg]", "camera.static_rms_deg", "agrees (Fig 5)", most=1.5
+    ),
+    Claim(
+        "camera alone, arbitrary input: rms [deg]",
+        "camera.arbitrary.rms_deg",
+        "agrees (Fig 5)",
+        most=1.5,
+    ),
+    Claim(
+        "the same, while the wire moves: rms [deg]",
+        "camera.arbitrary.moving_rms_deg",
+        "agrees (Fig 5)",
+        most=1.5,
+    ),
+    Claim(
+        "camera alone, steps of 20, 30, 40, the worst: settling [s]",
+        "camera.steps.settle_s",
+        "plotted (Fig 10)",
+        most=9,
+    ),
+    Claim("the same: overshoot [%]", "camera.steps.overshoot_pct", "plotted (Fig 10)", most=5),
+    Claim(
+        "camera alone, the same steps: steady rms [deg]",
+        "camera.steps.steady_rms_deg",
+        "not given",
+        most=0.15,
+    ),
+    Claim(
+        "camera alone, the same steps, internal model: settling [s]",
+        "camera.internal_model.settle_s",
+        "plotted (Fig 10)",
+    ),
+    Claim(
+        "camera alone, circle in 60 s: rms [mm]",
+        "camera.circle_60s.rms_mm",
+        "plotted (Fig 11)",
+        most=0.25,
+    ),
+    Claim("the same in 30 s [mm]", "camera.circle_30s.rms_mm", "plotted (Fig 11)", most=0.6),
+    Claim(
+        "camera alone, circle of the paper's size in 60 s: rms [mm]",
+        "camera.circle_paper.rms_mm",
+        "plotted (Fig 11)",
+    ),
+    Claim("angles of pictures, both axes: rms [deg]", "camera.reading_rms_deg", "not given"),
+    Claim("aged wires: rms [deg]", "aged.observer_rms_deg", "left open"),
+    Claim("the same, adaptive: rms [deg]", "aged.adaptive_rms_deg", "left open"),
+    Claim(
+        "out of reach: specimens where all were found",
+        "unreachable.detected",
+        "left open",
+        least=0.98,
+        percent=True,
+    ),
+    Claim("the same: slowest verdict after [s]", "unreachable.after_s", "left open", most=10),
+    Claim(
+        "the same: cause right, where one is named",
+        "unreachable.cause_right",
+        "left open",
+        percent=True,
+    ),
+    Claim(
+        "false alarms where the target is within reach",
+        "unreachable.false_alarms",
+        "left open",
+        most=0,
+    ),
+    Claim("limits exceeded, all runs", "limits.violations", "not studied", most=0),
+    *SIGHT_CLAIMS,
+    *servo_integral.CLAIMS,
+    Claim("planned over inverse: cost", "planning.cost_ratio", "not studied", most=0.9),
+    Claim("seconds for a specimen", "seconds", "-"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class HeadStudy:
+    """Results of one specimen.
+
+    ``facts`` are of the nominal twin; ``runs`` all closed and open loops by the name of the
+    experiment and the controller; ``reach`` the true angle under full current, in degrees, in those
+    in other surroundings or with aged wires; ``ramps`` those of Fig 8 by case; ``plan`` the planned
+    and the inverse sequence for the same targets, with ``planned`` (2, N) the true angles of a wire
+    that is driven by them; ``margins`` the predicted edges of stability of the internal model;
+    ``longest_delay`` of the sensor in s with which it was found to be stable; ``sight`` what its
+    camera tracks and its tool touches; ``integral`` a point held with the integral of Eq. (10) and
+    without; ``camera`` the head without sensors at its joints.
+    """
+
+    seed: int
+    facts: dict[str, float]
+    static: Static
+    runs: dict[tuple[str, str], HeadRun]
+    reach: dict[str, float]
+    ramps: dict[str, Ramps]
+    plan: tuple[PlannedPowers, PlannedPowers]
+    planned: FloatArray
+    margins: Margins
+    longest_delay: float
+    sight: SightStudy
+    integral: IntegralStudy
+    camera: CameraStudy
+    seconds: float
+
+    def figures(self) -> dict[str, Any]:
+        """Return every number by the name under which it is printed."""
+        found: dict[str, Any] = {"twin": self.facts, **self.static.figures()}
+        found["steps"] = step_figures([self.runs[f"step {x:g}", DEFAULT] for x in TARGETS])
+        found["rivals"] = {name: self._rival(name) for name in CONTROLLERS}
+        disturbed = [f"{where}, step {x:g}" for where in DISTURBED for x in TARGETS]
+        found["steps_disturbed"] = step_figures([self.runs[each, DEFAULT] for each in disturbed])
+        for key, what in (("open_loop", "stairs"), ("open_loop_plus_10K", "stairs, warmer")):
+            found[key] = {"rms_deg": _settled_rms(self.runs[what, "feedforward"])}
+        found["fig8"] = {**ramp_figures(self.ramps), "closed_deg": self._closed_ramps()}
+        found["ambient_ramp"] = {"max_deg": _ramp_worst(self.runs["ambient ramp", DEFAULT])}
+        for period in (*PERIODS, *FASTER):
+            found[f"circle_{period:g}s"] = _round(self.runs[f"circle {period:g} s", DEFAULT])
+        found["aged"] = {f"{name}_rms_deg": _late_rms(self.runs["aged", name]) for name in OLD}
+        found["unreachable"] = self._unreachable()
+        found["limits"] = {
+            "violations": sum(run.violations for run in (*self.runs.values(), *self.camera.runs)),
+            "hottest_C": max(float(run.truth.hottest.max()) for run in self.runs.values()),
+            "stress_MPa": max(float(run.truth.stress.max()) for run in self.runs.values()) / 1e6,
+        }
+        found["planning"] = self._planning()
+        predicted = DELAY + self.margins.delay
+        found["robust"] = {
+            "predicted_edge": predicted,
+            "measured_edge": self.longest_delay,
+            "measured_ratio": self.longest_delay / predicted,
+            "gain": self.margins.gain,
+            "lag": self.margins.lag,
+        }
+        found["camera"] = self.camera.figures()
+        took = np.concatenate([run.step_seconds[1:] for run in self._of(DEFAULT)]) * 1e3
+        found["realtime"] = {
+            "step_ms_median": float(np.median(took)),
+            "step_ms_p999": float(np.quantile(took, 0.999)),
+        }
+        found |= {**gather_sight([self.sight]), **self.integral.figures()}
+        return {**found, "sight": self.sight, "seconds": self.seconds}
+
+    def _of(self, controller: str) -> Iterator[HeadRun]:
+        return (run for (_, name), run in self.runs.items() if name == controller)
+
+    def _rival(self, name: str) -> dict[str, float]:
+        """Return the figures of one controller; each ran the same steps and disturbances."""
+        steps = [self.runs[f"step {x:g}", name] for x in TARGETS]
+        disturbed = [self.runs[f"{where}, step {TARGETS[-1]:g}", name] for where in DISTURBED]
+        return {
+            **controller_figures(steps, disturbed),
+            "ambient_ramp_max_deg": _ramp_worst(self.runs["ambient ramp", name]),
+            "circle_rms_deg": _round(self.runs[RIVALS_CIRCLE, name])["rms_deg"],
+        }
+
+    def _closed_ramps(self) -> float:
+        """Return the rms error of the ramps in closed loop, in degrees."""
+        run = self.runs["ramps", DEFAULT]
+        return float(np.sqrt(np.mean(run.error[run.t > CIRCLE_WAIT, 0] ** 2)))
+
+    def _unreachable(self) -> dict[str, Any]:
+        found, causes, false = [], [], 0
+        for (what, _), run in self.runs.items():
+            reach = self.reach.get(what, np.inf)
+            alarms = [alarm for alarm in run.alarms if alarm.axis == 0]
+            if what in IMPOSSIBLE and run.wanted[-1, 0] - reach > CLEARLY:
+                found.append(alarms[0].t if alarms else np.inf)
+                causes += [cause_found(each.verdict, IMPOSSIBLE[what][1]) for each in alarms[:1]]
+            false += sum(alarm.verdict.reference <= reach for alarm in alarms)
+            false += len(run.alarms) - len(alarms)
+        return {
+            "cases": len(found),
+            "detected": bool(np.isfinite(found).all()),
+            "after_s": max(found),
+            "cause_right": float(np.mean([right for right in causes if right is not None])),
+            "cause_open": float(np.mean([right is None for right in causes])),
+            "false_alarms": false,
+        }
+
+    def _planning(self) -> dict[str, float]:
+        planned, inverse = self.plan
+        errors = [float(np.sum((y - planned.targets) ** 2)) for y in self.planned]
+        return {
+            "cost_ratio": planned.cost / inverse.cost,
+            "driven_cost_ratio": errors[0] / errors[1],
+            "rms_deg": planned.rms,
+            "inverse_rms_deg": inverse.rms,
+        }
+
+
+def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> HeadStudy:
+    """Run the whole study on one specimen.
+
+    Parameters
+    ----------
+    seed : int
+        Draws specimen, noise and targets.
+    told : callable
+        Is given the name of each part that is done.
+    """
+    began = time.perf_counter()
+    static = run_static(seed)
+    told("identification")
+    wires = (static.wires[0].model, static.wires[1].model)
+    controls = every_control(wires, static.coupling)
+    runs = {**run_steps(seed, controls), **_others(seed, controls), **_hard(seed, controls)}
+    edges, longest = _later_sensors(seed, controls["internal_model"].axes[0].controller)
+    told("closed loops")
+    plan, inverse = _plans(static)
+    driven = [_driven(seed, each) for each in (plan, inverse)]
+    slow = run_ramps(seed)
+    told("ramps")
+    sight = run_sight(seed, controls[DEFAULT])
+    told("sight")
+    integral = servo_integral.run_study(seed)
+    told("integral")
+    camera = run_camera(seed, static.inputs, static.settled, static.arbitrary)
+    told("camera alone")
+    return HeadStudy(
+        seed=seed,
+        facts=head_facts(),
+        static=static,
+        runs=runs,
+        reach=_reaches(seed),
+        ramps=slow,
+        plan=(plan, inverse),
+        planned=np.array(driven),
+        margins=edges,
+        longest_delay=longest,
+        sight=sight,
+        integral=integral,
+        camera=camera,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _reaches(seed: int) -> dict[str, float]:
+    """Return the true reach in degrees, by its name, in each run in other surroundings or aged."""
+    found = {what: true_reach(seed, around) for what, (around, _) in IMPOSSIBLE.items()}
+    found["aged"] = true_reach(seed, ageing=1.0)
+    for where, around in DISTURBED.items():
+        reach = true_reach(seed, around)
+        found |= {f"{where}, step {x:g}": reach for x in TARGETS}
+    return found
+
+
+def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return medians over specimens, but sums of violations and of false alarms.
+
+    Of the targets out of reach it is the share of specimens in which all of them were found. What
+    the camera sees is scored over all points, touches and pictures.
+    """
+    found = medians([{k: v for k, v in run.items() if k != "sight"} for run in runs])
+    found |= gather_sight([run["sight"] for run in runs])
+    detected = [run["unreachable"]["detected"] for run in runs]
+    found["unreachable"]["detected"] = float(np.mean(detected))
+    right = [run["unreachable"]["cause_right"] for run in runs]
+    found["unreachable"]["cause_right"] = float(np.nanmean(right))
+    found["unreachable"]["after_max_s"] = max(run["unreachable"]["after_s"] for run in runs)
+    for part, key in (("unreachable", "false_alarms"), ("limits", "violations")):
+        found[part][key] = sum(run[part][key] for run in runs)
+    found["limits"]["hottest_C"] = max(run["limits"]["hottest_C"] for run in runs)
+    return found
+
+
+def head_facts() -> dict[str, float]:
+    """Return angle and times to 63 % of the nominal wire at 0.4 A."""
+    wire = Wire(log_truth=True)
+    interval = 0.05
+    up = wire.apply(CURRENT, 2 * HOLD, interval)
+    down = wire.apply(0.0, 2 * HOLD, interval)
+    full = float(up.y[-1])
+    return {
+        "angle_at_400mA_deg": full,
+        "heat_t63_s": float(np.argmax(up.y >= 0.63 * full) + 1) * interval,
+        "cool_t63_s": float(np.argmax(down.y <= 0.37 * full) + 1) * interval,
+        "hottest_C": float(truth(wire).hottest[0]),
+        "stress_MPa": float(truth(wire).stress[0]) / 1e6,
+    }
+
+
+def every_control(wires: tuple[HeatedWire, ...], coupling: FloatArray) -> dict[str, HeadControl]:
+    """Return the control of a head by the name of each controller."""
+    return {name: head_control(name, wires, coupling=coupling) for name in CONTROLLERS}
+
+
+def run_steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
+    """Run Fig 10 with every controller, and the highest step in other surroundings.
+
+    The keys are the experiment, such as ``step 20``, and the name of the controller.
+    """
+    runs = {}
+    for target in TARGETS:
+        for name, control in controls.items():
+            runs[f"step {target:g}", name] = run_loop(
+                name, control, constant(target), STEP_SECONDS, specimen=seed, seed=seed
+            )
+        others = controls if target == TARGETS[-1] else (DEFAULT,)
+        for (where, surroundings), name in product(DISTURBED.items(), others):
+            runs[f"{where}, step {target:g}", name] = run_loop(
+                name,
+                controls[name],
+                constant(target),
+                STEP_SECONDS,
+                specimen=seed,
+                seed=seed,
+                surroundings=surroundings,
+            )
+    return runs
+
+
+def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
+    """Run open loop, a rising ambient, and circles."""
+    rng = np.random.default_rng([seed, 8])
+    targets = rng.uniform(*OPEN_RANGE, OPEN_TARGETS)
+    targets = np.minimum(targets, _nearly_all(controls[DEFAULT])[0]).tolist()
+    way, span = stairs(targets, OPEN_HOLD), OPEN_HOLD * OPEN_TARGETS
+    runs = {}
+    tried = [
+        ("stairs", "feedforward", way, span, None),
+        ("stairs, warmer", "feedforward", way, span, WARMER),
+        ("ramps", DEFAULT, ramps(LOW, HIGH, PERIOD), RAMPS_SECONDS, VARYING),
+    ]
+    for name in controls:
+        tried.append(("ambient ramp", name, constant(RAMP_TARGET), RAMP_SECONDS, RAMP))
+        for period in (*PERIODS, *FASTER):
+            if name == DEFAULT or f"circle {period:g} s" == RIVALS_CIRCLE:
+                way, span = circle(period, before=CIRCLE_WAIT), CIRCLE_WAIT + TURNS * period
+                tried.append((f"circle {period:g} s", name, way, span, None))
+    old = stairs(rng.uniform(*OLD_RANGE, OLD_TARGETS).tolist(), OLD_HOLD)
+    for name in OLD:
+        span, control = OLD_HOLD * OLD_TARGETS, controls[name]
+        runs["aged", name] = run_loop(
+            name, control, old, span, specimen=seed, seed=seed, ageing=1.0
+        )
+    for what, name, way, seconds, surroundings in tried:
+        runs[what, name] = run_loop(
+            name, controls[name], way, seconds, specimen=seed, seed=seed, surroundings=surroundings
+        )
+    return runs
+
+
+def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
+    """Run little cooling, faulty sensors and impossible targets with every controller."""
+    runs = {}
+    for name, control in controls.items():
+        for kind in ("stuck", "lost"):
+            runs[f"sensor {kind}", name] = run_loop(
+                name,
+                control,
+                constant(40.0, 40.0),
+                FAULT_SECONDS,
+                specimen=seed,
+                seed=seed,
+                faults=[Fault("pan", kind, FAULT_AT), Fault("tilt", kind, 2.0)],
+            )
+        nearly_all = _nearly_all(control)
+        for what, surroundings in HOT.items():
+            runs[what, name] = run_loop(
+                name,
+                control,
+                constant(*nearly_all),
+                HOT_SECONDS,
+                specimen=seed,
+                seed=seed,
+                surroundings=surroundings,
+            )
+        if name == "feedforward":
+            continue
+        for what, (surroundings, _) in IMPOSSIBLE.items():
+            runs[what, name] = run_loop(
+                name,
+                control,
+                constant(nearly_all[0]),
+                IMPOSSIBLE_SECONDS,
+                specimen=seed,
+                seed=seed,
+                surroundings=surroundings,
+            )
+    return runs
+
+
+def _nearly_all(control: HeadControl) -> list[float]:
+    """Return `STROKE_SHARE` of the identified stroke of both axes, in degrees."""
+    return [STROKE_SHARE * axis.observer.wire.operator.range[1] for axis in control.axes]
+
+
+def _later_sensors(seed: int, law: Controller) -> tuple[Margins, float]:
+    """Drive a wire by the internal model with sensors that are later than it knows.
+
+    It has no guard, which would find such readings late. Returns the predicted edges of stability,
+    and the longest delay in s up to which the loop is stable.
+    """
+    if not isinstance(law, InternalModel):
+        raise TypeError("the delay is that of the internal model")
+    edges = robust_margins(law)
+    predicted, measured = DELAY + edges.delay, DELAY
+    for share in LATER:
+        head = Head(seed, NOISE, seed, tick=TICK, delay=share * predicted, log_truth=True)
+        state, read = law.begin(), 0.0
+        for _ in range(round(LATER_SECONDS / TICK)):
+            current, state = law.step(state, LATER_TARGET, read)
+            read = float(np.asarray(head.exchange(np.array([current, 0.0])))[0])
+        end = np.asarray(truth(head).angle)[-round(LATER_END / TICK) :, 0]
+        if np.ptp(end) > OSCILLATES:
+            break
+        measured = share * predicted
+    return edges, measured
+
+
+def _plans(static: Static) -> tuple[PlannedPowers, PlannedPowers]:
+    """Plan a sequence, and the inverse one, for targets that fall faster than a wire cools."""
+    planner = Planner(wire=static.wires[0].model, interval=PLAN_INTERVAL)
+    targets = np.repeat(PLANNED, round(PLAN_HOLD / PLAN_INTERVAL))
+    return planner.plan(targets), planner.feedforward(targets)
+
+
+def _driven(seed: int, plan: PlannedPowers) -> FloatArray:
+    """Return the true angles (N,) of a wire driven by the currents of a plan."""
+    head = Head(seed, tick=plan.interval, log_truth=True)
+    for current in plan.current:
+        head.exchange(np.array([min(float(current), CURRENT), 0.0]))
+    return np.asarray(truth(head).angle[:, 0])
+
+
+def _settled_rms(run: HeadRun) -> float:
+    """Return the rms error at the ends of the holds of a staircase, in degrees."""
+    hold = round(OPEN_HOLD / TICK)
+    return float(np.sqrt(np.mean(run.error[hold - 1 :: hold, 0] ** 2)))
+
+
+def _late_rms(run: HeadRun) -> float:
+    """Return the rms error of the second half of a staircase, 4 s after each target, in degrees."""
+    late = (run.t % OLD_HOLD > OLD_WAIT) & (run.t > run.t[-1] / 2)
+    return float(np.sqrt(np.mean(run.error[late, 0] ** 2)))
+
+
+def _ramp_worst(run: HeadRun) -> float:
+    return float(np.abs(run.error[run.t > RAMP_AT, 0]).max())
+
+
+def _round(run: HeadRun) -> dict[str, float]:
+    """Return the errors of a circle, both axes together."""
+    distance = np.linalg.norm(run.error[run.t > CIRCLE_WAIT], axis=1)
+    return {"rms_deg": float(np.sqrt(np.mean(distance**2))), "max_deg": float(distance.max())}

@@ -1,0 +1,219 @@
+"""A guarded control loop around a twin of the head, run and scored."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop_head.control.guard_state import Event
+from minorloop_head.control.head import HeadControl
+from minorloop_head.control.reach import Unreachable
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.sensor import Fault
+from minorloop_head.twins.surroundings import Surroundings
+from papers.catheter.picture_sensor import PictureSensor
+from papers.catheter.scoring import Truth, truth
+
+TICK, DELAY, NOISE = 0.04, 0.04, 0.05
+"""Interval of the loop, delay and noise of the sensor: s, s, degrees."""
+BAND, LEAST_BAND = 0.02, 0.3
+"""A step has settled within 2 % of its target, or 0.3 degrees where that is more."""
+HOTTEST, HIGHEST = 150.0, 0.4
+"""Limits of a wire: degrees Celsius and A."""
+STEADY = 5.0
+"""Duration of the steady part at the end of a run, in seconds."""
+Reference: TypeAlias = Callable[[float], tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Alarm:
+    """A target that the guard declared unreachable: when, of which axis, and why."""
+
+    t: float
+    axis: int
+    verdict: Unreachable
+
+
+@dataclass(frozen=True, eq=False)
+class HeadRun:
+    """One run of a loop.
+
+    Parameters
+    ----------
+    name : str
+        Of the controller.
+    t : (T,) array
+        Ends of the ticks, in seconds.
+    wanted, read, current : (T, 2) array
+        Targets and readings in degrees, currents in A.
+    truth : Truth
+        For scoring.
+    alarms : tuple of Alarm
+        When targets were declared unreachable, the first of each.
+    log : tuple of (int, Event)
+        Axis and event, from the guard.
+    step_seconds : (T,) array
+        Duration of each control step.
+    """
+
+    name: str
+    t: FloatArray
+    wanted: FloatArray
+    read: FloatArray
+    current: FloatArray
+    truth: Truth
+    alarms: tuple[Alarm, ...]
+    log: tuple[tuple[int, Event], ...]
+    step_seconds: FloatArray
+
+    @cached_property
+    def error(self) -> FloatArray:
+        """(T, 2) true angles minus targets, in degrees."""
+        return np.asarray(self.truth.angle - self.wanted)
+
+    @property
+    def settle(self) -> float:
+        """Settling time of the first axis at its last target, in seconds; infinite without."""
+        target = float(self.wanted[-1, 0])
+        out = np.abs(self.truth.angle[:, 0] - target) > max(BAND * abs(target), LEAST_BAND)
+        if out[-1]:
+            return math.inf
+        return float(self.t[np.flatnonzero(out)[-1]]) if out.any() else 0.0
+
+    @property
+    def overshoot(self) -> float:
+        """Of the first axis over its last target, in percent."""
+        return max(100.0 * (float(self.truth.angle[:, 0].max() / self.wanted[-1, 0]) - 1), 0.0)
+
+    @property
+    def steady(self) -> float:
+        """Root-mean-square error of the first axis in the last 5 s, in degrees."""
+        return float(np.sqrt(np.mean(self.error[self.t > self.t[-1] - STEADY, 0] ** 2)))
+
+    @property
+    def violations(self) -> int:
+        """Number of exceeded limits of currents and of each wire's temperature."""
+        return int((self.truth.hottest > HOTTEST).sum()) + int((self.current > HIGHEST).sum())
+
+
+def run_loop(
+    name: str,
+    control: HeadControl,
+    reference: Reference,
+    seconds: float,
+    *,
+    specimen: int | None,
+    seed: int,
+    surroundings: Surroundings | None = None,
+    faults: Sequence[Fault] = (),
+    ageing: float = 0.0,
+    delay: float = DELAY,
+    camera: Callable[[Head], PictureSensor] | None = None,
+) -> HeadRun:
+    """Run a control loop on a cold head and return it with its truth.
+
+    Parameters
+    ----------
+    name : str
+        Of the controller, for the record.
+    control : HeadControl
+        Under test.
+    reference : callable
+        Targets in degrees at a time in seconds.
+    seconds : float
+        Duration.
+    specimen, seed, surroundings, faults, ageing, delay
+        As in `Head`.
+    camera : callable, optional
+        Gives a head the camera that is its only sensor then.
+    """
+    head = Head(
+        specimen,
+        NOISE,
+        seed,
+        tick=TICK,
+        delay=delay,
+        surroundings=surroundings,
+        faults=faults,
+        ageing=ageing,
+        log_truth=True,
+    )
+    plant: Head | PictureSensor = head if camera is None else camera(head)
+    steps = round(seconds / TICK)
+    wanted, read, current = (np.empty((steps, 2)) for _ in range(3))
+    took = np.empty(steps)
+    alarms: list[Alarm] = []
+    before: list[Unreachable | None] = [None, None]
+    state, y = control.begin(), np.zeros(2)
+    for k in range(steps):
+        wanted[k] = reference(k * TICK)
+        began = time.perf_counter()
+        u, state = control.step(state, wanted[k], y, t=k * TICK)
+        took[k] = time.perf_counter() - began
+        y = np.asarray(plant.exchange(u))
+        current[k], read[k] = u, y
+        verdicts = [axis.unreachable for axis in state.axes]
+        for axis, (old, now) in enumerate(zip(before, verdicts, strict=True)):
+            if now is not None and old is None:
+                alarms.append(Alarm(k * TICK, axis, now))
+        before = verdicts
+    t = TICK * np.arange(1.0, steps + 1.0)
+    return HeadRun(name, t, wanted, read, current, truth(head), tuple(alarms), state.log, took)
+
+
+def step_figures(runs: Sequence[HeadRun]) -> dict[str, float]:
+    """Return the worst figures of several steps of the first axis."""
+    return {
+        "settle_s": max(run.settle for run in runs),
+        "overshoot_pct": max(run.overshoot for run in runs),
+        "steady_rms_deg": max(run.steady for run in runs),
+    }
+
+
+def controller_figures(steps: Sequence[HeadRun], disturbed: Sequence[HeadRun]) -> dict[str, float]:
+    """Return the figures of a controller by its steps, and by those in other surroundings."""
+    return {
+        **step_figures(steps),
+        "disturbed_settle_s": max(run.settle for run in disturbed),
+        "disturbed_rms_deg": max(run.steady for run in disturbed),
+        "energy_A2s": float(sum(np.sum(run.current[:, 0] ** 2) * TICK for run in steps)),
+    }
+
+
+def constant(pan: float, tilt: float = 0.0) -> Reference:
+    """Return a constant reference."""
+    return lambda t: (pan, tilt)
+
+
+def stairs(targets: Sequence[float], hold: float) -> Reference:
+    """Return a staircase of the first axis."""
+    return lambda t: (targets[min(int(t / hold + 1e-9), len(targets) - 1)], 0.0)
+
+
+def circle(
+    period: float, *, centre: float = 25.0, radius: float = 10.0, before: float = 0.0
+) -> Reference:
+    """Return a circle in pan and tilt, after a wait at its beginning."""
+
+    def at(t: float) -> tuple[float, float]:
+        phase = 2 * np.pi * max(t - before, 0.0) / period
+        return centre + radius * float(np.cos(phase)), centre + radius * float(np.sin(phase))
+
+    return at
+
+
+def ramps(low: float, high: float, period: float) -> Reference:
+    """Return ramps up and down on the first axis."""
+
+    def at(t: float) -> tuple[float, float]:
+        share = 1 - abs(2 * (t / period % 1.0) - 1)
+        return low + (high - low) * share, 0.0
+
+    return at

@@ -1,0 +1,186 @@
+"""Fig 8: ramps in open loop by the paper's inverse, while the heating of the wire varies.
+
+Boudjabi, Ferreira and Krupa drive the head by the inverse of a linear transfer function of the
+heating and by the stepping inverse of the operator, without feedback. The first rising ramp is
+followed; later ones are not, which they explain by the variable dynamics of the heating. The same
+chain drives the twin here. What varies in it is switched on part by part: a wire's latent heat and
+resistance always do, its convection does with temperature and bending, and its heat warms the body
+of the head.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.dynamics.cascade import filtered_inverse
+from minorloop.dynamics.linear import Linear
+from minorloop.operators.preisach import Preisach
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
+from papers.catheter.head_loop import NOISE, TICK
+from papers.catheter.head_static import COMMAND, CURRENT, heating_lag, identify_mesh
+from papers.catheter.scoring import body_temperature
+
+LOW, HIGH, RAMPS, PERIOD, BEFORE = 5.0, 40.0, 10, 120.0, 30.0
+"""Ramps in degrees, the upper end within the stroke of the weakest wire; how many; seconds for one
+up and down, 15 lags of a wire each way, since the paper's inputs are slow; and before them at the
+lower end, in which the wire warms up."""
+FASTEST = 30.0
+"""Seconds of the last of ramps that get faster: the period of the faster circle of this study."""
+STEP, COARSE = 0.015, 0.1
+"""Steps of the inverse in V: 0.1 V across the 20 ohm of the paper, which are 5 mA or 0.015 V of the
+command; and 0.1 V of the command, which are 33 mA."""
+FILTER = 0.5
+"""Time constant in seconds of the filter that makes the inverse of the heating proper. It turns
+each step of the inverse into a pulse that is higher by the lag over it, 0.12 V with this one."""
+ROOM = Course(20.0, 26.0, at=BEFORE, duration=RAMPS * PERIOD)
+"""A room that warms by 6 K during the ramps, in degrees Celsius."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One experiment: how the heating varies, and what is changed beside it.
+
+    Parameters
+    ----------
+    words : str
+        For the report.
+    cooling : Cooling, optional
+        Of the head in which the model is identified and the ramps are driven.
+    step : float
+        Step of the inverse, in V.
+    ambient : float or Course
+        While the ramps are driven, in degrees Celsius; 20 while the model is identified.
+    fastest : float
+        Period of the last ramp in seconds; that of the first is `PERIOD`.
+    """
+
+    words: str
+    cooling: Cooling | None = None
+    step: float = STEP
+    ambient: float | Course = 20.0
+    fastest: float = PERIOD
+
+
+CASES = {
+    "varying": Case("varying heating: convection and warming body", Cooling()),
+    "constant": Case("latent heat and resistance alone"),
+    "film": Case("the same, convection by temperature and angle", Cooling(share=0.0)),
+    "faster": Case("latent heat and resistance alone, ramps get faster", fastest=FASTEST),
+    "coarse": Case("varying heating, steps of 0.1 V of the command", Cooling(), COARSE),
+    "room": Case("not the paper's cause: the room warms by 6 K", ambient=ROOM),
+}
+"""The first is the cause that the paper names, on its own inverse."""
+NAMED = "varying"
+
+
+@dataclass(frozen=True, eq=False)
+class Ramps:
+    """Ramps in open loop.
+
+    Parameters
+    ----------
+    t, wanted, angle, command : (T,) array
+        Seconds, degrees, degrees as measured, and V.
+    ends : (n + 1,) array
+        Times at which the ramps begin, and the end of the last, in seconds.
+    body : (n,) array
+        Temperature of the body of the head at the end of each ramp, in degrees Celsius.
+    lag : float
+        Identified lag of the heating, in seconds.
+    """
+
+    t: FloatArray
+    wanted: FloatArray
+    angle: FloatArray
+    command: FloatArray
+    ends: FloatArray
+    body: FloatArray
+    lag: float
+
+    @property
+    def error(self) -> FloatArray:
+        """(T,) measured angles minus wanted ones, in degrees."""
+        return np.asarray(self.angle - self.wanted)
+
+    @property
+    def rms(self) -> FloatArray:
+        """(n, 2) rms error of each ramp up and down, in degrees."""
+        middles = 0.5 * (self.ends[:-1] + self.ends[1:])
+        cuts = np.searchsorted(self.t, np.sort(np.concatenate([self.ends, middles])))
+        parts = [self.error[a:b] for a, b in pairwise(cuts)]
+        return np.array([np.sqrt(np.mean(part**2)) for part in parts]).reshape(-1, 2)
+
+    def figures(self) -> dict[str, float]:
+        """Return the errors of the first and the last ramp, up and down, and their ratio."""
+        whole = np.sqrt(np.mean(self.rms**2, axis=1))
+        return {
+            "error_first_ramp_deg": float(whole[0]),
+            "error_last_ramp_deg": float(whole[-1]),
+            "ratio": float(whole[-1] / whole[0]),
+            "first_rise_deg": float(self.rms[0, 0]),
+            "last_fall_deg": float(self.rms[-1, 1]),
+            "body_K": float(self.body[-1] - 20.0),
+            "lag_s": self.lag,
+        }
+
+
+def run_ramps(seed: int) -> dict[str, Ramps]:
+    """Identify the paper's model in each kind of head, and drive the ramps by its inverse."""
+    models = {case.cooling: _identified(seed, case.cooling) for case in CASES.values()}
+    return {name: _driven(seed, case, *models[case.cooling]) for name, case in CASES.items()}
+
+
+def stepping_inverse(model: Preisach, wanted: FloatArray, step: float) -> FloatArray:
+    """Return the inputs (T,) of Fig 6: steps until the model has passed each wanted output.
+
+    A rising target only raises the input, a falling one only lowers it, as in the text of section
+    4.1; the chart compares with the output of the model, and then the input goes up and down at
+    every sample. It stops at the ends of the levels.
+    """
+    tracker, low = model.track(), float(model.levels[0])
+    last = round(float(np.ptp(model.levels)) / step)
+    level, y, before, inputs = 0, tracker.push(low), model.range[0], np.empty_like(wanted)
+    for k, target in enumerate(wanted.tolist()):
+        way = 1 if target > before else -1
+        while target != before and way * (target - y) > 0 and 0 <= level + way <= last:
+            level += way
+            y = tracker.push(low + step * level)
+        inputs[k], before = low + step * level, target
+    return np.asarray(np.minimum(inputs, model.levels[-1]))
+
+
+def _identified(seed: int, cooling: Cooling | None) -> tuple[Preisach, float]:
+    around = Surroundings(cooling=cooling)
+    model = identify_mesh(seed, around).model
+    return model, heating_lag(seed, model, around)
+
+
+def _driven(seed: int, case: Case, model: Preisach, lag: float) -> Ramps:
+    periods = np.geomspace(PERIOD, case.fastest, RAMPS)
+    ends = BEFORE + np.concatenate([[0.0], np.cumsum(periods)])
+    t = TICK * np.arange(round(ends[-1] / TICK) + 1)
+    # A phase of 1 for each ramp; 0.5 is its top.
+    phase = np.interp(t, np.concatenate([[0.0], ends]), [0.0, *range(RAMPS + 1)]) % 1.0
+    wanted = LOW + (HIGH - LOW) * (1.0 - np.abs(2.0 * phase - 1.0))
+    steps = stepping_inverse(model, wanted, case.step)
+    inverse, _ = filtered_inverse(Linear.lags(lag), FILTER)
+    command = np.clip(inverse.simulate(t, steps), 0.0, COMMAND)
+    around = Surroundings(ambient=case.ambient, cooling=case.cooling)
+    head = Head(seed, NOISE, seed, surroundings=around, log_truth=True)
+    angle, cuts = np.zeros_like(t), np.searchsorted(t, np.concatenate([[0.0], ends]))
+    for a, b in zip(cuts[:-1], np.append(cuts[1:-1], t.size - 1), strict=True):
+        currents = np.array([command[a : b + 1] * CURRENT / COMMAND, np.zeros(b + 1 - a)])
+        angle[a : b + 1] = head.drive(t[a : b + 1], currents).y[0]
+    return Ramps(t, wanted, angle, command, ends, body_temperature(head)[1:], lag)
+
+
+def ramp_figures(ramps: dict[str, Ramps]) -> dict[str, Any]:
+    """Return the figures of the named cause, and those of the other cases by their names."""
+    own = {name: run.figures() for name, run in ramps.items()}
+    return {**own.pop(NAMED), **own}

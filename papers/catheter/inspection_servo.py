@@ -1,0 +1,300 @@
+"""Centre a point of the wall in the image, and hold it there with two wires.
+
+Camera, tracker, hold and the wires' controller form one loop at 25 Hz, with and without angle
+sensors. Without sensors no reading of a joint is used: the model of the wires brings the head near,
+and then the controller gets the angles that follow from the tracked patch of the wall. All pixel
+figures are at the scale of a 320 by 240 image.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop_head.control.head import HeadControl, head_control
+from minorloop_head.control.sensing import SensorWatch
+from minorloop_head.geometry import Mount, meet_wall
+from minorloop_head.procedures.calibration import STRAIGHT, HeadCalibration
+from minorloop_head.procedures.centre import CONE, CentreState, Centring
+from minorloop_head.procedures.go import Go
+from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.rig import InspectionRig
+from minorloop_head.procedures.values import Procedure, Reading, Request, apply_to_tip
+from minorloop_head.twins.camera import LENS
+from minorloop_head.twins.catheter import Catheter
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.pipe import Bore, Pipe
+from minorloop_head.twins.rig import Rig, SimulatedTip
+from minorloop_head.twins.surroundings import Sway
+from minorloop_head.vision.tracking import TRACKED
+from papers.catheter import scoring
+from papers.catheter.head_static import identify_head
+
+TICK = 0.04
+APPROACH = 14.0
+"""Seconds before the servo, in which the head approaches and the light is metered."""
+SERVO, STEADY = 25.0, 8.0
+"""Seconds of a run, and its steady part at the end."""
+FOCAL = LENS.focal / 2
+"""Focal length in the pixels of this study: those of an image of 320 x 240."""
+START_PX, SETTLED_PX = 43.0, 2.0
+SWAY_SECONDS, SWAY_WAIT = 40.0, 12.0
+SWING, MOTION, MOTION_SECONDS = math.radians(7.0), math.radians(10.0), 20.0
+"""Amplitude of the motion under which the tracker is tested, its fastest rate, and its duration."""
+STROKE_SHARE = 0.93
+"""Largest share of a wire's identified stroke in a scene, so that every hole can be reached."""
+BLIND = SensorWatch(patience=10_000)
+"""For a control that uses its model as long as there are no angles."""
+
+wires_of = lru_cache(maxsize=4)(identify_head)
+
+
+@dataclass(frozen=True, eq=False)
+class ServoRun:
+    """One run of the loop.
+
+    ``t`` (T,) in seconds since the servo took over; ``off`` (T,) distance of the true point from
+    the middle of the image, in pixels; ``verdicts`` (T,) of the tracker; ``left`` (T,) distance of
+    the true point from the tracked one, in pixels: the motion that remains if each image is
+    shifted by what was tracked. ``place`` (T, 2) is the true point from the middle, in pixels.
+    """
+
+    name: str
+    t: FloatArray
+    off: FloatArray
+    verdicts: tuple[str, ...]
+    left: FloatArray | None = None
+    place: FloatArray | None = None
+
+    def offset(self, after: float) -> float:
+        """Return how far the mean place is from the middle after a time, in pixels."""
+        if self.place is None:
+            return np.nan
+        return float(np.hypot(*self.place[self.t > after].mean(axis=0)))
+
+    @property
+    def settle(self) -> float:
+        """Time from which the point stays within 2 pixels of the middle, in seconds."""
+        out = np.flatnonzero(self.off > SETTLED_PX)
+        return float(self.t[out[-1]]) if out.size else 0.0
+
+    def rms(self, after: float) -> float:
+        """Return the root-mean-square distance after a time, in pixels."""
+        return float(np.sqrt(np.mean(self.off[self.t > after] ** 2)))
+
+    def stabilised_rms(self, after: float) -> float:
+        """Return the same in images shifted by what was tracked; NaN if nothing was."""
+        if self.left is None:
+            return np.nan
+        return float(np.sqrt(np.mean(self.left[self.t > after] ** 2)))
+
+    @property
+    def lost(self) -> float:
+        """Share of frames in which the point was not tracked."""
+        return float(np.mean([verdict != TRACKED for verdict in self.verdicts]))
+
+    @property
+    def reacquire(self) -> float:
+        """Longest time without the point, in seconds."""
+        longest = now = 0
+        for verdict in self.verdicts:
+            now = 0 if verdict == TRACKED else now + 1
+            longest = max(longest, now)
+        return longest * TICK
+
+
+class Scene:
+    """A pipe with one hole, a head before it, and the control of its wires."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        rng = np.random.default_rng([seed, 11])
+        wires, coupling = wires_of(seed)
+        self.control: HeadControl = head_control("observer", wires, coupling=coupling)
+        self.blind = head_control("observer", wires, coupling=coupling, sensor=BLIND)
+        aim, way = self._within_stroke(rng)
+        self.mount = Mount(
+            offset=tuple(rng.uniform(-0.4e-3, 0.4e-3, 2)), roll=rng.uniform(-np.pi, np.pi)
+        )
+        pose = self.mount.pose(*aim)
+        phi, z, _ = meet_wall(pose.position, pose.rotation[:, 2], 10e-3)
+        self.hole = Bore(float(phi), float(z), 1e-3)
+        self.pipe = replace(Pipe.draw(seed), bores=(self.hole,))
+        self.aim = aim
+        off = START_PX / FOCAL
+        side = way + np.pi / 2 * rng.choice([-1, 1]) + rng.uniform(-0.6, 0.6)
+        start = aim + off * np.array([np.cos(side), np.sin(side)])
+        self.start = CONE.clip(start)
+
+    def _within_stroke(self, rng: np.random.Generator) -> tuple[FloatArray, float]:
+        """Draw a line of sight (2,) that the identified wires reach, and its direction."""
+        top = [axis.observer.wire.operator.range[1] for axis in self.control.axes]
+        while True:
+            away, way = np.radians(rng.uniform(19, 27)), float(rng.uniform(0, 2 * np.pi))
+            aim = away * np.array([np.cos(way), np.sin(way)])
+            own = np.linalg.solve(np.asarray(self.control.coupling), np.degrees(aim + STRAIGHT))
+            if (own < STROKE_SHARE * np.array(top)).all():
+                return aim, way
+
+    def rig(self, sway: Sway | None = None, *, sensor: bool = True) -> InspectionRig:
+        """Return a cold head with its camera; it is assumed to be on the axis of the pipe."""
+        plant = Rig(Head(self.seed, 0.05, self.seed, delay=TICK), Catheter(self.seed), sway=sway)
+        tip = SimulatedTip(self.pipe, mount=self.mount, specimen=self.seed, seed=self.seed)
+        calibration = HeadCalibration(
+            lens=tip.camera.calibration, leds=tip.camera.leds, roll=self.mount.roll
+        )
+        control = self.control if sensor else self.blind
+        return InspectionRig(plant, tip, control, calibration, sensors=sensor)
+
+
+class Watch:
+    """Truth of a run, tick by tick. For scoring only."""
+
+    def __init__(self, scene: Scene, rig: InspectionRig) -> None:
+        assert isinstance(rig.plant, Rig)
+        self._scene, self._plant, self._lens = scene, rig.plant, rig.calibration.lens
+        self.place: list[tuple[float, float]] = []
+        self.left: list[float] = []
+        self.verdicts: list[str] = []
+        self.pixel = self._pixel()
+
+    def __call__(self, state: Any) -> None:
+        """Record the truth after a tick; ticks before the first tracked frame are omitted."""
+        before, self.pixel = self.pixel, self._pixel()
+        verdict = getattr(state, "verdict", TRACKED)
+        if not verdict:
+            return
+        shown = getattr(state, "shown", None)
+        x, y, z = self._point()
+        self.place.append((float(FOCAL * x / z), float(FOCAL * y / z)))
+        self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
+        self.verdicts.append(verdict)
+
+    def run(self, name: str, after: int = 0) -> ServoRun:
+        """Return the run from a tick on."""
+        place, left = np.array(self.place[after:]), np.array(self.left[after:])
+        t = TICK * np.arange(1.0, len(place) + 1.0)
+        off = np.hypot(*place.T)
+        return ServoRun(name, t, off, tuple(self.verdicts[after:]), left, place)
+
+    def _point(self) -> FloatArray:
+        """Return the hole (3,) in camera coordinates."""
+        hole, radius = self._scene.hole, self._scene.pipe.radius
+        return scoring.middle_of(self._scene.mount, self._plant, (hole.phi, hole.z), radius)
+
+    def _pixel(self) -> FloatArray:
+        """Return the pixel (2,) of the hole, by the calibrated lens."""
+        return np.asarray(self._lens.project(self._point()))
+
+
+def run_servo(
+    scene: Scene,
+    *,
+    sensor: bool,
+    sway: Sway | None = None,
+    seconds: float,
+    integral: bool = True,
+) -> ServoRun:
+    """Centre the hole in the image, from where the head starts, and hold it there.
+
+    Without a sensor, no reading of a joint is used.
+    """
+    rig = scene.rig(sway, sensor=sensor)
+    centring = Centring(
+        calibration=rig.calibration,
+        still=math.inf,
+        patience=seconds + TICK,  # a tick passes before the first frame is tracked
+        integral_gain=Centring.integral_gain if integral else 0.0,
+        by_image=not sensor,
+    )
+    name = "sensor" if sensor else "camera only"
+    return watched(scene, rig, centring).run(name if integral else f"{name}, no integral")
+
+
+def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
+    """Hold the angles at which the hole is in the middle, without the camera."""
+    rig = scene.rig(sway)
+    watch = Watch(scene, rig)
+    go = Go(still=math.inf, turning=APPROACH + seconds)
+    rig.run(go, go.begin(angles=scene.aim), watch)
+    return watch.run("still", round(APPROACH / TICK))
+
+
+@dataclass(frozen=True, eq=False)
+class Swinging(Procedure[CentreState]):
+    """Track a point while the head swings about it.
+
+    Parameters
+    ----------
+    centring : Centring
+        What tracks.
+    aim : (2,) array
+        Middle of the swing, in radians.
+    """
+
+    centring: Centring
+    aim: FloatArray
+
+    def _next(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
+        state, request = self.centring.step(state, reading)
+        phase = MOTION / SWING * (reading.t - (state.began or 0.0))
+        swing = SWING * np.sin(phase) * np.array([1.0, 0.6])
+        return state, replace(request, angles=CONE.clip(self.aim + swing))
+
+
+def run_motion(scene: Scene) -> ServoRun:
+    """Track the hole while the head swings about it at up to 10 degrees a second."""
+    rig = scene.rig()
+    patience = MOTION_SECONDS + TICK
+    centring = Centring(calibration=rig.calibration, still=math.inf, patience=patience)
+    return watched(scene, rig, centring, Swinging(centring, scene.aim)).run("motion")
+
+
+def watched(
+    scene: Scene, rig: InspectionRig, centring: Centring, procedure: Swinging | None = None
+) -> Watch:
+    """Bring the head to where the servo takes over, and track the patch that is picked there."""
+    metering = Metering(calibration=rig.calibration)
+    go = Go(still=math.inf, turning=APPROACH - metering.seconds)
+    rig.run(go, go.begin(angles=scene.start))
+    rig.run(metering, metering.begin())
+    watch = Watch(scene, rig)
+    state = centring.begin((scene.hole.phi, scene.hole.z), watch.pixel)
+    picked, request = centring.step(state, rig.reading(Request(frame=True)))
+    apply_to_tip(rig.tip, request)
+    rig.run(procedure or centring, picked, watch)
+    return watch
+
+
+def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
+    """Return the figures of one scene, and its runs."""
+    sway = Sway()
+    runs = {
+        "sensor": run_servo(scene, sensor=True, seconds=SERVO),
+        "camera": run_servo(scene, sensor=False, seconds=SERVO),
+        "swayed": run_servo(scene, sensor=True, sway=sway, seconds=SWAY_SECONDS),
+        "still": run_still(scene, sway, SWAY_SECONDS - SWAY_WAIT),
+        "motion": run_motion(scene),
+    }
+    held, still = runs["swayed"].rms(SWAY_WAIT), runs["still"].rms(0.0)
+    figures = {
+        "servo": {
+            "settle_s_with_sensor": runs["sensor"].settle,
+            "settle_s_camera_only": runs["camera"].settle,
+            "steady_rms_px_camera_only": runs["camera"].rms(SERVO - STEADY),
+            "steady_rms_px": runs["sensor"].rms(SERVO - STEADY),
+        },
+        "sway": {
+            "ratio": held / still,
+            "stabilised_ratio": runs["swayed"].stabilised_rms(SWAY_WAIT) / still,
+            "held_px": held,
+            "still_px": still,
+        },
+        "tracking": {"lost_fraction": runs["motion"].lost, "reacquire_s": runs["motion"].reacquire},
+    }
+    return figures, runs

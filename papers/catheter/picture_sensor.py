@@ -1,0 +1,253 @@
+"""A simulated head whose angles are read from the pictures of its simulated camera, and only there.
+
+Pictures begin at the ends of ticks. The angles of a picture are used two ticks later: it takes one
+to arrive, and one more to be evaluated. Some pictures are lost on the way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.lab.actuator import Frame
+from minorloop_head.control.by_camera import AGE
+from minorloop_head.geometry import Mount
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.meter import LIMITS
+from minorloop_head.procedures.seen_angles import refined_view, seen_by, sweep
+from minorloop_head.twins.camera import LENS
+from minorloop_head.twins.catheter import Catheter
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.pipe import Bore, Pipe
+from minorloop_head.twins.rig import Rig, SimulatedTip
+from minorloop_head.vision.calibrated_camera import Image
+from minorloop_head.vision.wall_patches import Sight, WallState
+
+DROPPED = 0.02
+"""Share of the pictures that do not arrive: some of a long cable, chosen without a measurement."""
+FOCAL, CENTRE, ANGLE, LENGTH, GAUGE = 0.003, 1.0, math.radians(0.3), 0.1e-3, 20e-6
+"""Largest errors of the calibration, each drawn evenly: those within which ``head calibrate`` is
+tested (focal length as a share, principal point in pixels of 640, angles of the mount in rad),
+0.1 mm for pivot and lever, and 20 micrometres for a gauge of the pipe."""
+_SCALE = 0.5
+"""Of the pictures: 320 by 240 pixels."""
+_FOCUS = 10e-3
+"""Of the lens in metres: the wall ahead of a cold head is at 7 mm, and further for others."""
+_SETTLING = 12
+"""Pictures at rest until the gain has settled, and the one after them is that of the angle 0."""
+_WAY = (0.2,) * 15 + (0.6,) * 5 + (2.0,) * 3
+"""Times in seconds between pictures on the way to another angle, of three time constants: the
+fastest wire turns 4 degrees in the shortest, a quarter of what is seen, even if one picture is
+lost; and after the first seconds it is slow."""
+_SEARCH = 40
+"""Most pictures at the end of a hold: in 21, angles within the whole reach are tried."""
+Disturbance: TypeAlias = Callable[[int, Frame], Frame | None]
+"""Changes or loses the picture of a tick, for tests of bad input."""
+
+
+def known_view(tip: SimulatedTip, mount: Mount, seed: int) -> HeadCalibration:
+    """Return the calibration of a tip with errors that a calibration leaves.
+
+    Parameters
+    ----------
+    tip : SimulatedTip
+    mount : Mount
+        The true one.
+    seed : int
+        Draws the errors.
+    """
+    rng = np.random.default_rng([seed, 57])
+    lens = tip.camera.calibration
+
+    def error(most: float, count: int = 1) -> list[float]:
+        return [float(each) for each in rng.uniform(-most, most, count)]
+
+    pan, tilt, squint, roll = error(ANGLE, 4)
+    rig = Rig(Head())
+    straight = -rig.stance()[0]
+    across, down = error(CENTRE * _SCALE, 2)
+    x, y, lever = error(LENGTH, 3)
+    return HeadCalibration(
+        lens=replace(
+            lens,
+            focal=lens.focal * (1.0 + error(FOCAL)[0]),
+            centre=(lens.centre[0] + across, lens.centre[1] + down),
+        ),
+        leds=tip.camera.leds,
+        offset=(mount.offset[0] + x, mount.offset[1] + y),
+        lever=mount.lever + lever,
+        radius=tip.pipe.radius + error(GAUGE)[0],
+        straight=(straight + pan, straight + tilt),
+        squint=mount.squint + squint,
+        camera_roll=mount.camera_roll + roll,
+    )
+
+
+@dataclass(frozen=True)
+class Missed:
+    """A picture that did not show the angles: tick, and why."""
+
+    tick: int
+    reason: str
+
+
+class PictureSensor:
+    """A head whose only sensor is its camera.
+
+    ``ticks`` counts its pictures, ``missed`` lists those that did not show the angles, ``latest``
+    has the joints (2,) in degrees by the newest one, and ``view`` is what is known of the camera.
+
+    Parameters
+    ----------
+    head : Head
+        Cold, at its beginning; its own sensors are not read.
+    seed : int
+        Draws pipe, camera, errors of the calibration and lost pictures.
+    view : HeadCalibration, optional
+        What is known of the camera; with the errors of a calibration without it.
+    bores : tuple of Bore
+        Holes in the wall.
+    dropped : float
+        Share of the pictures that are lost.
+    disturb : Disturbance, optional
+        Changes pictures.
+    """
+
+    def __init__(
+        self,
+        head: Head,
+        seed: int,
+        *,
+        view: HeadCalibration | None = None,
+        bores: tuple[Bore, ...] = (),
+        dropped: float = DROPPED,
+        disturb: Disturbance | None = None,
+    ) -> None:
+        self.rig = Rig(head, Catheter())
+        rng = np.random.default_rng([seed, 58])
+        self.mount = Mount(
+            offset=tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()),
+            squint=float(rng.uniform(-ANGLE, ANGLE)),
+        )
+        pipe = replace(Pipe.draw(seed), bores=bores)
+        self.tip = SimulatedTip(
+            pipe, mount=self.mount, specimen=seed, seed=seed, optics=LENS.scaled(_SCALE)
+        )
+        self.tip.focus_at(_FOCUS)
+        self.view = view or known_view(self.tip, self.mount, seed)
+        self.estimator = seen_by(self.view)
+        self.missed: list[Missed] = []
+        self.sight: Sight | None = None
+        self.picture: Image | None = None
+        self.latest: FloatArray = np.zeros(2)
+        self._rng, self._dropped, self._disturb = rng, dropped, disturb
+        self._gain, self.ticks = 1.0, 0
+        self._taken_with: dict[float, float] = {}
+        self._state = self._zero()
+        self._coming: list[FloatArray] = [np.zeros(2)] * (AGE - 1)
+
+    def exchange(self, u: FloatArray) -> FloatArray:
+        """Hold two currents for a tick; return the joints in degrees as a loop knows them then."""
+        self.rig.exchange(np.append(u, [0.0, 0.0]))
+        self.latest = self.look()
+        self._coming.append(self.latest)
+        return self._coming.pop(0)
+
+    def pass_over(self, u: FloatArray) -> None:
+        """Hold two currents for a tick without a picture."""
+        self.rig.exchange(np.append(u, [0.0, 0.0]))
+        self.tip.wait(self.rig.tick)
+
+    def look(self) -> FloatArray:
+        """Take a picture now, and return the joints (2,) in degrees by it; NaN without."""
+        frame: Frame | None = self._frame()
+        self.ticks += 1
+        if self._disturb is not None and frame is not None:
+            frame = self._disturb(self.ticks, frame)
+        if frame is None or self._rng.random() < self._dropped:
+            self.missed.append(Missed(self.ticks, "no picture came"))
+            return np.full(2, np.nan)
+        self.picture = frame.image
+        self._meter(frame)
+        self.sight, self._state = self.estimator.step(self._state, frame.image, frame.t)
+        if self.sight.reason:
+            self.missed.append(Missed(self.ticks, self.sight.reason))
+            return np.full(2, np.nan)
+        return self.view.joints(self.sight.angles)
+
+    def survey(self) -> HeadCalibration:
+        """Turn each axis up and down, and return the calibration corrected by the pictures.
+
+        The head is hot then.
+        """
+        return refined_view(self.view, sweep(self._wait, self._lit))
+
+    def hold(
+        self, u: FloatArray, seconds: float, pictures: int, *, follow: bool = False
+    ) -> FloatArray:
+        """Hold two currents, and return the mean angles (2,) of pictures at the end, in degrees.
+
+        The angles may be far from the last ones, and the view has to be found again; NaN if it is
+        not.
+
+        Parameters
+        ----------
+        u : (2,) array
+            In A.
+        seconds : float
+        pictures : int
+            Number of pictures at the end.
+        follow : bool
+            Whether to take pictures on the way too: where the wall has not been seen before, the
+            view at the end can only be found from there.
+        """
+        way = _WAY if follow else ()
+        for pause in way:
+            self._wait(u, pause - self.rig.tick)
+            self.look()
+        self._wait(u, seconds - _SEARCH * self.rig.tick - sum(way))
+        good: list[FloatArray] = []
+        for _ in range(_SEARCH):
+            angles = self.look()
+            if np.isfinite(angles).all():
+                good.append(angles)
+            if len(good) == pictures:
+                return np.asarray(np.mean(good, axis=0))
+            self.rig.exchange(np.append(u, [0.0, 0.0]))
+        return np.full(2, np.nan)
+
+    def _wait(self, u: FloatArray, seconds: float) -> None:
+        """Hold two currents without a picture, but for the last tick."""
+        self.rig.head.apply(u, seconds, seconds)
+        self.tip.wait(seconds)
+        self.rig.exchange(np.append(u, [0.0, 0.0]))
+
+    def _lit(self) -> Frame:
+        """Take a picture, and set the gain for the next one."""
+        frame = self._frame()
+        self._meter(frame)
+        return frame
+
+    def _meter(self, frame: Frame) -> None:
+        """Set the gain by a picture, which may be late: it was taken with the gain of its time."""
+        self._gain = LIMITS.gain(self._taken_with.get(frame.t, self._gain), frame.image)
+
+    def _frame(self) -> Frame:
+        self.tip.expose(LIMITS.exposure, self._gain)
+        self.tip.move_to(self.rig.stance())
+        frame = self.tip.frame()
+        self._taken_with[frame.t] = self._gain
+        return frame
+
+    def _zero(self) -> WallState:
+        """Take the picture at rest as that of the angles 0."""
+        for _ in range(_SETTLING):
+            self._lit()
+        frame = self._frame()
+        _, state = self.estimator.begin(frame.image, self.view.line_of_sight(np.zeros(2)), frame.t)
+        return state

@@ -1,0 +1,528 @@
+"""Pits, holes and marks drawn by seed, scanned by a probe that sways, and scored after the scan.
+
+The estimate gets what a real head has: noisy angles, mount and water temperature with small
+errors, and place and size by the camera. The scan is the procedure of mission and console.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray, check_option
+from minorloop.identification.bands import PER_DEVIATION
+from minorloop.lab.actuator import Shot
+from minorloop_head.geometry import Mount, Probe, wall_distance
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.measure import has_coupling, wall_about
+from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.scan import RasterScan
+from minorloop_head.procedures.seen_base import SeenBase
+from minorloop_head.procedures.values import NOTHING, Reading, Request, apply_to_tip
+from minorloop_head.reconstruction.depth_map import DepthMap, Patch
+from minorloop_head.twins.camera import LENS
+from minorloop_head.twins.pipe import Bore, Dent, Pipe, draw_dent, draw_pit
+from minorloop_head.twins.rig import GYROSCOPE_NOISE, SimulatedTip
+from minorloop_head.twins.surroundings import Sway
+from minorloop_head.twins.ultrasound import Ultrasound
+from minorloop_head.ultrasound.echoes import Burst
+from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.pits import PitDepth, measure_pit
+from minorloop_head.vision.calibrated_camera import Image
+from papers.catheter import scoring
+
+KINDS = ("pit", "dished", "dented", "hole", "mark", "dry")
+POSES = ("camera", "gyroscope", "joints")
+"""What gives the pose of a burst besides the joints: pictures, a gyroscope in the base, nothing."""
+DISH = 0.1e-3
+"""Difference in depth between the middle and the rim of a dished floor, in metres."""
+_DENTED = 2.5e-3
+"""Farthest distance of the middle of a dent from that of a pit in or beside it, in metres: where
+the widest one slopes most, and a raster."""
+_Z = 20e-3
+FLOODED = -9.999e-3
+"""Height of the water of a full pipe, in metres."""
+CAMERA_SD = 0.035e-3
+"""Standard deviation of a place by the camera, around and along the pipe, in metres."""
+_SCALE = 0.5
+"""Of the pictures that give the pose: 320 by 240 pixels."""
+_JOINT_NOISE = math.radians(0.05)
+"""Standard deviation of a reading of a joint, as in a mission."""
+_SWAY, _PHASES, _TICK = Sway(), 1e3, 0.04
+"""Motion of the base in the flow, range of times in it at which a scan begins, and interval of the
+loop, in seconds."""
+_DARK, _SHADE_NOISE, _EDGE = -1.2, 0.08, 0.05e-3
+_ROLL_SD, _ADVANCE_SD = 5e-3, 0.05e-3
+"""Standard deviations of the error of the known mount, in radians and metres."""
+
+
+@dataclass(eq=False)
+class ScanSite:
+    """A place of a pipe: what is known of it, and its truth.
+
+    Parameters
+    ----------
+    probe : CalibratedProbe
+        As calibrated.
+    centre : (float, float)
+        Phi and z of the mouth by the camera.
+    diameter : float
+        By the camera, in metres.
+    truth : Bore
+        For scoring only.
+    dry : bool
+        Whether there is no water.
+    strayed : (float, float)
+        Known minus true roll and advance of the mount. For scoring only.
+    """
+
+    probe: CalibratedProbe
+    centre: tuple[float, float]
+    diameter: float
+    truth: Bore
+    dry: bool
+    strayed: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def depth(self) -> float:
+        """True mean depth of the floor, in metres. For scoring only."""
+        return self.truth.depth - self.truth.dish / 2
+
+
+@dataclass(eq=False, kw_only=True)
+class ScanTrial(ScanSite):
+    """A place with a probe before it.
+
+    Parameters
+    ----------
+    twin : Ultrasound
+        Of the probe.
+    pipe : Pipe
+        With water, if any.
+    mount : Mount
+        True mount. For scoring only.
+    settings : dict
+        Noise, gain and temperature of the twin.
+    rng : numpy Generator
+        Of the sway, of the noise of the angles, and of the picture.
+    pose : {"camera", "gyroscope", "joints"}
+        What gives the pose of a burst.
+    specimen : int
+        Seed of camera and wall.
+    """
+
+    twin: Ultrasound
+    pipe: Pipe
+    mount: Mount
+    settings: dict[str, Any]
+    rng: np.random.Generator
+    pose: str = "camera"
+    specimen: int = 0
+
+    @property
+    def site(self) -> ScanSite:
+        """The place without the twin of the probe, which fills 19 MB."""
+        return ScanSite(self.probe, self.centre, self.diameter, self.truth, self.dry, self.strayed)
+
+    def picture(self, patch: Patch) -> FloatArray:
+        """Return the logarithm (rows, columns) of the unrolled image with a dark mouth.
+
+        Place and size have the camera's errors; edges are a texel wide, and each texel has its own
+        noise, drawn anew for each call.
+        """
+        off = np.linalg.norm(patch.off(*self.centre), axis=-1)
+        dark = 1 / (1 + np.exp(np.clip((off - self.diameter / 2) / _EDGE, -30.0, 30.0)))
+        shade: FloatArray = _DARK * dark + _SHADE_NOISE * self.rng.standard_normal(off.shape)
+        return shade
+
+
+def draw_trial(
+    seed: int,
+    *,
+    kind: str = "pit",
+    lens: bool = True,
+    snr: float = 20.0,
+    bore: Bore | None = None,
+    pose: str = "camera",
+) -> ScanTrial:
+    """Draw a pit of 0.85 to 1.5 mm by 0.2 to 1 mm, or another defect, in a pipe by seed.
+
+    Parameters
+    ----------
+    seed : int
+        Of all draws.
+    kind : {"pit", "dished", "dented", "hole", "mark", "dry"}
+        A pit with a flat floor, a pit that is 0.1 mm shallower at its rim, a pit in or beside a
+        dent, a through-hole, a spot of dirt, or a pit in a dry pipe.
+    lens : bool
+        Whether the probe has its lens.
+    snr : float
+        Peak of the echo of the floor over the noise of a trace of 16 shots, in decibels; of the
+        echo of a plain wall if there is no floor.
+    bore : Bore, optional
+        Its diameter and depth replace the drawn ones.
+    pose : {"camera", "gyroscope", "joints"}
+        What gives the pose of a burst.
+    """
+    check_option("kind", kind, KINDS)
+    check_option("pose", pose, POSES)
+    rng = np.random.default_rng([seed, 77])
+    phi = float(rng.uniform(-np.pi, np.pi))
+    pit = draw_pit(rng, phi, _Z)
+    if bore is not None:
+        pit = replace(pit, diameter=bore.diameter, depth=bore.depth)
+    pit = replace(
+        pit, dish=DISH if kind == "dished" else 0.0, depth=math.inf if kind == "hole" else pit.depth
+    )
+    transducer = Probe() if lens else Probe(focus=math.inf)
+    true, probe, thickness, warm = draw_probe(rng, phi, _Z, transducer)
+    pipe = Pipe(
+        bores=() if kind == "mark" else (pit,),
+        dents=(_dent_beside(pit, np.random.default_rng([seed, 78])),) if kind == "dented" else (),
+        water=None if kind == "dry" else FLOODED,
+        thickness=thickness,
+    )
+    level = 1.0
+    if kind in ("pit", "dished", "dented", "dry"):
+        level = scoring.floor_level(
+            Ultrasound(
+                pipe, true, transducer, noise=0.0, temperature=warm, specimen=seed, seed=seed
+            )
+        )
+    noise = level * 10 ** (-snr / 20) * math.sqrt(RasterScan.shots)
+    settings: dict[str, Any] = {
+        "noise": noise,
+        "gain": min(0.5, 0.5 / (0.7 + 4 * noise)),
+        "temperature": warm,
+    }
+    twin = Ultrasound(pipe, true, transducer, specimen=seed, seed=seed, **settings)
+    centre = (
+        phi + float(rng.normal(0, CAMERA_SD)) / pipe.radius,
+        _Z + float(rng.normal(0, CAMERA_SD)),
+    )
+    seen = pit.diameter * float(np.exp(rng.normal(0, 0.05)))
+    # The camera has the same mount, so that its places have the error of the mount.
+    probe, (turned, moved) = strayed(rng, probe)
+    centre = (centre[0] + turned, centre[1] + moved)
+    about = (probe, centre, seen, pit, kind == "dry", (turned, moved))
+    return ScanTrial(
+        *about,
+        twin=twin,
+        pipe=pipe,
+        mount=true,
+        settings=settings,
+        rng=rng,
+        pose=pose,
+        specimen=seed,
+    )
+
+
+def _dent_beside(pit: Bore, rng: np.random.Generator) -> Dent:
+    """Draw a dent that a pit is in or beside; no bead."""
+    way, off = rng.uniform(-np.pi, np.pi), _DENTED * math.sqrt(rng.uniform())
+    phi, z = pit.phi + off * math.cos(way) / Pipe.radius, pit.z + off * math.sin(way)
+    while (dent := draw_dent(rng, float(phi), float(z))).height > 0:
+        pass
+    return dent
+
+
+def draw_probe(
+    rng: np.random.Generator, phi: float, z: float, transducer: Probe
+) -> tuple[Mount, CalibratedProbe, float, float]:
+    """Return true mount, calibrated probe, thickness of the wall and temperature of the water.
+
+    The probe is before a place; its calibration has small errors.
+    """
+    thickness = float(rng.uniform(1.5e-3, 4e-3))
+    off = rng.uniform(-0.2e-3, 0.2e-3, 2)
+    roll = phi + float(rng.normal(0, 0.02))
+    true = Mount(
+        offset=(float(off[0]), float(off[1])), roll=roll, advance=z + float(rng.normal(0, 0.1e-3))
+    )
+    guess = off + rng.normal(0, 0.05e-3, 2)
+    known = replace(true, offset=(float(guess[0]), float(guess[1])))
+    warm = float(rng.uniform(12, 30))
+    probe = CalibratedProbe(
+        transducer,
+        known,
+        thickness=thickness * float(rng.uniform(0.97, 1.03)),
+        temperature=warm + float(rng.normal(0, 0.3)),
+    )
+    return true, probe, thickness, warm
+
+
+def strayed(
+    rng: np.random.Generator, probe: CalibratedProbe
+) -> tuple[CalibratedProbe, tuple[float, float]]:
+    """Return a probe with an error of its roll and advance, and this error."""
+    turned, moved = float(rng.normal(0, _ROLL_SD)), float(rng.normal(0, _ADVANCE_SD))
+    known = probe.mount
+    known = replace(known, roll=known.roll + turned, advance=known.advance + moved)
+    return replace(probe, mount=known), (turned, moved)
+
+
+class Scanned(Protocol):
+    """What a scan needs: probe and place as known; pipe, twin of the probe, true mount and noise.
+
+    ``pose`` is one of the ``POSES``; ``specimen`` is the seed of camera and wall.
+    """
+
+    probe: CalibratedProbe
+    centre: tuple[float, float]
+    twin: Ultrasound
+    pipe: Pipe
+    mount: Mount
+    rng: np.random.Generator
+    pose: str
+    specimen: int
+
+
+def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
+    """Scan a raster by the procedure of mission and console, while flow sways the head.
+
+    Joints and catheter follow at once; the joints are measured with noise.
+
+    Returns
+    -------
+    probe : CalibratedProbe
+        At the place of the scan.
+    bursts : tuple of Burst
+    """
+    head = _Head(trial)
+    scanning = RasterScan(calibration=head.view, metering=head.metering)
+    state, request = scanning.begin(trial.centre), NOTHING
+    while not state.done:
+        state, request = scanning.step(state, head.reading(request))
+        trial.twin.wait(_TICK)
+    return scanning.calibration.probe_at(state.reference), state.bursts
+
+
+class _Head:
+    """A head before the place of a trial, which sways once the pipe is flooded.
+
+    ``view`` is what is known of it; ``metering`` exposes its camera, None without one.
+    """
+
+    def __init__(self, trial: Scanned) -> None:
+        self._trial, self._wet = trial, False
+        self._place = self._start = np.array([trial.probe.mount.advance, trial.probe.mount.roll])
+        self._joints, self._begin = np.zeros(2), float(trial.rng.uniform(0.0, _PHASES))
+        self.view, self.metering = _calibration(trial.probe), None
+        self._base: SeenBase | None = None
+        if trial.pose != "camera":
+            return
+        wall, seed = Pipe.draw(trial.specimen), trial.specimen
+        wall = replace(wall, bores=trial.pipe.bores, cracks=trial.pipe.cracks)
+        optics = LENS.scaled(_SCALE)
+        self._tip = SimulatedTip(wall, mount=trial.mount, specimen=seed, seed=seed, optics=optics)
+        camera = self._tip.camera
+        self.view = replace(self.view, lens=camera.calibration, leds=camera.leds)
+        self.metering, self._base = Metering(calibration=self.view), SeenBase(self.view)
+
+    def reading(self, request: Request) -> Reading:
+        """Carry out a request, and read joints, catheter, and what else gives the pose."""
+        trial, rng = self._trial, self._trial.rng
+        t = trial.twin.clock
+        self._joints = self._joints if request.angles is None else request.angles
+        self._place = self._place + _TICK * request.rates
+        angles = self._joints + _JOINT_NOISE * rng.standard_normal(2)
+        image = self._picture(request, t, angles)
+        shots = self._shots(request.shots)
+        return Reading(
+            t=t,
+            angles=angles,
+            place=self._place,
+            base=self._turned(t, image if shots else None),
+            image=image,
+            shots=tuple(shots),
+            fired=bool(shots),
+        )
+
+    def _sway(self, t: float) -> FloatArray:
+        """Return the true turn (2,) of the base."""
+        return _SWAY.at(self._begin + t) if self._wet else np.zeros(2)
+
+    def _shots(self, count: int) -> list[Shot]:
+        trial, (advance, roll) = self._trial, (self._place - self._start).tolist()
+        true, shots = trial.mount, []
+        trial.twin.move(replace(true, advance=true.advance + advance, roll=true.roll + roll))
+        for _ in range(count):
+            pan, tilt = self._joints + self._sway(trial.twin.clock)
+            trial.twin.look(float(pan), float(tilt))
+            shots.append(trial.twin.shot())
+        return shots
+
+    def _picture(self, request: Request, t: float, angles: FloatArray) -> Image | None:
+        """Set camera and water as requested, and take a picture if there is one to take.
+
+        The last one before the water comes in is that of the base at rest.
+        """
+        flooding = bool(request.water) and not self._wet
+        image = None
+        if self._base is not None:
+            now = self._joints + self._sway(t)
+            rates = (self._joints + self._sway(t + _TICK) - now) / _TICK
+            place = self._place - self._start
+            self._tip.move_to((*now.tolist(), *rates.tolist(), *place.tolist()))
+            self._base.read(t, angles, self._place)
+            apply_to_tip(self._tip, replace(request, water=None))
+            image = self._tip.frame().image if request.frame or flooding else None
+            if flooding and image is not None:
+                self._base.begin(image, t)
+        self._wet = self._wet or flooding
+        return image
+
+    def _turned(self, t: float, image: Image | None) -> FloatArray:
+        """Return the turn (2,) of the base as it is measured; zeros by the joints alone."""
+        if self._base is not None and self._wet:
+            if image is not None:
+                self._base.see(image, t)
+            return self._base.at(t)
+        if self._trial.pose != "gyroscope":
+            return np.zeros(2)
+        return self._sway(t) + GYROSCOPE_NOISE * self._trial.rng.standard_normal(2)
+
+
+def _calibration(probe: CalibratedProbe) -> HeadCalibration:
+    """Return the calibration of a head with this probe in this pipe."""
+    return HeadCalibration(
+        lens=LENS,
+        leds=np.empty((0, 3)),
+        offset=probe.mount.offset,
+        lever=probe.mount.lever,
+        probe=probe.transducer,
+        radius=probe.radius,
+        thickness=probe.thickness,
+        temperature=probe.temperature,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredScan:
+    """One scan with its truth.
+
+    Parameters
+    ----------
+    site : ScanSite
+        Where.
+    found : PitDepth
+        The estimate.
+    seconds : float
+        Processor time of ``measure_pit``.
+    wall : DepthMap
+        Fused.
+    modality : str
+        By the first burst.
+    """
+
+    site: ScanSite
+    found: PitDepth
+    seconds: float
+    wall: DepthMap
+    modality: str
+
+
+def run_trial(trial: ScanTrial) -> ScoredScan:
+    """Scan, measure and fuse one place."""
+    probe, bursts = scan(trial)
+    coupled = has_coupling(bursts)
+    return measured(replace(trial, probe=probe), bursts, "ultrasound" if coupled else "camera")
+
+
+def measured(trial: ScanTrial, bursts: Sequence[Burst], modality: str = "ultrasound") -> ScoredScan:
+    """Measure and fuse the bursts of one place."""
+    before = time.process_time()
+    about = trial.probe, trial.centre, trial.diameter
+    found = measure_pit(bursts, *about)
+    seconds = time.process_time() - before
+    wall = wall_about(found, bursts, *about, seen=trial.picture)
+    return ScoredScan(trial.site, found, seconds, wall, modality)
+
+
+def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
+    """Return bias and standard deviation of depths in micrometres, and the number measured."""
+    runs = list(scored)
+    errors = np.array([1e6 * _error(run) for run in runs if run.found.measured])
+    return {
+        "bias_um": float(errors.mean()) if errors.size else math.nan,
+        "sd_um": float(errors.std(ddof=1)) if errors.size > 1 else math.nan,
+        "worst_um": float(np.abs(errors).max()) if errors.size else math.nan,
+        "measured_fraction": errors.size / max(len(runs), 1),
+        "measured": errors.size,
+        "scans": len(runs),
+        "seconds": float(np.median([run.seconds for run in runs])) if runs else math.nan,
+    }
+
+
+def dished_figure(scored: Iterable[ScoredScan]) -> float:
+    """Return the largest error in millimetres of the mean depth of unflagged dished floors."""
+    return max((1e3 * abs(_error(run)) for run in scored if run.found.measured), default=math.nan)
+
+
+def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
+    """Return the largest errors of findings, and the share of texels inside their 90 % band."""
+    runs = [run for run in scored if run.found.measured]
+    depths = np.array([1e3 * _error(run) for run in runs])
+    sizes = [run.found.diameter / run.site.truth.diameter - 1 for run in runs]
+    texels = np.concatenate([_covered(run) for run in runs]) if runs else np.zeros(1, bool)
+    return {
+        "position_mm": max((1e3 * _miss(run) for run in runs), default=math.nan),
+        "diameter_error_pct": 100 * float(np.abs(sizes).max()) if runs else math.nan,
+        "depth_error_mm": float(np.abs(depths).max()) if runs else math.nan,
+        "texel_coverage": float(texels.mean()),
+    }
+
+
+def band_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
+    """Return the share of depths inside their 90 % band, half its width, and their number."""
+    runs = [run for run in scored if run.found.measured]
+    depths = np.array([abs(1e3 * _error(run)) for run in runs])
+    bands = np.array([1e3 * PER_DEVIATION * run.found.depth_sd for run in runs])
+    return {
+        "coverage": float((depths <= bands).mean()) if runs else math.nan,
+        "band_mm": float(np.median(bands)) if runs else math.nan,
+        "scans": len(runs),
+    }
+
+
+def modality_wrong(scored: Iterable[ScoredScan]) -> int:
+    """Return how often a depth was given in air or for a hole, or the modality was wrong."""
+    wrong = 0
+    for run in scored:
+        dry, hole = run.site.dry, run.site.truth.through
+        claimed = np.isfinite(run.found.depth)
+        wrong += bool((dry or hole) and claimed) or run.modality != (
+            "camera" if dry else "ultrasound"
+        )
+    return wrong
+
+
+def _error(run: ScoredScan) -> float:
+    return run.found.depth - run.site.depth
+
+
+def _miss(run: ScoredScan) -> float:
+    found, truth = run.found, run.site.truth
+    radius = run.site.probe.radius
+    return float(wall_distance((found.phi, found.z), (truth.phi, truth.z), radius))
+
+
+def _covered(run: ScoredScan) -> BoolArray:
+    """Return for each texel of the mouth and its rim whether the truth is inside the band.
+
+    The frame is the known one of the head: its error counts in the position of a finding.
+    """
+    patch, bore = run.wall.patch, run.site.truth
+    turned, moved = run.site.strayed
+    off = patch.off(bore.phi + turned, bore.z + moved)
+    square = (off**2).sum(axis=-1) / (bore.diameter / 2) ** 2
+    floor = bore.depth + off @ np.array(bore.floor_tilt) - bore.dish * square
+    truth = np.where(square <= 1, floor, 0.0)
+    near = square <= (1 + 0.2e-3 / bore.diameter) ** 2
+    inside: BoolArray = (np.abs(run.wall.depth - truth) <= PER_DEVIATION * run.wall.sd)[near]
+    return inside

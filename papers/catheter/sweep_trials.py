@@ -1,0 +1,362 @@
+"""Sweeps of partly flooded pipes drawn by seed, and what is found in them, scored after the sweep.
+
+The estimate gets what a real head has: noisy angles, mount and water temperature with small
+errors, and the catheter as its sensors read it. The sweep is the procedure of any loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.identification.bands import PER_DEVIATION
+from minorloop.threads import one_thread
+from minorloop_head.geometry import Mount, Probe, wall_distance
+from minorloop_head.procedures.calibration import HeadCalibration
+from minorloop_head.procedures.meter import Metering
+from minorloop_head.procedures.probe_steps import resampled
+from minorloop_head.procedures.sweep import ProbeSweep, SweepState
+from minorloop_head.procedures.values import NOTHING, Reading, apply_to_tip
+from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, coupled_at
+from minorloop_head.reconstruction.pipe_map import PipeMap, pipe_map
+from minorloop_head.twins.catheter import Catheter
+from minorloop_head.twins.pipe import Bore, Crack, Dent, Pipe, draw_crack, draw_pit
+from minorloop_head.twins.rig import GYROSCOPE_NOISE, SimulatedTip
+from minorloop_head.twins.surroundings import Filling, Sway
+from minorloop_head.twins.ultrasound import INTERVAL
+from minorloop_head.ultrasound.c_scan import CRACK, CUT, PIT, CScan, EchoFind, c_scan
+from minorloop_head.vision.reflectance_map import LitFrame, lay_flat
+from papers.catheter import scoring
+from papers.catheter.crack_scenes import FINE, fine_course
+
+PITS = 3
+"""Pits in the swept part of a pipe: 0.8 to 1.5 mm wide and 0.3 to 1 mm deep."""
+AROUND, ALONG = (-0.2, math.pi + 0.2), (20e-3, 22.4e-3)
+"""Swept part of the pipe in radians and metres: the flooded half, with some drained wall."""
+LEVELS = (-1.5e-3, 0.4e-3)
+"""Range of the height of the water in metres, about half full. Wherever there is a pit, the probe
+is under water too."""
+SAME = 0.5e-3
+"""Farthest distance in metres of a find from what it is."""
+_WIDE, _LONG = 0.1e-3, 1.5e-3
+"""Width and length in metres from which on a crack counts for the recall: narrower ones take so
+little of the echo that bursts between two lines miss it."""
+_MARGIN, _APART, _CLEAR = 0.8e-3, 2.5e-3, 2.5
+"""Distances of pits in metres from the ends of the swept part and from each other; and from a dent
+in its standard deviations, where it is shallower than 30 um: a pit in a dent is another
+defect."""
+_BAND = 0.35
+"""Distance of pits from the axis's height in radians, so that all are under water."""
+_JOINT_NOISE = math.radians(0.05)
+_SWAY, _PHASES = Sway(), 1e3
+_SETTLE = 0.03e-3
+"""Motion in metres within which the twin's echo is not computed again: an eighth of the beam."""
+_UNITS = np.array([1e-3, math.radians(1.0)])
+_RING, _VIEWS, _FROM = math.radians(25.0), 8, 4.5e-3
+"""Deflection of the views of the camera in radians, their number, and the advance in metres from
+which they show the swept part."""
+
+
+@dataclass(eq=False, kw_only=True)
+class SweepTrial:
+    """A partly flooded pipe and the head in it.
+
+    Parameters
+    ----------
+    calibration : HeadCalibration
+        As calibrated.
+    tip : SimulatedTip
+        With camera and probe.
+    catheter : Catheter
+    rng : numpy Generator
+        Of the noise of joints and gyroscope, and of the sway.
+    pipe : Pipe
+        For scoring only.
+    level : float
+        Height of the water in metres. For scoring only.
+    """
+
+    calibration: HeadCalibration
+    tip: SimulatedTip
+    catheter: Catheter
+    rng: np.random.Generator
+    pipe: Pipe
+    level: float
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredSweep:
+    """One sweep with its truth.
+
+    Parameters
+    ----------
+    scan : CScan
+    fused : PipeMap
+        With the pictures of the drained part.
+    pipe : Pipe
+        For scoring only.
+    level : float
+        Height of the water in metres. For scoring only.
+    seconds : float
+        Of the head, from the first line to the last.
+    """
+
+    scan: CScan
+    fused: PipeMap
+    pipe: Pipe
+    level: float
+    seconds: float
+
+
+def draw_sweep(seed: int, pits: int = PITS) -> SweepTrial:
+    """Draw a pipe with pits and a crack under water, and a head in it, by seed."""
+    rng = np.random.default_rng([seed, 41])
+    drawn = Pipe.draw(seed)
+    bores: list[Bore] = []
+    while len(bores) < pits:
+        phi, z = _somewhere(rng)
+        one = replace(
+            draw_pit(rng, phi, z),
+            diameter=float(rng.uniform(0.8e-3, 1.5e-3)),
+            depth=float(rng.uniform(0.3e-3, 1e-3)),
+        )
+        if _is_clear(one, bores, drawn.dents):
+            bores.append(one)
+    crack = draw_crack(rng, *_somewhere(rng))
+    while any(_off(crack, bore.phi, bore.z) < _APART for bore in bores):
+        crack = draw_crack(rng, *_somewhere(rng))
+    thickness = float(rng.uniform(1.5e-3, 4e-3))
+    pipe = replace(drawn, bores=tuple(bores), cracks=(crack,), thickness=thickness)
+    off, warm = rng.uniform(-0.2e-3, 0.2e-3, 2), float(rng.uniform(10, 40))
+    known, level = off + rng.normal(0, 0.05e-3, 2), float(rng.uniform(*LEVELS))
+    tip = SimulatedTip(
+        pipe,
+        mount=Mount(offset=(float(off[0]), float(off[1]))),
+        specimen=seed,
+        seed=seed,
+        flooded=Filling(level=level, temperature=warm),
+        probe={"settle": _SETTLE},
+    )
+    calibration = HeadCalibration(
+        lens=tip.camera.calibration,
+        leds=tip.camera.leds,
+        offset=(float(known[0]), float(known[1])),
+        thickness=thickness * float(rng.uniform(0.97, 1.03)),
+        temperature=warm + float(rng.normal(0, 0.3)),
+    )
+    return SweepTrial(
+        calibration=calibration, tip=tip, catheter=Catheter(seed, 0.02, seed), rng=rng,
+        pipe=pipe, level=level,
+    )  # fmt: skip
+
+
+def _somewhere(rng: np.random.Generator) -> tuple[float, float]:
+    """Draw a phi and a z in the swept part under water."""
+    low, high = ALONG
+    phi = float(rng.uniform(_BAND, np.pi - _BAND))
+    return phi, float(rng.uniform(low + _MARGIN, high - _MARGIN))
+
+
+def _is_clear(one: Bore, others: Sequence[Bore], dents: Sequence[Dent]) -> bool:
+    """Return whether a pit is beside all others and all dents."""
+    place = one.phi, one.z
+    return all(_apart(place, (pit.phi, pit.z)) > _APART for pit in others) and all(
+        _apart(place, (dent.phi, dent.z)) > one.diameter / 2 + _CLEAR * dent.size for dent in dents
+    )
+
+
+def _apart(one: tuple[float, float], other: tuple[float, float]) -> float:
+    return float(wall_distance(one, other, Pipe().radius))
+
+
+def _off(crack: Crack, phi: float, z: float) -> float:
+    """Return the distance of a place from the course of a crack, in metres."""
+    course, _ = fine_course(crack, Pipe.radius)
+    return float(wall_distance(course, (phi, z), Pipe.radius).min())
+
+
+@one_thread()
+def sweep(
+    trial: SweepTrial,
+    around: tuple[float, float] = AROUND,
+    along: tuple[float, float] = ALONG,
+) -> SweepState:
+    """Sweep by the procedure, while flow sways the head and friction holds the catheter.
+
+    The joints follow at once; joints, base and catheter are measured with noise.
+    """
+    scanning = ProbeSweep(calibration=trial.calibration)
+    state, request = scanning.begin(around, along), NOTHING
+    tip, rng, catheter = trial.tip, trial.rng, trial.catheter
+    joints, begin = np.zeros(2), float(rng.uniform(0.0, _PHASES))
+    place, ticks = np.zeros(2), 0
+    before = now = scoring.catheter_place(catheter)
+    while not state.done:
+        t = ticks * catheter.tick
+        joints = joints if request.angles is None else request.angles
+        apply_to_tip(tip, replace(request, frame=False))
+        shots = []
+        for k in range(request.shots):
+            late = k * INTERVAL
+            here = now + late * (now - before) / catheter.tick
+            tip.move_to((*(joints + _SWAY.at(begin + t + late)), 0.0, 0.0, *here))
+            shots += tip.shots(1)
+        reading = Reading(
+            t=t,
+            angles=joints + _JOINT_NOISE * rng.standard_normal(2),
+            place=place,
+            base=_SWAY.at(begin + t) + GYROSCOPE_NOISE * rng.standard_normal(2),
+            shots=tuple(shots),
+            fired=bool(shots),
+        )
+        state, request = scanning.step(state, reading)
+        before, place = now, np.asarray(catheter.exchange(request.rates / _UNITS)) * _UNITS
+        now = scoring.catheter_place(catheter)
+        ticks += 1
+    return state
+
+
+def pictures(trial: SweepTrial, patch: Patch) -> list[FloatArray]:
+    """Return what the camera sees of a patch in views to all sides, before the sweep."""
+    tip, rng, seen = trial.tip, trial.rng, []
+    for k in range(_VIEWS):
+        way = 2 * math.pi * k / _VIEWS
+        true = _RING * np.array([math.cos(way), math.sin(way)])
+        angles = true + _JOINT_NOISE * rng.standard_normal(2)
+        metering, place = Metering(calibration=trial.calibration), np.array([_FROM, 0.0])
+        state, request, ticks = metering.begin(), NOTHING, 0
+        while not state.done:
+            tip.move_to((*true, 0.0, 0.0, *place))
+            image = tip.frame().image if request.frame else None
+            reading = Reading(
+                t=ticks * trial.catheter.tick, angles=angles, place=place, image=image
+            )
+            state, request = metering.step(state, reading)
+            apply_to_tip(tip, request)
+            ticks += 1
+        tip.move_to((*true, 0.0, 0.0, *place))
+        frame = LitFrame(tip.frame().image, *angles.tolist())
+        view = lay_flat([frame], trial.calibration.camera_at(place))
+        seen += [] if view is None else [resampled(view, patch)]
+    return seen
+
+
+def run_sweep(seed: int, pits: int = PITS) -> ScoredSweep:
+    """Look at the drained part, sweep the flooded one, and map both."""
+    trial = draw_sweep(seed, pits)
+    bursts, patch = sweep(trial).bursts, Patch.ring(*ALONG)
+    scan = c_scan(bursts, trial.calibration.probe_at((0.0, 0.0)), patch)
+    fused = pipe_map(scan, pictures(trial, patch))
+    return ScoredSweep(scan, fused, trial.pipe, trial.level, bursts[-1].t - bursts[0].t)
+
+
+def pit_found(run: ScoredSweep, bore: Bore) -> EchoFind | None:
+    """Return the pit of a map that is nearest to a true one; None if none is near."""
+    near = [
+        (off, find)
+        for find in run.scan.finds
+        if find.kind == PIT and (off := _apart(find.place, (bore.phi, bore.z))) <= SAME
+    ]
+    return min(near, key=lambda one: one[0])[1] if near else None
+
+
+def on_crack(run: ScoredSweep, find: EchoFind) -> bool:
+    """Return whether a find is on a true crack."""
+    return any(_off(crack, *find.place) <= SAME for crack in run.pipe.cracks)
+
+
+def on_pit(run: ScoredSweep, find: EchoFind) -> bool:
+    """Return whether a find is on a true pit."""
+    return any(_apart(find.place, (bore.phi, bore.z)) <= SAME for bore in run.pipe.bores)
+
+
+def within_reach(run: ScoredSweep, crack: Crack) -> bool:
+    """Return whether the sweep passed over enough of a crack, wide enough, under water."""
+    patch = run.scan.wall.patch
+    course, widths = fine_course(crack, patch.radius)
+    wet = coupled_at(course[:, 0], patch.radius, face=Probe().face) > run.level + SAME
+    along = (course[:, 1] - patch.z) / patch.step
+    inside = wet & (along >= 0) & (along < patch.rows) & (widths >= _WIDE)
+    return bool(FINE * inside.sum() >= _LONG)
+
+
+def true_depth(pipe: Pipe, patch: Patch) -> FloatArray:
+    """Return the depth (rows, columns) of a pipe with its dents and beads, in metres."""
+    places = patch.places
+    depth = pipe.depth(places[..., 0], places[..., 1])
+    for dent in pipe.dents:
+        off = wall_distance(places, (dent.phi, dent.z), pipe.radius)
+        depth = depth - dent.height * np.exp(-0.5 * (off / dent.size) ** 2)
+    return depth
+
+
+def _inside(run: ScoredSweep, source: int) -> BoolArray:
+    """Return whether the true depth is inside the 90 % band, for each texel of a source."""
+    wall = run.fused.wall
+    known = (wall.source == source) & np.isfinite(wall.depth)
+    off = np.abs(wall.depth - true_depth(run.pipe, wall.patch))
+    return np.asarray((off <= PER_DEVIATION * wall.sd)[known])
+
+
+def map_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
+    """Return the shares of texels of the maps whose 90 % band has the true depth, by source."""
+    every = {
+        name: np.concatenate([_inside(run, source) for run in runs])
+        for name, source in (("camera", CAMERA), ("echoes", ECHOES), ("both", BOTH))
+    }
+    every["map"] = np.concatenate(list(every.values()))
+    return {
+        f"{name}_coverage": float(each.mean()) if each.size else math.nan
+        for name, each in every.items()
+    }
+
+
+def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
+    """Return recall, false finds, errors, and what share was mapped in what time.
+
+    A find is false where there is neither a pit nor a crack; one that takes a crack for a pit, or a
+    pit for a crack, is of the wrong kind. What the edge cuts is no claim. A crack counts as found
+    if a part of it is.
+    """
+    pits = [(pit_found(run, bore), bore) for run in runs for bore in run.pipe.bores]
+    hits = [(find, bore) for find, bore in pits if find is not None]
+    every = [(run, find) for run in runs for find in run.scan.finds]
+    finds = [one for one in every if one[1].kind != CUT]
+    errors = 1e6 * np.array([find.depth - bore.depth for find, bore in hits])
+    bands = 1e6 * PER_DEVIATION * np.array([find.depth_sd for find, _ in hits])
+    off = [1e3 * _apart(find.place, (bore.phi, bore.z)) for find, bore in hits]
+    mapped = sum(float(np.isfinite(run.scan.amplitude).sum()) for run in runs)
+    gaps = sum(float(run.scan.gap.sum()) for run in runs)
+    area = 1e4 * mapped * runs[0].scan.wall.patch.step ** 2
+    cracks = [
+        any(find.kind == CRACK and on_crack(run, find) for find in run.scan.finds)
+        for run in runs
+        if any(within_reach(run, crack) for crack in run.pipe.cracks)
+    ]
+    return {
+        "recall": len(hits) / max(len(pits), 1),
+        "pits": len(pits),
+        "false_per_cm2": sum(not (on_pit(*one) or on_crack(*one)) for one in finds) / area,
+        "wrong_kind": sum(
+            on_crack(run, find) if find.kind == PIT else on_pit(run, find) for run, find in finds
+        ),
+        "area_cm2": area,
+        "seconds_per_cm2": sum(run.seconds for run in runs) / area,
+        "gap_share": gaps / (mapped + gaps),
+        "depth_bias_um": float(errors.mean()) if hits else math.nan,
+        "depth_sd_um": float(errors.std(ddof=1)) if len(hits) > 1 else math.nan,
+        "coverage": float((np.abs(errors) <= bands).mean()) if hits else math.nan,
+        "size_ratio": float(np.median([find.diameter / bore.diameter for find, bore in hits]))
+        if hits
+        else math.nan,
+        "place_mm": float(np.quantile(off, 0.9)) if hits else math.nan,
+        "crack_recall": float(np.mean(cracks)) if cracks else math.nan,
+        "cracks": len(cracks),
+        "cut": len(every) - len(finds),
+        "water_mm": max(1e3 * abs(run.scan.water.height - run.level) for run in runs),
+        **map_figures(runs),
+    }

@@ -1,0 +1,253 @@
+"""The tracker graded by the truth: a hole and plain wall, on walls that are hard to follow.
+
+A head on a swaying base turns before a wall. The tracker gets the pictures and the readings of the
+joints; how far the point that it follows is from the true one is computed afterwards. All pixel
+figures are at the scale of a 320 by 240 image.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from collections.abc import Sequence as Many
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.errors import SignalError
+from minorloop_head.geometry import Mount, meet_wall
+from minorloop_head.procedures.meter import LIMITS
+from minorloop_head.twins.camera import LENS, Camera
+from minorloop_head.twins.pipe import Bore, Dirt, Pipe
+from minorloop_head.twins.surroundings import Sway
+from minorloop_head.vision.calibrated_camera import CalibratedCamera
+from minorloop_head.vision.tracking import TRACKED, PatchTracker
+from papers.catheter import scoring
+
+WALLS: Mapping[str, str] = {
+    "drawn": "usual texture",
+    "poor": "hardly any texture",
+    "repeated": "equal spots at equal distances",
+    "polished": "reflections that move with the lights",
+    "blurred": "out of focus",
+    "lights": "lights switched and dimmed on the way",
+}
+"""Kinds of walls, and words for them."""
+FRAMES, INTERVAL = 60, 0.04
+"""Frames of a sequence, and the time between them in seconds."""
+POINTS = 5
+"""Pieces of wall that are followed beside the hole."""
+SWING, RATE = math.radians(10.0), math.radians(20.0)
+"""Amplitude of the motion of the head in radians, and its fastest rate in rad/s, the rate limit of
+the servo."""
+AWAY = (20.0, 27.0)
+"""Deflection at which the hole is in the middle, in degrees: from where the head centres it."""
+JOINT_NOISE = math.radians(0.05)
+OFF_MOUNT = 0.05e-3
+"""Standard deviation of the known place of the pivot, in metres, as in a mission."""
+PITCH = 2.0e-3
+"""Distance of equal spots in metres: less than a patch, so that it always shows some."""
+GRADED = 2.0
+"""Error in pixels of 320 beyond which a point that counts as tracked has drifted."""
+_SWAY, _PHASES = Sway(), 1e3
+_BORDER = 60.0
+"""Distance from the edge of a frame of 640 by 480 pixels, about half a patch, within which a point
+cannot be asked for."""
+_SPREAD = 120.0
+"""Standard deviation in pixels of 640 of picked points about the middle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """Pictures of a wall, what the head measured with them, and the truth.
+
+    Parameters
+    ----------
+    wall : str
+        Its kind.
+    images : (T, height, width) array of uint8
+    angles : (T, 2) array
+        Pan and tilt as the joints measured them.
+    camera : CalibratedCamera
+        As it is known.
+    picked : (P, 2) array
+        Pixels of the first frame, the hole first.
+    true : (T, P, 2) array
+        True pixels of what they show. For scoring only.
+    """
+
+    wall: str
+    images: np.ndarray
+    angles: FloatArray
+    camera: CalibratedCamera
+    picked: FloatArray
+    true: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """One point of a sequence.
+
+    ``error`` (T,) in pixels of 320; whether it was ``tracked`` (T,), and whether the frame showed
+    its patch, ``shown`` (T,).
+    """
+
+    wall: str
+    hole: bool
+    error: FloatArray
+    tracked: BoolArray
+    shown: BoolArray
+
+
+def wall_of(kind: str, seed: int, hole: Bore) -> Pipe:
+    """Return a pipe whose wall is of one of the ``WALLS``."""
+    pipe = replace(Pipe.draw(seed), bores=(hole,))
+    if kind in ("poor", "repeated"):
+        dull = replace(pipe.finish, stain=0.02, streak=0.01, brush=0.01)
+        pipe = replace(pipe, finish=dull, dents=(), scratches=(), dirt=())
+    if kind == "repeated":
+        steps = range(-8, 9)
+        spots = [
+            Dirt(hole.phi + PITCH * i / pipe.radius, hole.z + PITCH * j, 0.35e-3, 0.5, 0.1e-3, 0.0)
+            for i in steps
+            for j in steps
+            if (i, j) != (0, 0) and 0 < hole.z + PITCH * j < pipe.length
+        ]
+        pipe = replace(pipe, dirt=tuple(spots))
+    if kind == "polished":
+        bright = replace(
+            pipe.finish,
+            roughness_around=0.08,
+            roughness_along=0.05,
+            diffuse=0.3,
+            specular=0.6,
+        )
+        pipe = replace(pipe, finish=bright)
+    return pipe
+
+
+def draw_sequence(kind: str, seed: int) -> Sequence:
+    """Draw a wall, a motion of the head and the pictures by seed.
+
+    Parameters
+    ----------
+    kind : str
+        One of ``WALLS``.
+    seed : int
+    """
+    rng = np.random.default_rng([seed, 52, list(WALLS).index(kind)])
+    away, way = math.radians(rng.uniform(*AWAY)), float(rng.uniform(0, 2 * np.pi))
+    aim = away * np.array([math.cos(way), math.sin(way)])
+    x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
+    mount = Mount(offset=(x, y), roll=float(rng.uniform(-np.pi, np.pi)))
+    known = replace(mount, offset=(x + rng.normal(0, OFF_MOUNT), y + rng.normal(0, OFF_MOUNT)))
+    pose = mount.pose(*aim.tolist())
+    phi, z, length = meet_wall(pose.position, pose.rotation[:, 2], Pipe.radius).tolist()
+    pipe = wall_of(kind, seed, Bore(phi, z, 1e-3))
+    camera = Camera(pipe, mount, specimen=seed, seed=seed)
+    _expose(camera, aim, 8e-3 if kind == "blurred" else length)
+    joints, base = _motion(rng, aim)
+    images = []
+    true = np.empty((FRAMES, POINTS + 1, 2))
+    picked = np.clip(
+        np.array(LENS.centre) + _SPREAD * rng.standard_normal((POINTS + 1, 2)), 110, (530, 370)
+    )
+    places = np.empty((POINTS + 1, 2))
+    for n in range(FRAMES):
+        now = joints[n] + base[n]
+        ahead = joints[n + 1] + base[n + 1]
+        rates = (ahead - now) / INTERVAL if n else np.zeros(2)
+        camera.look(*now.tolist(), rates=(float(rates[0]), float(rates[1])))
+        if kind == "lights":
+            _switch(camera, n)
+        if n == 0:
+            picked[0] = scoring.true_pixel(camera, phi, z)
+            view = CalibratedCamera(scoring.true_lens(camera), mount, camera.leds)
+            places = view.place(picked, *now.tolist())
+        true[n] = scoring.true_pixel(camera, *places.T)
+        images.append(camera.frame().image)
+    read = joints[:FRAMES] + JOINT_NOISE * rng.standard_normal((FRAMES, 2))
+    seen = CalibratedCamera(camera.calibration, known, camera.leds)
+    return Sequence(kind, np.array(images), read, seen, picked, true)
+
+
+def follow(sequence: Sequence) -> list[Followed]:
+    """Follow the points of a sequence; one that the tracker refuses to pick is left out."""
+    tracker = PatchTracker(sequence.camera)
+    edge = np.array(sequence.images.shape[:0:-1]) - _BORDER
+    found = []
+    for k, pixel in enumerate(sequence.picked):
+        error, tracked = np.zeros(len(sequence.images)), np.ones(len(sequence.images), bool)
+        try:
+            _, state = tracker.begin(sequence.images[0], pixel, *sequence.angles[0].tolist())
+        except SignalError:
+            continue
+        for n in range(1, len(sequence.images)):
+            track, state = tracker.step(state, sequence.images[n], *sequence.angles[n].tolist())
+            error[n] = 0.5 * math.dist(track.pixel, sequence.true[n, k])
+            tracked[n] = track.verdict == TRACKED
+        true = sequence.true[1:, k]
+        shown = np.asarray(((true > _BORDER) & (true < edge)).all(axis=-1))
+        found.append(Followed(sequence.wall, k == 0, error[1:], tracked[1:], shown))
+    return found
+
+
+def run_tracking(seed: int) -> list[Followed]:
+    """Follow the points of one sequence of each wall."""
+    return [each for kind in WALLS for each in follow(draw_sequence(kind, seed))]
+
+
+def tracking_figures(followed: Many[Followed]) -> dict[str, Any]:
+    """Return the errors of holes, and those of plain wall while it counted as tracked."""
+    holes = [each for each in followed if each.hole]
+    walls = [each for each in followed if not each.hole]
+    return {
+        "true_error_px_p95": _quantile(holes, 0.95),
+        "lost_fraction": _lost(holes),
+        "texture_error_px_p99": _quantile(walls, 0.99),
+        "texture_lost_fraction": _lost(walls),
+        "texture_drifted": sum(bool((each.error[each.tracked] > GRADED).any()) for each in walls),
+        "texture_points": len(walls),
+    }
+
+
+def _quantile(points: Many[Followed], share: float) -> float:
+    errors = [each.error[each.tracked] for each in points]
+    together = np.concatenate(errors) if errors else np.empty(0)
+    return float(np.quantile(together, share, method="higher")) if together.size else math.nan
+
+
+def _lost(points: Many[Followed]) -> float:
+    shown = [~each.tracked[each.shown] for each in points]
+    together = np.concatenate(shown) if shown else np.empty(0)
+    return float(together.mean()) if together.size else math.nan
+
+
+def _expose(camera: Camera, aim: FloatArray, focus: float) -> None:
+    """Set focus and gain as metering does; the focus arrives meanwhile."""
+    camera.look(*aim.tolist())
+    camera.focus_at(LIMITS.focus(focus))
+    gain = 1.0
+    for _ in range(8):
+        camera.expose(LIMITS.exposure, gain)
+        mean = max(float(camera.frame().image.mean()), 1.0)
+        gain = float(np.clip(gain * (LIMITS.grey / mean) ** 0.7, 0.1, LIMITS.most_gain))
+
+
+def _switch(camera: Camera, n: int) -> None:
+    """Switch lights on and off, one after the other, four times a second."""
+    lights = [(True, True, True), (True, False, True), (False, True, True), (True, True, False)]
+    camera.switch(lights[n // 6 % len(lights)])
+
+
+def _motion(rng: np.random.Generator, aim: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return angles (T + 1, 2) of the joints about an aim, and the turns (T + 1, 2) of the base."""
+    t = INTERVAL * np.arange(FRAMES + 1)
+    begin = float(rng.uniform(0, _PHASES))
+    shares, signs = rng.uniform(0.5, 1.0, 2), rng.choice([-1, 1], 2)
+    phases = RATE / SWING * t[:, None] * np.array([1.0, 0.7])
+    joints = aim + SWING * shares * signs * np.sin(phases)
+    base = np.array([_SWAY.at(begin + now) for now in t])
+    return joints, base

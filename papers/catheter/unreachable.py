@@ -1,0 +1,186 @@
+"""Targets about the reach of a wire, in surroundings that are drawn for each specimen.
+
+Each head is identified, and sent to targets a little beyond its true reach and a little within it,
+in surroundings that are too cold or that cool too much.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop_head.control.head import CONTROLLERS, head_control
+from minorloop_head.control.reach import STROKE_SHARE, Reason, Unreachable
+from minorloop_head.twins.head import Head
+from minorloop_head.twins.surroundings import Surroundings
+from papers.catheter.head_loop import Alarm, constant, run_loop
+from papers.catheter.head_static import CURRENT, HOLD, identify_head
+from papers.catheter.scoring import truth
+from papers.claims import Claim
+
+TITLE = "Targets about the reach of a head"
+BOTH: Reason = "colder surroundings or stronger cooling"
+"""What the guard says where the readings do not tell the two causes apart."""
+CLEARLY = 5.0
+"""Degrees out of reach from which a target must be found."""
+SECONDS = 30.0
+"""Duration of a run: the slowest verdict, in the cold, takes 29 s."""
+AMBIENTS, COOLINGS = (-20.0, -8.0), (1.4, 2.0)
+"""Range of the ambient in degrees Celsius, and of the convection over that at identification: the
+reach falls between the ends of the stroke."""
+BEYOND, WITHIN = (1.5, 8.0), (0.5, 3.0)
+"""Degrees by which a target is out of reach and within it: about `CLEARLY`, and about the tolerance
+of the guard, 1 degree."""
+_STILL_AIR = 75.0
+"""Convection at identification in W/(m^2 K), that of the simulated wires."""
+
+CLAIMS = (
+    Claim("targets out of reach by more than 5 degrees", "unreachable.cases", "-"),
+    Claim("the same: found", "unreachable.detected", "left open", least=0.98, percent=True),
+    Claim("the same: after, at most [s]", "unreachable.after_max_s", "left open"),
+    Claim("targets out of reach by less", "unreachable.near_cases", "-"),
+    Claim("the same: found", "unreachable.near_detected", "left open", percent=True),
+    Claim("targets within reach", "unreachable.reachable_cases", "-"),
+    Claim("the same: false alarms", "unreachable.false_alarms", "left open", most=0),
+    Claim("cause right, where one is named", "unreachable.cause_right", "left open", percent=True),
+    Claim(
+        "targets given up: both causes named",
+        "unreachable.cause_open",
+        "left open",
+        percent=True,
+        count="unreachable.given_up",
+    ),
+    Claim(
+        "the same: true reach within the stated one",
+        "unreachable.within_band",
+        "left open",
+        percent=True,
+        count="unreachable.given_up",
+    ),
+    Claim("seconds for a specimen", "seconds", "-"),
+)
+
+
+@dataclass(frozen=True)
+class ImpossibleTarget:
+    """A target, where the wire ends under full current, and what the guard said of it.
+
+    ``target`` and ``reach`` are in degrees, ``cause`` is the true one; ``alarm`` is the first.
+    """
+
+    cause: Reason
+    target: float
+    reach: float
+    alarm: Alarm | None
+    others: int
+
+    @property
+    def short(self) -> float:
+        """Degrees by which the target is out of reach."""
+        return self.target - self.reach
+
+
+@dataclass(frozen=True, eq=False)
+class UnreachableStudy:
+    """Results of one specimen."""
+
+    seed: int
+    cases: tuple[ImpossibleTarget, ...]
+    seconds: float
+
+    def figures(self) -> dict[str, Any]:
+        """Return the numbers by the name under which they are printed."""
+        return {"cases": self.cases, "seconds": self.seconds}
+
+
+def run_study(seed: int) -> UnreachableStudy:
+    """Run the targets of one specimen.
+
+    Parameters
+    ----------
+    seed : int
+        Draws specimen, noise, surroundings and targets.
+    """
+    began = time.perf_counter()
+    wires, coupling = identify_head(seed)
+    control = head_control(CONTROLLERS[0], wires, coupling=coupling)
+    rng = np.random.default_rng([seed, 13])
+    top = STROKE_SHARE * wires[0].operator.range[1]
+    colder = Surroundings(ambient=float(rng.uniform(*AMBIENTS)))
+    cooled = Surroundings(convection=_STILL_AIR * float(rng.uniform(*COOLINGS)))
+    drawn: list[tuple[Reason, Surroundings]]
+    drawn = [("ambient too cold", colder), ("convection too high", cooled)]
+    cases = []
+    for cause, around in drawn:
+        reach = true_reach(seed, around)
+        for off in (rng.uniform(*BEYOND), -rng.uniform(*WITHIN)):
+            target = min(reach + float(off), top)
+            run = run_loop(
+                CONTROLLERS[0],
+                control,
+                constant(target),
+                SECONDS,
+                specimen=seed,
+                seed=seed,
+                surroundings=around,
+            )
+            alarms = [alarm for alarm in run.alarms if alarm.axis == 0]
+            others = len(run.alarms) - len(alarms)
+            cases.append(
+                ImpossibleTarget(cause, target, reach, alarms[0] if alarms else None, others)
+            )
+    return UnreachableStudy(seed, tuple(cases), time.perf_counter() - began)
+
+
+def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return counts and shares over the cases of all specimens."""
+    cases = [case for run in runs for case in run["cases"]]
+    clear = [case for case in cases if case.short > CLEARLY]
+    near = [case for case in cases if 0.0 < case.short <= CLEARLY]
+    within = [case for case in cases if case.short <= 0.0]
+    said = [(case, case.alarm) for case in (*clear, *near) if case.alarm is not None]
+    causes = [cause_found(alarm.verdict, case.cause) for case, alarm in said]
+    return {
+        "unreachable": {
+            "cases": len(clear),
+            "detected": _share([case.alarm is not None for case in clear]),
+            "after_max_s": max((c.alarm.t for c in clear if c.alarm is not None), default=np.nan),
+            "near_cases": len(near),
+            "near_detected": _share([case.alarm is not None for case in near]),
+            "reachable_cases": len(within),
+            "false_alarms": sum(case.alarm is not None for case in within)
+            + sum(case.others for case in cases),
+            "given_up": len(said),
+            "cause_right": _share([right for right in causes if right is not None]),
+            "cause_open": _share([right is None for right in causes]),
+            "within_band": _share([_covers(alarm.verdict, case.reach) for case, alarm in said]),
+        },
+        "seconds": float(np.median([run["seconds"] for run in runs])),
+    }
+
+
+def cause_found(verdict: Unreachable, cause: str) -> bool | None:
+    """Return whether a verdict names a cause, None if it leaves open which of two it is."""
+    return None if verdict.reason == BOTH else verdict.reason == cause
+
+
+def true_reach(
+    seed: int, surroundings: Surroundings | None = None, *, ageing: float = 0.0
+) -> float:
+    """Return the true angle of the first axis under full current, in degrees."""
+    head = Head(seed, surroundings=surroundings, ageing=ageing, log_truth=True)
+    head.apply(np.array([CURRENT, 0.0]), 4 * HOLD, HOLD)
+    return float(truth(head).angle[-1, 0])
+
+
+def _covers(verdict: Unreachable, reach: float) -> bool:
+    """Whether the stated reach has the true one within it, to the noise of a reading."""
+    return bool(verdict.least - 0.3 <= reach <= verdict.most + 0.3)
+
+
+def _share(true: Sequence[bool]) -> float:
+    return float(np.mean(true)) if true else float("nan")

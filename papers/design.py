@@ -1,0 +1,362 @@
+"""Fewer holds: the error of a model against the number of its measurements.
+
+Four methods have the same budget: a decaying staircase with constrained least squares and, with
+the prior, random inputs, a sequence designed without data, and inputs chosen from the measurements
+before them. All are scored on inputs and targets that were not fitted, on both twins and on a rough
+synthetic plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, Levels, uniform_levels
+from minorloop.connect import connect
+from minorloop.identification import Identification, excitation, identify
+from minorloop.identification.bands import Prediction
+from minorloop.identification.design import design, next_input
+from minorloop.lab.settled_holds import hold_each
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Preisach
+from papers.claims import Claim, figure, medians
+
+TITLE = "Fewer holds: prior, bands and the next best input"
+NOISE = 0.0053
+"""Standard deviation of every measurement, over full scale."""
+BANDS, STAIRS = 20, 10
+"""Bands of the models with the prior, and of the staircase."""
+HOLDS = (8, 12, 16, 20, 28)
+ALL_HOLDS = (*HOLDS, 56)
+FIRST = 4
+"""First holds of the adaptive sequence, which come from the design without data."""
+UNSEEN, TARGETS = 40, 14
+MARGIN = 0.05
+"""Share of full scale at each end without targets."""
+PROBABILITY = 0.9
+METHODS = ("staircase", "random", "design", "adaptive")
+TWINS = {"ipmc": (-1.2, 1.2, 200.0), "fibre": (0.20, 0.65, 300.0)}
+"""Range of the input in V, and seconds of a hold."""
+ROUGH_BANDS = 20
+"""Bands of the rough operator: as many as the models with the prior have."""
+
+Hold = Callable[[float], float]
+"""Applies an input, waits, and returns the settled output."""
+
+
+def _claims() -> tuple[Claim, ...]:
+    rows = []
+    for twin, at_targets, unseen in (("ipmc", 0.0070, 0.0080), ("fibre", 0.0125, 0.0160)):
+        for words, key, most in (
+            ("12 adaptive holds, 14 targets: rms", "positioning_12", at_targets),
+            ("12 adaptive holds, unseen inputs: rms", "holdout_12", unseen),
+            ("56 holds of a staircase, targets: rms", "baseline_56", np.inf),
+        ):
+            rows.append(Claim(f"{twin}: {words}", f"{twin}.{key}", "-", most=most, percent=True))
+        rows += [
+            Claim(
+                f"{twin}: share of specimens on which 12 beat 56",
+                f"{twin}.beats_baseline_at_12",
+                "-",
+                least=0.9,
+            ),
+            Claim(
+                f"{twin}: 90 % bands cover, 16 to 28 holds",
+                f"{twin}.coverage_16_28",
+                "-",
+                least=0.85,
+                most=0.97,
+            ),
+            Claim(
+                f"{twin}: predicted over actual error",
+                f"{twin}.width_ratio",
+                "-",
+                least=0.6,
+                most=2.0,
+            ),
+        ]
+    return (
+        *rows,
+        Claim("rough planes: 28 adaptive holds, mean", "rough.mean_28", "-", percent=True),
+        Claim("rough planes: 28 of a staircase, mean", "rough.baseline_28_mean", "-", percent=True),
+        Claim("rough planes: 56 of a staircase, mean", "rough.baseline_56_mean", "-", percent=True),
+        Claim("share of rough planes on which 28 are better", "rough.better", "-", least=5 / 6),
+        Claim("seconds to choose an input", "seconds.choice", "-", most=0.1),
+        Claim("seconds to fit 56 holds", "seconds.fit_56", "-", most=2.0),
+    )
+
+
+CLAIMS = _claims()
+
+
+@dataclass(frozen=True)
+class DesignSetup:
+    """A plant to measure; ``begin(noise, seed)`` returns a `Hold` that starts at rest."""
+
+    name: str
+    low: float
+    high: float
+    begin: Callable[[float, int], Hold]
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Errors of one model on data that were not fitted, over full scale."""
+
+    holds: int
+    holdout: float
+    positioning: float
+    coverage: float
+    width_ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One plant measured in four ways.
+
+    ``curves`` are the scores of each method; ``inputs`` (28,) what the adaptive sequence
+    applied; ``shown`` its prediction of the unseen inputs after 12 holds, ``truth`` (40,) what
+    they gave.
+    """
+
+    plant: DesignSetup
+    scale: float
+    curves: dict[str, list[Score]]
+    inputs: FloatArray
+    shown: Prediction
+    truth: FloatArray
+    choice_seconds: float
+    fit_seconds: float
+
+    def score(self, method: str, holds: int) -> Score:
+        """That of a method at a number of holds."""
+        return next(score for score in self.curves[method] if score.holds == holds)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignStudy:
+    """One specimen of each twin, and one rough plane."""
+
+    seed: int
+    twins: dict[str, Comparison]
+    rough: Comparison
+
+    def figures(self) -> dict[str, Any]:
+        """Every number by the name under which it is printed."""
+        found: dict[str, Any] = {name: _twin_figures(one) for name, one in self.twins.items()}
+        found["rough"] = {
+            "holdout_28": self.rough.score("adaptive", HOLDS[-1]).holdout,
+            "baseline_28": self.rough.score("staircase", HOLDS[-1]).holdout,
+            "baseline_56": self.rough.score("staircase", 56).holdout,
+        }
+        every = (*self.twins.values(), self.rough)
+        found["seconds"] = {
+            "choice": max(one.choice_seconds for one in every),
+            "fit_56": max(one.fit_seconds for one in every),
+        }
+        return found
+
+
+def run_study(seed: int) -> DesignStudy:
+    """Measure a specimen of each twin and a rough plane with all four methods."""
+    twins = {name: compare(_twin(name, seed), seed) for name in TWINS}
+    return DesignStudy(seed, twins, compare(_rough(seed), seed))
+
+
+def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return medians over specimens, and shares and means of some figures."""
+    found = medians(runs)
+    for twin in TWINS:
+        beats = [figure(run, f"{twin}.beats_baseline_at_12") for run in runs]
+        found[twin]["beats_baseline_at_12"] = float(np.mean(beats))
+    ours, half, theirs = (
+        np.array([figure(run, f"rough.{key}") for run in runs])
+        for key in ("holdout_28", "baseline_28", "baseline_56")
+    )
+    found["rough"] |= {
+        "mean_28": float(ours.mean()),
+        "baseline_28_mean": float(half.mean()),
+        "baseline_56_mean": float(theirs.mean()),
+        "better": float(np.mean(ours < theirs)),
+        "planes": len(runs),
+    }
+    return found
+
+
+def compare(plant: DesignSetup, seed: int) -> Comparison:
+    """Measure a plant with four methods, and score every model on the same unseen inputs."""
+    trial = _Trial(plant, seed)
+    grid = uniform_levels(plant.low, plant.high, BANDS)
+    stairs = excitation.decaying_staircase(uniform_levels(plant.low, plant.high, STAIRS))
+    rng = np.random.default_rng([seed, 2])
+    random = np.concatenate([[plant.low], rng.uniform(plant.low, plant.high, ALL_HOLDS[-1] - 1)])
+    designed = design(grid, HOLDS[-1])
+    curves = {
+        "staircase": [trial.score(trial.plain(stairs[:n])) for n in ALL_HOLDS],
+        "random": [trial.score(trial.with_prior(grid, random[:n])) for n in ALL_HOLDS],
+        "design": [trial.score(trial.with_prior(grid, designed[:n])) for n in HOLDS],
+        "adaptive": [],
+    }
+    models, choice = trial.adaptive(grid, designed[:FIRST])
+    curves["adaptive"] = [trial.score(models[n]) for n in HOLDS]
+    began = perf_counter()
+    trial.with_prior(grid, stairs)
+    return Comparison(
+        plant=plant,
+        scale=trial.scale,
+        curves=curves,
+        inputs=models[HOLDS[-1]].u,
+        shown=trial.predicted(models[12]),
+        truth=trial.unseen_outputs,
+        choice_seconds=choice,
+        fit_seconds=perf_counter() - began,
+    )
+
+
+class _Trial:
+    """A plant with its full scale, and inputs and targets that are not fitted."""
+
+    def __init__(self, plant: DesignSetup, seed: int) -> None:
+        self.plant, self.seed = plant, seed
+        rng = np.random.default_rng([seed, 1])
+        self.unseen = rng.uniform(plant.low, plant.high, UNSEEN)
+        low, high = self.settled(np.array([plant.low, plant.high]), noise=0.0)
+        self.scale = float(high - low)
+        self.unseen_outputs = self.settled(np.append(plant.low, self.unseen), noise=0.0)[1:]
+        edge = MARGIN * self.scale
+        self.targets = rng.uniform(low + edge, high - edge, TARGETS)
+
+    def settled(self, u: FloatArray, noise: float | None = None) -> FloatArray:
+        """Return settled outputs for inputs, from rest."""
+        sensor = NOISE * self.scale if noise is None else noise
+        hold = self.plant.begin(sensor, self.seed)
+        return np.array([hold(float(value)) for value in u])
+
+    def plain(self, u: FloatArray) -> Identification:
+        """Return a fit to a staircase as in the papers: a uniform density in every cell."""
+        grid = uniform_levels(self.plant.low, self.plant.high, STAIRS)
+        return identify(
+            u,
+            self.settled(u),
+            levels=grid,
+            smoothness=0.0,
+            prior="none",
+            diagonal="uniform",
+            slope=False,
+            lag=0,
+        )
+
+    def with_prior(self, grid: Levels, u: FloatArray) -> Identification:
+        """Return a fit with the prior to inputs that were chosen beforehand."""
+        return self._fit(grid, u, self.settled(u))
+
+    def adaptive(self, grid: Levels, first: FloatArray) -> tuple[dict[int, Identification], float]:
+        """Return models after `HOLDS` chosen inputs, and the time of the longest choice."""
+        hold = self.plant.begin(NOISE * self.scale, self.seed)
+        u, y = list(first), [hold(float(value)) for value in first]
+        found, longest = {}, 0.0
+        while True:
+            fit = self._fit(grid, np.array(u), np.array(y))
+            if len(u) in HOLDS:
+                found[len(u)] = fit
+            if len(u) == HOLDS[-1]:
+                return found, longest
+            memory = Memory.after(u, low=self.plant.low, high=self.plant.high)
+            began = perf_counter()
+            u.append(next_input(fit, memory).u)
+            longest = max(longest, perf_counter() - began)
+            y.append(hold(u[-1]))
+
+    def score(self, fit: Identification) -> Score:
+        """Return the errors on unseen inputs and at the targets."""
+        predicted = fit.model.simulate(np.append(self.plant.low, self.unseen))[1:]
+        missed = predicted - self.unseen_outputs
+        holdout = float(np.sqrt(np.mean(missed**2)))
+        inputs = fit.model.invert(self.targets, unreachable="clip").u
+        achieved = self.settled(np.append(self.plant.low, inputs), noise=0.0)[1:]
+        positioning = float(np.sqrt(np.mean((achieved - self.targets) ** 2)))
+        coverage = width = float("nan")
+        if fit.posterior is not None:
+            shown = self.predicted(fit)
+            coverage = shown.covers(self.unseen_outputs)
+            width = float(np.mean(shown.sd)) / holdout
+        return Score(fit.u.size, holdout / self.scale, positioning / self.scale, coverage, width)
+
+    def predicted(self, fit: Identification) -> Prediction:
+        """Return predictions of the true outputs for the unseen inputs, with bands."""
+        whole = fit.predict(np.append(self.plant.low, self.unseen), bands=PROBABILITY)
+        return replace(whole, u=whole.u[1:], y=whole.y[1:], sd=whole.sd[1:]).without_noise()
+
+    def _fit(self, grid: Levels, u: FloatArray, y: FloatArray) -> Identification:
+        noise = NOISE * self.scale
+        return identify(
+            u,
+            y,
+            levels=grid,
+            prior="gaussian",
+            noise=noise,
+            diagonal="reversible",
+            slope=False,
+            lag=0,
+        )
+
+
+def _twin_figures(one: Comparison) -> dict[str, Any]:
+    at_12, baseline = one.score("adaptive", 12), one.score("staircase", 56)
+    late = [one.score("adaptive", holds) for holds in HOLDS if holds >= 16]
+    curves = {
+        method: {
+            "holds": [score.holds for score in scores],
+            "holdout": [score.holdout for score in scores],
+            "positioning": [score.positioning for score in scores],
+        }
+        for method, scores in one.curves.items()
+    }
+    return {
+        "positioning_12": at_12.positioning,
+        "holdout_12": at_12.holdout,
+        "baseline_56": baseline.positioning,
+        "baseline_56_holdout": baseline.holdout,
+        "beats_baseline_at_12": at_12.positioning < baseline.positioning,
+        "coverage_16_28": float(np.mean([score.coverage for score in late])),
+        "width_ratio": float(np.mean([score.width_ratio for score in late])),
+        "curves": curves,
+    }
+
+
+def _twin(name: str, seed: int) -> DesignSetup:
+    low, high, seconds = TWINS[name]
+
+    def begin(noise: float, noise_seed: int) -> Hold:
+        twin = connect(f"twin:{name}", specimen=seed, noise=noise, seed=noise_seed)
+        return lambda u: float(hold_each(twin, [u], seconds, seconds)[1][0])
+
+    return DesignSetup(name, low, high, begin)
+
+
+def _rough(seed: int) -> DesignSetup:
+    """Return a Preisach operator of clusters, or of independent cells."""
+    rng = np.random.default_rng([seed, 3])
+    grid = uniform_levels(0.0, 1.0, ROUGH_BANDS)
+    middle = (grid[1:] + grid[:-1]) / 2
+    alpha, beta = np.meshgrid(middle, middle, indexing="ij")
+    if seed % 2:
+        weights = rng.gamma(0.5, 1.0, alpha.shape) * np.exp(-(alpha - beta) / 0.4)
+    else:
+        weights = np.zeros(alpha.shape)
+        for _ in range(5):
+            at, wide = np.sort(rng.uniform(0, 1, 2))[::-1], rng.uniform(0.03, 0.1)
+            far = ((alpha - at[0]) ** 2 + (beta - at[1]) ** 2) / wide**2
+            weights += rng.uniform(0.5, 1.5) * np.exp(-far / 2)
+    model = Preisach(grid, np.tril(weights) / np.tril(weights).sum(), diagonal="reversible")
+
+    def begin(noise: float, noise_seed: int) -> Hold:
+        tracker = model.track()
+        sensor = np.random.default_rng([noise_seed, 4])
+        return lambda u: float(tracker.push(u) + noise * sensor.standard_normal())
+
+    return DesignSetup("rough", 0.0, 1.0, begin)

@@ -1,0 +1,141 @@
+"""Targets read at the end of holds too short to settle, with creep in the inverse and without.
+
+One staircase with holds of 200 s and one with holds of 10 s give a plane with a generic spectrum of
+creep. Rivals are the model of settled values of the long holds, and a model of the values that are
+read after 10 s. Then the targets are delivered for a minute each, with an input that follows the
+creep, and with one that is constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, uniform_levels
+from minorloop.connect import connect
+from minorloop.identification import excitation, identify, identify_after_effect
+from minorloop.lab.actuator import Actuator
+from minorloop.lab.records import Record
+from minorloop.lab.settled_holds import FURTHER
+
+LOW, HIGH, BANDS = -1.2, 1.2, 10
+"""Least and greatest voltage, and bands of the models."""
+SETTLED, SHORT, INTERVAL = 200.0, 10.0, 1.0
+"""Long and short holds, and time between samples, in s."""
+TARGETS, REACH = 14, 7.5
+"""Number of targets, and their largest curvature in 1/m."""
+DELIVERED = 6
+"""Short holds in which each target is delivered: a minute."""
+NOISE = 0.03
+"""Standard deviation of a curvature in 1/m while models are identified."""
+_FIRST = 20
+"""First of the experiments of a specimen here; the study of the strip has those before."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShortHolds:
+    """Targets on one specimen, in 1/m.
+
+    Parameters
+    ----------
+    targets : (n,) array
+        Wanted curvatures.
+    errors : dict of (n,) arrays
+        Errors of what is read at the end of each short hold, by the model of the inverse:
+        ``creep``, ``settled``, and ``early``, a model of values at the end of short holds.
+    delivered : dict of (n, m) arrays
+        Errors of ``creep`` and ``settled`` at the end of each of the short holds in which a target
+        is delivered.
+    """
+
+    targets: FloatArray
+    errors: dict[str, FloatArray]
+    delivered: dict[str, FloatArray]
+
+    def figures(self) -> dict[str, Any]:
+        """Return all figures by the names under which they are printed."""
+        rms = {f"rms_{name}": _rms(errors) for name, errors in self.errors.items()}
+        minute = {f"rms_minute_{name}": _rms(errors) for name, errors in self.delivered.items()}
+        ratio = rms["rms_settled"] / rms["rms_creep"]
+        return {
+            **rms,
+            **minute,
+            "ratio": ratio,
+            "ratio_min": ratio,
+            "minutes_saved": self.targets.size * (SETTLED - SHORT) / 60,
+        }
+
+
+def run_short_holds(seed: int) -> ShortHolds:
+    """Identify one strip, and drive it to targets with three inverses.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of specimen, noise and targets.
+    """
+    grid = uniform_levels(LOW, HIGH, BANDS)
+    voltages = excitation.decaying_staircase(grid)
+    strip = _strip(seed, 0, NOISE)
+    long, short = _held(strip, voltages, SETTLED), _held(strip, voltages, SHORT)
+    record = Record.joined([*long, *short])
+    creeping = identify_after_effect(
+        record.t, record.u, record.y, levels=grid, creep="spectrum", rate=False
+    ).model
+    quick = _held(_strip(seed, 1, NOISE), voltages, SHORT)
+    settled, early = (
+        identify(
+            voltages,
+            _ends(holds),
+            levels=grid,
+            smoothness=0.0,
+            diagonal="reversible",
+            slope=False,
+            lag=0,
+        ).model
+        for holds in (long, quick)
+    )
+    targets = np.random.default_rng(seed).uniform(-REACH, REACH, TARGETS)
+    again = np.repeat(targets, DELIVERED)
+
+    def with_creep(wanted: FloatArray) -> FloatArray:
+        ends = SHORT * np.arange(1, wanted.size + 1)
+        return creeping.invert(ends, wanted, unreachable="clip").u
+
+    inputs = {
+        "creep": with_creep(targets),
+        "settled": settled.invert(targets, unreachable="clip").u,
+        "early": early.invert(targets, unreachable="clip").u,
+    }
+    minutes = {"creep": with_creep(again), "settled": np.repeat(inputs["settled"], DELIVERED)}
+    return ShortHolds(
+        targets,
+        {name: _ends(_held(_strip(seed, 2), u, SHORT)) - targets for name, u in inputs.items()},
+        {
+            name: (_ends(_held(_strip(seed, 2), u, SHORT)) - again).reshape(-1, DELIVERED)
+            for name, u in minutes.items()
+        },
+    )
+
+
+def _strip(seed: int, experiment: int, noise: float = 0.0) -> Actuator:
+    """Return a specimen that has settled at the least voltage."""
+    noise_seed = seed + FURTHER * (_FIRST + experiment)
+    strip = connect("twin:ipmc", specimen=seed, noise=noise, seed=noise_seed)
+    strip.apply(LOW, 2 * SETTLED, INTERVAL)
+    return strip
+
+
+def _held(strip: Actuator, inputs: FloatArray, hold: float) -> list[Record]:
+    return [strip.apply(float(np.clip(u, LOW, HIGH)), hold, INTERVAL) for u in inputs]
+
+
+def _ends(holds: list[Record]) -> FloatArray:
+    """(n,) last samples of holds."""
+    return np.array([hold.y[-1] for hold in holds])
+
+
+def _rms(errors: FloatArray) -> float:
+    return float(np.sqrt(np.mean(errors**2)))

@@ -1,0 +1,57 @@
+"""Only one module reads the truth of twins."""
+
+import ast
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import papers as core
+from minorloop_head.geometry import Mount
+from minorloop_head.twins.pipe import Bore
+from minorloop_head.twins.rig import Rig
+from papers import catheter as studies
+from papers.catheter import scoring
+
+MODULES = sorted(
+    path for package in (core, studies) for path in Path(package.__file__).parent.glob("*.py")
+)
+
+
+def private_reads(path):
+    """Private names that a module reads from other objects than self."""
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    return [
+        node.attr
+        for node in nodes
+        if isinstance(node, ast.Attribute)
+        and node.attr.startswith("_")
+        and not node.attr.startswith("__")
+        and ast.unparse(node.value) not in ("self", "cls", "super()")
+    ]
+
+
+def test_only_scoring_reads_private_members_of_twins():
+    readers = [path.stem for path in MODULES if private_reads(path)]
+    assert readers == ["scoring"]
+
+
+def test_a_straight_head_points_along_the_pipe_and_past_a_bore():
+    plant = Rig()
+    assert scoring.line_of_sight(plant) == pytest.approx(np.radians([-30.0, -30.0]))
+    seen = scoring.middle_of(Mount(), plant, (0.0, 20e-3), 10e-3)
+    assert np.linalg.norm(seen) > 0.01
+
+
+def test_places_are_apart_straight_through_the_pipe():
+    bore = Bore(0.0, 20e-3, 1e-3)
+    assert scoring.apart((np.pi, 20e-3), bore, 10e-3) == pytest.approx(20e-3)
+    assert scoring.apart((0.0, 21e-3), bore, 10e-3) == pytest.approx(1e-3)
+
+
+def test_a_tool_that_never_touched_is_infinitely_far():
+    bore, tip = Bore(0.0, 20e-3, 1e-3), SimpleNamespace(tool=SimpleNamespace(touches=[]))
+    assert scoring.touch_off(tip, bore, 10e-3) == np.inf
+    tip.tool.touches += [(1.0, 0.0), (0.0, 21e-3)]
+    assert scoring.touch_off(tip, bore, 10e-3) == pytest.approx(1e-3)

@@ -1,0 +1,49 @@
+import math
+
+import pytest
+
+from minorloop_head.control.reach import Unreachable
+from papers.catheter import unreachable
+from papers.catheter.head_loop import Alarm
+from papers.catheter.unreachable import BOTH, ImpossibleTarget, gather
+from papers.claims import claim_table
+
+COLD, COOLED = "ambient too cold", "convection too high"
+
+
+def case(cause, target, said=None, *, at=8.0, reach=40.0, others=0):
+    verdict = None if said is None else Unreachable(said, target, reach, at, reach - 5, reach + 5)
+    return ImpossibleTarget(
+        cause, target, 40.0, None if verdict is None else Alarm(at, 0, verdict), others
+    )
+
+
+def test_shares_are_over_the_cases_of_all_specimens():
+    runs = [
+        {"cases": (case(COLD, 47.0, COLD), case(COLD, 42.0, COOLED, at=20.0)), "seconds": 1.0},
+        {"cases": (case(COOLED, 46.0, BOTH, reach=50.0), case(COLD, 46.0)), "seconds": 3.0},
+        {"cases": (case(COLD, 39.0, COLD), case(COLD, 38.0, others=2)), "seconds": 4.0},
+    ]
+    found = gather(runs)["unreachable"]
+    assert (found["cases"], found["near_cases"], found["reachable_cases"]) == (3, 1, 2)
+    assert found["detected"] == pytest.approx(2 / 3)
+    assert found["near_detected"] == 1.0
+    assert found["false_alarms"] == 3
+    assert (found["cause_right"], found["cause_open"]) == (0.5, pytest.approx(1 / 3))
+    assert found["within_band"] == pytest.approx(2 / 3)
+    assert found["given_up"] == 3
+    assert found["after_max_s"] == 8.0
+
+
+def test_nothing_found_gives_no_number():
+    found = gather([{"cases": (case(COLD, 39.0),), "seconds": 1.0}])["unreachable"]
+    assert math.isnan(found["detected"])
+    assert found["false_alarms"] == 0
+
+
+def test_one_specimen_is_found_out_of_reach_and_not_within_it():
+    figures = gather([unreachable.run_study(1000).figures()])
+    assert figures["unreachable"]["detected"] == 1.0
+    assert figures["unreachable"]["false_alarms"] == 0
+    assert figures["unreachable"]["cause_right"] == 1.0
+    assert len(claim_table(unreachable.CLAIMS, figures).rows) == len(unreachable.CLAIMS)

@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+
+from minorloop.twins import bouc_wen
+from papers import benchmark
+from papers.benchmark_report import published_table, study_report
+from papers.claims import claim_table
+
+
+@pytest.fixture(scope="module")
+def study():
+    """One specimen with a fourth of the samples and fewer plays, to save time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bouc_wen, "PERIOD", 2048)
+        patch.setattr(bouc_wen, "NOISE", 4e-6)  # as much for the parameters as 8e-6 of them all
+        patch.setattr(bouc_wen, "SWEEP", (30.0, 32.0, 12.0, 40.0))
+        patch.setattr(benchmark, "PLAYS", 2)
+        yield benchmark.run_study(1000)
+
+
+def test_the_law_and_the_free_slopes_meet_their_bounds(study):
+    figures = study.figures()
+    assert figures["grey"]["multisine"] <= 2e-7
+    assert figures["grey"]["sweep"] <= 2.5e-6
+    assert figures["grey"]["worst_parameter"] < 0.01
+    assert figures["unknown"]["multisine"] <= 7e-6
+    assert figures["unknown"]["parameters"] <= 60
+    assert 1.4e-4 < figures["linear"]["multisine"] < 2.2e-4
+    assert figures["grey"]["multisine"] < figures["unknown"]["multisine"] < 1e-4
+    assert figures["held"]["multisine"] == pytest.approx(1e-4, rel=0.3)
+
+
+def test_the_report_has_our_rows_among_the_published(study):
+    figures = study.figures()
+    rows = published_table(figures).rows
+    errors = [float(row[1]) for row in rows]
+    assert errors == sorted(errors, reverse=True)
+    assert {row[3] for row in rows} > {"ours", "Forgione and Piga, 2021"}
+    html = study_report(study, figures, [figures]).html()
+    assert html.count("<img") == 3
+    assert "The law that was found" in html
+    assert len(claim_table(benchmark.CLAIMS, figures).rows) == len(benchmark.CLAIMS)
+
+
+def test_the_start_is_half_off_in_every_parameter():
+    begin = benchmark.rough_start(1003)
+    found = np.array([begin.mass, begin.damping, *begin.stiffness, *begin.operator.law[1]])
+    assert np.abs(found / benchmark.true_parameters() - 1) == pytest.approx(0.5)

@@ -1,0 +1,96 @@
+from multiprocessing import active_children
+
+import worker_tasks
+from papers.claims import Claim, cell, claim_table, for_each, medians
+
+FIGURES = {"a": {"b": 0.02}, "bad": False}
+
+
+def test_verdicts():
+    rows = claim_table(
+        [
+            Claim("small", "a.b", "-", most=0.03, percent=True),
+            Claim("large", "a.b", "-", least=0.03),
+            Claim("said", "a.b", "plot only"),
+            Claim("diverged", "bad", "-"),
+            Claim("must not", "bad", "-", most=0),
+            Claim("must", "bad", "-", least=1),
+        ],
+        FIGURES,
+    ).rows
+    assert [row[-1] for row in rows] == ["met", "not met", "reported", "reported", "met", "not met"]
+    assert rows[0][2:4] == ("2.00%", "<= 3.00% (ours)")
+    assert rows[3][2] == "no"
+    assert [row[3] for row in rows[3:]] == ["-", "no (ours)", "yes (ours)"]
+
+
+def test_what_is_not_a_number_is_never_met():
+    claims = [Claim("of none", "a", "-"), Claim("asked for", "a", "-", most=1.0)]
+    rows = claim_table(claims, {"a": float("nan")}).rows
+    assert [row[2] for row in rows] == ["none", "none"]
+    assert [row[-1] for row in rows] == ["nothing to count", "not met"]
+
+
+def test_what_never_came_is_said_in_words():
+    claim = Claim("settling", "a", "-", most=9.0)
+    assert claim.row({"a": float("inf")})[2:] == ("not reached", "<= 9 (ours)", "not met")
+    assert [cell(value, ".1f") for value in (float("inf"), float("nan"), 1.26)] == [
+        "not reached",
+        "none",
+        "1.3",
+    ]
+
+
+def test_a_figure_that_misses_its_bound_by_little_has_more_digits():
+    claim = Claim("sway", "a", "-", most=0.8)
+    assert claim.row({"a": 0.80043})[2:] == ("0.80043", "<= 0.8 (ours)", "not met")
+    assert claim.row({"a": 0.79957})[2:] == ("0.8", "<= 0.8 (ours)", "met")
+
+
+def test_thousands_are_written_out():
+    claim = Claim("seconds", "seconds", "-", most=2e4)
+    assert claim.row({"seconds": 1488.7})[2:4] == ("1490", "<= 20000 (ours)")
+    assert claim.row({"seconds": 1e-14})[2] == "1e-14"
+
+
+def test_bounds_are_said_as_short_as_they_can_be():
+    figures = {"bias": -2.0, "wrong": 0}
+    bias = Claim("bias", "bias", "-", least=-10, most=10)
+    wrong = Claim("wrong", "wrong", "-", most=0)
+    assert bias.row(figures)[3:] == ("-10 to 10 (ours)", "met")
+    assert wrong.row(figures)[3:] == ("0 (ours)", "met")
+    assert wrong.row(figures | {"wrong": 1})[3:] == ("0 (ours)", "not met")
+    assert Claim("sign", "bias", "-", most=0).row(figures)[3:] == ("<= 0 (ours)", "met")
+
+
+def test_of_too_few_nothing_is_said():
+    claim = Claim("cover", "cover", "-", 0.85, 0.95, percent=True, count="scans", enough=100)
+    assert claim.row({"cover": 1.0, "scans": 6})[2:] == (
+        "100.00% (of 6)", "85.00% to 95.00% (ours)", "too few"
+    )  # fmt: skip
+    assert claim.row({"cover": 1.0, "scans": 100})[-1] == "not met"
+    spread = Claim("spread", "spread", "-", most=20.0, count="scans", enough=2)
+    assert spread.row({"spread": float("nan"), "scans": 1})[-1] == "too few"
+
+
+def test_medians_over_specimens():
+    runs = [{"x": value, "y": {"z": [value, 1]}, "any": value > 2} for value in (1, 3, 2)]
+    assert medians(runs) == {"x": 2.0, "y": {"z": [2.0, 1.0]}, "any": True}
+
+
+def test_one_specimen_needs_no_other_process():
+    assert list(for_each(lambda seed: seed * 2, 1, 5)) == [10]
+
+
+def test_results_that_need_no_order_come_as_they_are_ready():
+    results = for_each(worker_tasks.endless_but_the_second, 2, 0, ordered=False)
+    assert next(results) == 1
+    results.close()
+
+
+def test_specimens_that_are_still_computed_end_with_the_iterator():
+    before = set(active_children())
+    results = for_each(worker_tasks.endless_but_the_first, 2, 0)
+    assert next(results) == 0
+    results.close()
+    assert set(active_children()) == before

@@ -1,0 +1,52 @@
+import pytest
+
+from papers import stage
+from papers.claims import claim_table
+from papers.stage_report import study_report
+
+
+@pytest.fixture(scope="module")
+def study():
+    """One specimen with a shorter record and fewer targets, to save time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stage, "SINES", ((5.0, 0.6), (50.0, 0.12), (200.0, 0.05)))
+        patch.setattr(stage, "FREQUENCIES", (50, 100))
+        patch.setattr(stage, "PERIODS", 1)
+        patch.setattr(stage, "LASTING", 0.05)
+        patch.setattr(stage, "identify_dynamics", quick)
+        yield stage.run_study(1000)
+
+
+def quick(t, u, y):
+    """The structure that the search finds, without the search."""
+    return identify_dynamics(t, u, y, first="operator", poles=2, creep=True, levels=15)
+
+
+identify_dynamics, EVERY = stage.identify_dynamics, stage.FREQUENCIES
+
+
+def test_the_inverse_with_dynamics_meets_its_bounds(study):
+    figures = study.figures()
+    assert figures["dynamics"]["hz_50"] <= 0.005
+    assert figures["ratio_at_100_hz"] >= 5
+    assert figures["resonance_off"] < 1e-3
+    assert study.tracked[100].targets.size == 500
+
+
+def test_the_report_has_every_claim(study):
+    figures = study.figures()
+    for name in ("dynamics", "without_time"):
+        figures[name] = {f"hz_{one}": 0.001 for one in EVERY} | figures[name]
+    html = study_report(study, figures, [figures, figures]).html()
+    assert html.count("<img") == 3
+    assert len(claim_table(stage.CLAIMS, figures).rows) == len(stage.CLAIMS)
+
+
+def test_targets_begin_at_rest_and_stay_within_the_travel():
+    wanted, rising = stage.targets(20, 0.3)
+    assert rising == 1000
+    assert wanted[0] == 0.3
+    assert (wanted[rising:].min(), wanted.max()) == pytest.approx((4, 32))
+    u = stage.record()
+    assert u.min() == 0.0
+    assert 90 < u.max() <= 100

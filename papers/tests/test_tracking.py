@@ -1,0 +1,15 @@
+from papers.tracking import run_tracking, synthetic_figures
+
+
+def test_the_recursion_is_as_good_as_a_moving_batch_and_better_than_a_fixed_model():
+    result = run_tracking(0)
+    recursive = result.rms(result.recursive)
+    assert recursive <= 1.25 * result.rms(result.batch)
+    assert recursive < 0.6 * result.rms(result.fixed)
+
+
+def test_synthetic_planes_are_followed():
+    found = synthetic_figures(0)
+    assert found["synthetic_nrmse_fixed"] <= 0.005
+    assert found["synthetic_nrmse_drift"] <= 0.01
+    assert not found["diverged"]
