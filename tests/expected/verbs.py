@@ -64,7 +64,7 @@ def _used() -> Any:
             "positive": "simulate m.json run.csv --input voltage --start positive",
             "c": "export c m.json --out c",
             "float32": "export c m.json --out c32 --float32 --memory 16 --no-inverse",
-            "board": "export board m.json --out board",
+            "board": "head board m.json --out board",
         }
     )
     return {**found, "model": model, "code": texts(Path("c")), "code32": texts(Path("c32"))}
