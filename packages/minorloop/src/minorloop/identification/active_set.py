@@ -41,8 +41,8 @@ ACCEPTABLE = 1e-6
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
 _OUTER, _PIVOTS, _PATIENCE = 80, 14, 3
 _QUICK = 0.01
-"""Ratio of a violation to the one before up to which the ridge stays, so that a factor is used
-again."""
+"""Ratio of a violation to the one before up to which the ridge stays, so that a dense factor is
+used again."""
 _FIRST_SWEEPS = 5
 _FACTORISED = 5100
 """Free unknowns up to which a factorisation is cheaper."""
@@ -142,6 +142,7 @@ class Pivoting(ABC):
     """
 
     least_ridge = _LEAST_RIDGE
+    quick = _QUICK
 
     def __init__(
         self,
@@ -174,7 +175,7 @@ class Pivoting(ABC):
             kkt = optimality(z, gradient, self.bounded, self.scale)
             if kkt < best.kkt:
                 best = BoundedSolution(z, kkt, self.factorisations)
-            grows, slow, wide = kkt > last, kkt > _QUICK * last, ridge
+            grows, slow, wide = kkt > last, kkt > self.quick * last, ridge
             if kkt <= TOLERANCE or (grows and steps < 2 and ridge <= self.least_ridge):
                 break
             if settled and slow:

@@ -253,7 +253,7 @@ def error(
     part = fold[regression.rows]
     counts = regression.matrix.counts
     weight = np.ones(part.size) if counts is None else counts
-    problem = Problem(regression.matrix, regression.y, record.signed)
+    problem = Problem(regression.matrix, regression.y, record.signed, rough=True)
     square, scored = 0.0, 0.0
     x = None
     for k in np.unique(part)[:parts]:

@@ -514,7 +514,7 @@ def best_lag(spec: PlaneSpec, record: FitRecord) -> int:
     errors, x = list[float](), None
     for lag in range(longest + 1):
         regression = common.regression(coarse, lag)
-        problem = Problem(regression.matrix, regression.y, common.signed)
+        problem = Problem(regression.matrix, regression.y, common.signed, rough=True)
         x = problem.fit_part(np.ones(regression.y.size, dtype=np.bool_), (0.0,), x)
         errors.append(regression.squared_error(x))
     return int(np.argmin(errors))

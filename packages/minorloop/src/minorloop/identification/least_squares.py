@@ -76,13 +76,15 @@ class FittedUnknowns:
 class Problem:
     """Least-squares problem: ``matrix`` of M samples, and outputs ``y`` (M,).
 
-    ``signed`` allows negative weights and slope; ``say`` is called with what is done next.
+    ``signed`` allows negative weights and slope; ``say`` is called with what is done next. Where
+    ``rough``, as for options that are compared, the iteration uses the normal equations only.
     """
 
     matrix: DesignMatrix
     y: FloatArray
     signed: bool = False
     say: Callable[[str], None] = lambda stage: None
+    rough: bool = False
 
     def fit(self, smoothness: float | Literal["auto"]) -> FittedUnknowns:
         """Fit with a given smoothness, or the one that predicts held-out segments best."""
@@ -126,7 +128,7 @@ class Problem:
 
     def coarser(self) -> Problem:
         """Problem of the same samples with every other threshold."""
-        return Problem(self.matrix.coarser(), self.y, self.signed, self.say)
+        return replace(self, matrix=self.matrix.coarser())
 
     def _fit_chosen(self) -> FittedUnknowns:
         """Choose the strength on held-out segments, from weak to strong; then fit all samples.
@@ -266,7 +268,8 @@ class _System:
                 _kernels.multiply_symmetric(penalty.rows, penalty.columns, penalty.values, z, h)
             return h
 
-        slope = self._slope if self.y.size > _MANY else None
+        rough = self.problem.rough and spec.cells <= _LARGE
+        slope = self._slope if self.y.size > _MANY or rough else None
 
         def gradient(z: FloatArray) -> FloatArray:
             if slope is not None:
