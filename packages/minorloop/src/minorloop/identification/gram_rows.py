@@ -11,9 +11,10 @@ from minorloop.identification import _kernels
 
 _TOGETHER = 32
 """Rows that are computed at once."""
-_SHARE = 1 / 3
-"""Share of the rows from which the whole matrix is quicker; on 100 bands, 35 % of 20,000 samples
-of random steps, and 60 % of 2,000."""
+_WHOLE, _SHARE = 6000, 1 / 3
+"""Most unknowns of a matrix that is computed whole from some share of its rows on, as it is then
+quicker; on 100 bands, from 35 % of 20,000 samples of random steps, and 60 % of 2,000. On 200 bands
+it takes 3.2 GB and 9 s more (random staircase of seed 1008 of ``benchmarks.fit_times``)."""
 
 
 def mirror(matrix: FloatArray) -> None:
@@ -64,7 +65,8 @@ class GramRows:
     @property
     def all(self) -> FloatArray:
         """(n, n) matrix."""
-        self._prepare(np.arange(self.diagonal.size))
+        if not np.array_equal(self._place, np.arange(self.diagonal.size)):
+            self._take_whole()
         return self._rows
 
     def rows(self, which: IntArray) -> FloatArray:
@@ -80,7 +82,7 @@ class GramRows:
     def _prepare(self, which: IntArray) -> None:
         new = which[self._place[which] < 0]
         count = self._count + new.size
-        if new.size and count > _SHARE * self.diagonal.size:
+        if new.size and _SHARE * self.diagonal.size < count and self.diagonal.size <= _WHOLE:
             self._take_whole()
             return
         if count > len(self._rows):
