@@ -19,7 +19,10 @@ FILES = {
 
 
 def imported(name):
-    """Modules of the package that a file imports, inside functions and for types as well."""
+    """Modules that a file imports: inside functions, for types and by their names as well.
+
+    The name of a package is no import of it: others are called so as well.
+    """
     found = set()
     for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
@@ -27,6 +30,8 @@ def imported(name):
             found |= {one if one in FILES else node.module for one in inner}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Constant) and node.value not in SOURCES:
+            found.add(node.value)
     return (found & FILES.keys()) - {name}
 
 

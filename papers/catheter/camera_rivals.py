@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from papers.catheter.head import DISTURBED
 from papers.catheter.head_camera import (
     CIRCLES,
     LAWS,
@@ -23,7 +22,7 @@ from papers.catheter.head_camera import (
     run_step,
     seen_control,
 )
-from papers.catheter.head_loop import HeadRun, controller_figures
+from papers.catheter.head_loop import DISTURBED, HeadRun, controller_figures
 from papers.catheter.head_rivals_report import WORDS
 from papers.claims import Claim
 

@@ -33,6 +33,7 @@ from papers.catheter import servo_integral
 from papers.catheter.head_camera import CameraStudy, run_camera
 from papers.catheter.head_loop import (
     DELAY,
+    DISTURBED,
     NOISE,
     TICK,
     HeadRun,
@@ -64,12 +65,6 @@ TARGETS = (20.0, 30.0, 40.0)
 """Steps in degrees, those of the paper."""
 STEP_SECONDS = 30.0
 """Duration of a step: more than twice as long as it may take to settle."""
-DISTURBED = {
-    "ambient 10 C": Surroundings(ambient=10.0),
-    "ambient 30 C": Surroundings(ambient=30.0),
-    "convection 65": Surroundings(convection=65.0),
-    "convection 90": Surroundings(convection=90.0),
-}
 WARMER = Surroundings(ambient=30.0)
 VARYING = Surroundings(cooling=Cooling())
 RAMPS_SECONDS = 2 * PERIOD

@@ -29,6 +29,12 @@ HOTTEST, HIGHEST = 150.0, 0.4
 """Limits of a wire: degrees Celsius and A."""
 STEADY = 5.0
 """Duration of the steady part at the end of a run, in seconds."""
+DISTURBED = {
+    "ambient 10 C": Surroundings(ambient=10.0),
+    "ambient 30 C": Surroundings(ambient=30.0),
+    "convection 65": Surroundings(convection=65.0),
+    "convection 90": Surroundings(convection=90.0),
+}
 Reference: TypeAlias = Callable[[float], tuple[float, float]]
 
 

@@ -13,7 +13,6 @@ from minorloop_head.twins.surroundings import Cooling
 from papers.catheter.head import (
     CLAIMS,
     DEFAULT,
-    DISTURBED,
     IMPOSSIBLE,
     OLD,
     PERIODS,
@@ -22,7 +21,7 @@ from papers.catheter.head import (
     TITLE,
 )
 from papers.catheter.head_camera_report import add_camera
-from papers.catheter.head_loop import HIGHEST, HOTTEST, TICK, HeadRun
+from papers.catheter.head_loop import DISTURBED, HIGHEST, HOTTEST, TICK, HeadRun
 from papers.catheter.head_ramps import CASES, NAMED
 from papers.catheter.head_rivals_report import (
     STEP,

@@ -20,7 +20,7 @@ NAMES = {
     *("arx", "step_response", "frequency_response", "Preamble", "describing_function"),
     *("fit_response", "Recursive", "representability", "Plan", "Store", "Setup", "run", "reduce"),
     *("Record", "Log", "read", "curvature_from_displacement", "displacement_from_curvature"),
-    *("score", "ModelScore", "save", "load", "connect", "ModelWarning", "__version__"),
+    *("score", "ModelScore", "save", "load", "connect", "plot", "ModelWarning", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
     *("OutputError", "StoreError", "InstrumentError", "SafetyError", "FleetError"),

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         StoreError,
         UnreachableError,
     )
+    from minorloop.figures import plot
     from minorloop.identification import (
         AfterEffectIdentification,
         DynamicIdentification,
@@ -149,6 +150,7 @@ __all__ = [
     "identify_oscillator",
     "load",
     "next_input",
+    "plot",
     "read",
     "reduce",
     "representability",
@@ -194,6 +196,7 @@ _HOMES = {
         "Store",
     ),
     "minorloop.connect": ("connect",),
+    "minorloop.figures": ("plot",),
     "minorloop.errors": (
         "FleetError",
         "InstrumentError",
@@ -246,7 +249,6 @@ _MEANT = {
     **dict.fromkeys(("simulate", "invert", "inverse"), "the method of a model, such as Preisach"),
     **dict.fromkeys(("read_csv", "open"), "read, or load for a model file"),
     **dict.fromkeys(("validate", "evaluate", "test"), "score"),
-    "plot": "the method plot of a model or result",
     "measure": "run",
 }
 

@@ -23,7 +23,6 @@ from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike, printable
-from minorloop.lab.registry import loaded, registered
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
@@ -32,6 +31,7 @@ from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
+from minorloop.registry import loaded, registered
 
 StaticModel: TypeAlias = (
     Preisach | RelayModel | PrandtlIshlinskii | GeneralisedPrandtlIshlinskii | Polynomial

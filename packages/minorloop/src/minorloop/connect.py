@@ -18,7 +18,7 @@ from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.limited_actuator import with_limits
-from minorloop.lab.registry import loaded, registered
+from minorloop.registry import loaded, registered
 
 SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
 

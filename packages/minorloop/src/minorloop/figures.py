@@ -1,29 +1,56 @@
-"""Find the drawing function of a model or result, and show it in notebooks."""
+"""Figures of models and results, drawn by what is registered for their class.
+
+The entry points of the group `minorloop.drawing` are functions by the name of the class that they
+draw; other packages may add theirs. ``html`` is what shows a drawn object in a notebook.
+"""
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
+from minorloop.errors import ParameterError
+from minorloop.registry import loaded, registered
 
-def figure_of(result: object, **options: Any) -> Any:
-    """Return the matplotlib figure of a model or result, drawn by `minorloop.drawing`.
+__all__ = ["Drawn", "plot"]
 
-    The package is imported when something is drawn, so that results do not depend on it.
+_GROUP = "minorloop.drawing"
+
+
+def plot(x: object, **options: Any) -> Any:
+    """Draw a model or a result.
 
     Parameters
     ----------
-    result : model or result
-        The object to draw.
+    x : model or result
     **options
-        Options of its drawing function, such as ``input_label``.
+        Options of the function that draws its class, in `minorloop.drawing`: ``input_label`` and
+        ``output_label``, names and units for the axes, of most of them.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ParameterError
+        If nothing draws this class.
     """
-    return import_module("minorloop.drawing").draw(result, **options)
+    known = registered(_GROUP)
+    for each in type(x).__mro__:
+        if each.__name__ in known:
+            return loaded(known[each.__name__], each.__name__)(x, **options)
+    raise ParameterError(
+        f"{type(x).__name__} cannot be drawn; give one of {', '.join(sorted(known))}"
+    )
 
 
-class NotebookView:
-    """A model or result that a notebook shows as a small figure and a table."""
+class Drawn:
+    """A model or result that can be drawn, and that a notebook shows as a figure and a table."""
+
+    def plot(self, **options: Any) -> Any:
+        """Draw it: see `minorloop.plot`."""
+        return plot(self, **options)
 
     def _repr_html_(self) -> str:
-        html: str = import_module("minorloop.drawing.notebook").as_html(self)
+        html: str = loaded(registered(_GROUP)["html"], "html")(self)
         return html

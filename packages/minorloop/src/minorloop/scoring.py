@@ -18,7 +18,7 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.dynamics.sampling import Interpolation
 from minorloop.errors import ParameterError, RecordError, are, counted
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.identification import residuals
 from minorloop.identification.accuracy import Accuracy, CurveAccuracy, accuracy, by_curve
 from minorloop.identification.after_effect_result import along
@@ -269,7 +269,7 @@ def _late(known: ModelFile, t: FloatArray | None, y: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelScore(NotebookView):
+class ModelScore(Drawn):
     """How near a model is to the outputs of a record that it was not identified from.
 
     Parameters
@@ -556,16 +556,6 @@ class ModelScore(NotebookView):
     def __str__(self) -> str:
         lines = [f"{name:<38} {value}" for name, value in self.rows]
         return "\n".join([*lines, *(f"advice: {text}" for text in self.advice)])
-
-    def plot(self, **options: Any) -> Any:
-        """Draw loop, record and residual in a matplotlib figure.
-
-        Parameters
-        ----------
-        **options
-            ``input_label`` and ``output_label`` for the axes.
-        """
-        return figure_of(self, **options)
 
 
 def score(

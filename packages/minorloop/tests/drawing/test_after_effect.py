@@ -1,6 +1,6 @@
 import numpy as np
 
-from minorloop.drawing import draw
+from minorloop.figures import plot
 from minorloop.identification.after_effect import identify_after_effect
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
@@ -8,7 +8,7 @@ from minorloop.operators.preisach import Preisach
 
 def test_a_model_is_drawn_with_its_holds():
     plane = Preisach(np.linspace(-1, 1, 4), np.tril(np.ones((3, 3))))
-    loop, holds = draw(AfterEffect(plane, 0.02, 5.0), input_label="field [T]").axes
+    loop, holds = plot(AfterEffect(plane, 0.02, 5.0), input_label="field [T]").axes
     assert loop.get_xlabel() == "field [T]"
     assert len(holds.lines) == 3
     assert np.ptp(holds.lines[0].get_ydata()) > 0
@@ -17,6 +17,6 @@ def test_a_model_is_drawn_with_its_holds():
 def test_an_identification_is_drawn_with_its_laws():
     u = np.repeat(np.random.default_rng(1000).uniform(-1, 1, 20), 5)
     found = identify_after_effect(np.arange(100.0), u, u, levels=4, creep="none", rate=False)
-    record, *_, laws = draw(found).axes
+    record, *_, laws = plot(found).axes
     assert record.get_xlabel() == "time [s]"
     assert [bar.get_height() for bar in laws.patches] == [100 * found.tried[0].error]

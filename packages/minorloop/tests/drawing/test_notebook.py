@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from fixed_options import identify
-from minorloop.drawing import _FUNCTIONS, notebook
+from minorloop.drawing import notebook
 from minorloop.drawing.layout import new_figure
 from minorloop.dynamics.linear import Linear
-from minorloop.figures import NotebookView
+from minorloop.errors import ParameterError
+from minorloop.figures import Drawn, plot
 from minorloop.identification.bands import Prediction
 from minorloop.identification.excitation import report
 from minorloop.identification.frequency import FrequencyResponse
@@ -23,6 +24,7 @@ from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
+from minorloop.registry import registered
 
 LEVELS = np.linspace(-1, 1, 5)
 MODEL = Preisach(LEVELS, np.tril(np.ones((4, 4))))
@@ -68,13 +70,22 @@ def test_a_notebook_shows_a_figure_and_a_table(name):
 
 
 def test_everything_that_can_be_drawn_is_shown():
-    drawn = ("dynamics.cascade", "dynamics.creep")
+    drawn = ("dynamics.cascade", "dynamics.creep", "scoring")
     drawn += ("identification.data_sheet", "identification.linear_fit")
     drawn += ("identification.after_effect_result", "identification.oscillator_result")
     for name in drawn:
         import_module(f"minorloop.{name}")
-    shown = {each.__name__ for each in NotebookView.__subclasses__()}
-    assert shown >= _FUNCTIONS.keys()
+    shown = {each.__name__ for each in Drawn.__subclasses__()}
+    assert shown >= registered("minorloop.drawing").keys() - {"html"}
+
+
+def test_a_subclass_is_drawn_as_its_class_and_anything_else_refused():
+    class Special(Polynomial):
+        pass
+
+    assert len(plot(Special([0.0, 1.0], -1, 1)).axes) == 1
+    with pytest.raises(ParameterError, match=r"int cannot be drawn; give one of AfterEffect, "):
+        plot(3)
 
 
 def test_the_table_of_an_identification_has_its_scores_and_advice():
@@ -85,11 +96,11 @@ def test_the_table_of_an_identification_has_its_scores_and_advice():
 
 
 def test_texts_of_a_result_are_no_html(monkeypatch):
-    class Odd(NotebookView):
+    class Odd(Drawn):
         def summary(self):
             return [("<script>", "&")]
 
-    monkeypatch.setattr(notebook, "draw", lambda result: new_figure()[0])
+    monkeypatch.setattr(notebook, "plot", lambda result: new_figure()[0])
     assert "<tr><th>&lt;script&gt;</th><td>&amp;</td></tr>" in Odd()._repr_html_()
 
 

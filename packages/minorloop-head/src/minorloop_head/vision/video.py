@@ -26,7 +26,7 @@ import numpy as np
 from minorloop.connect import factory
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.lab.actuator import Frame, FrameSource
-from minorloop.lab.registry import loaded, registered
+from minorloop.registry import loaded, registered
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.imaging import opencv
 

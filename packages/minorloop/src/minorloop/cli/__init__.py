@@ -32,7 +32,7 @@ from minorloop.cli import (
 )
 from minorloop.cli import run as run_verb
 from minorloop.errors import MinorloopError, SafetyError
-from minorloop.lab.registry import loaded, registered
+from minorloop.registry import loaded, registered
 from minorloop.version import __version__
 
 _FAILED = 1

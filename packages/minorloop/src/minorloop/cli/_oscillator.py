@@ -106,7 +106,6 @@ def _figures(found: OscillatorIdentification, seconds: float) -> dict[str, Any]:
 
 def report_of(found: OscillatorIdentification, record: Record, source: Path) -> Report:
     """Return the report: parameters, the displacement with the error, and the hysteretic loop."""
-    from minorloop.drawing import draw
     from minorloop.report import Picture, Report, Table
 
     report = Report(
@@ -117,7 +116,7 @@ def report_of(found: OscillatorIdentification, record: Record, source: Path) -> 
     report.add(
         "Result",
         table=Table(("", ""), rows_of(found)),
-        pictures=[Picture(draw(found), "Displacement, what the model misses, and its loops.")],
+        pictures=[Picture(found.plot(), "Displacement, what the model misses, and its loops.")],
         notes=found.advice,
     )
     return report

@@ -65,7 +65,7 @@ def _present() -> Iterator[DeviceRow]:
     """Yield what there is: addresses, drivers with their devices, and devices of other kinds."""
     from minorloop.connect import addresses
     from minorloop.lab.drivers.bench_file import DRIVERS
-    from minorloop.lab.registry import loaded, registered
+    from minorloop.registry import loaded, registered
 
     for each in addresses():
         named = each.startswith("twin:")
@@ -87,7 +87,7 @@ def _present() -> Iterator[DeviceRow]:
 
 def _probed(address: str) -> Iterator[DeviceRow]:
     """Yield the channels of an actuator, or another device, or why there are none."""
-    from minorloop.lab.registry import loaded, registered
+    from minorloop.registry import loaded, registered
 
     if Path(address).suffix in _FILES and ":" not in address:
         address = f"bench:{address}"

@@ -59,8 +59,10 @@ def draw_identification(
     input_label, output_label : str
         Name and unit of input and output.
     time : (T,) array, optional
-        Time of each sample in seconds; samples are counted without it.
+        Time of each sample in seconds; that of the record if not given. Without it, samples are
+        counted.
     """
+    time = result.t if time is None else time
     figure, axes = new_figure(3, 2, 11.5, 10.5, grid=False)
     figure.get_layout_engine().set(h_pad=0.1, w_pad=0.1)
     clock = np.arange(result.y.size, dtype=np.float64) if time is None else time

@@ -7,9 +7,9 @@ import io
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from minorloop.drawing import draw
 from minorloop.drawing.identification import draw_loop_and_plane
 from minorloop.drawing.operators import input_range
+from minorloop.figures import plot
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,13 +32,13 @@ def as_html(result: Any) -> str:
     Parameters
     ----------
     result : model or result
-        An object that `minorloop.drawing.draw` draws.
+        An object that `minorloop.plot` draws.
     """
     name = type(result).__name__
     rows = _ROWS[name](result) if name in _ROWS else _summary(result)
     text = _table(rows) if rows else f"<pre>{escape(str(result))}</pre>"
     advice = getattr(result, "advice", getattr(result, "notes", ())) if rows else ()
-    figure = draw_loop_and_plane(result) if name == "Identification" else draw(result)
+    figure = draw_loop_and_plane(result) if name == "Identification" else plot(result)
     return f"<div><b>{name}</b>{text}{_list(advice)}{_picture(figure)}</div>"
 
 

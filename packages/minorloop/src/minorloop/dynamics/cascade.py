@@ -25,7 +25,7 @@ from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.propagation import Between
 from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.operators.inversion import (
     Inversion,
     Unreachable,
@@ -56,7 +56,7 @@ class CascadeState:
 
 
 @dataclass(frozen=True, eq=False)
-class CascadeInversion(NotebookView):
+class CascadeInversion(Drawn):
     """An input that makes a cascade follow a target trajectory.
 
     Parameters
@@ -108,10 +108,6 @@ class CascadeInversion(NotebookView):
             ("out of reach", f"{missed} samples"),
         ]
         return "\n".join(f"{name:<24} {value}" for name, value in rows)
-
-    def plot(self) -> Any:
-        """Draw targets with outputs, and the input below, in a matplotlib figure."""
-        return figure_of(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +18,7 @@ from minorloop.arrays import (
 )
 from minorloop.dynamics import _kernels
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 
 PER_DECADE = 2
 """Default number of time constants per decade. Responses of lags that are closer than a factor of
@@ -187,7 +186,7 @@ class Creep:
 
 
 @dataclass(frozen=True, eq=False)
-class CreepFit(NotebookView):
+class CreepFit(Drawn):
     """Creep identified from a record.
 
     Parameters
@@ -220,10 +219,6 @@ class CreepFit(NotebookView):
 
     def __str__(self) -> str:
         return f"{self.model}\n{'error':<24} {self.nrmse:.3%} of range"
-
-    def plot(self) -> Any:
-        """Draw the record with the fit in a matplotlib figure."""
-        return figure_of(self)
 
 
 def fit_creep(

@@ -22,7 +22,7 @@ from minorloop.arrays import (
 from minorloop.dynamics import _kernels, conversion
 from minorloop.dynamics.propagation import Between, StateSpace, propagate
 from minorloop.errors import ParameterError, SignalError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 
 _WHOLE = 1e-6
 """Share of an interval by which times may differ from whole intervals: recorded times are often
@@ -30,7 +30,7 @@ rounded to the microsecond."""
 
 
 @dataclass(frozen=True, eq=False)
-class Linear(NotebookView):
+class Linear(Drawn):
     """A rational transfer function with dead time, continuous or sampled.
 
     Parameters
@@ -366,10 +366,6 @@ class Linear(NotebookView):
             ("dead time [s]", f"{self.delay:g}"),
         ]
         return "\n".join(f"{name:<24} {value}" for name, value in rows)
-
-    def plot(self) -> Any:
-        """Draw step response, gain and phase in a matplotlib figure."""
-        return figure_of(self)
 
     @cached_property
     def state_space(self) -> StateSpace:

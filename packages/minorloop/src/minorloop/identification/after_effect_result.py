@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform, writable
 from minorloop.errors import counted
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.long_intervals import isolated_long
@@ -60,7 +60,7 @@ class Uncertain(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class AfterEffectIdentification(NotebookView):
+class AfterEffectIdentification(Drawn):
     """An operator with after-effect identified from a record.
 
     Parameters
@@ -238,16 +238,6 @@ class AfterEffectIdentification(NotebookView):
         return self.model.invert(
             t, targets, self.curves.start if start is None else start, unreachable
         )
-
-    def plot(self, **options: Any) -> Any:
-        """Draw the record with the fit, the residual, and the laws in a matplotlib figure.
-
-        Parameters
-        ----------
-        **options
-            ``input_label`` and ``output_label`` for the axes.
-        """
-        return figure_of(self, **options)
 
     @property
     def rows(self) -> list[tuple[str, str]]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 
 BAND = 0.9
 """Probability of the bands that reports and figures show."""
@@ -20,7 +19,7 @@ _SHOWN = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction(NotebookView):
+class Prediction(Drawn):
     """Predicted outputs with their standard deviations.
 
     Parameters
@@ -99,18 +98,6 @@ class Prediction(NotebookView):
                 "model is off: their bands are assumed, not measured"
             )
         return "\n".join(lines)
-
-    def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
-        """Draw outputs with their bands, in order and against the input.
-
-        Parameters
-        ----------
-        input_label : str
-            Name and unit of the input, for the axes.
-        output_label : str
-            Name and unit of the output.
-        """
-        return figure_of(self, input_label=input_label, output_label=output_label)
 
 
 def as_probability(bands: float) -> float:

@@ -15,14 +15,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final, overload
+from typing import Final, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Levels, Samples, as_finite, as_levels
 from minorloop.errors import ParameterError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.identification.bands import BAND, Prediction, as_probability
 from minorloop.identification.ridge import KINDS, Kind, Ridge
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
@@ -63,7 +63,7 @@ search ended at a jump, where the remanence cannot be met."""
 
 
 @dataclass(frozen=True, eq=False)
-class DataSheetModel(NotebookView):
+class DataSheetModel(Drawn):
     """A model of a material of which only the major loop is known.
 
     Parameters
@@ -227,20 +227,6 @@ class DataSheetModel(NotebookView):
 
     def __str__(self) -> str:
         return "\n".join(f"{name:<24} {value}" for name, value in self.summary())
-
-    def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
-        """Draw symmetric loops with their 90 % bands.
-
-        Parameters
-        ----------
-        input_label, output_label : str
-            Names and units of input and output.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        return figure_of(self, input_label=input_label, output_label=output_label)
 
 
 def from_loop(

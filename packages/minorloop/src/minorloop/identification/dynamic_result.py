@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.dynamics.cascade import Cascade, CascadeInversion
 from minorloop.errors import counted
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.identification.accuracy import Accuracy, accuracy, scores_of
 from minorloop.identification.baseline import percent
 from minorloop.identification.preparation import NOTHING, RecordAdvice
@@ -72,7 +71,7 @@ class TriedDynamics:
 
 
 @dataclass(frozen=True, eq=False)
-class DynamicIdentification(NotebookView):
+class DynamicIdentification(Drawn):
     """An operator with dead time, linear dynamics and creep, identified from a record.
 
     Parameters
@@ -348,20 +347,6 @@ class DynamicIdentification(NotebookView):
         lines = [f"{name:<24} {value}" for name, value in self.rows]
         tried = [f"tried: {one}" for one in self.tried]
         return "\n".join([*lines, *tried, *(f"advice: {text}" for text in self.advice)])
-
-    def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
-        """Draw the record with the model, the operator, the residual and the step response.
-
-        Parameters
-        ----------
-        input_label, output_label : str
-            Names and units of input and output.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        return figure_of(self, input_label=input_label, output_label=output_label)
 
 
 def _seconds(times: FloatArray) -> str:

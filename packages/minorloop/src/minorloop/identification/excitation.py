@@ -6,14 +6,13 @@ Inputs are in the order in which they are applied and measured.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, as_levels, as_samples
 from minorloop.errors import SignalError, counted
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.diagnosis import rank_and_condition
 from minorloop.operators.memory import Start
@@ -76,7 +75,7 @@ def reversal_curves(levels: npt.ArrayLike) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class ExcitationReport(NotebookView):
+class ExcitationReport(Drawn):
     """What an input that is measured at every sample determines about the plane.
 
     Parameters
@@ -115,10 +114,6 @@ class ExcitationReport(NotebookView):
             "condition "
             f"{self.condition:.3g}, {self.excited_fraction:.0%} of the cells excited: {verdict}"
         )
-
-    def plot(self) -> Any:
-        """Draw the excited cells; gives the matplotlib figure."""
-        return figure_of(self)
 
 
 def report(

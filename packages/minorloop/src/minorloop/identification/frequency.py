@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_samples
 from minorloop.errors import ParameterError, SignalError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.identification.rational import ComplexArray, RationalFit, fit_response
 from minorloop.operators.operator import Operator
 
@@ -89,7 +89,7 @@ class GainSpread:
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyResponse(NotebookView):
+class FrequencyResponse(Drawn):
     """Gains of the fundamental component at several amplitudes.
 
     Parameters
@@ -186,10 +186,6 @@ class FrequencyResponse(NotebookView):
         if self.after is not None and self.amplitudes.size > 1:
             lines.append(str(self.gain_spread()))
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
-
-    def plot(self) -> Any:
-        """Draw gains and phases, before and after the operator; gives the matplotlib figure."""
-        return figure_of(self)
 
     @property
     def _after(self) -> ComplexArray:

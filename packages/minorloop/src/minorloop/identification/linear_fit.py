@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_times
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.identification.output_error import Coefficients, Stretch, Structure
 
 Kind: TypeAlias = Literal["plain", "oscillatory", "alternating"]
@@ -58,7 +58,7 @@ class TriedEquation:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearFit(NotebookView):
+class LinearFit(Drawn):
     """Linear dynamics identified from a record.
 
     Parameters
@@ -184,10 +184,6 @@ class LinearFit(NotebookView):
         lines = [f"{name:<24} {value}" for name, value in rows]
         return "\n".join([*lines, *self._table(), *(f"advice: {text}" for text in self.advice)])
 
-    def plot(self) -> Any:
-        """Draw the record with the fit, and the unit step response; gives the figure."""
-        return figure_of(self)
-
     @property
     def _interval(self) -> float:
         return self.model.interval or 1.0
@@ -206,7 +202,7 @@ class LinearFit(NotebookView):
 
 
 @dataclass(frozen=True, eq=False)
-class StepResponse(NotebookView):
+class StepResponse(Drawn):
     """Unit step responses for either direction of the output.
 
     Parameters
@@ -231,7 +227,3 @@ class StepResponse(NotebookView):
         for name, fit in (("rising", self.rising), ("falling", self.falling)):
             lines += [f"{name}:", "  no such step" if fit is None else str(fit)]
         return "\n".join(lines)
-
-    def plot(self) -> Any:
-        """Draw both responses with their bands; gives the matplotlib figure."""
-        return figure_of(self)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.dynamics.oscillator import Oscillator
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.identification.levenberg_marquardt import Minimum
 from minorloop.identification.mean_period import larger_beginning
 from minorloop.identification.output_error import correlation_time
@@ -61,7 +60,7 @@ class TriedLevels:
 
 
 @dataclass(frozen=True, eq=False)
-class OscillatorIdentification(NotebookView):
+class OscillatorIdentification(Drawn):
     """An oscillator with hysteresis, identified from a record.
 
     Parameters
@@ -212,12 +211,3 @@ class OscillatorIdentification(NotebookView):
     def __str__(self) -> str:
         lines = [f"{name:<24} {value}" for name, value in self.rows]
         return "\n".join([*lines, *(f"advice: {text}" for text in self.advice)])
-
-    def plot(self) -> Any:
-        """Draw displacement with residual, and the loop of the hysteretic force.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        return figure_of(self)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_samples, check_scale
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 
 ComplexArray = npt.NDArray[np.complex128]
 
@@ -39,7 +39,7 @@ _BEYOND = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class RationalFit(NotebookView):
+class RationalFit(Drawn):
     """A transfer function fitted to a frequency response.
 
     Parameters
@@ -68,10 +68,6 @@ class RationalFit(NotebookView):
         tried = ", ".join(f"{order}: {error:.2%}" for order, error in self.errors.items())
         lines = [str(self.model), f"{'relative error':<24} {self.error:.2%}"]
         return "\n".join([*lines, f"{'of each order':<24} {tried}"])
-
-    def plot(self) -> Any:
-        """Draw measured points and the model; gives the matplotlib figure."""
-        return figure_of(self)
 
 
 def fit_response(

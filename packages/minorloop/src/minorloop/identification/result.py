@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, IntArray, Samples
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.identification import advising
 from minorloop.identification.band_model import BandModel, within_cells
 from minorloop.identification.bands import BAND, Prediction, as_probability
@@ -24,7 +24,7 @@ from minorloop.operators.memory import Start
 
 
 @dataclass(frozen=True, eq=False)
-class Identification(Fit, NotebookView):
+class Identification(Fit, Drawn):
     """A model identified from a record.
 
     It has the fields and scores of a `Fit`, predicts, inverts, and gives advice.
@@ -167,25 +167,3 @@ class Identification(Fit, NotebookView):
         lines = [f"{name:<24} {value}" for name, value in rows]
         lines += [f"chosen {text}" for text in self.chosen]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
-
-    def plot(
-        self,
-        *,
-        input_label: str = "input",
-        output_label: str = "output",
-        time: FloatArray | None = None,
-    ) -> Any:
-        """Draw the loop, the fit, the residual and the plane; gives the matplotlib figure.
-
-        Parameters
-        ----------
-        input_label : str
-            Name and unit of the input, for the axes.
-        output_label : str
-            Name and unit of the output.
-        time : (T,) array, optional
-            Time of each sample in seconds; that of the record if not given. Without it, samples are
-            counted.
-        """
-        clock = self.t if time is None else time
-        return figure_of(self, input_label=input_label, output_label=output_label, time=clock)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, IntArray, as_finite, check_kind, check_magnitude
 from minorloop.errors import ParameterError, RecordError, are, counted
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
@@ -90,7 +90,7 @@ class ReducedPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Reduction(NotebookView):
+class Reduction(Drawn):
     """Settled points of a raw log.
 
     Parameters
@@ -196,15 +196,6 @@ class Reduction(NotebookView):
         check_writable(path, force=force)
         columns = self.columns(unsettled=unsettled)
         write_atomically(path, table_text(columns, zip(*columns.values(), strict=True)))
-
-    def plot(self) -> Any:
-        """Draw the log with its settled points, and the points against the input.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        return figure_of(self)
 
     @staticmethod
     def _output(point: ReducedPoint, unsettled: bool) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field as parameter
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,7 @@ from minorloop.arrays import (
     writable,
 )
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators import plane as _plane
 from minorloop.operators._parallel import in_parallel
@@ -68,7 +68,7 @@ def _none() -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class AfterEffect(NotebookView):
+class AfterEffect(Drawn):
     """A Preisach operator whose output changes with time while its input is held.
 
     The relays see an *effective input* v, which follows the input u by the law of thermal
@@ -330,16 +330,6 @@ class AfterEffect(NotebookView):
             State before the first sample.
         """
         return TimedTracker(self, start)
-
-    def plot(self, **options: Any) -> Any:
-        """Draw the settled loop, and holds on the way down, in a matplotlib figure.
-
-        Parameters
-        ----------
-        **options
-            ``input_label`` and ``output_label`` for the axes.
-        """
-        return figure_of(self, **options)
 
     def require_monotone(self) -> None:
         """Refuse a model that cannot be inverted.

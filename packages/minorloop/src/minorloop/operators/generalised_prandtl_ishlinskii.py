@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Samples, as_finite
 from minorloop.errors import ParameterError
-from minorloop.figures import NotebookView
+from minorloop.figures import Drawn
 from minorloop.operators._play_fit import as_record, choose_knots, choose_radii, fit_bent_plays
 from minorloop.operators.dead_zones import DeadZones
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
@@ -18,7 +18,7 @@ from minorloop.operators.step_tracker import StepTracker
 
 
 @dataclass(frozen=True, eq=False)
-class GeneralisedPrandtlIshlinskii(NotebookView):
+class GeneralisedPrandtlIshlinskii(Drawn):
     """Plays followed by dead zones, ``y = offset + S(H[u])``, for asymmetric, saturating loops.
 
     H is a `PrandtlIshlinskii` operator and S a curve of `DeadZones`. Memory and start states are

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, as_finite, as_samples, check_option
 from minorloop.errors import SignalError, UnreachableError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 
 Unreachable: TypeAlias = Literal["raise", "clip"]
 
@@ -22,7 +22,7 @@ _SHOWN = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Inversion(NotebookView):
+class Inversion(Drawn):
     """Inputs that bring a model to a sequence of targets.
 
     Parameters
@@ -75,18 +75,6 @@ class Inversion(NotebookView):
         missed = int(np.count_nonzero(~self.reachable))
         lines.append(f"worst residual {self.worst:.3g}, {missed} of {self.u.size} out of reach")
         return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
-
-    def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
-        """Draw targets with outputs, and the inputs below, in a matplotlib figure.
-
-        Parameters
-        ----------
-        input_label : str
-            Name and unit of the input, for the axes.
-        output_label : str
-            Name and unit of the output.
-        """
-        return figure_of(self, input_label=input_label, output_label=output_label)
 
 
 def check_unreachable_option(value: str) -> None:

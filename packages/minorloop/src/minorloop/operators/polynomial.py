@@ -11,7 +11,7 @@ from numpy.polynomial import polynomial
 
 from minorloop.arrays import FloatArray, Samples, as_finite, as_pair, as_samples, as_whole, frozen
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
-from minorloop.figures import NotebookView
+from minorloop.figures import Drawn
 from minorloop.operators.inversion import (
     Inversion,
     Unreachable,
@@ -33,7 +33,7 @@ _NEGLIGIBLE = 1e-17
 
 
 @dataclass(frozen=True, eq=False)
-class Polynomial(NotebookView):
+class Polynomial(Drawn):
     """A curve without memory, ``y = sum of coefficients[k] * u**k`` on [low, high].
 
     Inputs beyond [low, high] are clamped. The methods ignore ``start`` and ``memory``, which they

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Samples, as_finite, as_samples, check_option, frozen
 from minorloop.errors import NotInvertibleError, ParameterError
-from minorloop.figures import NotebookView
+from minorloop.figures import Drawn
 from minorloop.operators import _play_kernels
 from minorloop.operators._parallel import in_parallel
 from minorloop.operators._play_fit import as_record, choose_radii, fit_plays
@@ -35,7 +35,7 @@ _CONSISTENT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class PrandtlIshlinskii(NotebookView):
+class PrandtlIshlinskii(Drawn):
     """A weighted sum of plays: ``y = offset + sum of weights[i] * play(radii[i])[u]``.
 
     A play of radius r follows its input with a slack of r on either side. A play of radius zero

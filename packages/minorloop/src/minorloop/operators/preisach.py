@@ -22,7 +22,7 @@ from minorloop.arrays import (
     writable,
 )
 from minorloop.errors import NotInvertibleError, ParameterError
-from minorloop.figures import NotebookView, figure_of
+from minorloop.figures import Drawn
 from minorloop.operators import _kernels, plane
 from minorloop.operators._parallel import in_parallel
 from minorloop.operators.inversion import (
@@ -47,7 +47,7 @@ _ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Preisach(NotebookView):
+class Preisach(Drawn):
     """A weighted continuum of relays; the output depends on remembered extrema of the input.
 
     Parameters
@@ -371,16 +371,6 @@ class Preisach(NotebookView):
         if start == "negative":
             return Memory.negative(low)
         return Memory.positive(low, high) if start == "positive" else Memory.demagnetised(low, high)
-
-    def plot(self, **options: Any) -> Any:
-        """Draw the density on the plane and the major loop in a matplotlib figure.
-
-        Parameters
-        ----------
-        **options
-            ``input_label`` and ``output_label`` for the axes.
-        """
-        return figure_of(self, **options)
 
     @property
     def all_off(self) -> float:

@@ -24,7 +24,7 @@ from minorloop.arrays import (
     check_option,
 )
 from minorloop.errors import ParameterError
-from minorloop.figures import NotebookView
+from minorloop.figures import Drawn
 from minorloop.operators import _relay_kernels as _kernels
 from minorloop.operators.inversion import Inversion, as_signal
 from minorloop.operators.plane import RELAYS, Relay, off_output, swing
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class RelayModel(NotebookView):
+class RelayModel(Drawn):
     """Weighted relays on level pairs.
 
     A relay at (alpha, beta) switches on when the input reaches alpha and off when it falls

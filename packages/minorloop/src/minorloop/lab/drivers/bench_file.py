@@ -66,7 +66,7 @@ from minorloop.lab.conversion import (
 from minorloop.lab.drivers.bench import Bench, Clock, check_rest
 from minorloop.lab.drivers.description import Section, parsed, read_description, relevant
 from minorloop.lab.drivers.device import Device, DeviceChannel, DevicePlan, Wired, Wiring, converted
-from minorloop.lab.registry import loaded, registered
+from minorloop.registry import loaded, registered
 
 __all__ = ["DRIVERS", "open_bench"]
 

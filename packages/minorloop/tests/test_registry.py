@@ -3,7 +3,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.lab.registry import loaded, registered
+from minorloop.registry import loaded, registered
 
 
 def test_the_drivers_of_bench_files_are_registered_and_can_be_loaded():
