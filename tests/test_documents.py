@@ -6,6 +6,7 @@ import re
 import runpy
 import shutil
 import sys
+from dataclasses import is_dataclass
 from importlib import import_module
 
 import pytest
@@ -13,6 +14,8 @@ import pytest
 import documents
 import minorloop
 from documents import PAGES, ROOT, name_of
+from minorloop.lab import actuator
+from minorloop.operators import operator
 
 DOCS = ROOT / "docs"
 REFERENCE = DOCS / "reference"
@@ -155,6 +158,25 @@ def described(docstring):
     return {name.strip().lstrip("*") for line in lines for name in line.split(",")}
 
 
+def described_fields(found):
+    """The fields of a class that a docstring follows, alone or the last of several of a kind."""
+    tree, names, waiting = ast.parse(inspect.getsource(found)).body[0], set(), set()
+    for node in tree.body:
+        if isinstance(node, ast.AnnAssign):
+            waiting.add(node.target.id)
+        else:
+            names |= waiting if isinstance(node, ast.Expr) else set()
+            waiting = set()
+    return names
+
+
+PROTOCOLS = [
+    found
+    for module in (actuator, operator)
+    for found in vars(module).values()
+    if getattr(found, "_is_protocol", False)
+]
+"""Their methods are described here once; an implementation says what differs."""
 CALLABLES = [
     name
     for name in minorloop.__all__
@@ -174,11 +196,14 @@ def test_every_parameter_of_a_public_name_is_described(name):
         # A dataclass has the fields of those that it is made from, which describe them.
         made_from = inspect.getmro(found)[:-1] if inspect.isclass(found) else [found]
         known = [described(inspect.getdoc(one)) for one in made_from if inspect.getdoc(one)]
+        known += [described_fields(one) for one in made_from if is_dataclass(one)]
         assert parameters(found) <= set().union(*known)
     for method, function in vars(found).items() if inspect.isclass(found) else ():
         function = getattr(function, "__func__", function)
         if inspect.isfunction(function) and not method.startswith("_"):
-            assert parameters(function) <= described(inspect.getdoc(function)), method
+            once = [vars(one)[method] for one in PROTOCOLS if method in vars(one)]
+            known = [described(inspect.getdoc(one)) for one in [function, *once]]
+            assert parameters(function) <= set().union(*known), method
 
 
 def test_the_table_of_public_names_is_complete_and_right():

@@ -1,4 +1,3 @@
-import ast
 import inspect
 import subprocess
 import sys
@@ -60,24 +59,9 @@ def test_a_public_name_is_the_one_of_its_module(name):
         assert getattr(import_module(found.__module__), name) is found
 
 
-def test_type_checkers_see_the_same_names():
-    """The imports for type checkers are the names that resolve when they are asked for."""
-    tree = ast.parse(inspect.getsource(minorloop))
-    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
-    imported = {alias.name for node in block.body for alias in node.names}
-    assert imported == NAMES - {"__version__"}
-
-
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="'minorloop' has no attribute 'hysteresis'"):
         _ = minorloop.hysteresis
-
-
-@pytest.mark.parametrize(("name", "hint"), [("fit", "identify"), ("predict", r"identify\(...\)")])
-def test_a_name_of_other_packages_leads_to_ours(name, hint):
-    assert not hasattr(minorloop, name)
-    with pytest.raises(AttributeError, match=rf"no attribute '{name}'; did you mean {hint}"):
-        getattr(minorloop, name)
 
 
 def test_importing_it_imports_nothing_slow():

@@ -1566,7 +1566,7 @@ def test_a_run_that_is_continued_says_what_it_repeats_and_how_to_go_on(tmp_path,
     with Store.create(tmp_path / "a.sqlite", plan, setup) as store:
         for _ in range(2):
             with pytest.raises(KeyboardInterrupt):
-                carry_out_levels(Ended(), store, None, None, again="continue with the same command")
+                carry_out_levels(Ended(), store, None, again="continue with the same command")
     said = capsys.readouterr().err
     safe = "the actuator has confirmed that it is safe"
     assert said.count(f"1 of 3 levels are kept; {safe}; continue with the same command") == 2

@@ -63,27 +63,18 @@ _FORCES: Mapping[type[Any], str] = {
 
 
 class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The origin of a model.
-
-    Parameters
-    ----------
-    created : datetime, optional
-        When the file was written, in UTC; filled in on writing.
-    minorloop : str, optional
-        The version that wrote it; filled in on writing.
-    data : str, optional
-        Name of the file that the model was identified from.
-    sha256 : str, optional
-        Hexadecimal digest of the bytes of that file.
-    scores : dict of str to float
-        Scores of the model by name; None for one that does not apply.
-    """
+    """The origin of a model."""
 
     created: Annotated[datetime, msgspec.Meta(tz=True)] | None = None
+    """When the file was written, in UTC; filled in on writing."""
     minorloop: str | None = None
+    """The version that wrote it; filled in on writing."""
     data: str | None = None
+    """Name of the file that the model was identified from."""
     sha256: Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")] | None = None
+    """Hexadecimal digest of the bytes of that file."""
     scores: dict[str, float | None] = {}
+    """Scores of the model by name; None for one that does not apply."""
 
     @classmethod
     def of(cls, data: PathLike, scores: Mapping[str, float | None] | None = None) -> Provenance:

@@ -44,25 +44,6 @@ _ANY_SLOPE = 1e300
 class Delivery:
     """Chooses inputs that bring an actuator to each target within an interval, and keep it there.
 
-    Parameters
-    ----------
-    model : AfterEffect
-        The model.
-    targets : (n,) array_like
-        Outputs wanted, in order, in the unit of the output.
-    every : float
-        Interval in seconds.
-    hold : float
-        How long each target is delivered, in seconds: one interval or more.
-    saturation : float
-        Input that saturates the actuator before the first target.
-    low, high : float
-        Least and greatest input of the actuator.
-    nrmse : float
-        Error of the model, over the range of its output; see `TargetDrive`.
-    written : callable
-        Returns the input that the source really gives for a wanted one.
-
     Raises
     ------
     ParameterError
@@ -72,14 +53,22 @@ class Delivery:
     """
 
     model: AfterEffect
+    """The model."""
     targets: FloatArray
+    """Shape (n,). Outputs wanted, in order, in the unit of the output."""
     every: float
+    """Interval in seconds."""
     hold: float
+    """How long each target is delivered, in seconds: one interval or more."""
     saturation: float
+    """Input that saturates the actuator before the first target."""
     low: float
     high: float
+    """``low`` and ``high``: least and greatest input of the actuator."""
     nrmse: float = 0.0
+    """Error of the model, over the range of its output; see `TargetDrive`."""
     written: Callable[[float], float] = field(default=float)
+    """Returns the input that the source really gives for a wanted one."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, AfterEffect):

@@ -60,30 +60,20 @@ class MismatchError(InstrumentError):
 
 @dataclass(frozen=True)
 class Arrival:
-    """How one target was reached.
-
-    Parameters
-    ----------
-    target : float
-        The output wanted, in its unit, as the model counts it.
-    input : float
-        The input that was applied last.
-    achieved : float
-        The settled output, less the offset of the sensor; NaN where nothing was measured.
-    sd : float
-        Its standard deviation.
-    tries : int
-        Holds that this target took.
-    verdict : str
-        Of the last hold: ``settled``, ``extrapolated`` or ``unsettled``.
-    """
+    """How one target was reached."""
 
     target: float
+    """The output wanted, in its unit, as the model counts it."""
     input: float
+    """The input that was applied last."""
     achieved: float
+    """The settled output, less the offset of the sensor; NaN where nothing was measured."""
     sd: float
+    """Its standard deviation."""
     tries: int
+    """Holds that this target took."""
     verdict: str
+    """Of the last hold: ``settled``, ``extrapolated`` or ``unsettled``."""
 
     @property
     def error(self) -> float:
@@ -93,30 +83,20 @@ class Arrival:
 
 @dataclass(frozen=True)
 class DriveResult:
-    """What the points of a drive show.
-
-    Parameters
-    ----------
-    offset : float
-        Output measured in saturation minus that of the model; NaN before it was measured.
-    arrivals : tuple of Arrival
-        The targets that are done, in order.
-    allowed : float
-        Error of a target beyond which it counts as missed.
-    corrections : int
-        Most further holds of a target.
-    width : float
-        Range of the outputs of the model.
-    remedy : str
-        What to do first about missed targets; to correct or to hold longer if empty.
-    """
+    """What the points of a drive show."""
 
     offset: float
+    """Output measured in saturation minus that of the model; NaN before it was measured."""
     arrivals: tuple[Arrival, ...]
+    """The targets that are done, in order."""
     allowed: float = float("inf")
+    """Error of a target beyond which it counts as missed."""
     corrections: int = 0
+    """Most further holds of a target."""
     width: float = float("inf")
+    """Range of the outputs of the model."""
     remedy: str = ""
+    """What to do first about missed targets; to correct or to hold longer if empty."""
 
     @property
     def errors(self) -> FloatArray:
@@ -186,29 +166,6 @@ class DriveResult:
 class TargetDrive:
     """Chooses the inputs that bring an actuator to targets.
 
-    Parameters
-    ----------
-    model : Preisach, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial
-        Maps settled inputs to settled outputs.
-    targets : (n,) array_like
-        Outputs wanted, in order, in the unit of the output.
-    saturation : float
-        Input that saturates the actuator before the first target.
-    corrections : int
-        Most further holds of a target to correct its error by the sensor; 0 is open loop.
-    within : float
-        An error up to this is not corrected, in the unit of the output.
-    absolute : bool
-        Whether targets count from the zero of the sensor. Otherwise they count from that of the
-        model, and the offset of the sensor is subtracted from what it measures.
-    nrmse : float
-        Error of the model, over the range of its output: a target that is off by more than three
-        times this, and a twentieth of the range of the model, counts as missed.
-    written : callable
-        Returns the input that the source really gives for a wanted one.
-    covered : str
-        Readings that the conversion of the sensor covers, for a message; empty without one.
-
     Raises
     ------
     ParameterError
@@ -218,14 +175,26 @@ class TargetDrive:
     """
 
     model: Any
+    """Preisach, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial. Maps settled inputs
+    to settled outputs."""
     targets: FloatArray
+    """Shape (n,). Outputs wanted, in order, in the unit of the output."""
     saturation: float
+    """Input that saturates the actuator before the first target."""
     corrections: int = 0
+    """Most further holds of a target to correct its error by the sensor; 0 is open loop."""
     within: float = 0.0
+    """An error up to this is not corrected, in the unit of the output."""
     absolute: bool = False
+    """Whether targets count from the zero of the sensor. Otherwise they count from that of the
+    model, and the offset of the sensor is subtracted from what it measures."""
     nrmse: float = 0.0
+    """Error of the model, over the range of its output: a target that is off by more than three
+    times this, and a twentieth of the range of the model, counts as missed."""
     written: Callable[[float], float] = field(default=float)
+    """Returns the input that the source really gives for a wanted one."""
     covered: str = ""
+    """Readings that the conversion of the sensor covers, for a message; empty without one."""
 
     def __post_init__(self) -> None:
         if isinstance(self.model, RelayModel):

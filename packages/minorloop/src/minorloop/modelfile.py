@@ -119,35 +119,24 @@ class ModelWarning(UserWarning):
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """The content of a model file.
-
-    Parameters
-    ----------
-    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii,
-        Polynomial, Cascade, Linear, AfterEffect or Oscillator
-        The model.
-    input, output : Quantity
-        Names and units of its input and output.
-    lag : int
-        Samples by which the output follows the model.
-    provenance : Provenance
-        Origin of the model.
-    warnings : tuple of str
-        Why the model is not to be trusted; empty if there are no warnings.
-    lag_seconds : float
-        The lag in seconds; 0 if it is known in samples only.
-    band_model : callable, optional
-        Returns what the bands follow from, which takes a moment; None where the file has no bands.
-    """
+    """The content of a model file."""
 
     model: Model
+    """The model."""
     input: Quantity
     output: Quantity
+    """``input`` and ``output``: names and units of its input and output."""
     lag: int
+    """Samples by which the output follows the model."""
     provenance: Provenance
+    """Origin of the model."""
     warnings: tuple[str, ...] = ()
+    """Why the model is not to be trusted; empty if there are no warnings."""
     lag_seconds: float = 0.0
+    """The lag in seconds; 0 if it is known in samples only."""
     band_model: Callable[[], BandModel] | None = None
+    """Returns what the bands follow from, which takes a moment; None where the file has no bands.
+    """
 
     @property
     def has_time(self) -> bool:

@@ -32,42 +32,29 @@ from minorloop.twins.ipmc_laser import DISTANCE, HEIGHT, HEIGHT_SD
 
 @dataclass(frozen=True)
 class ExperimentProtocol:
-    """Parameters of the experiment.
-
-    Parameters
-    ----------
-    voltage : float
-        Largest voltage, in V; the staircase runs over plus and minus this.
-    bands : int
-        Number of steps of the staircase and of bands of the model.
-    hold : float
-        Duration of a hold, in seconds; the curvature is measured at its end.
-    saturation_hold : float
-        Duration of the saturation before the targets, in seconds.
-    targets : int
-        Number of target curvatures.
-    reach : float
-        The targets are uniform between minus and plus this, in 1/m.
-    sample_interval : float
-        Time between samples, in seconds.
-    diagonal : str
-        What the cells on the diagonal hold, as in `identify`: ``uniform`` is the model of the
-        paper; with ``reversible`` part of the bending follows the smallest reversal, as that of
-        the strip does.
-    laser : bool
-        Whether the strip is measured through a laser and its raw log reduced, as in the paper.
-        Otherwise a sensor shows the curvature.
-    """
+    """Parameters of the experiment."""
 
     voltage: float = 1.2
+    """Largest voltage, in V; the staircase runs over plus and minus this."""
     bands: int = 10
+    """Number of steps of the staircase and of bands of the model."""
     hold: float = 200.0
+    """Duration of a hold, in seconds; the curvature is measured at its end."""
     saturation_hold: float = 400.0
+    """Duration of the saturation before the targets, in seconds."""
     targets: int = 14
+    """Number of target curvatures."""
     reach: float = 7.5
+    """The targets are uniform between minus and plus this, in 1/m."""
     sample_interval: float = 1.0
+    """Time between samples, in seconds."""
     diagonal: Diagonal = "reversible"
+    """What the cells on the diagonal hold, as in `identify`: ``uniform`` is the model of the paper;
+    with ``reversible`` part of the bending follows the smallest reversal, as that of the strip
+    does."""
     laser: bool = False
+    """Whether the strip is measured through a laser and its raw log reduced, as in the paper.
+    Otherwise a sensor shows the curvature."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,18 +72,12 @@ class Picture:
 
 @dataclass
 class Report:
-    """A page with a title, a summary and sections.
-
-    Parameters
-    ----------
-    title : str
-        Heading of the page.
-    summary : str
-        One paragraph under it: method and results.
-    """
+    """A page with a title, a summary and sections."""
 
     title: str
+    """Heading of the page."""
     summary: str
+    """One paragraph under it: method and results."""
     sections: list[dict[str, Any]] = field(default_factory=list)
 
     def add(

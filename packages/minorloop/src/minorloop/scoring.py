@@ -59,29 +59,20 @@ _WORSE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """Outputs of a model for the inputs of a record.
-
-    Parameters
-    ----------
-    model : ModelFile
-        The model.
-    u, y : (T,) arrays
-        Inputs in the unit of the model, and outputs; NaN where a gap of the times leaves the memory
-        unknown.
-    curves : Curves
-        Where the memory was reset.
-    t : (T,) array, optional
-        Times in seconds; None where they are not known.
-    notes : tuple of str
-        What was found in the record, one sentence each.
-    """
+    """Outputs of a model for the inputs of a record."""
 
     model: ModelFile
+    """The model."""
     u: FloatArray
     y: FloatArray
+    """``u`` and ``y``: shape (T,). Inputs in the unit of the model, and outputs; NaN where a gap of
+    the times leaves the memory unknown."""
     curves: Curves
+    """Where the memory was reset."""
     t: FloatArray | None
+    """Shape (T,). Times in seconds; None where they are not known."""
     notes: tuple[str, ...]
+    """What was found in the record, one sentence each."""
 
     @cached_property
     def outside(self) -> BoolArray:

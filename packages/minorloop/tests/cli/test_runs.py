@@ -4,7 +4,6 @@ from pathlib import Path
 import pytest
 
 from minorloop.cli import runs
-from minorloop.cli._braille import scatter
 from minorloop.lab.store import Store
 
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
@@ -24,7 +23,6 @@ def test_shows_the_content_of_a_store(run, answer):
     assert answer("runs list --store .")["runs"][0]["points"] == 11
     shown = run("runs show --store runs.sqlite")[1]
     assert "fresh, from point 0 on; finished" in shown
-    assert "curvature [1/m] against voltage [V]" in shown
     found = answer("runs show --store runs.sqlite")
     assert found["actuator"] == "twin:ipmc"
     assert found["settled"] + found["extrapolated"] + found["unsettled"] == 11
@@ -41,16 +39,6 @@ def test_a_damaged_store_does_not_hide_the_others(run, answer):
     assert "bad.sqlite" in out
     found = answer("runs list --store .")
     assert len(found["runs"]) == len(found["unusable"]) == 1
-
-
-def test_no_line_is_drawn_across_a_point_without_a_value():
-    joined = scatter([([0.0, 1.0, 2.0], [0.0, 0.5, 1.0])], 20, 5)
-    apart = scatter([([0.0, 1.0, 2.0], [0.0, math.nan, 1.0])], 20, 5)
-
-    def characters(lines):
-        return sum(0x2800 < ord(letter) < 0x2900 for letter in "".join(lines))
-
-    assert characters(apart) == 2 < characters(joined)
 
 
 def test_a_run_that_goes_on_can_be_read_by_every_verb(run, answer):

@@ -138,7 +138,7 @@ def identify(
         {"address": actuator, "specimen": specimen, "seed": seed, "options": {"noise": noise}},
         HeadExcitation(highest=highest, bands=bands, hold=hold, minor_loops=minor_loops),
         lambda seed: opened(seed=seed),
-        lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN)[0],
+        lambda plant, opened: carry_out_levels(plant, opened, None, again=_AGAIN)[0],
         pipe or is_simulated(actuator),
     )
     left = measurement.left()

@@ -46,27 +46,19 @@ Unit = Annotated[str | None, typer.Option(help="Unit of the converted output.")]
 
 @dataclass(frozen=True)
 class ConversionOptions:
-    """Options of one conversion, as texts; a table is a file, or its numbers as ``to_json`` gives.
-
-    Parameters
-    ----------
-    laser, linear, polynomial : str, optional
-        Numbers separated by commas.
-    table : path or dict, optional
-        The table.
-    name, unit : str, optional
-        Of the result.
-    calibration_sd : float
-        Standard deviation of the calibration, in the unit of the result.
-    """
+    """Options of one conversion, as texts."""
 
     laser: str | None = None
     linear: str | None = None
     polynomial: str | None = None
+    """``laser``, ``linear`` and ``polynomial``: numbers separated by commas."""
     table: Path | dict[str, Any] | None = None
+    """A file, or its numbers as ``to_json`` gives them."""
     name: str | None = None
     unit: str | None = None
+    """``name`` and ``unit``: of the result."""
     calibration_sd: float = 0.0
+    """Standard deviation of the calibration, in the unit of the result."""
 
     def __post_init__(self) -> None:
         given = [name for name in ("laser", "linear", "polynomial", "table") if self._has(name)]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from minorloop.cli import _common
-from minorloop.cli._timed import Outputs, TimedData, finish, rows_of
+from minorloop.cli._time_records import Outputs, TimedData, finish, rows_of
 from minorloop.errors import ParameterError, RecordError
 
 if TYPE_CHECKING:

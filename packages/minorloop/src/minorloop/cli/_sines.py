@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._watch import watching
+from minorloop.cli._run_progress import watching
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.durations import as_duration
 
@@ -56,7 +56,7 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         for sine in planned_sines(store).sines
     ]
     try:
-        with watching(store, what=what) as watch:
+        with watching(store, what) as watch:
             mode = run_sines(plant, store, watch=watch)
     except InstrumentError as error:
         raise type(error)(

@@ -194,7 +194,7 @@ def _carried(
         chosen = Delivery.from_json(fields, written)
     else:
         chosen = TargetDrive.from_json(fields, written, getattr(plant, "covered", ""))
-    mode, faults = carry_out_levels(plant, store, chosen.choose, None)
+    mode, faults = carry_out_levels(plant, store, chosen.choose)
     result, figures = chosen.result(store.points()), summary(store)
     warnings = [*result.advice, *run_warnings(plant, figures), *faults]
     if report is not None:

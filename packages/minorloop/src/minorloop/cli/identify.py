@@ -14,7 +14,7 @@ from minorloop.cli._completion import one_of
 from minorloop.cli._data_sheet import DataSheet, numbers_of, write_model
 from minorloop.cli._identification import DYNAMICS, identified
 from minorloop.cli._identification_output import save_model, show, write_report
-from minorloop.cli._timed import Outputs, TimedData, refuse_others
+from minorloop.cli._time_records import Outputs, TimedData, refuse_others
 from minorloop.errors import ParameterError
 
 NAME = "identify"

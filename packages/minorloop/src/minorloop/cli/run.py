@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from minorloop.cli import _adaptive, _common, _conversion, _sines
-from minorloop.cli._watch import watching
+from minorloop.cli._run_progress import watching
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
-    from minorloop.identification.adaptive import Adaptive
     from minorloop.lab.actuator import Actuator
     from minorloop.lab.plan import Plan
     from minorloop.lab.run import Choose, ResumeMode, RunProgress
@@ -189,7 +188,7 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
 
         chooser = chooser_of(store.setup, store.points())
     choose = None if chooser is None else partial(_adaptive.next_level, chooser)
-    mode, faults = carry_out_levels(plant, store, choose, chooser)
+    mode, faults = carry_out_levels(plant, store, choose)
     figures = summary(store)
     found = None if chooser is None else _adaptive.findings_of(chooser, store)
     if found is not None:
@@ -217,7 +216,6 @@ def carry_out_levels(
     plant: Actuator,
     store: Store,
     choose: Choose | None,
-    chooser: Adaptive | None,
     again: str | None = None,
 ) -> tuple[ResumeMode, list[str]]:
     """Carry out the rest of a run and show its progress; if it ends, it says how to continue.
@@ -232,7 +230,7 @@ def carry_out_levels(
     warnings = []
 
     try:
-        with watching(store, chooser) as watch:
+        with watching(store) as watch:
 
             def noted(progress: RunProgress) -> None:
                 watch(progress)

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +12,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
-from minorloop.cli._watch import DRAWN, drawn, said_left, time_left
+from minorloop.cli._run_progress import said_left, time_left
 from minorloop.cli.run import sampling, summary
 from minorloop.errors import ParameterError, StoreError
 from minorloop.files import table_text
@@ -158,42 +155,16 @@ def _follow(file: Path) -> None:
     """Show the points of a store as they come, until no process writes it any more."""
     from minorloop.lab.store import Store
 
-    with _shown() as show:
-        while True:
-            with Store.open(file) as opened:
-                figures = _figures(opened)
-                show(_progress(figures), opened)
-            if not figures["running"]:
-                return
-            time.sleep(_EVERY)
-
-
-@contextmanager
-def _shown() -> Iterator[Callable[[str, Store], None]]:
-    """Yield a function that shows a line and a drawing; without a terminal, lines that change."""
-    if not sys.stdout.isatty():
-        before = ""
-
-        def log(line: str, store: Store) -> None:
-            nonlocal before
-            if line != before:
-                typer.echo(line)
-                before = line
-
-        yield log
-        return
-    from rich.console import Console
-    from rich.live import Live
-    from rich.text import Text
-
-    with Live(console=Console(), auto_refresh=False, transient=True) as live:
-        yield lambda line, store: live.update(Text(f"{line}\n{_drawing(store)}"), refresh=True)
-
-
-def _drawing(store: Store) -> str:
-    """Return a drawing of the latest points."""
-    points = store.points(max(len(store) - DRAWN, 0))
-    return drawn(store, [point.input for point in points], [point.value for point in points])
+    before = ""
+    while True:
+        with Store.open(file) as opened:
+            figures = _figures(opened)
+        if (line := _progress(figures)) != before:
+            typer.echo(line)
+            before = line
+        if not figures["running"]:
+            return
+        time.sleep(_EVERY)
 
 
 def _print(store: Store) -> None:
@@ -217,9 +188,6 @@ def _print(store: Store) -> None:
     for session in store.sessions():
         end = session.end or unended
         typer.echo(f"{session.began}: {session.mode}, from point {session.first} on; {end}")
-    if figures["points"]:
-        latest = f"the latest {DRAWN} points: " if figures["points"] > DRAWN else ""
-        typer.echo(f"\n{latest}{_drawing(store)}")
 
 
 def _export(file: Path, save: Path | None, force: bool, as_json: bool) -> None:

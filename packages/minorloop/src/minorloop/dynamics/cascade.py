@@ -57,34 +57,23 @@ class CascadeState:
 
 @dataclass(frozen=True, eq=False)
 class CascadeInversion(Drawn):
-    """An input that makes a cascade follow a target trajectory.
-
-    Parameters
-    ----------
-    t : (T,) array
-        Times in seconds.
-    u : (T,) array
-        Inputs.
-    y : (T,) array
-        Outputs of the cascade for these inputs, linear between samples.
-    targets : (T,) array
-        Wanted outputs.
-    reachable : (T,) array of bool
-        Whether the operator can reach the output that it needs at each sample.
-    filter_time : float
-        Time constant of the filter in seconds; 0 if none is needed.
-    lead : float
-        By how many seconds the input is ahead of the targets. After the end of the trajectory, as
-        long as this, the last target was held.
-    """
+    """An input that makes a cascade follow a target trajectory."""
 
     t: FloatArray
+    """Shape (T,). Times in seconds."""
     u: FloatArray
+    """Shape (T,). Inputs."""
     y: FloatArray
+    """Shape (T,). Outputs of the cascade for these inputs, linear between samples."""
     targets: FloatArray
+    """Shape (T,). Wanted outputs."""
     reachable: BoolArray
+    """Shape (T,). Whether the operator can reach the output that it needs at each sample."""
     filter_time: float
+    """Time constant of the filter in seconds; 0 if none is needed."""
     lead: float = 0.0
+    """By how many seconds the input is ahead of the targets. After the end of the trajectory, as
+    long as this, the last target was held."""
 
     @property
     def residual(self) -> FloatArray:
@@ -168,29 +157,9 @@ class Cascade:
         before: float | None = None,
         between: Between = "held",
     ) -> FloatArray:
-        """Return the outputs for a sampled input.
+        """Return the outputs for a sampled input, as `TimedModel.simulate`.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds.
-        u : (T,) array_like
-            Inputs.
-        start : start state of the operator
-            Memory before ``before`` was applied.
-        before : float, optional
-            Input at which the cascade had settled before; the first of ``u`` if not given.
-        between : {"held", "straight"}
-            As in `Linear.simulate`, for the signal between the two parts too.
-
-        Returns
-        -------
-        (T,) array
-
-        Raises
-        ------
-        SignalError
-            If the shapes differ or times do not increase.
+        ``between`` is that of `Linear.simulate`, for the signal between the two parts too.
         """
         times, inputs = as_waveform(t, u)
         held = float(inputs[0]) if before is None else as_finite("before", before)
@@ -257,21 +226,9 @@ class Cascade:
         return CascadeState(memory, settled, creep, ahead)
 
     def step(self, state: CascadeState, u: float) -> tuple[float, CascadeState]:
-        """Return output and state after one interval with a constant input.
+        """Return output and state after one interval with a constant input, as `Operator.step`.
 
-        The given state is not changed.
-
-        Parameters
-        ----------
-        state : CascadeState
-            Memory of the operator and state of the linear part.
-        u : float
-            Input held over the interval.
-
-        Raises
-        ------
-        ParameterError
-            If the linear part is continuous; discretise it first.
+        Raises a `ParameterError` if the linear part is continuous; discretise it first.
         """
         ahead = None
         if self.ahead is not None and state.ahead is not None:

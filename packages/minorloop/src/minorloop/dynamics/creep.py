@@ -77,23 +77,8 @@ class Creep:
     ) -> FloatArray:
         """Return the outputs for a signal that is held between samples.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds.
-        x : (T,) array_like
-            The signal; x[k] is the value since the sample before, and x[0] lasts as long as x[1].
-        before : float, optional
-            Value at which the output had settled before; the first of ``x`` if not given.
-
-        Returns
-        -------
-        (T,) array
-
-        Raises
-        ------
-        SignalError
-            If the shapes differ or times do not increase.
+        x[k] is the value since the sample before, and x[0] lasts as long as x[1]. Parameters and
+        errors are those of `TimedModel.simulate`.
         """
         times, values = as_waveform(t, x, name="x")
         held = float(values[0]) if before is None else as_finite("before", before)
@@ -111,17 +96,7 @@ class Creep:
         return np.full(self.times.size, as_finite("x", x))
 
     def step(self, state: FloatArray, x: float, interval: float) -> tuple[float, FloatArray]:
-        """Return output and state after one interval; the given state is not changed.
-
-        Parameters
-        ----------
-        state : (n,) array
-            As returned by ``settled``.
-        x : float
-            The signal, constant over the interval.
-        interval : float
-            In seconds.
-        """
+        """Return output and state after an interval; `settled` gives the first state."""
         after = x + np.exp(-interval / self.times) * (state - x)
         return self.offset + self.gain * x + float(self.strengths @ after), after
 
@@ -187,23 +162,16 @@ class Creep:
 
 @dataclass(frozen=True, eq=False)
 class CreepFit(Drawn):
-    """Creep identified from a record.
-
-    Parameters
-    ----------
-    model : Creep
-        The identified creep.
-    t, x, y : (T,) arrays
-        The record.
-    before : float
-        Value of x at which the output had settled before.
-    """
+    """Creep identified from a record."""
 
     model: Creep
+    """The identified creep."""
     t: FloatArray
     x: FloatArray
     y: FloatArray
+    """``t``, ``x`` and ``y``: shape (T,). The record."""
     before: float
+    """Value of x at which the output had settled before."""
 
     @property
     def prediction(self) -> FloatArray:

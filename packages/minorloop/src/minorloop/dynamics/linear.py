@@ -332,21 +332,9 @@ class Linear(Drawn):
         return np.concatenate([self._settled(value), np.full(self.lag, value)])
 
     def step(self, state: FloatArray, u: float) -> tuple[float, FloatArray]:
-        """Return output and state after one interval with a constant input.
+        """Return output and state, of which `settled` gives the first, after an interval.
 
-        The given state is not changed.
-
-        Parameters
-        ----------
-        state : (n + delayed samples,) array
-            As returned by ``settled``.
-        u : float
-            The input.
-
-        Raises
-        ------
-        ParameterError
-            If the system is continuous; discretise it first.
+        Raises a `ParameterError` if the system is continuous; discretise it first.
         """
         lag, n = self.lag, self.order
         a, b, c, d = self.state_space

@@ -68,9 +68,10 @@ class Trajectory:
         before: float | None = None,
         joining: Joining = "settled",
     ) -> FloatArray:
-        """Return the outputs for an input that is held in steps.
+        """Return the outputs for an input that is held in steps, as `TimedModel.simulate`.
 
-        With steps at t_k to settled values Y_k, and the step response s of the direction:
+        With steps at t_k to settled values Y_k, and the step response s of the direction,
+        transients are joined in one of two ways:
 
         - ``"settled"``: y(t) = y_k + (Y_k - y_k) s(t - t_k), where y_k is the output at t_k. The
           transient of the step before ends at t_k.
@@ -78,25 +79,8 @@ class Trajectory:
 
         Parameters
         ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds.
-        u : (T,) array_like
-            Inputs; u[k] is the input since the sample before, and u[0] lasts as long as u[1].
-        start : start state of the operator
-            Memory before ``before`` was applied.
-        before : float, optional
-            Input at which the output had settled before; the first of ``u`` if not given.
         joining : {"settled", "superposed"}
             How transients are joined.
-
-        Returns
-        -------
-        (T,) array
-
-        Raises
-        ------
-        SignalError
-            If the shapes differ or times do not increase.
         """
         times, inputs = as_waveform(t, u)
         check_option("joining", joining, ("settled", "superposed"))

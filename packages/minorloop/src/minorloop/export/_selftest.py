@@ -169,22 +169,15 @@ def selftest(
 
 @dataclass(frozen=True)
 class Asked:
-    """Inputs that an inverse has to ask for, each after some of the inputs of the self-test.
-
-    Parameters
-    ----------
-    after : sequence of int
-        The input after which it is asked, counted from 0.
-    targets, inputs : sequence of float
-        What is wanted, and what has to be put on for it.
-    span : float
-        Range of the inputs, which errors are shares of.
-    """
+    """Inputs that an inverse has to ask for, each after some of the inputs of the self-test."""
 
     after: Sequence[int]
+    """The input after which it is asked, counted from 0."""
     targets: Sequence[float]
     inputs: Sequence[float]
+    """``targets`` and ``inputs``: what is wanted, and what has to be put on for it."""
     span: float
+    """Range of the inputs, which errors are shares of."""
 
     @property
     def count(self) -> int:

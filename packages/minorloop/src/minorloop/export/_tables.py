@@ -25,15 +25,10 @@ within 1e38 and 1e308, the largest numbers of these types."""
 
 @dataclass(frozen=True)
 class Numbers:
-    """Format of numbers of one type in C.
-
-    Parameters
-    ----------
-    single : bool
-        Whether they are ``float``; ``double`` otherwise.
-    """
+    """Format of numbers of one type in C."""
 
     single: bool
+    """Whether they are ``float``; ``double`` otherwise."""
 
     @property
     def type(self) -> str:

@@ -43,32 +43,22 @@ _OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel, AfterEff
 
 @dataclass(frozen=True)
 class CSource:
-    """The C of a model.
-
-    Parameters
-    ----------
-    files : dict of str to str
-        Text of each file, by its name.
-    table_bytes : int
-        Bytes of constant tables, which a linker puts into flash.
-    state_bytes : int
-        Bytes of one state, in RAM.
-    memory : int
-        Extrema that a state remembers.
-    drop_error : float
-        Largest change of the output by dropping one pair of extrema, in its unit.
-    input_error : float
-        Largest change of the output by a last digit of the input in the type of the C, where the
-        output is steepest, as a share of its range; 0 for relays and plays, where it is not
-        computed.
-    """
+    """The C of a model."""
 
     files: dict[str, str]
+    """Text of each file, by its name."""
     table_bytes: int
+    """Bytes of constant tables, which a linker puts into flash."""
     state_bytes: int
+    """Bytes of one state, in RAM."""
     memory: int
+    """Extrema that a state remembers."""
     drop_error: float
+    """Largest change of the output by dropping one pair of extrema, in its unit."""
     input_error: float
+    """Largest change of the output by a last digit of the input in the type of the C, where the
+    output is steepest, as a share of its range; 0 for relays and plays, where it is not computed.
+    """
 
     def write(self, folder: PathLike, *, force: bool = False) -> Path:
         """Write the files into a new or empty folder.

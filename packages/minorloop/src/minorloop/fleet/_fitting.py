@@ -22,21 +22,14 @@ Found = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Task:
-    """One specimen to identify.
-
-    Parameters
-    ----------
-    specimen : Specimen
-        The specimen.
-    data : bytes
-        Content of the file of its record.
-    options : mapping
-        Of `minorloop.identify`.
-    """
+    """One specimen to identify."""
 
     specimen: Specimen
+    """The specimen."""
     data: bytes
+    """Content of the file of its record."""
     options: Mapping[str, Any]
+    """Of `minorloop.identify`."""
 
 
 def identify_one(task: Task, scratch: Path) -> Found:

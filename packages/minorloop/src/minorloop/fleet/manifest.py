@@ -32,36 +32,27 @@ _LONGEST_KEY = 120
 
 @dataclass(frozen=True)
 class Specimen:
-    """One specimen of a fleet.
-
-    Parameters
-    ----------
-    name : str
-        Unique name.
-    file : Path
-        CSV file of its record.
-    input, output : str
-        Columns of the record.
-    time, curves, groups, sd : str, optional
-        Other columns of it, as for `minorloop.read`; time and standard deviations are found if they
-        are not given, and left out if they are ``none``.
-    listed : str, optional
-        The file as the manifest names it.
-    outside : bool
-        Whether the file lies outside the folder of the manifest. Messages then do not show its
-        content, because the author of the manifest may not be allowed to read it.
-    """
+    """One specimen of a fleet."""
 
     name: str
+    """Unique name."""
     file: Path
+    """CSV file of its record."""
     input: str
     output: str
+    """``input`` and ``output``: columns of the record."""
     listed: str | None = None
+    """The file as the manifest names it."""
     outside: bool = False
+    """Whether the file lies outside the folder of the manifest. Messages then do not show its
+    content, because the author of the manifest may not be allowed to read it."""
     time: str | None = None
     curves: str | None = None
     groups: str | None = None
     sd: str | None = None
+    """``time``, ``curves``, ``groups`` and ``sd``: other columns of it, as for `minorloop.read`;
+    time and standard deviations are found if they are not given, and left out if they are ``none``.
+    """
 
     @property
     def columns(self) -> dict[str, Any]:

@@ -25,29 +25,20 @@ _CHUNK = 16_384
 
 @dataclass(frozen=True, eq=False)
 class FleetState:
-    """Memories of many operators, as arrays.
-
-    Parameters
-    ----------
-    model : Preisach
-        The operator that the memories belong to.
-    stacks : (S, room, 4) array
-        Remembered extrema of each operator, the present input last: input, output of the
-        relays, band of the plane, fraction of the band.
-    rows : (S,) array of int
-        How many of them are in use.
-    lost : (S,) array
-        Bound of the output error from loops that were dropped for lack of room, in the unit of the
-        output; zero again when the input has passed them.
-    within : (S, 2) array
-        Inputs between which that error lasts.
-    """
+    """Memories of many operators, as arrays."""
 
     model: Preisach
+    """The operator that the memories belong to."""
     stacks: FloatArray
+    """Shape (S, room, 4). Remembered extrema of each operator, the present input last: input,
+    output of the relays, band of the plane, fraction of the band."""
     rows: IntArray
+    """Shape (S,). How many of them are in use."""
     lost: FloatArray
+    """Shape (S,). Bound of the output error from loops that were dropped for lack of room, in the
+    unit of the output; zero again when the input has passed them."""
     within: FloatArray
+    """Shape (S, 2). Inputs between which that error lasts."""
 
     @classmethod
     def begin(

@@ -27,54 +27,41 @@ class Outcome:
 
     Parameters
     ----------
-    specimen : str
-        Its name.
-    error : str, optional
-        Why there is no model; None if there is one.
-    nrmse : float, optional
-        Error of the model on the fitted samples, over the range of the output.
-    nrmse_holdout : float, optional
-        Error on the held-out end of the record; None if nothing was held out.
-    excited : float, optional
-        Share of the cells of the plane that the record excites.
-    low, high : float, optional
-        Least and greatest output of the model.
-    opening : float, optional
-        Widest gap between the two major branches, as a share of the range.
-    samples : int, optional
-        Rows fitted.
-    seconds : float, optional
-        Time of the fit.
-    sha256 : str, optional
-        Digest of the record.
     file, input, output, time, curves, groups, sd : str, optional
         File of the record, and its columns, as the manifest names them.
-    model : str, optional
-        Digest of the file of the model.
-    warning : str, optional
-        Why the model is not to be trusted; None if there is no warning.
-    advice, chosen : str, optional
-        What is weak and what to do; and what was chosen and not given.
     """
 
     specimen: str
+    """Its name."""
     error: str | None = None
+    """Why there is no model; None if there is one."""
     nrmse: float | None = None
+    """Error of the model on the fitted samples, over the range of the output."""
     low: float | None = None
     high: float | None = None
+    """``low`` and ``high``: least and greatest output of the model."""
     opening: float | None = None
+    """Widest gap between the two major branches, as a share of the range."""
     samples: int | None = None
+    """Rows fitted."""
     seconds: float | None = None
+    """Time of the fit."""
     sha256: str | None = None
+    """Digest of the record."""
     file: str | None = None
     input: str | None = None
     output: str | None = None
     model: str | None = None
+    """Digest of the file of the model."""
     nrmse_holdout: float | None = None
+    """Error on the held-out end of the record; None if nothing was held out."""
     excited: float | None = None
+    """Share of the cells of the plane that the record excites."""
     warning: str | None = None
+    """Why the model is not to be trusted; None if there is no warning."""
     advice: str | None = None
     chosen: str | None = None
+    """``advice`` and ``chosen``: what is weak and what to do; and what was chosen and not given."""
     time: str | None = None
     curves: str | None = None
     groups: str | None = None
@@ -87,41 +74,27 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A figure of a specimen that lies far from those of the others.
-
-    Parameters
-    ----------
-    specimen, figure : str
-        Names of both.
-    value : float
-        The figure.
-    median : float
-        Of all specimens.
-    deviations : float
-        Distance from the median in robust standard deviations.
-    """
+    """A figure of a specimen that lies far from those of the others."""
 
     specimen: str
     figure: str
+    """``specimen`` and ``figure``: names of both."""
     value: float
+    """The figure."""
     median: float
+    """Of all specimens."""
     deviations: float
+    """Distance from the median in robust standard deviations."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Results of all specimens of a fleet.
-
-    Parameters
-    ----------
-    outcomes : sequence of Outcome
-        In the order of the manifest.
-    strays : sequence of str
-        Files in the folder that do not belong to any of these specimens.
-    """
+    """Results of all specimens of a fleet."""
 
     outcomes: Sequence[Outcome]
+    """In the order of the manifest."""
     strays: Sequence[str] = ()
+    """Files in the folder that do not belong to any of these specimens."""
 
     @property
     def failures(self) -> list[Outcome]:

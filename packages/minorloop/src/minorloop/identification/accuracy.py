@@ -13,61 +13,41 @@ from minorloop.identification.loops import closed_loops, loop_areas
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Errors of a model on some samples of a record.
-
-    Parameters
-    ----------
-    samples : int
-        Samples that are scored.
-    rmse : float
-        Root-mean-square error, in the unit of the output.
-    nrmse : float
-        `rmse` over the range of the output.
-    relative_rms : float
-        `rmse` over the root-mean-square of the output, which depends on the zero of the output;
-        its square is the relative square error.
-    worst : float
-        The largest error, model less measured, over the range of the output.
-    worst_sample : int
-        Its sample.
-    loops : int
-        Closed loops among the samples, as `closed_loops` finds them.
-    loop_area : float, optional
-        Sum of the absolute errors of their areas over the sum of their measured areas; None
-        without closed loops.
-    """
+    """Errors of a model on some samples of a record."""
 
     samples: int
+    """Samples that are scored."""
     rmse: float
+    """Root-mean-square error, in the unit of the output."""
     nrmse: float
+    """`rmse` over the range of the output."""
     relative_rms: float
+    """`rmse` over the root-mean-square of the output, which depends on the zero of the output; its
+    square is the relative square error."""
     worst: float
+    """The largest error, model less measured, over the range of the output."""
     worst_sample: int
+    """Its sample."""
     loops: int
+    """Closed loops among the samples, as `closed_loops` finds them."""
     loop_area: float | None
+    """Sum of the absolute errors of their areas over the sum of their measured areas; None without
+    closed loops."""
 
 
 @dataclass(frozen=True)
 class CurveAccuracy:
-    """Errors of a model on one curve of a record.
-
-    Parameters
-    ----------
-    name : str
-        Label of the curve.
-    first : int
-        Its first row.
-    accuracy : Accuracy
-        Errors on its fitted and held-out samples, over the range of the whole record.
-    left_out : float, optional
-        Root-mean-square error of a fit without the group of the curve, over the same range; None
-        where groups were not left out.
-    """
+    """Errors of a model on one curve of a record."""
 
     name: str
+    """Label of the curve."""
     first: int
+    """Its first row."""
     accuracy: Accuracy
+    """Errors on its fitted and held-out samples, over the range of the whole record."""
     left_out: float | None
+    """Root-mean-square error of a fit without the group of the curve, over the same range; None
+    where groups were not left out."""
 
 
 def accuracy(

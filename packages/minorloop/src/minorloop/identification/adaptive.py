@@ -43,21 +43,14 @@ _PART_ORDER = (2, 0, 3, 1)
 
 @dataclass(frozen=True)
 class Validation:
-    """Score of the model on holds that it was not fitted to.
-
-    Parameters
-    ----------
-    prediction : Prediction
-        Of the validation holds, (n,).
-    measured : (n,) array
-        Outputs of these holds.
-    scale : float
-        Range of all outputs that are not outliers.
-    """
+    """Score of the model on holds that it was not fitted to."""
 
     prediction: Prediction
+    """Of the validation holds, (n,)."""
     measured: FloatArray
+    """Shape (n,). Outputs of these holds."""
     scale: float
+    """Range of all outputs that are not outliers."""
 
     @property
     def nrmse(self) -> float:

@@ -16,30 +16,20 @@ _FEWEST = 3
 
 @dataclass(frozen=True)
 class RunFindings:
-    """What an adaptive run shows.
-
-    Parameters
-    ----------
-    holds : int
-        Holds that the model was fitted to.
-    outliers : tuple of int
-        Holds left out of the fit: not measured, or far outside their band.
-    repeated : tuple of int
-        Those of ``outliers`` that were measured again at once.
-    changes : tuple of int
-        Holds that contradict the model although their repetition gave the same.
-    validation : Validation, optional
-        Score on the holds that were never fitted; None where there are none yet.
-    warnings : tuple of str
-        Why the model is not to be trusted.
-    """
+    """What an adaptive run shows."""
 
     holds: int
+    """Holds that the model was fitted to."""
     outliers: tuple[int, ...]
+    """Holds left out of the fit: not measured, or far outside their band."""
     repeated: tuple[int, ...]
+    """Those of ``outliers`` that were measured again at once."""
     changes: tuple[int, ...]
+    """Holds that contradict the model although their repetition gave the same."""
     validation: Validation | None
+    """Score on the holds that were never fitted; None where there are none yet."""
     warnings: tuple[str, ...]
+    """Why the model is not to be trusted."""
 
 
 def design_holds(holds: int | None, hours: float | None, hold: float) -> int:

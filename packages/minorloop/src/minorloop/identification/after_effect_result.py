@@ -193,24 +193,11 @@ class AfterEffectIdentification(Drawn):
         bands: float | None = None,
         curves: npt.ArrayLike | None = None,
     ) -> FloatArray | Prediction:
-        """Predict the outputs for another input, from the same start as the record.
+        """Predict the outputs for another input, as `Result.predict`.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds.
-        u : (T,) array_like
-            Inputs; u[k] is applied since t[k - 1].
-        bands : float, optional
-            Probability, such as 0.9, that each output lies within its band.
-        curves : (T,) array_like, optional
-            Label of the curve of each row; the memory is reset where it changes.
-
-        Returns
-        -------
-        (T,) array, or Prediction with bands
-            The variance is that of errors on rows left out, near the same input, of the weights and
-            of the constants of the law. Where the record has runs, the band is that of another run.
+        The variance of bands is that of errors on rows left out, near the same input, of the
+        weights and of the constants of the law. Where the record has runs, the band is that of
+        another run.
         """
         times, inputs = as_waveform(t, u)
         parts = as_curves(curves, inputs.size, self.curves.start, None)
@@ -228,13 +215,7 @@ class AfterEffectIdentification(Drawn):
         start: State | None = None,
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Return the inputs with which the model meets a target at each time.
-
-        Parameters
-        ----------
-        t, targets, start, unreachable
-            As in `AfterEffect.invert`; the start is that of the record if not given.
-        """
+        """Return the inputs that meet a target at each time, as `AfterEffect.invert`."""
         return self.model.invert(
             t, targets, self.curves.start if start is None else start, unreachable
         )

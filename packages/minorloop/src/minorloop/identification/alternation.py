@@ -42,24 +42,16 @@ _SLOWER, _LONGEST = 5.0, 3.0
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A fit of operator and dynamics.
-
-    Parameters
-    ----------
-    record : DynamicRecord
-        The record that was fitted.
-    result : Identification
-        The operator.
-    dynamics : Dynamics
-        The dynamics.
-    error : float
-        Error on the fitted samples, over the range of the output.
-    """
+    """A fit of operator and dynamics."""
 
     record: DynamicRecord
+    """The record that was fitted."""
     result: Identification
+    """The operator."""
     dynamics: Dynamics
+    """The dynamics."""
     error: float
+    """Error on the fitted samples, over the range of the output."""
 
     @property
     def operator(self) -> Preisach:

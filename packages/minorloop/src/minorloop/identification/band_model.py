@@ -23,27 +23,18 @@ COARSE = 12
 
 @dataclass(frozen=True, eq=False)
 class BandModel:
-    """Standard deviations of readings predicted by a model.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Distribution of the unknowns.
-    noise : float
-        Standard deviation of the sensor, as far as it is told from other errors.
-    error : ModelError, optional
-        Error beyond the posterior; None for few samples.
-    grouped : bool
-        Whether the readings are of another group.
-    shown : float
-        Mean of `within_cells` on the fitted samples, whose errors contain it.
-    """
+    """Standard deviations of readings predicted by a model."""
 
     posterior: Posterior
+    """Distribution of the unknowns."""
     noise: float
+    """Standard deviation of the sensor, as far as it is told from other errors."""
     error: ModelError | None
+    """Error beyond the posterior; None for few samples."""
     grouped: bool
+    """Whether the readings are of another group."""
     shown: float
+    """Mean of `within_cells` on the fitted samples, whose errors contain it."""
 
     def deviation(
         self,

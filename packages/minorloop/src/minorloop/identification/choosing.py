@@ -50,8 +50,6 @@ class Choice:
 
     Parameters
     ----------
-    name : str
-        The option.
     chosen, other : str
         What was chosen, and the best of the others.
     error, other_error : float
@@ -59,6 +57,7 @@ class Choice:
     """
 
     name: str
+    """The option."""
     chosen: str
     error: float
     other: str

@@ -17,28 +17,20 @@ LONG = 20_000
 
 @dataclass(frozen=True, eq=False)
 class Condensed:
-    """A shorter record with the same normal equations.
-
-    Parameters
-    ----------
-    u : (T,) array
-        Inputs.
-    measured : (T,) array of bool
-        After which of them there is an output.
-    y, counts : (M,) arrays
-        Outputs, and the number of samples that each stands for, not necessarily whole.
-    rows : (M,) array of int
-        A sample of the long record for each output.
-    within : float
-        Mean square of the outputs about the polynomials that stand for them.
-    """
+    """A shorter record with the same normal equations."""
 
     u: FloatArray
+    """Shape (T,). Inputs."""
     measured: BoolArray
+    """Shape (T,). After which of them there is an output."""
     y: FloatArray
     counts: FloatArray
+    """``y`` and ``counts``: shape (M,). Outputs, and the number of samples that each stands for,
+    not necessarily whole."""
     rows: IntArray
+    """Shape (M,). A sample of the long record for each output."""
     within: float
+    """Mean square of the outputs about the polynomials that stand for them."""
 
 
 def condense(

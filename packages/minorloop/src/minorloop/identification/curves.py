@@ -22,21 +22,14 @@ AS_LEFT: Final = "as-left"
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Rows before which the memory of a record is reset.
-
-    Parameters
-    ----------
-    begins : (C,) array of int
-        First row of each curve, in increasing order; the first is 0.
-    start : {"negative", "positive", "demagnetised"} or Memory
-        Memory before each curve.
-    names : tuple of str
-        Labels of the curves; their numbers if empty.
-    """
+    """Rows before which the memory of a record is reset."""
 
     begins: IntArray
+    """Shape (C,). First row of each curve, in increasing order; the first is 0."""
     start: Start
+    """{"negative", "positive", "demagnetised"} or Memory. Memory before each curve."""
     names: tuple[str, ...] = ()
+    """Labels of the curves; their numbers if empty."""
 
     @classmethod
     def whole(cls, start: Start) -> Curves:

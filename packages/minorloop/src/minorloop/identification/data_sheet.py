@@ -153,26 +153,7 @@ class DataSheetModel(Drawn):
     def predict(
         self, u: npt.ArrayLike, bands: float | None = None, start: Start = "demagnetised"
     ) -> Samples | Prediction:
-        """Predict the outputs for an input.
-
-        Parameters
-        ----------
-        u : (T,) array_like
-            Inputs.
-        bands : float, optional
-            Probability, such as 0.9, that each output lies within its band.
-        start : {"negative", "positive", "demagnetised"} or Memory
-            Memory before the first input.
-
-        Returns
-        -------
-        (T,) array, or Prediction with bands
-
-        Raises
-        ------
-        ParameterError
-            If ``bands`` is not between 0 and 1.
-        """
+        """Predict the outputs for an input from a start state, as `Result.predict`."""
         if bands is None:
             return self.model.simulate(u, start)
         probability = as_probability(bands)
@@ -186,20 +167,7 @@ class DataSheetModel(Drawn):
         start: Start = "demagnetised",
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Invert targets, and predict the standard deviation of the outputs.
-
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Outputs wanted, in order.
-        start, unreachable
-            As in `Preisach.invert`.
-
-        Returns
-        -------
-        Inversion
-            With ``sd`` and the warnings about this model.
-        """
+        """Invert targets, and predict the standard deviation of the outputs, as `Result.invert`."""
         found = self.model.invert(targets, start, unreachable)
         sd = self._deviation(found.u, found.y, start)
         return replace(found, sd=sd, warnings=self.warnings)

@@ -43,34 +43,24 @@ Logarithms: TypeAlias = tuple[float, ...]
 
 @dataclass(frozen=True, eq=False)
 class DynamicRecord:
-    """A checked record; y is NaN where nothing was measured.
-
-    Parameters
-    ----------
-    t, u, y : (T,) arrays
-        Even times from 0 in seconds, inputs, outputs.
-    interval : float
-        Seconds between samples.
-    fitted, held_out : (T,) arrays of bool
-        Samples that are fitted and scored.
-    start : start state
-        Memory before the first sample.
-    codes : tuple of Code
-        Readings that are no measurements.
-    pieces : (T,) array of int
-        Number of the block of each sample in a left-out piece, by which structures are compared;
-        -1 elsewhere.
-    """
+    """A checked record; y is NaN where nothing was measured."""
 
     t: FloatArray
     u: FloatArray
     y: FloatArray
+    """``t``, ``u`` and ``y``: shape (T,). Even times from 0 in seconds, inputs, outputs."""
     interval: float
+    """Seconds between samples."""
     fitted: BoolArray
     held_out: BoolArray
+    """``fitted`` and ``held_out``: shape (T,). Samples that are fitted and scored."""
     start: Any
+    """Start state. Memory before the first sample."""
     codes: tuple[Code, ...]
+    """Readings that are no measurements."""
     pieces: IntArray
+    """Shape (T,). Number of the block of each sample in a left-out piece, by which structures are
+    compared; -1 elsewhere."""
 
     @classmethod
     def of(
@@ -145,24 +135,18 @@ class Dynamics:
     """Dead time, poles before and behind an operator, and creep of the output.
 
     The poles on a side are 1 / ((1 + a s + b s^2) (1 + c s)).
-
-    Parameters
-    ----------
-    interval : float
-        Seconds between samples.
-    delay : float
-        Dead time in sampling intervals.
-    ahead, behind : tuple of float
-        log a, log b and log c of the poles before and behind the operator, as many as there are.
-    creep : Creep, optional
-        Creep of the output.
     """
 
     interval: float
+    """Seconds between samples."""
     delay: float
+    """Dead time in sampling intervals."""
     ahead: Logarithms = ()
     behind: Logarithms = ()
+    """``ahead`` and ``behind``: log a, log b and log c of the poles before and behind the operator,
+    as many as there are."""
     creep: Creep | None = None
+    """Creep of the output."""
 
     @property
     def poles(self) -> int:

@@ -26,31 +26,21 @@ _SHORT = 3.0
 
 @dataclass(frozen=True)
 class TriedDynamics:
-    """Dynamics that were compared, on a coarse plane.
-
-    Parameters
-    ----------
-    ahead, behind : int
-        Number of poles before and behind the operator.
-    dead_time : float
-        In seconds.
-    creep : bool
-        Whether there is creep.
-    error : float
-        Error on left-out pieces of the record, over the range of the output.
-    chosen : bool
-        Whether these were chosen.
-    near : bool
-        Whether their errors cannot be told from those of the chosen ones.
-    """
+    """Dynamics that were compared, on a coarse plane."""
 
     ahead: int
     behind: int
+    """``ahead`` and ``behind``: number of poles before and behind the operator."""
     dead_time: float
+    """In seconds."""
     creep: bool
+    """Whether there is creep."""
     error: float
+    """Error on left-out pieces of the record, over the range of the output."""
     chosen: bool = False
+    """Whether these were chosen."""
     near: bool = False
+    """Whether their errors cannot be told from those of the chosen ones."""
 
     @property
     def structure(self) -> tuple[int, int, bool]:
@@ -162,23 +152,9 @@ class DynamicIdentification(Drawn):
         return np.sort(np.concatenate([part.time_constants for part in parts]))[::-1]
 
     def predict(self, t: npt.ArrayLike, u: npt.ArrayLike) -> FloatArray:
-        """Predict the outputs for another input, from the same start as the record.
+        """Predict the outputs for another input, as `Result.predict`.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds.
-        u : (T,) array_like
-            Inputs; u[k] is applied from the sample before. The first has been applied for long.
-
-        Returns
-        -------
-        (T,) array
-
-        Raises
-        ------
-        SignalError
-            If the shapes differ or times do not increase.
+        u[k] is applied from the sample before; the first has been applied for long.
         """
         return self.model.simulate(t, u, self.static.start)
 
@@ -194,27 +170,8 @@ class DynamicIdentification(Drawn):
     ) -> CascadeInversion:
         """Return the input, held between samples, with which the output follows a trajectory.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds.
-        targets : (T,) array_like
-            Wanted outputs.
-        before : float
-            Input at which the actuator had settled before.
-        start : start state, optional
-            Memory before ``before`` was applied; that of the record if not given.
-        filter_time, unreachable
-            As in `Cascade.invert`.
-
-        Returns
-        -------
-        CascadeInversion
-
-        Raises
-        ------
-        NotInvertibleError, UnreachableError
-            As in `Cascade.invert`.
+        Parameters and errors are those of `Cascade.invert`; the start is that of the record if not
+        given.
         """
         return self.model.invert(
             t,

@@ -76,25 +76,17 @@ def reversal_curves(levels: npt.ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ExcitationReport(Drawn):
-    """What an input that is measured at every sample determines about the plane.
-
-    Parameters
-    ----------
-    samples, unknowns : int
-        Number of measurements; number of weights and offset.
-    rank : int
-        Number of independent unknowns that are determined.
-    condition : float
-        Condition number of the regressors with unit columns, within the rank.
-    excited : (L, L) array of bool
-        Cells in which a sample evaluates the Everett function.
-    """
+    """What an input that is measured at every sample determines about the plane."""
 
     samples: int
     unknowns: int
+    """``samples`` and ``unknowns``: number of measurements; number of weights and offset."""
     rank: int
+    """Number of independent unknowns that are determined."""
     condition: float
+    """Condition number of the regressors with unit columns, within the rank."""
     excited: BoolArray
+    """Shape (L, L). Cells in which a sample evaluates the Everett function."""
 
     @property
     def excited_fraction(self) -> float:

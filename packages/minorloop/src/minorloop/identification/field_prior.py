@@ -39,28 +39,19 @@ _LEAST_DEVIATION = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class FieldPrecision:
-    """Precision of the unknowns (n,) of a plane and of the field (m,).
-
-    Parameters
-    ----------
-    own : (n,) array
-        Diagonal of the unknowns, given the field.
-    factors : (K, m) sparse array
-        Weights that the field gives.
-    field : (m, m) array
-        Block of the field.
-    links : (E,) array
-        Entries between field and Everett nodes, at the ``places`` of the `FieldPrior` without the
-        block of the field.
-    logarithm : float
-        Logarithm of the determinant of the precision of unknowns and field.
-    """
+    """Precision of the unknowns (n,) of a plane and of the field (m,)."""
 
     own: FloatArray
+    """Shape (n,). Diagonal of the unknowns, given the field."""
     factors: csr_array[Any]
+    """(K, m) sparse array. Weights that the field gives."""
     field: FloatArray
+    """Shape (m, m). Block of the field."""
     links: FloatArray
+    """Shape (E,). Entries between field and Everett nodes, at the ``places`` of the `FieldPrior`
+    without the block of the field."""
     logarithm: float
+    """Logarithm of the determinant of the precision of unknowns and field."""
 
     def product(self, x: FloatArray) -> FloatArray:
         """(n,) product of the precision of the unknowns alone with ``x``."""

@@ -38,86 +38,60 @@ from minorloop.operators.preisach import Preisach
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A model fitted to a record, with its errors.
-
-    Parameters
-    ----------
-    model : Preisach
-        The operator.
-    lag : int
-        Samples by which the output follows the input, beyond the hysteresis.
-    curves : Curves
-        Where the memory is reset, and the memory there.
-    smoothness : float
-        Strength that was used.
-    kkt : float
-        Largest violation of the optimality conditions, relative to the norm of the output.
-    u, y : (T,) arrays
-        The record; y is NaN where nothing was measured.
-    fitted, held_out : (T,) arrays of bool
-        Samples that the model was fitted to, and those held out.
-    regression : Regression
-        Regressors and outputs of the fitted samples.
-    posterior : Posterior, optional
-        Posterior distribution of the unknowns; None without the prior.
-    suspects : tuple of int
-        Samples far outside the band of a fit without them; they were left out.
-    codes : tuple of Code
-        Readings that are overload codes or sentinels, and count as not measured.
-    searched : bool
-        Whether the lag was searched.
-    left_out : (T,) array, optional
-        Output of each fitted row, predicted by a fit without its group; None without groups.
-    groups : (T,) array of int, optional
-        Number of the group of each row; None without groups.
-    measured : (T,) array, optional
-        Outputs with dynamics, over whose range errors are given; ``y`` if None.
-    interval : float, optional
-        Sampling interval in seconds, where it is known.
-    skipped : int
-        Rows that set the memory and were not fitted.
-    choices : tuple of Choice
-        Options that were compared by the error on left-out parts.
-    jumps : tuple of Jump
-        Thresholds at which the output jumps, which have narrow bands.
-    ridge : Ridge, optional
-        Mean of the prior; None if it is zero.
-    converged : bool
-        Whether the solver reached the optimum; `advice` says so where it did not.
-    t : (T,) array, optional
-        Time of each row in seconds, where it is known.
-    delay : float, optional
-        Seconds by which the outputs were moved before the fit, where the lag was given so.
-    told : RecordAdvice, optional
-        What was found in the record as it was read; None for arrays.
-    """
+    """A model fitted to a record, with its errors."""
 
     model: Preisach
+    """The operator."""
     lag: int
+    """Samples by which the output follows the input, beyond the hysteresis."""
     curves: Curves
+    """Where the memory is reset, and the memory there."""
     smoothness: float
+    """Strength that was used."""
     kkt: float
+    """Largest violation of the optimality conditions, relative to the norm of the output."""
     u: FloatArray
     y: FloatArray
+    """``u`` and ``y``: shape (T,). The record; y is NaN where nothing was measured."""
     fitted: BoolArray
     held_out: BoolArray
+    """``fitted`` and ``held_out``: shape (T,). Samples that the model was fitted to, and those held
+    out."""
     regression: Regression
+    """Regressors and outputs of the fitted samples."""
     posterior: Posterior | None = None
+    """Posterior distribution of the unknowns; None without the prior."""
     suspects: tuple[int, ...] = ()
+    """Samples far outside the band of a fit without them; they were left out."""
     codes: tuple[Code, ...] = ()
+    """Readings that are overload codes or sentinels, and count as not measured."""
     searched: bool = False
+    """Whether the lag was searched."""
     converged: bool = True
+    """Whether the solver reached the optimum; `advice` says so where it did not."""
     left_out: FloatArray | None = None
+    """Shape (T,). Output of each fitted row, predicted by a fit without its group; None without
+    groups."""
     groups: IntArray | None = None
+    """Shape (T,). Number of the group of each row; None without groups."""
     measured: FloatArray | None = None
+    """Shape (T,). Outputs with dynamics, over whose range errors are given; ``y`` if None."""
     interval: float | None = None
+    """Sampling interval in seconds, where it is known."""
     skipped: int = 0
+    """Rows that set the memory and were not fitted."""
     choices: tuple[Choice, ...] = ()
+    """Options that were compared by the error on left-out parts."""
     jumps: tuple[Jump, ...] = ()
+    """Thresholds at which the output jumps, which have narrow bands."""
     ridge: Ridge | None = None
+    """Mean of the prior; None if it is zero."""
     t: FloatArray | None = None
+    """Shape (T,). Time of each row in seconds, where it is known."""
     delay: float | None = None
+    """Seconds by which the outputs were moved before the fit, where the lag was given so."""
     told: RecordAdvice | None = None
+    """What was found in the record as it was read; None for arrays."""
 
     @property
     def matrix(self) -> DesignMatrix:

@@ -61,34 +61,24 @@ _STAYS = 0.1
 
 @dataclass(frozen=True, eq=False)
 class FitRecord:
-    """A record to be fitted.
-
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Inputs and outputs.
-    fitted : (T,) array of bool
-        Samples to be fitted.
-    curves : Curves
-        Where the memory is reset.
-    signed : bool
-        Whether weights and slope may be negative.
-    sd : (T,) array, optional
-        Standard deviation of each output, greater than 0; outputs count alike if not given.
-    model_error : float
-        Standard deviation by which the model itself is off; it is added to each ``sd``.
-    noise : float, optional
-        Standard deviation of all outputs, where it is known and ``sd`` is not given.
-    """
+    """A record to be fitted."""
 
     u: FloatArray
     y: FloatArray
+    """``u`` and ``y``: shape (T,). Inputs and outputs."""
     fitted: BoolArray
+    """Shape (T,). Samples to be fitted."""
     curves: Curves
+    """Where the memory is reset."""
     signed: bool
+    """Whether weights and slope may be negative."""
     sd: FloatArray | None = None
+    """Shape (T,). Standard deviation of each output, greater than 0; outputs count alike if not
+    given."""
     model_error: float = 0.0
+    """Standard deviation by which the model itself is off; it is added to each ``sd``."""
     noise: float | None = None
+    """Standard deviation of all outputs, where it is known and ``sd`` is not given."""
 
     def without(self, sample: int) -> FitRecord:
         """Return the record with one sample less to be fitted."""

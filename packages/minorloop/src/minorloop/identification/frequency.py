@@ -90,33 +90,24 @@ class GainSpread:
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse(Drawn):
-    """Gains of the fundamental component at several amplitudes.
-
-    Parameters
-    ----------
-    frequencies : (F,) array
-        Frequencies in Hz.
-    amplitudes : (A,) array
-        Amplitudes of the input, in its unit.
-    bias : float
-        Mean of the input.
-    plant : (A, F) complex array
-        Gains from input to output.
-    after : (A, F) complex array or None
-        Gains from the output of the operator to that of the plant; None without an operator.
-    distortion : (A, F) array
-        Total harmonic distortion of the output: harmonics 2 to 10 over the fundamental.
-    unsettled : (A, F) array
-        Relative change of the fundamental between the last two periods.
-    """
+    """Gains of the fundamental component at several amplitudes."""
 
     frequencies: FloatArray
+    """Shape (F,). Frequencies in Hz."""
     amplitudes: FloatArray
+    """Shape (A,). Amplitudes of the input, in its unit."""
     bias: float
+    """Mean of the input."""
     plant: ComplexArray
+    """(A, F) complex array. Gains from input to output."""
     after: ComplexArray | None
+    """(A, F) complex array or None. Gains from the output of the operator to that of the plant;
+    None without an operator."""
     distortion: FloatArray
+    """Shape (A, F). Total harmonic distortion of the output: harmonics 2 to 10 over the
+    fundamental."""
     unsettled: FloatArray
+    """Shape (A, F). Relative change of the fundamental between the last two periods."""
 
     def gain_spread(self, low: float = 0.0, high: float = np.inf) -> GainSpread:
         """Largest difference between gains at frequencies from ``low`` to ``high``, in Hz.

@@ -39,21 +39,14 @@ _LEAST = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class _Round:
-    """Result for some variances of the independent part.
-
-    Parameters
-    ----------
-    likelihood : float
-        Logarithm of the marginal likelihood with these variances, up to a constant.
-    squares : (K,) array
-        Mean squares of the independent part of each weight.
-    determined : (K,) array
-        Share of its variance that the measurements remove.
-    """
+    """Result for some variances of the independent part."""
 
     likelihood: float
+    """Logarithm of the marginal likelihood with these variances, up to a constant."""
     squares: FloatArray
+    """Shape (K,). Mean squares of the independent part of each weight."""
     determined: FloatArray
+    """Shape (K,). Share of its variance that the measurements remove."""
 
 
 def independent_variances(

@@ -37,22 +37,15 @@ _ROWS = 200_000
 
 @dataclass(frozen=True)
 class Jump:
-    """A threshold at which the output jumps.
-
-    Parameters
-    ----------
-    low, high : float
-        Inputs before and after it, the nearest that were applied.
-    rising : bool
-        Whether the input rises through it.
-    seen : int
-        How often the output jumped there.
-    """
+    """A threshold at which the output jumps."""
 
     low: float
     high: float
+    """``low`` and ``high``: inputs before and after it, the nearest that were applied."""
     rising: bool
+    """Whether the input rises through it."""
     seen: int
+    """How often the output jumped there."""
 
     def __str__(self) -> str:
         way = "rising" if self.rising else "falling"

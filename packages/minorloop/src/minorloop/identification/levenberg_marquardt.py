@@ -22,27 +22,18 @@ then within a thousandth of their standard deviations for a thousand samples and
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Result of a search.
-
-    Parameters
-    ----------
-    parameters : (P,) array
-        The best that were found.
-    residuals : (N,) array
-        There.
-    jacobian : (N, P) array
-        There.
-    steps : int
-        Steps that were tried.
-    converged : bool
-        Whether no further decrease is predicted.
-    """
+    """Result of a search."""
 
     parameters: FloatArray
+    """Shape (P,). The best that were found."""
     residuals: FloatArray
+    """Shape (N,). There."""
     jacobian: FloatArray
+    """Shape (N, P). There."""
     steps: int
+    """Steps that were tried."""
     converged: bool
+    """Whether no further decrease is predicted."""
 
 
 def minimise(

@@ -59,31 +59,24 @@ another one begins where the last ended: after a poor first step a search may st
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Scaled measurements, in the form that the likelihood needs.
-
-    Parameters
-    ----------
-    spec : PlaneSpec
-        The unknowns (n,).
-    count : float
-        Number of measurements.
-    square : float
-        Sum of their squares.
-    rows, y, shares : (M, n), (M,) and (M,) arrays, optional
-        Of few measurements: regressors, outputs, and the variance of each over that of the
-        discrepancy, rotated so that discrepancies are independent.
-    gram, slope : (n, n) and (n,) arrays, optional
-        Of many measurements, whose discrepancy is independent: A'A and A'y.
-    """
+    """Scaled measurements, in the form that the likelihood needs."""
 
     spec: PlaneSpec
+    """The unknowns (n,)."""
     count: float
+    """Number of measurements."""
     square: float
+    """Sum of their squares."""
     rows: FloatArray | None = None
     y: FloatArray | None = None
     shares: FloatArray | None = None
+    """``rows``, ``y`` and ``shares``: (M, n), (M,) and (M,) arrays. Of few measurements:
+    regressors, outputs, and the variance of each over that of the discrepancy, rotated so that
+    discrepancies are independent."""
     gram: FloatArray | None = None
     slope: FloatArray | None = None
+    """``gram`` and ``slope``: shape (n, n) and (n,). Of many measurements, whose discrepancy is
+    independent: A'A and A'y."""
 
     @classmethod
     def of_few(

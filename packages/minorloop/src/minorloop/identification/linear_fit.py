@@ -26,30 +26,21 @@ _NOT_AT_REST = 0.05
 
 @dataclass(frozen=True, eq=False)
 class TriedEquation:
-    """A difference equation that was fitted as a candidate.
-
-    Parameters
-    ----------
-    structure : Structure
-        Numbers of coefficients, and delay.
-    coefficients : Coefficients
-        Fitted coefficients.
-    kind : {"plain", "oscillatory", "alternating"}
-        Whether all poles are real and positive, some are complex, or some are negative.
-    bic : float
-        Bayesian information criterion of the simulation error.
-    nrmse : float
-        Simulation error on the record, over the range of its output.
-    free_run : float or None
-        Simulation error on the second record, over its range; None without one.
-    """
+    """A difference equation that was fitted as a candidate."""
 
     structure: Structure
+    """Numbers of coefficients, and delay."""
     coefficients: Coefficients
+    """Fitted coefficients."""
     kind: Kind
+    """One of "plain", "oscillatory", "alternating". Whether all poles are real and positive, some
+    are complex, or some are negative."""
     bic: float
+    """Bayesian information criterion of the simulation error."""
     nrmse: float
+    """Simulation error on the record, over the range of its output."""
     free_run: float | None
+    """Simulation error on the second record, over its range; None without one."""
 
     @property
     def score(self) -> float:
@@ -59,31 +50,22 @@ class TriedEquation:
 
 @dataclass(frozen=True, eq=False)
 class LinearFit(Drawn):
-    """Linear dynamics identified from a record.
-
-    Parameters
-    ----------
-    model : Linear
-        Sampled, with DC gain 1.
-    gain : float
-        DC gain of the record.
-    candidate : TriedEquation
-        The chosen equation.
-    candidates : tuple of TriedEquation
-        All equations that were tried.
-    covariance : (na + nb, na + nb) array
-        Covariance of the coefficients of A and B, before the gain was scaled to 1.
-    stretches, second : tuple of Stretch
-        The fitted record, and the second record, which was scored.
-    """
+    """Linear dynamics identified from a record."""
 
     model: Linear
+    """Sampled, with DC gain 1."""
     gain: float
+    """DC gain of the record."""
     candidate: TriedEquation
+    """The chosen equation."""
     candidates: tuple[TriedEquation, ...]
+    """All equations that were tried."""
     covariance: FloatArray
+    """Shape (na + nb, na + nb). Covariance of the coefficients of A and B, before the gain was
+    scaled to 1."""
     stretches: tuple[Stretch, ...]
     second: tuple[Stretch, ...]
+    """``stretches`` and ``second``: the fitted record, and the second record, which was scored."""
 
     @property
     def nrmse(self) -> float:
@@ -203,16 +185,11 @@ class LinearFit(Drawn):
 
 @dataclass(frozen=True, eq=False)
 class StepResponse(Drawn):
-    """Unit step responses for either direction of the output.
-
-    Parameters
-    ----------
-    rising, falling : LinearFit or None
-        Fit of each direction; None if the record has no such step.
-    """
+    """Unit step responses for either direction of the output."""
 
     rising: LinearFit | None
     falling: LinearFit | None
+    """``rising`` and ``falling``: fit of each direction; None if the record has no such step."""
 
     @property
     def models(self) -> tuple[Linear, Linear]:

@@ -26,23 +26,16 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class MeanPeriod:
-    """Mean of the periods of a record.
-
-    Parameters
-    ----------
-    u, y : (N,) arrays
-        Force and displacement; NaN where nothing was measured.
-    noise : float or None
-        Standard deviation of ``y``, from the differences between periods; None for one period.
-    unsettled : int
-        Periods at the beginning of the record that are not in the mean, because they differ from
-        the later ones.
-    """
+    """Mean of the periods of a record."""
 
     u: FloatArray
     y: FloatArray
+    """``u`` and ``y``: shape (N,). Force and displacement; NaN where nothing was measured."""
     noise: float | None
+    """Standard deviation of ``y``, from the differences between periods; None for one period."""
     unsettled: int
+    """Periods at the beginning of the record that are not in the mean, because they differ from the
+    later ones."""
 
 
 def mean_period(u: FloatArray, y: FloatArray, period: int) -> MeanPeriod:

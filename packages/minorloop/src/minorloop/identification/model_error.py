@@ -63,19 +63,13 @@ _TINY = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Distance in the memory plane from what a record reached.
-
-    Parameters
-    ----------
-    spec : PlaneSpec
-        Plane of even cells.
-    distance : (K + 1,) array
-        Distance of each cell, in ranges of the input, from the nearest in which a measured sample
-        evaluates the Everett function. The last one, zero, stands for saturation.
-    """
+    """Distance in the memory plane from what a record reached."""
 
     spec: PlaneSpec
+    """Plane of even cells."""
     distance: FloatArray
+    """Shape (K + 1,). Distance of each cell, in ranges of the input, from the nearest in which a
+    measured sample evaluates the Everett function. The last one, zero, stands for saturation."""
 
     @classmethod
     def of(cls, spec: PlaneSpec, corner: IntArray) -> Reach:
@@ -103,32 +97,25 @@ class Reach:
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """Variance of the outputs of a model in addition to that of its posterior.
-
-    Parameters
-    ----------
-    parts : int
-        Number of parts of the record whose errors are independent: groups, or visits to cells of
-        the plane over those within a quarter of the range, where errors are alike.
-    reach : Reach
-        Cells that the record reached.
-    factors : (3,) array
-        Factors of the components.
-    scores : (M,) array
-        Errors of left-out samples over their standard deviations, in increasing order.
-    inputs, variance : (B,) arrays
-        Variance of other groups, by input; zero without groups.
-    shown : (2,) array
-        Largest covariates of left-out samples; infinite where a file does not keep them.
-    """
+    """Variance of the outputs of a model in addition to that of its posterior."""
 
     parts: int
+    """Number of parts of the record whose errors are independent: groups, or visits to cells of the
+    plane over those within a quarter of the range, where errors are alike."""
     reach: Reach
+    """Cells that the record reached."""
     factors: FloatArray
+    """Shape (3,). Factors of the components."""
     scores: FloatArray
+    """Shape (M,). Errors of left-out samples over their standard deviations, in increasing order.
+    """
     inputs: FloatArray
     variance: FloatArray
+    """``inputs`` and ``variance``: shape (B,). Variance of other groups, by input; zero without
+    groups."""
     shown: FloatArray = field(default_factory=lambda: np.full(2, np.inf))
+    """Shape (2,). Largest covariates of left-out samples; infinite where a file does not keep them.
+    """
 
     def deviation(
         self,

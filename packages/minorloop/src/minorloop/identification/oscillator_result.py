@@ -34,21 +34,14 @@ _INTEGRATED = 1e-5
 
 @dataclass(frozen=True)
 class TriedLevels:
-    """A number of levels of an unknown law that was compared.
-
-    Parameters
-    ----------
-    levels : int
-        Levels for each direction.
-    error : float
-        Root-mean-square error of the simulation, in m.
-    criterion : float
-        Bayesian information criterion; the least is best.
-    """
+    """A number of levels of an unknown law that was compared."""
 
     levels: int
+    """Levels for each direction."""
     error: float
+    """Root-mean-square error of the simulation, in m."""
     criterion: float
+    """Bayesian information criterion; the least is best."""
 
     @classmethod
     def of(cls, levels: int, found: Minimum) -> TriedLevels:
@@ -61,31 +54,22 @@ class TriedLevels:
 
 @dataclass(frozen=True, eq=False)
 class OscillatorIdentification(Drawn):
-    """An oscillator with hysteresis, identified from a record.
-
-    Parameters
-    ----------
-    model : Oscillator
-        The model.
-    record : OscillatorRecord
-        What was fitted; of a periodic record, its mean period.
-    minimum : Minimum
-        How the search ended.
-    free : (P,) array of bool
-        Parameters that were fitted.
-    tried : tuple of TriedLevels
-        Numbers of levels that were compared for an unknown law.
-    lag, lag_seconds
-        Lag of the output in rows and in seconds, for model files: none.
-    """
+    """An oscillator with hysteresis, identified from a record."""
 
     model: Oscillator
+    """The model."""
     record: OscillatorRecord
+    """What was fitted; of a periodic record, its mean period."""
     minimum: Minimum
+    """How the search ended."""
     free: BoolArray
+    """Shape (P,). Parameters that were fitted."""
     tried: tuple[TriedLevels, ...] = ()
+    """Numbers of levels that were compared for an unknown law."""
     lag: int = 0
     lag_seconds: float = 0.0
+    """``lag`` and ``lag_seconds``: lag of the output in rows and in seconds, for model files: none.
+    """
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -25,18 +25,12 @@ _EDGE = 1 - 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """One record of deviations from rest, evenly sampled.
-
-    Parameters
-    ----------
-    u : (T,) array
-        Input less that at rest; u[k] is on from sample k to the next.
-    y : (T,) array
-        Output less that at rest; y[k] is measured at sample k.
-    """
+    """One record of deviations from rest, evenly sampled."""
 
     u: FloatArray
+    """Shape (T,). Input less that at rest; u[k] is on from sample k to the next."""
     y: FloatArray
+    """Shape (T,). Output less that at rest; y[k] is measured at sample k."""
 
 
 @dataclass(frozen=True)
@@ -55,17 +49,12 @@ class Structure:
 
 @dataclass(frozen=True, eq=False)
 class Coefficients:
-    """A = 1 + a_1 q^-1 + ..., B = b_1 q^-delay + b_2 q^-(delay + 1) + ...
-
-    Parameters
-    ----------
-    a : (na,) array
-    b : (nb,) array
-    delay : int
-    """
+    """A = 1 + a_1 q^-1 + ..., B = b_1 q^-delay + b_2 q^-(delay + 1) + ..."""
 
     a: FloatArray
+    """Shape (na,). """
     b: FloatArray
+    """Shape (nb,). """
     delay: int
 
     @property

@@ -23,35 +23,24 @@ _TOGETHER = 8192
 
 @dataclass(frozen=True, eq=False)
 class Posterior(ABC):
-    """Posterior distribution of the unknowns given the measurements, in the unit of the output.
-
-    Parameters
-    ----------
-    spec : PlaneSpec
-        The unknowns, (n,): packed weights, offset, slope.
-    hyperparameters : Hyperparameters
-        Hyperparameters of the prior, in ranges.
-    unit : float
-        Range of the measured outputs.
-    samples : int
-        Measurements that the hyperparameters were learnt from. Variances are multiplied by
-        samples / (samples - 7), at most by 2, because seven hyperparameters were learnt.
-    determined : float
-        Trace of the hat matrix without sign constraints: number of unknowns that they determined.
-    centre : (n,) array, optional
-        Mean of the prior; zero if None.
-    apart : (n,) array, optional
-        Estimate less the one that the covariance is of; the square of its output is added to
-        variances. None if they are the same.
-    """
+    """Posterior distribution of the unknowns given the measurements, in the unit of the output."""
 
     spec: PlaneSpec
+    """The unknowns, (n,): packed weights, offset, slope."""
     hyperparameters: Hyperparameters
+    """Hyperparameters of the prior, in ranges."""
     unit: float
+    """Range of the measured outputs."""
     samples: int
+    """Measurements that the hyperparameters were learnt from. Variances are multiplied by samples /
+    (samples - 7), at most by 2, because seven hyperparameters were learnt."""
     determined: float
+    """Trace of the hat matrix without sign constraints: number of unknowns that they determined."""
     centre: FloatArray | None = field(default=None, kw_only=True)
+    """Shape (n,). Mean of the prior; zero if None."""
     apart: FloatArray | None = field(default=None, kw_only=True)
+    """Shape (n,). Estimate less the one that the covariance is of; the square of its output is
+    added to variances. None if they are the same."""
 
     @property
     @abstractmethod
@@ -148,18 +137,12 @@ class DensePosterior(Posterior):
 
 @dataclass(frozen=True, eq=False)
 class SparsePosterior(Posterior):
-    """Posterior with a sparse factor of the precision.
-
-    Parameters
-    ----------
-    system : EverettSystem
-        Factorised precision of the unknowns, times ``variance``.
-    variance : float
-        Variance of a measured output, in squared units.
-    """
+    """Posterior with a sparse factor of the precision."""
 
     system: EverettSystem
+    """Factorised precision of the unknowns, times ``variance``."""
     variance: float
+    """Variance of a measured output, in squared units."""
 
     @cached_property
     def factor(self) -> FloatArray:

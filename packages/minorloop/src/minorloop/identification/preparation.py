@@ -26,30 +26,20 @@ _OF_ROWS = ("curves", "groups", "interval")
 
 @dataclass(frozen=True)
 class RecordAdvice:
-    """What was found in a record and chosen for it, one sentence each.
-
-    Parameters
-    ----------
-    chosen : tuple of str
-        Columns that were chosen.
-    notes : tuple of str
-        What was found in the file and its times.
-    warnings : tuple of str
-        Why a model of the record is not to be trusted.
-    first : int
-        Row of the record that is sample 0.
-    sd : str, optional
-        Column of the standard deviations by which the samples count; None if they are alike.
-    left_out : tuple of int
-        Points of a run that chose its own inputs that are not fitted.
-    """
+    """What was found in a record and chosen for it, one sentence each."""
 
     chosen: tuple[str, ...] = ()
+    """Columns that were chosen."""
     notes: tuple[str, ...] = ()
+    """What was found in the file and its times."""
     warnings: tuple[str, ...] = ()
+    """Why a model of the record is not to be trusted."""
     first: int = 0
+    """Row of the record that is sample 0."""
     sd: str | None = None
+    """Column of the standard deviations by which the samples count; None if they are alike."""
     left_out: tuple[int, ...] = ()
+    """Points of a run that chose its own inputs that are not fitted."""
 
     def with_model(
         self, warnings: Sequence[str], advice: Sequence[str], *, samples: bool = False

@@ -28,35 +28,24 @@ LEVEL_VARIANCE = 4.0
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """Hyperparameters of the prior, in ranges of input and output.
-
-    Parameters
-    ----------
-    decay : float
-        Distance alpha - beta over which weights decay by a factor of e.
-    along, across : float
-        Correlation lengths in (alpha + beta) / 2 and in alpha - beta.
-    bulk : float
-        Standard deviation of the sum of the irreversible weights.
-    reversible : float
-        Standard deviation of the sum of the reversible weights.
-    discrepancy : float
-        Standard deviation of the model discrepancy, which no weights can reproduce.
-    nugget : float
-        Independent over correlated variance of a weight: near 0 on smooth planes, above 1 where
-        neighbouring weights are unrelated.
-    noise : float
-        Standard deviation of a measured output.
-    """
+    """Hyperparameters of the prior, in ranges of input and output."""
 
     decay: float = 0.3
+    """Distance alpha - beta over which weights decay by a factor of e."""
     along: float = 0.3
     across: float = 0.4
+    """``along`` and ``across``: correlation lengths in (alpha + beta) / 2 and in alpha - beta."""
     bulk: float = 0.15
+    """Standard deviation of the sum of the irreversible weights."""
     reversible: float = 0.3
+    """Standard deviation of the sum of the reversible weights."""
     discrepancy: float = 0.006
+    """Standard deviation of the model discrepancy, which no weights can reproduce."""
     nugget: float = 0.3
+    """Independent over correlated variance of a weight: near 0 on smooth planes, above 1 where
+    neighbouring weights are unrelated."""
     noise: float = 0.003
+    """Standard deviation of a measured output."""
 
 
 class PlanePrior:

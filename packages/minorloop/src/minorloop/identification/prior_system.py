@@ -302,26 +302,18 @@ class Systems:
     """Normal equations of many samples for any hyperparameters.
 
     Those of other hyperparameters become invalid with each call.
-
-    Parameters
-    ----------
-    evidence : Evidence or SparseEvidence
-        The samples.
-    plane : PlanePrior
-        Prior.
-    field : FieldPrior
-        Its field.
-    signed : bool
-        Let weights and slope be negative.
-    centre : (n,) array
-        Mean of the prior.
     """
 
     evidence: Evidence | SparseEvidence
+    """The samples."""
     plane: PlanePrior
+    """Prior."""
     field: FieldPrior
+    """Its field."""
     signed: bool
+    """Let weights and slope be negative."""
     centre: FloatArray
+    """Shape (n,). Mean of the prior."""
 
     def __call__(self, h: Hyperparameters) -> PriorSystem:
         """Return the system for these hyperparameters."""

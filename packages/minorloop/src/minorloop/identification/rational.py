@@ -40,24 +40,16 @@ _BEYOND = 10.0
 
 @dataclass(frozen=True, eq=False)
 class RationalFit(Drawn):
-    """A transfer function fitted to a frequency response.
-
-    Parameters
-    ----------
-    model : Linear
-        Continuous, stable, with DC gain 1.
-    frequencies : (F,) array
-        Frequencies in Hz of all responses, one after the other.
-    measured : (F,) complex array
-        Measured gains.
-    errors : dict of int to float
-        Relative error of the best fit of each order.
-    """
+    """A transfer function fitted to a frequency response."""
 
     model: Linear
+    """Continuous, stable, with DC gain 1."""
     frequencies: FloatArray
+    """Shape (F,). Frequencies in Hz of all responses, one after the other."""
     measured: ComplexArray
+    """(F,) complex array. Measured gains."""
     errors: dict[int, float]
+    """Relative error of the best fit of each order."""
 
     @property
     def error(self) -> float:

@@ -34,30 +34,20 @@ from minorloop.operators.preisach import Diagonal, Preisach
 
 @dataclass(frozen=True, eq=False)
 class RecursiveState:
-    """State of the recursion.
-
-    Parameters
-    ----------
-    memory : Memory
-        Memory of the relays after the last input.
-    theta : (n,) array
-        Packed weights and offset, in the unit of the output.
-    information : (n, n) array
-        Weighted sum of the outer products of the regressors, leak included.
-    vector : (n,) array
-        Weighted sum of regressors times outputs, leak included.
-    updates : int
-        Number of samples used.
-    frozen : str
-        Why the last sample was not used; empty if it was.
-    """
+    """State of the recursion."""
 
     memory: Memory
+    """Memory of the relays after the last input."""
     theta: FloatArray
+    """Shape (n,). Packed weights and offset, in the unit of the output."""
     information: FloatArray
+    """Shape (n, n). Weighted sum of the outer products of the regressors, leak included."""
     vector: FloatArray
+    """Shape (n,). Weighted sum of regressors times outputs, leak included."""
     updates: int = 0
+    """Number of samples used."""
     frozen: str = ""
+    """Why the last sample was not used; empty if it was."""
 
 
 @dataclass(frozen=True, eq=False)

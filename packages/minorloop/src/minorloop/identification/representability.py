@@ -23,26 +23,19 @@ from minorloop.operators.memory import Memory
 
 @dataclass(frozen=True)
 class Representability:
-    """Violations of the two laws by a record.
-
-    Parameters
-    ----------
-    wiping_out : float
-        Largest difference between outputs at the same memory, over the range of the output.
-    congruency : float
-        Largest difference between changes along the same branch, over the range of the output.
-    floor : float
-        Lower bound of the root-mean-square error of any Preisach model on this record, over the
-        range; 0 if the record repeats nothing.
-    memories, branches : int
-        Number of memories and branch points that occur more than once.
-    """
+    """Violations of the two laws by a record."""
 
     wiping_out: float
+    """Largest difference between outputs at the same memory, over the range of the output."""
     congruency: float
+    """Largest difference between changes along the same branch, over the range of the output."""
     floor: float
+    """Lower bound of the root-mean-square error of any Preisach model on this record, over the
+    range; 0 if the record repeats nothing."""
     memories: int
     branches: int
+    """``memories`` and ``branches``: number of memories and branch points that occur more than
+    once."""
 
     def __str__(self) -> str:
         return (

@@ -45,37 +45,24 @@ _MOST = 50_000
 
 @dataclass(frozen=True)
 class Startup:
-    """Rows at the beginning that the model does not follow.
-
-    Parameters
-    ----------
-    rows : int
-        Number of these rows of the record.
-    largest : float
-        Largest error among them, in ranges of the output.
-    share : float
-        Share of the squared error of all fitted rows.
-    """
+    """Rows at the beginning that the model does not follow."""
 
     rows: int
+    """Number of these rows of the record."""
     largest: float
+    """Largest error among them, in ranges of the output."""
     share: float
+    """Share of the squared error of all fitted rows."""
 
 
 @dataclass(frozen=True)
 class OffsetStep:
-    """A place from which on all outputs are shifted.
-
-    Parameters
-    ----------
-    sample : int
-        First sample behind it.
-    size : float
-        Change of the measured output against the model, in ranges.
-    """
+    """A place from which on all outputs are shifted."""
 
     sample: int
+    """First sample behind it."""
     size: float
+    """Change of the measured output against the model, in ranges."""
 
 
 @dataclass(frozen=True)
@@ -83,64 +70,44 @@ class GroupDifference:
     """How the outputs of groups differ from the model, each with an offset and a gain of its own.
 
     A group that spans less than half of the range of the output has an offset only.
-
-    Parameters
-    ----------
-    groups : int
-        Number of groups.
-    share : float
-        Share of the squared error that these offsets and gains explain.
-    offset : float
-        Largest offset, in ranges.
-    gain : float
-        Largest difference of a gain from one; 0 where no group determines it.
     """
 
     groups: int
+    """Number of groups."""
     share: float
+    """Share of the squared error that these offsets and gains explain."""
     offset: float
+    """Largest offset, in ranges."""
     gain: float
+    """Largest difference of a gain from one; 0 where no group determines it."""
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualSummary:
-    """What the residual on the fitted samples shows; errors are in ranges of the output.
-
-    Parameters
-    ----------
-    worst_sample : int
-        Sample of the largest error.
-    worst : float
-        That error, model less measured.
-    autocorrelation : float
-        Correlation of residuals of neighbouring samples; NaN for few samples.
-    startup : Startup, optional
-        A start-up that the model does not follow.
-    drift : float
-        Change of the measured output against the model along the record, where it is steady; 0
-        otherwise.
-    step : OffsetStep, optional
-        A shift of all outputs from a row on.
-    outliers : tuple of int
-        Samples of a long record that are far from the model and from the readings around them.
-    groups : GroupDifference, optional
-        What the groups differ by, where this is most of the error.
-    by_amplitude : tuple of (float, float, float)
-        Of samples by the size of their loop: its least and greatest size, and the error.
-    by_rate : tuple of (float, float, float)
-        The same by the change of the input from sample to sample.
-    """
+    """What the residual on the fitted samples shows; errors are in ranges of the output."""
 
     worst_sample: int
+    """Sample of the largest error."""
     worst: float
+    """That error, model less measured."""
     autocorrelation: float
+    """Correlation of residuals of neighbouring samples; NaN for few samples."""
     startup: Startup | None = None
+    """A start-up that the model does not follow."""
     drift: float = 0.0
+    """Change of the measured output against the model along the record, where it is steady; 0
+    otherwise."""
     step: OffsetStep | None = None
+    """A shift of all outputs from a row on."""
     outliers: tuple[int, ...] = ()
+    """Samples of a long record that are far from the model and from the readings around them."""
     groups: GroupDifference | None = None
+    """What the groups differ by, where this is most of the error."""
     by_amplitude: tuple[tuple[float, float, float], ...] = ()
+    """Tuple of (float, float, float). Of samples by the size of their loop: its least and greatest
+    size, and the error."""
     by_rate: tuple[tuple[float, float, float], ...] = ()
+    """Tuple of (float, float, float). The same by the change of the input from sample to sample."""
 
 
 def summary(

@@ -39,27 +39,10 @@ class Identification(Fit, Drawn):
     def predict(
         self, u: npt.ArrayLike, bands: float | None = None, curves: npt.ArrayLike | None = None
     ) -> Samples | Prediction:
-        """Predict the outputs for an input that starts in the same state as the record.
+        """Predict the outputs, lag included, for an input sampled as the record was.
 
-        Parameters
-        ----------
-        u : (T,) array_like
-            Inputs, sampled as the record was.
-        bands : float, optional
-            Probability, such as 0.9, that each output lies within its band: of another group, where
-            the record has three groups or more.
-        curves : (T,) array_like, optional
-            Label of the curve of each input; the memory is reset where it changes.
-
-        Returns
-        -------
-        (T,) array, or Prediction with bands
-            Outputs, lag included. Before the first input, that input is assumed to be applied.
-
-        Raises
-        ------
-        ParameterError
-            If bands are not between 0 and 1.
+        Parameters and errors are those of `Result.predict`. Where the record has three groups or
+        more, the bands are of another group.
         """
         if bands is None and curves is None:
             return delayed(self.model.simulate(u, self.start), self.lag)
@@ -83,22 +66,7 @@ class Identification(Fit, Drawn):
         start: Start | None = None,
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Invert targets, and predict the standard deviation of the readings.
-
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Outputs wanted, in order.
-        start : start state, optional
-            Memory before the first; that of the record if not given.
-        unreachable : {"raise", "clip"}
-            As in `Preisach.invert`.
-
-        Returns
-        -------
-        Inversion
-            With ``sd``, and with the warnings about this model.
-        """
+        """Invert targets, and predict the standard deviation of readings, as `Result.invert`."""
         begin = self.start if start is None else start
         found = replace(self.model.invert(targets, begin, unreachable), warnings=self.warnings)
         samples = np.arange(found.u.size)

@@ -54,20 +54,6 @@ _FACTORED: dict[str, Callable[..., Density]] = {
 class Ridge:
     """Shape of a density with one maximum, and of reversible weight on the diagonal.
 
-    Parameters
-    ----------
-    kind : {"gaussian", "lorentzian", "factored gaussian", "factored lorentzian"}
-        Which of `minorloop.operators.densities` it is.
-    coercive : float
-        Half-width of the typical relay, in the unit of the input.
-    spread_width, spread_mean : float
-        Spreads of the half-width of the thresholds, and of their mean. A factored density has one
-        spread of both thresholds, the first.
-    centre : float
-        Mean threshold of the typical relay, and centre of the reversible weight.
-    reversible_width : float
-        Half-width at half-maximum of the reversible weight, a Lorentzian along the diagonal.
-
     References
     ----------
     Bertotti, Hysteresis in Magnetism, 1998, chapter 13; Azzerboni, Cardelli, Finocchio and La
@@ -75,11 +61,18 @@ class Ridge:
     """
 
     kind: Kind
+    """One of "gaussian", "lorentzian", "factored gaussian", "factored lorentzian". Which of
+    `minorloop.operators.densities` it is."""
     coercive: float
+    """Half-width of the typical relay, in the unit of the input."""
     spread_width: float
     spread_mean: float
+    """``spread_width`` and ``spread_mean``: spreads of the half-width of the thresholds, and of
+    their mean. A factored density has one spread of both thresholds, the first."""
     centre: float
+    """Mean threshold of the typical relay, and centre of the reversible weight."""
     reversible_width: float
+    """Half-width at half-maximum of the reversible weight, a Lorentzian along the diagonal."""
 
     def irreversible(self, levels: Levels) -> FloatArray:
         """Return the (L, L) weights of the density, with a sum of one."""
@@ -108,21 +101,14 @@ class Ridge:
 
 @dataclass(frozen=True, eq=False)
 class RidgeFit:
-    """A ridge fitted to a record.
-
-    Parameters
-    ----------
-    ridge : Ridge
-        Its shape.
-    x : (n,) array
-        Unknowns of the plane: packed weights, offset, slope.
-    nrmse : float
-        Root-mean-square error on the fitted samples, over their range.
-    """
+    """A ridge fitted to a record."""
 
     ridge: Ridge
+    """Its shape."""
     x: FloatArray
+    """Shape (n,). Unknowns of the plane: packed weights, offset, slope."""
     nrmse: float
+    """Root-mean-square error on the fitted samples, over their range."""
 
 
 def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KINDS) -> RidgeFit:

@@ -31,21 +31,14 @@ def spread(values: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class RecordFault:
-    """A fault of a record that would spoil a model.
-
-    Parameters
-    ----------
-    kind : {"outlier", "stuck", "clipped", "lag"}
-        Type of the fault.
-    samples : tuple of int
-        Indices, counted from 0; empty for a lag.
-    text : str
-        Description and remedy.
-    """
+    """A fault of a record that would spoil a model."""
 
     kind: Literal["outlier", "stuck", "clipped", "lag"]
+    """Type of the fault."""
     samples: tuple[int, ...]
+    """Indices, counted from 0; empty for a lag."""
     text: str
+    """Description and remedy."""
 
 
 @dataclass(frozen=True, eq=False)

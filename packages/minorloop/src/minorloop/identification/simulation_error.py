@@ -53,40 +53,28 @@ _STEPS = 60
 
 @dataclass(frozen=True, eq=False)
 class OscillatorRecord:
-    """A record of force and displacement, ready for simulations.
-
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Force and displacement; of a periodic record, its mean period.
-    interval : float
-        Seconds between samples.
-    periodic : bool
-        Whether the record is one period of a settled response.
-    noise : float or None
-        Standard deviation of y, from the differences between periods.
-    between : {"band", "straight", "held"}
-        The force between samples.
-    substeps : int
-        Steps of the integration in an interval.
-    stages : sequence of (int, array)
-        Filters of the converter.
-    scored : (T,) array of bool
-        Samples whose error counts.
-    unsettled : int
-        Periods at the beginning that are not in the mean, because the motion had not settled.
-    """
+    """A record of force and displacement, ready for simulations."""
 
     u: FloatArray
     y: FloatArray
+    """``u`` and ``y``: shape (T,). Force and displacement; of a periodic record, its mean period.
+    """
     interval: float
+    """Seconds between samples."""
     periodic: bool
+    """Whether the record is one period of a settled response."""
     noise: float | None
+    """Standard deviation of y, from the differences between periods."""
     between: Interpolation
+    """One of "band", "straight", "held". The force between samples."""
     substeps: int
+    """Steps of the integration in an interval."""
     stages: Sequence[tuple[int, FloatArray]]
+    """Filters of the converter."""
     scored: BoolArray
+    """Shape (T,). Samples whose error counts."""
     unsettled: int = 0
+    """Periods at the beginning that are not in the mean, because the motion had not settled."""
 
     @property
     def step(self) -> float:

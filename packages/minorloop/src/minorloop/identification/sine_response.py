@@ -49,30 +49,22 @@ _SAME_AMPLITUDE = 1.05
 
 @dataclass(frozen=True, eq=False)
 class SinePeriods:
-    """The measured whole periods of a sine.
-
-    Parameters
-    ----------
-    frequency, amplitude, offset : float
-        Frequency in Hz, amplitude and mean of the input in its unit.
-    periods : int
-        Number of periods.
-    u, y : (T,) arrays
-        Inputs and outputs, evenly sampled over the periods.
-    w : (T,) array or None
-        Outputs of the operator; None without an operator.
-    held : bool
-        Whether each input was held until its output was read; otherwise it is linear in between.
-    """
+    """The measured whole periods of a sine."""
 
     frequency: float
     amplitude: float
     offset: float
+    """``frequency``, ``amplitude`` and ``offset``: frequency in Hz, amplitude and mean of the input
+    in its unit."""
     periods: int
+    """Number of periods."""
     u: FloatArray
     y: FloatArray
+    """``u`` and ``y``: shape (T,). Inputs and outputs, evenly sampled over the periods."""
     w: FloatArray | None = None
+    """Shape (T,). Outputs of the operator; None without an operator."""
     held: bool = False
+    """Whether each input was held until its output was read; otherwise it is linear in between."""
 
     @property
     def correction(self) -> complex:

@@ -42,18 +42,12 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of the input and the hold after it, scaled to a unit step of the output.
-
-    Parameters
-    ----------
-    rising : bool
-        Whether the output rises.
-    stretch : Stretch
-        Input 0 and then 1; output less its rest, over its settled change.
-    """
+    """One step of the input and the hold after it, scaled to a unit step of the output."""
 
     rising: bool
+    """Whether the output rises."""
     stretch: Stretch
+    """Input 0 and then 1; output less its rest, over its settled change."""
 
 
 def as_sampled(record: Arrays, reading: Reading) -> Sampled:

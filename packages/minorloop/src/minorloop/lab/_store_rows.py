@@ -137,71 +137,49 @@ class Setup:
 
 @dataclass(frozen=True)
 class Point:
-    """The result of one hold.
-
-    Parameters
-    ----------
-    index : int
-        Which level of the plan, counted from 0.
-    input : float
-        The level, in the unit of the input.
-    value, sd : float
-        Settled output and its standard deviation, in the unit of the output; NaN where
-        nothing was measured.
-    verdict : str
-        ``settled``, ``extrapolated`` or ``unsettled``; see ``lab.settling``.
-    t : float
-        Time at the end of the hold since the first level was applied, by the clock of the actuator,
-        in seconds. It includes the time to write points between holds, but not the time between two
-        sessions.
-    held : float
-        Duration of the hold in seconds, from when the input was on.
-    checkpoint : dict, optional
-        The state of a twin at the end of the hold.
-    sample_interval : float
-        Mean time between samples, in seconds; longer than that of the plan where the meter was
-        slower. NaN where there is only one sample, or the store has format 1.
-    time_uncertainty : float
-        Largest error of a time of the hold, in seconds: half the exchange that set the input and
-        half the longest that read the output; 0 for a twin, NaN in a store of format 1.
-    """
+    """The result of one hold."""
 
     index: int
+    """Which level of the plan, counted from 0."""
     input: float
+    """The level, in the unit of the input."""
     value: float
     sd: float
+    """``value`` and ``sd``: settled output and its standard deviation, in the unit of the output;
+    NaN where nothing was measured."""
     verdict: str
+    """``settled``, ``extrapolated`` or ``unsettled``; see ``lab.settling``."""
     t: float
+    """Time at the end of the hold since the first level was applied, by the clock of the actuator,
+    in seconds. It includes the time to write points between holds, but not the time between two
+    sessions."""
     held: float
+    """Duration of the hold in seconds, from when the input was on."""
     checkpoint: dict[str, Any] | None = None
+    """The state of a twin at the end of the hold."""
     sample_interval: float = math.nan
+    """Mean time between samples, in seconds; longer than that of the plan where the meter was
+    slower. NaN where there is only one sample, or the store has format 1."""
     time_uncertainty: float = math.nan
+    """Largest error of a time of the hold, in seconds: half the exchange that set the input and
+    half the longest that read the output; 0 for a twin, NaN in a store of format 1."""
 
 
 @dataclass(frozen=True)
 class RunSession:
-    """One process that carried out part of the plan.
-
-    Parameters
-    ----------
-    began : str
-        When, in UTC.
-    ended : str, optional
-        When it ended; None if it was killed or is still running.
-    first : int
-        The point that it began with.
-    mode : str
-        How the actuator was brought there: ``fresh``, ``restored`` to exactly the state at the last
-        settled point, or ``replayed``: its recorded inputs were applied again, unmeasured.
-    end : str, optional
-        How it ended: ``finished``, ``interrupted``, or what went wrong.
-    """
+    """One process that carried out part of the plan."""
 
     began: str
+    """When, in UTC."""
     ended: str | None
+    """When it ended; None if it was killed or is still running."""
     first: int
+    """The point that it began with."""
     mode: str
+    """How the actuator was brought there: ``fresh``, ``restored`` to exactly the state at the last
+    settled point, or ``replayed``: its recorded inputs were applied again, unmeasured."""
     end: str | None
+    """How it ended: ``finished``, ``interrupted``, or what went wrong."""
 
 
 def sealed(*content: object) -> tuple[Any, ...]:

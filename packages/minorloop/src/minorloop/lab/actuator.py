@@ -71,37 +71,24 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An image and when it was taken.
-
-    Parameters
-    ----------
-    t : float
-        Time on the clock of the plant, in seconds.
-    image : (height, width) or (height, width, 3) array of uint8
-        Row 0 is the top.
-    """
+    """An image and when it was taken."""
 
     t: float
+    """Time on the clock of the plant, in seconds."""
     image: npt.NDArray[np.uint8]
+    """(height, width) or (height, width, 3) array of uint8. Row 0 is the top."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """An ultrasonic trace and when its pulse was fired.
-
-    Parameters
-    ----------
-    t : float
-        Time on the clock of the plant, in seconds.
-    trace : (T,) array
-        Samples since the pulse was fired.
-    sample_interval : float
-        Time between samples, in seconds.
-    """
+    """An ultrasonic trace and when its pulse was fired."""
 
     t: float
+    """Time on the clock of the plant, in seconds."""
     trace: FloatArray
+    """Shape (T,). Samples since the pulse was fired."""
     sample_interval: float
+    """Time between samples, in seconds."""
 
 
 @runtime_checkable

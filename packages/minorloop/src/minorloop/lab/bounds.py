@@ -14,33 +14,23 @@ NUMBER = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """The largest table that is read.
-
-    Parameters
-    ----------
-    rows, columns : int
-        Most of each.
-    memory : int
-        Bytes that the cells of a table may take, whatever the size of its file.
-    share : int
-        Bytes that they may take for each byte of the file, where this is more. A text never needs
-        as many: its shortest number and separator are two bytes, which become ``NUMBER``.
-    expansion : int
-        Most bytes for each byte of a compressed part of more than ``small`` bytes. Sheets have 4
-        to 17, also where all cells are alike, because each has its place.
-    small : int
-        Bytes up to which a part may expand from any size.
-    advice : str
-        What to do otherwise, after the advice to give fewer rows or columns.
-    """
+    """The largest table that is read."""
 
     rows: int = sys.maxsize
     columns: int = 10_000
+    """``rows`` and ``columns``: most of each."""
     memory: int = 256 * 1024**2
+    """Bytes that the cells of a table may take, whatever the size of its file."""
     share: int = 8
+    """Bytes that they may take for each byte of the file, where this is more. A text never needs as
+    many: its shortest number and separator are two bytes, which become ``NUMBER``."""
     expansion: int = 50
+    """Most bytes for each byte of a compressed part of more than ``small`` bytes. Sheets have 4 to
+    17, also where all cells are alike, because each has its place."""
     small: int = 8 * 1024**2
+    """Bytes up to which a part may expand from any size."""
     advice: str = ""
+    """What to do otherwise, after the advice to give fewer rows or columns."""
 
     def check(self, file: Path, *, rows: int = 0, columns: int = 0, held: int = 0) -> None:
         """Refuse a table that is larger.

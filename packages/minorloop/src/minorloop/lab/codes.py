@@ -28,18 +28,12 @@ share of readings that may be so far away; and readings from which this is check
 
 @dataclass(frozen=True)
 class Code:
-    """A reading that is a code of the instrument, not a measurement.
-
-    Parameters
-    ----------
-    sample : int
-        Index, counted from 0.
-    value : float
-        The code.
-    """
+    """A reading that is a code of the instrument, not a measurement."""
 
     sample: int
+    """Index, counted from 0."""
     value: float
+    """The code."""
 
 
 def codes(y: FloatArray) -> tuple[Code, ...]:

@@ -113,8 +113,6 @@ class CalibrationPolynomial(_Calibration):
 
     Parameters
     ----------
-    coefficients : tuple of float
-        From the constant on.
     name, unit : str, optional
         Of the result.
     calibration_sd : float
@@ -122,6 +120,7 @@ class CalibrationPolynomial(_Calibration):
     """
 
     coefficients: tuple[float, ...] = (0.0, 1.0)
+    """From the constant on."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -164,8 +163,6 @@ class CalibrationTable(_Calibration):
 
     Parameters
     ----------
-    readings, values : (N,) array_like
-        The readings, increasing or decreasing, and their values.
     name, unit : str, optional
         Of the result.
     calibration_sd : float
@@ -174,6 +171,8 @@ class CalibrationTable(_Calibration):
 
     readings: npt.ArrayLike = ()
     values: npt.ArrayLike = ()
+    """``readings`` and ``values``: shape (N,). The readings, increasing or decreasing, and their
+    values."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -233,23 +232,17 @@ class LaserCurvature:
     """Distance that a laser measures to the curvature of a strip, in 1/m.
 
     It is positive where the strip bends towards the laser, below ``d0``.
-
-    Parameters
-    ----------
-    d0, h0 : float
-        Distance to the straight strip, and height of the laser above the clamp, in the unit of
-        the reading; see `minorloop.lab.curvature`.
-    sd_d0, sd_h0 : float
-        Their standard deviations.
-    unit : str
-        Unit of the reading: m, cm, mm, um or nm.
     """
 
     d0: float
     h0: float
+    """``d0`` and ``h0``: distance to the straight strip, and height of the laser above the clamp,
+    in the unit of the reading; see `minorloop.lab.curvature`."""
     sd_d0: float = 0.0
     sd_h0: float = 0.0
+    """``sd_d0`` and ``sd_h0``: their standard deviations."""
     unit: str = "mm"
+    """Unit of the reading: m, cm, mm, um or nm."""
 
     def __post_init__(self) -> None:
         if self.unit not in LENGTHS:

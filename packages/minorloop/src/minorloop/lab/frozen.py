@@ -34,18 +34,12 @@ _LATEST = 4
 
 @dataclass(frozen=True)
 class FrozenReadings:
-    """Stretches without noise of a sensor that has noise elsewhere.
-
-    Parameters
-    ----------
-    runs : tuple of (int, int)
-        First reading and the one after the last of each stretch.
-    noise : float
-        Standard deviation of the noise elsewhere.
-    """
+    """Stretches without noise of a sensor that has noise elsewhere."""
 
     runs: tuple[tuple[int, int], ...]
+    """Tuple of (int, int). First reading and the one after the last of each stretch."""
     noise: float
+    """Standard deviation of the noise elsewhere."""
 
 
 def frozen(values: FloatArray) -> FrozenReadings:
@@ -90,35 +84,24 @@ class RepeatedReadings:
       readings show that it is coarse; across all of it where no two readings differ, which do not
       show how coarse it is;
     - or where it is `frozen`, and not at an extreme of its readings, as a saturated one is.
-
-    Parameters
-    ----------
-    range : (float, float)
-        Lowest and highest input of the run, as far as it is known.
-    reading : float
-        The reading, in the unit of the output; NaN where the latest hold has several.
-    holds : int
-        How many holds in a row repeat it.
-    inputs : (float, float)
-        Lowest and highest input of these holds, in its unit; zeros before the first.
-    verdict : str
-        ``faulty``, ``suspect`` where the inputs reach across half of the range only, or empty.
-    repeated : int
-        Readings of these holds, beside those of the first.
-    extremes : (float, float)
-        Lowest and highest reading before.
-    latest : tuple of (T,) arrays
-        Readings of the latest holds that did not repeat the hold before.
     """
 
     range: tuple[float, float]
+    """Lowest and highest input of the run, as far as it is known."""
     reading: float = math.nan
+    """The reading, in the unit of the output; NaN where the latest hold has several."""
     holds: int = 0
+    """How many holds in a row repeat it."""
     inputs: tuple[float, float] = (0.0, 0.0)
+    """Lowest and highest input of these holds, in its unit; zeros before the first."""
     verdict: Literal["faulty", "suspect", ""] = ""
+    """``faulty``, ``suspect`` where the inputs reach across half of the range only, or empty."""
     repeated: int = 0
+    """Readings of these holds, beside those of the first."""
     extremes: tuple[float, float] = _NONE
+    """Lowest and highest reading before."""
     latest: tuple[FloatArray, ...] = ()
+    """Tuple of (T,) arrays. Readings of the latest holds that did not repeat the hold before."""
 
     @classmethod
     def of_plan(cls, levels: FloatArray) -> RepeatedReadings:

@@ -59,25 +59,19 @@ _CUBIC, _CORNER = 0, 1
 
 @dataclass(frozen=True, eq=False)
 class Bridges:
-    """What is known about the input in each gap.
-
-    Parameters
-    ----------
-    after : (G,) array of int
-        Samples after which a gap follows.
-    known : (G,) array of bool
-        Whether the input goes one way across the gap, or its turn there is estimated.
-    t, u : (G,) array
-        Time and value of the extreme in the gap, where the input turned; NaN elsewhere.
-    doubt : (G,) array
-        By how much the extreme may be off in either direction; 0 where it did not turn.
-    """
+    """What is known about the input in each gap."""
 
     after: IntArray
+    """Shape (G,). Samples after which a gap follows."""
     known: BoolArray
+    """Shape (G,). Whether the input goes one way across the gap, or its turn there is estimated."""
     t: FloatArray
     u: FloatArray
+    """``t`` and ``u``: shape (G,). Time and value of the extreme in the gap, where the input
+    turned; NaN elsewhere."""
     doubt: FloatArray
+    """Shape (G,). By how much the extreme may be off in either direction; 0 where it did not turn.
+    """
 
     @property
     def unknown(self) -> IntArray:

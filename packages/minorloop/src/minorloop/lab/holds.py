@@ -50,22 +50,15 @@ output moves, and by how much of its span."""
 
 @dataclass(frozen=True)
 class FoundHold:
-    """A stretch of a log in which the input is constant.
-
-    Parameters
-    ----------
-    begin, end : int
-        First sample, and the one after the last.
-    level : float
-        Mean of the input.
-    sd : float
-        Standard deviation of the input about it.
-    """
+    """A stretch of a log in which the input is constant."""
 
     begin: int
     end: int
+    """``begin`` and ``end``: first sample, and the one after the last."""
     level: float
+    """Mean of the input."""
     sd: float
+    """Standard deviation of the input about it."""
 
 
 def find_holds(

@@ -38,30 +38,14 @@ class LimitedActuator(WrappedActuator):
         self._present: FloatArray | None = None
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold inputs as the actuator does.
-
-        Raises
-        ------
-        LimitError
-            If an input is beyond a limit; nothing is applied then.
-        InstrumentError
-            If the actuator fails; it is safe then.
-        """
+        """Hold inputs as the actuator does; an `InstrumentError` leaves it safe."""
         values = check_input(self.inputs, u)
         record: Record = self._done(lambda: self._actuator.apply(u, duration, sample_interval))
         self._present = values
         return record
 
     def exchange(self, u: Value) -> Value:
-        """Hold inputs for one tick as the actuator does, and return the outputs at its end.
-
-        Raises
-        ------
-        LimitError
-            If an input is beyond a limit or a rate limit; nothing is applied then.
-        InstrumentError
-            If the actuator fails, or gives no numbers; it is safe then.
-        """
+        """Hold inputs for one tick as the actuator does; an `InstrumentError` leaves it safe."""
         values = check_input(self.inputs, u, before=self._present, interval=self.tick)
         y: Value = self._done(lambda: self._read(self._actuator.exchange(u)))
         self._present = values

@@ -160,20 +160,7 @@ class Plan:
         return cls(columns[header], longest, input=header, **settings)
 
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
-        """Write inputs, longest and shortest holds as CSV, without the other settings.
-
-        Parameters
-        ----------
-        path : str or path
-            The file.
-        force : bool
-            Whether an existing file may be replaced.
-
-        Raises
-        ------
-        OutputError
-            If the file exists and ``force`` is false, or it cannot be written.
-        """
+        """Write inputs, longest and shortest holds as CSV, without the other settings."""
         check_writable(path, force=force)
         header = [str(self.input), str(LONGEST), str(SHORTEST)]
         columns = (self.inputs, self.longest, self.shortest)

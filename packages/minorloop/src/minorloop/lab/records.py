@@ -50,22 +50,15 @@ SAMPLE = Quantity("sample")
 
 @dataclass(frozen=True)
 class Timing:
-    """When a hold began and ended, by the clock of its record.
-
-    Parameters
-    ----------
-    began : float
-        When the input was on: the middle of the exchange that set it, in seconds.
-    ended : float
-        When the hold ended, in seconds.
-    uncertainty : float
-        Largest error of a time since the input was on, in seconds: half the exchange that set the
-        input and half the longest that read the output.
-    """
+    """When a hold began and ended, by the clock of its record."""
 
     began: float
+    """When the input was on: the middle of the exchange that set it, in seconds."""
     ended: float
+    """When the hold ended, in seconds."""
     uncertainty: float
+    """Largest error of a time since the input was on, in seconds: half the exchange that set the
+    input and half the longest that read the output."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,18 +238,6 @@ class Record:
         """Write the record as CSV: time, inputs, outputs, with name and unit as headers.
 
         Reading the numbers gives the same float64.
-
-        Parameters
-        ----------
-        path : str or path
-            The file to write.
-        force : bool
-            Whether a file that exists may be replaced.
-
-        Raises
-        ------
-        OutputError
-            If the file exists and ``force`` is false, or it cannot be written.
         """
         check_writable(path, force=force)
         header = [str(q) for q in (self.time, *self.inputs, *self.outputs)]

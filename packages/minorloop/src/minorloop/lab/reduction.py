@@ -48,67 +48,47 @@ _WHOLE = 0.01
 
 @dataclass(frozen=True)
 class ReducedPoint:
-    """One hold of a log, or an extreme of the input between two holds.
-
-    Parameters
-    ----------
-    t : float
-        When the hold ended, in seconds or samples.
-    input : float
-        Mean of the input, in its unit.
-    value, sd : float
-        Settled output and its standard deviation, in the unit of the output; NaN at an extreme. How
-        far a hold that has not settled is from its end is not known: its standard deviation is NaN.
-    verdict : str
-        ``settled``, ``extrapolated`` or ``unsettled``, as in `minorloop.lab.settling.Settling`;
-        ``unread`` where no reading of the end of a hold can be used; ``passed`` at an extreme of
-        the input between holds.
-    held : float
-        Duration of the hold, in seconds or samples; 0 at an extreme.
-    end : float
-        Output at the end of the hold, not extrapolated.
-    common_sd : float
-        Standard deviation of the conversion, and of a drift that was subtracted: an error that
-        the points have in common.
-    begin, stop : int
-        First sample of the hold, and the one after the last.
-    known : bool
-        Whether the memory is known; after a break it is not, until the input has made it known.
-    """
+    """One hold of a log, or an extreme of the input between two holds."""
 
     t: float
+    """When the hold ended, in seconds or samples."""
     input: float
+    """Mean of the input, in its unit."""
     value: float
     sd: float
+    """``value`` and ``sd``: settled output and its standard deviation, in the unit of the output;
+    NaN at an extreme. How far a hold that has not settled is from its end is not known: its
+    standard deviation is NaN."""
     verdict: str
+    """``settled``, ``extrapolated`` or ``unsettled``, as in `minorloop.lab.settling.Settling`;
+    ``unread`` where no reading of the end of a hold can be used; ``passed`` at an extreme of the
+    input between holds."""
     held: float
+    """Duration of the hold, in seconds or samples; 0 at an extreme."""
     end: float
+    """Output at the end of the hold, not extrapolated."""
     common_sd: float
+    """Standard deviation of the conversion, and of a drift that was subtracted: an error that the
+    points have in common."""
     begin: int
     stop: int
+    """``begin`` and ``stop``: first sample of the hold, and the one after the last."""
     known: bool = True
+    """Whether the memory is known; after a break it is not, until the input has made it known."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reduction(Drawn):
-    """Settled points of a raw log.
-
-    Parameters
-    ----------
-    points : tuple of ReducedPoint
-        Holds and passed extremes, in order.
-    notes : tuple of str
-        What was found and what to do about it, one sentence each.
-    log : Record
-        The log with the output converted; NaN where a reading cannot be used.
-    drift : SensorDrift, optional
-        Drift of the sensor, if there is one and it was not subtracted.
-    """
+    """Settled points of a raw log."""
 
     points: tuple[ReducedPoint, ...]
+    """Holds and passed extremes, in order."""
     notes: tuple[str, ...]
+    """What was found and what to do about it, one sentence each."""
     log: Record
+    """The log with the output converted; NaN where a reading cannot be used."""
     drift: SensorDrift | None = None
+    """Drift of the sensor, if there is one and it was not subtracted."""
 
     def __len__(self) -> int:
         return len(self.points)
@@ -186,13 +166,7 @@ class Reduction(Drawn):
         return columns
 
     def to_csv(self, path: PathLike, *, unsettled: bool = False, force: bool = False) -> None:
-        """Write the table of ``columns``.
-
-        Raises
-        ------
-        OutputError
-            If the file exists and ``force`` is false, or it cannot be written.
-        """
+        """Write the table of ``columns``."""
         check_writable(path, force=force)
         columns = self.columns(unsettled=unsettled)
         write_atomically(path, table_text(columns, zip(*columns.values(), strict=True)))

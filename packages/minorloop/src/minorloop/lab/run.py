@@ -83,31 +83,21 @@ class Described(Protocol):
 
 @dataclass(frozen=True)
 class RunProgress:
-    """Progress of a run.
-
-    Parameters
-    ----------
-    index, total : int
-        The level that is held, counted from 0, and the number of levels.
-    input : float
-        The level, in the unit of the input.
-    output : float
-        The latest sample, in the unit of the output; NaN where nothing is measured.
-    held : float
-        How long the level has been held, in seconds.
-    point : Point, optional
-        The settled point, once it is in the store.
-    warning : str
-        What is wrong with this point and those before it, as far as it shows; empty if nothing.
-    """
+    """Progress of a run."""
 
     index: int
     total: int
+    """``index`` and ``total``: the level that is held, counted from 0, and the number of levels."""
     input: float
+    """The level, in the unit of the input."""
     output: float
+    """The latest sample, in the unit of the output; NaN where nothing is measured."""
     held: float
+    """How long the level has been held, in seconds."""
     point: Point | None = None
+    """The settled point, once it is in the store."""
     warning: str = ""
+    """What is wrong with this point and those before it, as far as it shows; empty if nothing."""
 
 
 def run(

@@ -30,19 +30,13 @@ _ROUNDING = 1e-24
 
 @dataclass(frozen=True)
 class SensorDrift:
-    """A change of the output that all holds have in common.
-
-    Parameters
-    ----------
-    rate, sd : float
-        Slope and its standard error, in the unit of the output per second.
-    share : float
-        Change over the record, in spans of the outputs at the ends of the holds.
-    """
+    """A change of the output that all holds have in common."""
 
     rate: float
     sd: float
+    """``rate`` and ``sd``: slope and its standard error, in the unit of the output per second."""
     share: float
+    """Change over the record, in spans of the outputs at the ends of the holds."""
 
 
 def find_drift(

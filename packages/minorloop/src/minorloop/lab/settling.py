@@ -67,20 +67,16 @@ _ROUNDING = 1e-14
 
 @dataclass(frozen=True)
 class Trend:
-    """A straight line through the trailing window.
-
-    Parameters
-    ----------
-    value, sd : float
-        The line at the last sample and its standard deviation, in the unit of the output.
-    slope, slope_sd : float
-        Its slope and standard deviation, in the unit of the output per second.
-    """
+    """A straight line through the trailing window."""
 
     value: float
     sd: float
+    """``value`` and ``sd``: the line at the last sample and its standard deviation, in the unit of
+    the output."""
     slope: float
     slope_sd: float
+    """``slope`` and ``slope_sd``: its slope and standard deviation, in the unit of the output per
+    second."""
 
     def is_below(self, tolerance: float) -> bool:
         """Whether the slope is known to be no steeper than this."""
@@ -89,35 +85,26 @@ class Trend:
 
 @dataclass(frozen=True, eq=False)
 class Extrapolation:
-    """The limit of exponentials fitted to a hold.
-
-    Parameters
-    ----------
-    value, sd : float
-        Settled value and its standard deviation, in the unit of the output.
-    least_sd : float
-        The same without what a slower decay may leave.
-    remaining : float
-        Change from the end of the hold to the limit.
-    trusted : bool
-        Whether the limit is at least as certain as a single sample, or certain to a tenth of the
-        change of the fitted tail.
-    noise : float
-        Standard deviation of a sample about the fit.
-    changes, change_sds, likelihoods : (C,) array
-        For each choice of time constants, slower ones included: the change of the output in
-        another such hold, its standard deviation, and the likelihood of the choice, of sum one.
-    """
+    """The limit of exponentials fitted to a hold."""
 
     value: float
     sd: float
+    """``value`` and ``sd``: settled value and its standard deviation, in the unit of the output."""
     least_sd: float
+    """The same without what a slower decay may leave."""
     remaining: float
+    """Change from the end of the hold to the limit."""
     trusted: bool
+    """Whether the limit is at least as certain as a single sample, or certain to a tenth of the
+    change of the fitted tail."""
     noise: float
+    """Standard deviation of a sample about the fit."""
     changes: FloatArray
     change_sds: FloatArray
     likelihoods: FloatArray
+    """``changes``, ``change_sds`` and ``likelihoods``: shape (C,). For each choice of time
+    constants, slower ones included: the change of the output in another such hold, its standard
+    deviation, and the likelihood of the choice, of sum one."""
 
     def probability(self, limit: float) -> float:
         """Return how likely another such hold changes the output by no more than a limit > 0."""
@@ -131,24 +118,6 @@ class Extrapolation:
 class Settling:
     """How a hold ended.
 
-    Parameters
-    ----------
-    value, sd : float
-        The settled value, as well as it is known, and its standard deviation, in the unit of
-        the output; NaN where nothing was measured.
-    verdict : str
-        ``settled``: the slope was below the tolerance, and ``value`` is the end of the trend; or
-        the exponentials know the limit, and the change up to it, to what the tolerance allows in
-        another such hold, and ``value`` is the limit; or noise hides so small a change, a larger
-        one is unlikely, and ``value`` is the limit if that is trusted, otherwise the end of a
-        longer trend.
-        ``extrapolated``: the output still moves, or noise hides whether it does, and ``value`` is
-        the limit of the exponentials.
-        ``unsettled``: the limit is not trusted; ``value`` is the end of the trend.
-        Where ``value`` is the end of the trend, ``sd`` includes the change that seems to remain.
-    slope, slope_sd : float
-        Slope over the trailing window and its standard deviation, per second.
-
     Notes
     -----
     A hold shows only what is faster than itself. ``sd`` is reliable if the hold is at least four
@@ -159,9 +128,21 @@ class Settling:
 
     value: float
     sd: float
+    """``value`` and ``sd``: the settled value, as well as it is known, and its standard deviation,
+    in the unit of the output; NaN where nothing was measured."""
     verdict: Verdict
+    """``settled``: the slope was below the tolerance, and ``value`` is the end of the trend; or the
+    exponentials know the limit, and the change up to it, to what the tolerance allows in another
+    such hold, and ``value`` is the limit; or noise hides so small a change, a larger one is
+    unlikely, and ``value`` is the limit if that is trusted, otherwise the end of a longer trend.
+    ``extrapolated``: the output still moves, or noise hides whether it does, and ``value`` is the
+    limit of the exponentials. ``unsettled``: the limit is not trusted; ``value`` is the end of the
+    trend. Where ``value`` is the end of the trend, ``sd`` includes the change that seems to remain.
+    """
     slope: float
     slope_sd: float
+    """``slope`` and ``slope_sd``: slope over the trailing window and its standard deviation, per
+    second."""
 
 
 def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:

@@ -31,30 +31,20 @@ _SHOWN = 12
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A table.
-
-    Parameters
-    ----------
-    file : path
-        The file.
-    headers : tuple of str
-        Headers, with units.
-    columns : tuple of list or array
-        Cells of each column; an array where all are numbers.
-    numbers : sequence of int
-        Numbers of the rows of data in the file; blank rows are left out.
-    name : str
-        Name of the sheet of a workbook.
-    others : tuple of str
-        Names of its other sheets, which are not read.
-    """
+    """A table."""
 
     file: Path
+    """The file."""
     headers: tuple[str, ...]
+    """Headers, with units."""
     columns: tuple[list[Any] | FloatArray, ...]
+    """Cells of each column; an array where all are numbers."""
     numbers: Sequence[int]
+    """Numbers of the rows of data in the file; blank rows are left out."""
     name: str = ""
+    """Name of the sheet of a workbook."""
     others: tuple[str, ...] = ()
+    """Names of its other sheets, which are not read."""
 
     @property
     def which(self) -> str:

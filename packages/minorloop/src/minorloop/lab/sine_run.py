@@ -59,25 +59,17 @@ class Driven(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSine:
-    """A sine and what was measured.
-
-    Parameters
-    ----------
-    sine : Sine
-        The sine as planned.
-    u, y : (count,) arrays
-        Inputs and outputs of its samples.
-    held : bool
-        Whether each input was held until its output was read; otherwise it is linear in between.
-    slow : float
-        How long the sine took, as a multiple of the planned time.
-    """
+    """A sine and what was measured."""
 
     sine: Sine
+    """The sine as planned."""
     u: FloatArray
     y: FloatArray
+    """``u`` and ``y``: shape (count,). Inputs and outputs of its samples."""
     held: bool
+    """Whether each input was held until its output was read; otherwise it is linear in between."""
     slow: float = 1.0
+    """How long the sine took, as a multiple of the planned time."""
 
     @property
     def before(self) -> FloatArray:

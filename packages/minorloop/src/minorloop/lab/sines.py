@@ -39,21 +39,6 @@ _WHOLE = 1e-6
 class Sine:
     """One sine with the inputs before it.
 
-    Parameters
-    ----------
-    frequency : float
-        In Hz.
-    amplitude, offset : float
-        Amplitude and mean of the sine, in the unit of the input.
-    preamble : float
-        Input that saturates the actuator before the sine, in the same unit.
-    hold : float
-        Seconds for which the preamble is held, and then the offset.
-    discarded, measured : int
-        Periods that are applied but not evaluated, and periods that are.
-    samples : int
-        Samples of a period.
-
     Raises
     ------
     ParameterError
@@ -61,13 +46,20 @@ class Sine:
     """
 
     frequency: float
+    """In Hz."""
     amplitude: float
     offset: float
+    """``amplitude`` and ``offset``: amplitude and mean of the sine, in the unit of the input."""
     preamble: float
+    """Input that saturates the actuator before the sine, in the same unit."""
     hold: float
+    """Seconds for which the preamble is held, and then the offset."""
     discarded: int
     measured: int
+    """``discarded`` and ``measured``: periods that are applied but not evaluated, and periods that
+    are."""
     samples: int
+    """Samples of a period."""
 
     def __post_init__(self) -> None:
         for name in ("frequency", "amplitude", "hold"):
@@ -190,13 +182,6 @@ _AMPLITUDE = " amplitude"
 class SinePlan:
     """Sines to apply one after the other.
 
-    Parameters
-    ----------
-    sines : tuple of Sine
-        The sines, in order.
-    input : Quantity
-        Name and unit of the input.
-
     Raises
     ------
     ParameterError
@@ -204,7 +189,9 @@ class SinePlan:
     """
 
     sines: tuple[Sine, ...]
+    """The sines, in order."""
     input: Quantity
+    """Name and unit of the input."""
 
     def __post_init__(self) -> None:
         if not 0 < len(self.sines) <= MAX_SINES:
@@ -313,20 +300,7 @@ class SinePlan:
         }
 
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
-        """Write the plan as CSV.
-
-        Parameters
-        ----------
-        path : str or path
-            The file.
-        force : bool
-            Whether an existing file may be replaced.
-
-        Raises
-        ------
-        OutputError
-            If the file exists and ``force`` is false, or it cannot be written.
-        """
+        """Write the plan as CSV."""
         check_writable(path, force=force)
         columns = self.columns()
         write_atomically(path, table_text(columns, zip(*columns.values(), strict=True)))

@@ -69,36 +69,24 @@ Rows = tuple[list[list[str]], Sequence[int]]
 
 @dataclass
 class TextTable:
-    """An open table.
-
-    Parameters
-    ----------
-    file : path
-        The file.
-    text : TextIO
-        It, at its first row of data.
-    headers : list of str
-        Headers, with units.
-    delimiter : str
-        Between columns.
-    decimal : str
-        Of numbers: a point or a comma.
-    first : int
-        Line of the first row of data, counted from 1.
-    bounds : Bounds
-        Of the table.
-    progress : callable
-        Called with the share that has been read, as text.
-    """
+    """An open table."""
 
     file: Path
+    """The file."""
     text: TextIO
+    """It, at its first row of data."""
     headers: list[str]
+    """Headers, with units."""
     delimiter: str
+    """Between columns."""
     decimal: str
+    """Of numbers: a point or a comma."""
     first: int
+    """Line of the first row of data, counted from 1."""
     bounds: Bounds = LARGEST
+    """Of the table."""
     progress: Callable[[str], None] = field(default=lambda share: None)
+    """Called with the share that has been read, as text."""
 
     def blocks(self) -> Iterator[FloatArray | Rows]:
         """Yield blocks: arrays (rows, columns) of numbers, or rows of cells."""

@@ -63,33 +63,26 @@ _MOST_SAMPLES = 50_000_000
 
 @dataclass(frozen=True, eq=False)
 class TimeCheck:
-    """Times that never run backwards, and what was found in them.
-
-    Parameters
-    ----------
-    t : (T,) array
-        Times in seconds; where the clock was set, they continue with the usual interval.
-    interval : float
-        Usual time between samples, the median.
-    gaps : (G,) array of int
-        Samples after which a gap follows.
-    jumps : (J,) array of int
-        Samples after which the clock was set back, so that parts of records may follow each other.
-        Not where it was changed by an hour or set to the date: there the record continues.
-    uneven : float
-        Share of the other steps that differ from the interval by more than a tenth of it.
-    of_breaks, of_steps, others : tuple of str
-        Findings about gaps and jumps, about uneven steps, and the others, one sentence each.
-    """
+    """Times that never run backwards, and what was found in them."""
 
     t: FloatArray
+    """Shape (T,). Times in seconds; where the clock was set, they continue with the usual interval.
+    """
     interval: float
+    """Usual time between samples, the median."""
     gaps: IntArray
+    """Shape (G,). Samples after which a gap follows."""
     jumps: IntArray
+    """Shape (J,). Samples after which the clock was set back, so that parts of records may follow
+    each other. Not where it was changed by an hour or set to the date: there the record continues.
+    """
     uneven: float
+    """Share of the other steps that differ from the interval by more than a tenth of it."""
     of_breaks: tuple[str, ...] = ()
     of_steps: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+    """``of_breaks``, ``of_steps`` and ``others``: findings about gaps and jumps, about uneven
+    steps, and the others, one sentence each."""
 
     @property
     def notes(self) -> tuple[str, ...]:

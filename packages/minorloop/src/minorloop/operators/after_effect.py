@@ -42,21 +42,14 @@ _MISSED = 1e-10
 
 @dataclass(frozen=True)
 class AfterEffectState:
-    """State of an operator with after-effect.
-
-    Parameters
-    ----------
-    memory : Memory
-        Remembered extrema of the effective input; the last one is its present value.
-    u : float
-        The last input.
-    creep : tuple of float
-        Outputs of the creeping planes.
-    """
+    """State of an operator with after-effect."""
 
     memory: Memory
+    """Remembered extrema of the effective input; the last one is its present value."""
     u: float
+    """The last input."""
     creep: tuple[float, ...]
+    """Outputs of the creeping planes."""
 
 
 State: TypeAlias = "Start | AfterEffectState"
@@ -194,26 +187,9 @@ class AfterEffect(Drawn):
         )
 
     def simulate(self, t: npt.ArrayLike, u: npt.ArrayLike, start: State = "negative") -> Samples:
-        """Return the outputs for inputs that are held between samples.
+        """Return the outputs for inputs, (T,) or (S, T), that are held between samples.
 
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds.
-        u : (T,) or (S, T) array_like
-            Inputs; u[k] is applied since t[k - 1], and u[0] for as long as u[1]. Rows are
-            independent signals, computed in parallel.
-        start : start state, Memory or AfterEffectState
-            State before the first input; with a memory everything has settled.
-
-        Returns
-        -------
-        (T,) or (S, T) array
-
-        Raises
-        ------
-        SignalError
-            If the shapes differ, or times do not increase.
+        With a memory as the start, everything has settled. As `TimedModel.simulate` otherwise.
         """
         inputs = writable(as_samples(u, name="u"))
         times = as_times(t)
@@ -267,31 +243,7 @@ class AfterEffect(Drawn):
 
         The output at t[k] is monotone in the input that is held since t[k - 1]; its root is solved
         to rounding. Inputs lie inside the levels. Which outputs can be reached depends on the past.
-
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds; u[0] is held for as long as u[1].
-        targets : (T,) array_like
-            Wanted outputs at these times.
-        start : start state, Memory or AfterEffectState
-            State before the first input.
-        unreachable : {"raise", "clip"}
-            What to do about targets out of reach at their time: refuse them, or go as near as
-            possible.
-
-        Returns
-        -------
-        Inversion
-
-        Raises
-        ------
-        UnreachableError
-            If a target is out of reach and ``unreachable="raise"``.
-        NotInvertibleError
-            If the model is not monotone.
-        SignalError
-            If the shapes differ, or times do not increase.
+        Parameters and errors are those of `TimedModel.invert`.
         """
         check_unreachable_option(unreachable)
         self.require_monotone()
@@ -307,28 +259,12 @@ class AfterEffect(Drawn):
         return Inversion(u=u, y=y, residual=y - wanted, reachable=~missed)
 
     def step(self, memory: State, u: float, interval: float) -> tuple[float, AfterEffectState]:
-        """Return output and state after an input that is held for an interval.
-
-        Parameters
-        ----------
-        memory : start state, Memory or AfterEffectState
-            State before; it is not changed.
-        u : float
-            The input.
-        interval : float
-            In seconds.
-        """
+        """Return output and state after an input that is held for an interval in seconds."""
         tracker = self.track(memory)
         return tracker.push(u, interval), tracker.state
 
     def track(self, start: State = "negative") -> TimedTracker:
-        """Return a tracker that follows a live input sample by sample.
-
-        Parameters
-        ----------
-        start : start state, Memory or AfterEffectState
-            State before the first sample.
-        """
+        """Return a tracker that follows a live input sample by sample."""
         return TimedTracker(self, start)
 
     def require_monotone(self) -> None:
@@ -457,20 +393,7 @@ class TimedTracker:
         return float(np.interp(x, self.model.marks, self.model.plane.levels))
 
     def push(self, u: float, interval: float) -> float:
-        """Return the output after an input that is held for an interval, and update the state.
-
-        Parameters
-        ----------
-        u : float
-            The input, in its unit.
-        interval : float
-            In seconds.
-
-        Raises
-        ------
-        ParameterError
-            If the input is not a finite number, or the interval is not positive.
-        """
+        """Return the output after an input that is held for an interval, and update the state."""
         if self._rows > len(self._stack) - 2:
             self._stack = np.concatenate([self._stack, np.empty_like(self._stack)])
         y, self._rows = self._look(u, interval, True)
@@ -478,40 +401,15 @@ class TimedTracker:
         return y
 
     def peek(self, u: float, interval: float) -> float:
-        """Return the output after an input that would be held for an interval.
-
-        Parameters
-        ----------
-        u : float
-            The input, in its unit.
-        interval : float
-            In seconds.
-        """
+        """Return the output after an input that would be held for an interval."""
         return self._look(u, interval, False)[0]
 
     def aim(self, y: float, interval: float, unreachable: Unreachable = "raise") -> float:
         """Return the input that, held for an interval, brings the output to y at its end.
 
-        The state stays as it is.
-
-        Parameters
-        ----------
-        y : float
-            Wanted output, in its unit.
-        interval : float
-            In seconds.
-        unreachable : {"raise", "clip"}
-            Whether to refuse outputs that no input within the levels reaches in the interval, or
-            to give the nearer end of the levels.
-
-        Raises
-        ------
-        NotInvertibleError
-            If the model is not monotone.
-        UnreachableError
-            If the target is out of reach and ``unreachable="raise"``.
-        ParameterError
-            If the target is not a finite number, or the interval is not positive.
+        The state stays as it is. ``"clip"`` gives the nearer end of the levels. Parameters and
+        errors are those of `LiveTracker.aim`; an interval that is not positive is a
+        `ParameterError`.
         """
         self.model.require_monotone()
         check_unreachable_option(unreachable)

@@ -22,14 +22,6 @@ class DeadZones:
     ``S(x) = sum of weights[k] * d_k(x)``, where ``d_k(x)`` is ``max(x - s, 0)`` for a threshold
     s > 0, ``min(x - s, 0)`` for s < 0, and ``x`` for s = 0.
 
-    Parameters
-    ----------
-    thresholds : (K,) array_like
-        Strictly increasing, in the unit of x; a zero among them is the linear term.
-    weights : (K,) array_like
-        Change of slope at each threshold, away from the origin; for threshold zero the slope at
-        the origin.
-
     Raises
     ------
     ParameterError
@@ -41,7 +33,10 @@ class DeadZones:
     """
 
     thresholds: FloatArray
+    """Shape (K,). Strictly increasing, in the unit of x; a zero among them is the linear term."""
     weights: FloatArray
+    """Shape (K,). Change of slope at each threshold, away from the origin; for threshold zero the
+    slope at the origin."""
 
     def __post_init__(self) -> None:
         thresholds, weights = as_paired(self.thresholds, self.weights, name="thresholds")

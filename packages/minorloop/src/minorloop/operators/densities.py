@@ -42,13 +42,6 @@ class UniformDensity(_Density):
 
     It is ``2 mass / (high - low)^2`` there and zero elsewhere. Its loops are parabolic.
 
-    Parameters
-    ----------
-    low, high : float
-        Least threshold down and greatest threshold up, in the unit of the input.
-    mass : float
-        Integral over the triangle, in the unit of the output.
-
     Raises
     ------
     ParameterError
@@ -61,7 +54,10 @@ class UniformDensity(_Density):
 
     low: float
     high: float
+    """``low`` and ``high``: least threshold down and greatest threshold up, in the unit of the
+    input."""
     mass: float = 1.0
+    """Integral over the triangle, in the unit of the output."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -84,17 +80,6 @@ class FactoredGaussianDensity(_Density):
     ``A = mass / (2 pi spread^2 Phi(sqrt(2) coercive / spread))`` with the normal
     distribution function Phi.
 
-    Parameters
-    ----------
-    coercive : float
-        Mean threshold up above the centre, and mean threshold down below it.
-    spread : float
-        Standard deviation of each threshold; positive.
-    mass : float
-        Integral over the half-plane alpha >= beta, in the unit of the output.
-    centre : float
-        Mean threshold of the typical relay. All but the mass in the unit of the input.
-
     Raises
     ------
     ParameterError
@@ -107,9 +92,13 @@ class FactoredGaussianDensity(_Density):
     """
 
     coercive: float
+    """Mean threshold up above the centre, and mean threshold down below it."""
     spread: float
+    """Standard deviation of each threshold; positive."""
     mass: float = 1.0
+    """Integral over the half-plane alpha >= beta, in the unit of the output."""
     centre: float = 0.0
+    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
 
     def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
         """Return the density at thresholds of equal or broadcastable shapes."""
@@ -129,19 +118,6 @@ class GaussianDensity(_Density):
     with ``A = mass / (4 pi spread_mean spread_width Phi(coercive / spread_width))`` and the
     normal distribution function Phi.
 
-    Parameters
-    ----------
-    coercive : float
-        Half-width of the typical relay.
-    spread_mean : float
-        Standard deviation of the mean of the thresholds; positive.
-    spread_width : float
-        Standard deviation of their half-width; positive.
-    mass : float
-        Integral over the half-plane alpha >= beta, in the unit of the output.
-    centre : float
-        Mean threshold of the typical relay. All but the mass in the unit of the input.
-
     Raises
     ------
     ParameterError
@@ -154,10 +130,15 @@ class GaussianDensity(_Density):
     """
 
     coercive: float
+    """Half-width of the typical relay."""
     spread_mean: float
+    """Standard deviation of the mean of the thresholds; positive."""
     spread_width: float
+    """Standard deviation of their half-width; positive."""
     mass: float = 1.0
+    """Integral over the half-plane alpha >= beta, in the unit of the output."""
     centre: float = 0.0
+    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
 
     def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
         """Return the density at thresholds of equal or broadcastable shapes."""
@@ -177,19 +158,6 @@ class LorentzianDensity(_Density):
     ``A / [(1 + ((m - centre) / spread_mean)^2) (1 + ((h - coercive) / spread_width)^2)]`` with
     ``A = mass / [2 pi spread_mean spread_width (pi/2 + arctan(coercive / spread_width))]``.
 
-    Parameters
-    ----------
-    coercive : float
-        Half-width of the typical relay.
-    spread_mean : float
-        Half-width at half-maximum in the mean of the thresholds; positive.
-    spread_width : float
-        Half-width at half-maximum in their half-width; positive.
-    mass : float
-        Integral over the half-plane alpha >= beta, in the unit of the output.
-    centre : float
-        Mean threshold of the typical relay. All but the mass in the unit of the input.
-
     Raises
     ------
     ParameterError
@@ -201,10 +169,15 @@ class LorentzianDensity(_Density):
     """
 
     coercive: float
+    """Half-width of the typical relay."""
     spread_mean: float
+    """Half-width at half-maximum in the mean of the thresholds; positive."""
     spread_width: float
+    """Half-width at half-maximum in their half-width; positive."""
     mass: float = 1.0
+    """Integral over the half-plane alpha >= beta, in the unit of the output."""
     centre: float = 0.0
+    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
 
     def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
         """Return the density at thresholds of equal or broadcastable shapes."""
@@ -224,17 +197,6 @@ class FactoredLorentzianDensity(_Density):
     ``f(x) = 1 / (1 + ((x - coercive) / spread)^2)`` and
     ``A = mass / [pi^2 spread^2 (1/2 + arctan(coercive / spread) / pi)]``.
 
-    Parameters
-    ----------
-    coercive : float
-        Most frequent threshold up above the centre, and threshold down below it.
-    spread : float
-        Half-width at half-maximum in each threshold; positive.
-    mass : float
-        Integral over the half-plane alpha >= beta, in the unit of the output.
-    centre : float
-        Mean threshold of the typical relay. All but the mass in the unit of the input.
-
     Raises
     ------
     ParameterError
@@ -247,9 +209,13 @@ class FactoredLorentzianDensity(_Density):
     """
 
     coercive: float
+    """Most frequent threshold up above the centre, and threshold down below it."""
     spread: float
+    """Half-width at half-maximum in each threshold; positive."""
     mass: float = 1.0
+    """Integral over the half-plane alpha >= beta, in the unit of the output."""
     centre: float = 0.0
+    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
 
     def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
         """Return the density at thresholds of equal or broadcastable shapes."""

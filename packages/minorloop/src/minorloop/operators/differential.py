@@ -117,27 +117,7 @@ class Differential(ABC):
         return (-np.inf if start == "negative" else np.inf), limit
 
     def simulate(self, u: npt.ArrayLike, start: DifferentialStart = "demagnetised") -> Samples:
-        """Return the outputs for input signals that are monotone between samples.
-
-        Parameters
-        ----------
-        u : (T,) or (S, T) array_like
-            Inputs; rows are independent signals, computed in parallel.
-        start : start state
-            State before the first sample.
-
-        Returns
-        -------
-        (T,) or (S, T) array
-            Outputs.
-
-        Raises
-        ------
-        SignalError
-            If the inputs are not finite numbers of one of these shapes.
-        ParameterError
-            If the start state is out of range.
-        """
+        """Return the outputs for input signals that are monotone between samples."""
         inputs, (before, z) = as_samples(u, name="u"), self.state(start)
         out = np.empty_like(inputs)
 
@@ -159,25 +139,9 @@ class Differential(ABC):
     ) -> Inversion:
         """Return inputs that bring the output to each target in turn, by the shortest way.
 
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Wanted outputs, in order.
-        start : start state
-            State before the first input.
-        unreachable : {"raise", "clip"}
-            What to do about targets at or beyond a limit. ``"clip"`` goes 99.9 % of the way to it.
-
-        Returns
-        -------
-        Inversion
-
-        Raises
-        ------
-        NotInvertibleError
-            If the output falls while the input rises at some output within the limits.
-        UnreachableError
-            If a target is out of reach and ``unreachable="raise"``.
+        Targets at or beyond a limit are out of reach; ``"clip"`` goes 99.9 % of the way to it.
+        There is no inverse if the output falls while the input rises at some output within the
+        limits.
         """
         check_unreachable_option(unreachable)
         wanted = as_signal(targets, name="targets")
@@ -201,47 +165,17 @@ class Differential(ABC):
         return Inversion(u, y, y - wanted, reachable)
 
     def step(self, memory: DifferentialStart, u: float) -> tuple[float, FloatArray]:
-        """Return output and memory after one input.
-
-        Parameters
-        ----------
-        memory : start state
-            State before the input; it is not changed.
-        u : float
-            The input.
-
-        Returns
-        -------
-        z : float
-        memory : (2,) array
-            Input and output.
-        """
+        """Return output and memory, (2,) of input and output, after one input."""
         given = as_finite("u", u)
         z = float(self.simulate([given], memory)[0])
         return z, frozen([given, z])
 
     def aim(self, memory: DifferentialStart, y: float, unreachable: Unreachable = "raise") -> float:
-        """Return the input that brings the output to y from a start state.
-
-        Parameters
-        ----------
-        memory : start state
-            State before the input.
-        y : float
-            Wanted output.
-        unreachable : {"raise", "clip"}
-            As for `invert`.
-        """
+        """Return the input that brings the output to y from a start state, as `Operator.aim`."""
         return float(self.invert([as_finite("target", y)], memory, unreachable).u[0])
 
     def track(self, start: DifferentialStart = "demagnetised") -> StepTracker[DifferentialStart]:
-        """Return a tracker that follows a live input sample by sample.
-
-        Parameters
-        ----------
-        start : start state
-            State before the first sample.
-        """
+        """Return a tracker that follows a live input sample by sample."""
         memory = start if isinstance(start, str) else frozen(self.state(start))
         self.state(memory)
         return StepTracker(self, memory)

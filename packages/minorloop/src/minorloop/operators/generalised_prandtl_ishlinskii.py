@@ -24,15 +24,6 @@ class GeneralisedPrandtlIshlinskii(Drawn):
     H is a `PrandtlIshlinskii` operator and S a curve of `DeadZones`. Memory and start states are
     those of H.
 
-    Parameters
-    ----------
-    plays : PrandtlIshlinskii
-        H; its offset shifts the loop along the curve S.
-    zones : DeadZones
-        S.
-    offset : float
-        Added to the output.
-
     Raises
     ------
     ParameterError
@@ -45,8 +36,11 @@ class GeneralisedPrandtlIshlinskii(Drawn):
     """
 
     plays: PrandtlIshlinskii
+    """H; its offset shifts the loop along the curve S."""
     zones: DeadZones
+    """S."""
     offset: float = 0.0
+    """Added to the output."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.plays, PrandtlIshlinskii):
@@ -135,15 +129,7 @@ class GeneralisedPrandtlIshlinskii(Drawn):
         return self.plays.positions(start)
 
     def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:
-        """Return the outputs for input signals, as `PrandtlIshlinskii.simulate`.
-
-        Parameters
-        ----------
-        u : (T,) or (S, T) array_like
-            Inputs.
-        start : {"negative", "positive", "demagnetised"} or (n,) array_like
-            Positions of the plays before the first input, or a state by name.
-        """
+        """Return the outputs for input signals, as `Operator.simulate`."""
         return self.offset + self.zones(self.plays.simulate(u, start))
 
     def invert(
@@ -154,21 +140,7 @@ class GeneralisedPrandtlIshlinskii(Drawn):
     ) -> Inversion:
         """Return inputs that bring the output to each target in turn, by the analytic inverses.
 
-        Parameters
-        ----------
-        targets, start, unreachable
-            As for `PrandtlIshlinskii.invert`.
-
-        Returns
-        -------
-        Inversion
-
-        Raises
-        ------
-        NotInvertibleError
-            If plays or dead zones have no inverse.
-        SignalError
-            If the targets are not finite numbers in one dimension.
+        There is none if plays or dead zones have no inverse.
         """
         wanted = as_signal(targets, name="targets")
         inner = self.plays.invert(self.zones.invert(wanted - self.offset), start, unreachable)
@@ -176,39 +148,15 @@ class GeneralisedPrandtlIshlinskii(Drawn):
         return Inversion(inner.u, y, y - wanted, inner.reachable)
 
     def step(self, memory: PlayStart, u: float) -> tuple[float, FloatArray]:
-        """Return output and play positions after one input, as `PrandtlIshlinskii.step`.
-
-        Parameters
-        ----------
-        memory : (n,) array_like or state by name
-            Positions of the plays.
-        u : float
-            The input, in its unit.
-        """
+        """Return output and play positions after one input, as `Operator.step`."""
         inner, after = self.plays.step(memory, u)
         return self.offset + float(self.zones(inner)), after
 
     def aim(self, memory: PlayStart, y: float, unreachable: Unreachable = "raise") -> float:
-        """Return the input that brings the output to y from a start state.
-
-        Parameters
-        ----------
-        memory : (n,) array_like or state by name
-            Positions of the plays.
-        y : float
-            Wanted output.
-        unreachable : {"raise", "clip"}
-            As for `invert`.
-        """
+        """Return the input that brings the output to y from a start state, as `Operator.aim`."""
         inner = self.zones.invert(as_finite("target", y) - self.offset)
         return self.plays.aim(memory, float(inner), unreachable)
 
     def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
-        """Return a tracker that follows a live input sample by sample.
-
-        Parameters
-        ----------
-        start : {"negative", "positive", "demagnetised"} or (n,) array_like
-            Positions of the plays before the first input, or a state by name.
-        """
+        """Return a tracker that follows a live input sample by sample."""
         return StepTracker(self, self.positions(start))

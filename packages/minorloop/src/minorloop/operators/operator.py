@@ -1,7 +1,11 @@
-"""The protocol of rate-independent operators."""
+"""Protocols of models and results: what their methods take, return and refuse is said here.
+
+An implementation says only what differs. ``T`` is the number of samples, ``S`` of signals.
+"""
 
 from __future__ import annotations
 
+from os import PathLike
 from typing import Any, Protocol
 
 import numpy.typing as npt
@@ -14,12 +18,274 @@ class Operator(Protocol):
     """A rate-independent operator, such as `Preisach`, `PrandtlIshlinskii` or `Polynomial`."""
 
     def simulate(self, u: npt.ArrayLike, start: Any = ...) -> Samples:
-        """Return the outputs for an input signal."""
+        """Return the outputs for an input signal.
+
+        Parameters
+        ----------
+        u : (T,) or (S, T) array_like
+            Inputs; the rows of a two-dimensional array are independent signals, computed in
+            parallel.
+        start : start state
+            State before the first sample: ``"negative"``, ``"positive"`` or ``"demagnetised"``,
+            or a `Memory` of a plane of relays, or the positions (n,) of n plays, or the memory
+            that `step` returned.
+
+        Returns
+        -------
+        (T,) or (S, T) array
+            Outputs.
+
+        Raises
+        ------
+        SignalError
+            If the inputs are not finite numbers of one of these shapes.
+        ParameterError
+            If the start state is out of range.
+        """
 
     def invert(
         self, targets: npt.ArrayLike, start: Any = ..., unreachable: Unreachable = ...
     ) -> Inversion:
-        """Return inputs that bring the output to each target."""
+        """Return inputs that bring the output to each target in turn.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Wanted outputs, in order.
+        start : start state
+            State before the first input, as of `simulate`.
+        unreachable : {"raise", "clip"}
+            What to do about targets beyond the reach: refuse them, or go as near as possible.
+
+        Returns
+        -------
+        Inversion
+            Inputs, their outputs, residuals, and which targets were reachable.
+
+        Raises
+        ------
+        UnreachableError
+            If a target is out of reach and ``unreachable="raise"``.
+        NotInvertibleError
+            If the model is not monotone, or has no inverse.
+        SignalError
+            If the targets are not finite numbers in one dimension.
+        """
 
     def step(self, memory: Any, u: float) -> tuple[float, Any]:
-        """Return output and memory after one input."""
+        """Return output and memory after one input.
+
+        Parameters
+        ----------
+        memory : start state
+            State before the input, as of `simulate`; it is not changed.
+        u : float
+            The input, in its unit, held over the interval of a sampled system.
+
+        Raises
+        ------
+        ParameterError
+            If the input is not a finite number.
+        """
+
+
+class LiveOperator(Operator, Protocol):
+    """An operator that follows a live input, and finds one input at a time."""
+
+    def aim(self, memory: Any, y: float, unreachable: Unreachable = ...) -> float:
+        """Return the input that brings the output to y from a start state.
+
+        Parameters
+        ----------
+        memory : start state
+            State before the input.
+        y : float
+            Wanted output, in its unit.
+        unreachable : {"raise", "clip"}
+            As of `invert`.
+
+        Raises
+        ------
+        NotInvertibleError, UnreachableError
+            As of `invert`.
+        ParameterError
+            If the target is not a finite number.
+        """
+
+    def track(self, start: Any = ...) -> LiveTracker:
+        """Return a tracker that follows a live input sample by sample.
+
+        Parameters
+        ----------
+        start : start state
+            State before the first sample, as of `simulate`.
+        """
+
+
+class LiveTracker(Protocol):
+    """A model that follows one live input and owns its memory."""
+
+    def push(self, u: float) -> float:
+        """Return the output after the next input, and update the memory.
+
+        Parameters
+        ----------
+        u : float
+            The next input, in its unit.
+        interval : float
+            Seconds for which it is held, for a model in time.
+
+        Raises
+        ------
+        ParameterError
+            If the input is not a finite number, or the interval is not positive.
+        """
+
+    def peek(self, u: float) -> float:
+        """Return the output for a next input; the memory stays as it is.
+
+        Parameters
+        ----------
+        u, interval
+            As of `push`.
+        """
+
+    def aim(self, y: float, unreachable: Unreachable = ...) -> float:
+        """Return the input that brings the output to y; the memory stays as it is.
+
+        Parameters
+        ----------
+        y, interval, unreachable
+            As of `LiveOperator.aim` and `push`, with the same errors.
+        """
+
+
+class TimedModel(Protocol):
+    """A model in time, such as `Cascade` or `AfterEffect`."""
+
+    def simulate(
+        self, t: npt.ArrayLike, u: npt.ArrayLike, start: Any = ..., *, before: float | None = None
+    ) -> Samples:
+        """Return the outputs for a sampled input.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds.
+        u, x : (T,) array_like
+            Inputs; u[k] is applied since t[k - 1], and u[0] for as long as u[1].
+        start : start state
+            Memory before ``before`` was applied.
+        before : float, optional
+            Input at which the model had settled before; the first of ``u`` if not given.
+        between : {"held", "straight"}
+            The signal between samples, where it can be chosen.
+
+        Returns
+        -------
+        (T,) array
+
+        Raises
+        ------
+        SignalError
+            If the shapes differ or times do not increase.
+        """
+
+    def invert(
+        self,
+        t: npt.ArrayLike,
+        targets: npt.ArrayLike,
+        start: Any = ...,
+        unreachable: Unreachable = ...,
+    ) -> Any:
+        """Return inputs with which the output meets a target (T,) at each time (T,).
+
+        Raises
+        ------
+        UnreachableError, NotInvertibleError
+            As of `Operator.invert`.
+        SignalError
+            If the shapes differ, or times do not increase.
+        """
+
+    def step(self, state: Any, u: float, interval: float) -> tuple[float, Any]:
+        """Return output and state after an input that is held for an interval.
+
+        Parameters
+        ----------
+        state, memory : start state, or state that `step` returned
+            State before; it is not changed.
+        u, x : float
+            The input, in its unit.
+        interval : float
+            In seconds.
+        """
+
+
+class Result(Protocol):
+    """What an identification returns."""
+
+    def predict(
+        self, u: npt.ArrayLike, bands: float | None = None, curves: npt.ArrayLike | None = None
+    ) -> Any:
+        """Predict the outputs for an input that starts in the same state as the record.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds, for a model in time.
+        u : (T,) array_like
+            Inputs. Before the first one, that input is assumed to be applied.
+        bands : float, optional
+            Probability, such as 0.9, that each output lies within its band.
+        curves : (T,) array_like, optional
+            Label of the curve of each input; the memory is reset where it changes.
+        start : start state
+            Memory before the first input, where it is not that of a record.
+
+        Returns
+        -------
+        (T,) array, or Prediction with bands
+
+        Raises
+        ------
+        ParameterError
+            If bands are not between 0 and 1.
+        SignalError
+            If the shapes differ or times do not increase.
+        """
+
+    def invert(
+        self, targets: npt.ArrayLike, start: Any = ..., unreachable: Unreachable = ...
+    ) -> Inversion:
+        """Invert targets, with the standard deviation of the outputs and the warnings.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds, for a model in time.
+        targets, before, filter_time, unreachable
+            As of the model's own `invert`.
+        start : start state, optional
+            Memory before the first input; that of the record if not given.
+        """
+
+
+class WrittenTable(Protocol):
+    """What is written as a table."""
+
+    def to_csv(self, path: str | PathLike[str], *, force: bool = False) -> None:
+        """Write a CSV file.
+
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        force : bool
+            Whether an existing file may be replaced.
+
+        Raises
+        ------
+        OutputError
+            If the file exists and ``force`` is false, or it cannot be written.
+        """

@@ -172,24 +172,7 @@ class Polynomial(Drawn):
         return self.monotone_stretch == (self.low, self.high)
 
     def simulate(self, u: npt.ArrayLike, start: object = None) -> Samples:
-        """Return the outputs for input signals.
-
-        Parameters
-        ----------
-        u : (T,) or (S, T) array_like
-            Inputs.
-        start : object
-            Ignored.
-
-        Returns
-        -------
-        (T,) or (S, T) array
-
-        Raises
-        ------
-        SignalError
-            If the inputs are not finite numbers of one of these shapes.
-        """
+        """Return the outputs for input signals; the start is ignored."""
         return self._at(np.clip(as_samples(u, name="u"), self.low, self.high))
 
     def invert(
@@ -198,29 +181,9 @@ class Polynomial(Drawn):
         start: object = None,
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Return inputs in [low, high] that bring the output to each target.
+        """Return inputs in [low, high] that bring the output to each target; the start is ignored.
 
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Wanted outputs.
-        start : object
-            Ignored.
-        unreachable : {"raise", "clip"}
-            What to do about targets beyond `range`: refuse them, or go as near as possible.
-
-        Returns
-        -------
-        Inversion
-
-        Raises
-        ------
-        NotInvertibleError
-            If the curve is not monotone in [low, high]; `monotone_stretch` is where it is.
-        UnreachableError
-            If a target is beyond the range and ``unreachable="raise"``.
-        SignalError
-            If the targets are not finite numbers in one dimension.
+        There is no inverse if the curve is not monotone there; `monotone_stretch` is where it is.
         """
         check_unreachable_option(unreachable)
         self._require_monotone()
@@ -234,51 +197,15 @@ class Polynomial(Drawn):
         return Inversion(u, y, y - wanted, reachable)
 
     def step(self, memory: object, u: float) -> tuple[float, object]:
-        """Return the output for one input, and the memory unchanged.
-
-        Parameters
-        ----------
-        memory : object
-            Ignored.
-        u : float
-            The input, in its unit.
-
-        Raises
-        ------
-        ParameterError
-            If the input is not a finite number.
-        """
+        """Return the output for one input, and the memory, which is ignored, unchanged."""
         return float(self.simulate([as_finite("u", u)])[0]), memory
 
     def aim(self, memory: object, y: float, unreachable: Unreachable = "raise") -> float:
-        """Return the input that brings the output to y.
-
-        Parameters
-        ----------
-        memory : object
-            Ignored.
-        y : float
-            Wanted output.
-        unreachable : {"raise", "clip"}
-            As for `invert`.
-
-        Raises
-        ------
-        NotInvertibleError
-            If the curve is not monotone in [low, high].
-        ParameterError
-            If the target is not a finite number.
-        """
+        """Return the input that brings the output to y; the memory is ignored."""
         return float(self.invert([as_finite("target", y)], unreachable=unreachable).u[0])
 
     def track(self, start: object = None) -> StepTracker[object]:
-        """Return a tracker that follows a live input sample by sample.
-
-        Parameters
-        ----------
-        start : object
-            Ignored.
-        """
+        """Return a tracker that follows a live input sample by sample; the start is ignored."""
         return StepTracker(self, start)
 
     @cached_property

@@ -187,28 +187,7 @@ class PrandtlIshlinskii(Drawn):
         return positions
 
     def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:
-        """Return the outputs for input signals.
-
-        Parameters
-        ----------
-        u : (T,) or (S, T) array_like
-            Inputs; the rows of a two-dimensional array are independent signals, computed in
-            parallel.
-        start : start state
-            State before the first sample.
-
-        Returns
-        -------
-        (T,) or (S, T) array
-            Outputs.
-
-        Raises
-        ------
-        SignalError
-            If the inputs are not finite numbers of one of these shapes.
-        ParameterError
-            If the start state is out of range.
-        """
+        """Return the outputs for input signals, as `Operator.simulate`."""
         inputs, before = as_samples(u, name="u"), self.positions(start)
         y = np.empty_like(inputs)
 
@@ -231,27 +210,8 @@ class PrandtlIshlinskii(Drawn):
         """Return inputs that bring the output to each target in turn, the outputs of `inverse`.
 
         They are computed branch by branch. So residuals are rounding errors even if the slopes of
-        the operator differ by many orders of magnitude.
-
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Wanted outputs, in order.
-        start : start state
-            State of this operator before the first input.
-        unreachable : {"raise", "clip"}
-            As for the other operators; plays reach every target.
-
-        Returns
-        -------
-        Inversion
-
-        Raises
-        ------
-        NotInvertibleError
-            If there is no linear term, or a cumulative sum of the weights is not positive.
-        SignalError
-            If the targets are not finite numbers in one dimension.
+        the operator differ by many orders of magnitude. Plays reach every target. There is no
+        inverse if there is no linear term, or a cumulative sum of the weights is not positive.
         """
         check_unreachable_option(unreachable)
         wanted = as_signal(targets, name="targets")
@@ -321,55 +281,18 @@ class PrandtlIshlinskii(Drawn):
         return out
 
     def step(self, memory: PlayStart, u: float) -> tuple[float, FloatArray]:
-        """Return output and play positions after one input.
-
-        Parameters
-        ----------
-        memory : start state
-            State before the input; it is not changed.
-        u : float
-            The input.
-
-        Returns
-        -------
-        y : float
-        memory : (n,) array
-            Play positions after it.
-        """
+        """Return output and (n,) play positions after one input, as `Operator.step`."""
         sample, y = np.array([as_finite("u", u)]), np.empty(1)
         after = self.positions(memory)
         _play_kernels.simulate(sample, self.radii, self.slopes, self.offset, after, y)
         return float(y[0]), frozen(after)
 
     def aim(self, memory: PlayStart, y: float, unreachable: Unreachable = "raise") -> float:
-        """Return the input that brings the output to y from a start state.
-
-        Parameters
-        ----------
-        memory : (n,) array_like or state by name
-            Positions of the plays.
-        y : float
-            Wanted output.
-        unreachable : {"raise", "clip"}
-            As for `invert`.
-
-        Raises
-        ------
-        NotInvertibleError
-            If the operator has no inverse.
-        ParameterError
-            If the target is not a finite number.
-        """
+        """Return the input that brings the output to y from a start state, as `Operator.aim`."""
         return float(self.invert([as_finite("target", y)], memory, unreachable).u[0])
 
     def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
-        """Return a tracker that follows a live input sample by sample.
-
-        Parameters
-        ----------
-        start : start state
-            State before the first sample.
-        """
+        """Return a tracker that follows a live input sample by sample."""
         return StepTracker(self, self.positions(start))
 
     def _check_consistent(self, positions: FloatArray) -> None:

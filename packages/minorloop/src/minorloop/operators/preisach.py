@@ -250,26 +250,7 @@ class Preisach(Drawn):
         return out.reshape(pair[0].shape) / self.swing
 
     def simulate(self, u: npt.ArrayLike, start: Start = "negative") -> Samples:
-        """Return the outputs for input signals.
-
-        Parameters
-        ----------
-        u : (T,) or (S, T) array_like
-            Inputs; the rows of a two-dimensional array are independent signals, computed in
-            parallel.
-        start : {"negative", "positive", "demagnetised"} or Memory
-            Memory before the first sample.
-
-        Returns
-        -------
-        (T,) or (S, T) array
-            Outputs.
-
-        Raises
-        ------
-        SignalError
-            If the inputs are not finite numbers of one of these shapes.
-        """
+        """Return the outputs for input signals, as `Operator.simulate`."""
         inputs = as_samples(u, name="u")
         start = self.memory(start)
         outputs = np.empty_like(inputs)
@@ -289,31 +270,9 @@ class Preisach(Drawn):
     ) -> Inversion:
         """Return inputs that bring the output to each target in turn, by the exact right inverse.
 
-        Of all such inputs, each is the nearest to the input before it. For a target equal to the
-        present output, the input does not change.
-
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Wanted outputs, in order.
-        start : {"negative", "positive", "demagnetised"} or Memory
-            Memory before the first input.
-        unreachable : {"raise", "clip"}
-            What to do about targets beyond `range`: refuse them, or go as near as possible.
-
-        Returns
-        -------
-        Inversion
-            Inputs inside the grid, their outputs, residuals, and which targets were reachable.
-
-        Raises
-        ------
-        UnreachableError
-            If a target is beyond the range and ``unreachable="raise"``.
-        NotInvertibleError
-            If negative weights make the model non-monotone.
-        SignalError
-            If the targets are not finite numbers in one dimension.
+        Of all such inputs inside the grid, each is the nearest to the input before it. For a target
+        equal to the present output, the input does not change. Parameters, result and errors are
+        those of `Operator.invert`.
         """
         check_unreachable_option(unreachable)
         self.require_monotone()
@@ -327,31 +286,12 @@ class Preisach(Drawn):
         return Inversion(u=u, y=y, residual=y - wanted, reachable=reachable)
 
     def step(self, memory: Start, u: float) -> tuple[float, Memory]:
-        """Return output and memory after one input.
-
-        Parameters
-        ----------
-        memory : Memory or name of a start state
-            Memory before the input; it is not changed.
-        u : float
-            The input.
-
-        Returns
-        -------
-        y : float
-        memory : Memory
-        """
+        """Return output and memory after one input, as `Operator.step`."""
         tracker = self.track(memory)
         return tracker.push(u), tracker.memory
 
     def track(self, start: Start = "negative") -> Tracker[Preisach]:
-        """Return a tracker that follows a live input sample by sample.
-
-        Parameters
-        ----------
-        start : {"negative", "positive", "demagnetised"} or Memory
-            Memory before the first sample.
-        """
+        """Return a tracker that follows a live input sample by sample."""
         return Tracker(self, start)
 
     def memory(self, start: Start) -> Memory:

@@ -131,24 +131,7 @@ class RelayModel(Drawn):
     def simulate(
         self, u: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
     ) -> Samples:
-        """Return the outputs for input signals.
-
-        Parameters
-        ----------
-        u : (T,) or (S, T) array_like
-            Inputs; rows are independent signals.
-        start : {"negative", "positive"}
-            Saturation before the first sample.
-
-        Returns
-        -------
-        (T,) or (S, T) array
-
-        Raises
-        ------
-        SignalError
-            If the inputs are not finite numbers of one of these shapes.
-        """
+        """Return the outputs for inputs from ``"negative"`` or ``"positive"`` saturation."""
         inputs = as_samples(u, name="u")
         outputs = np.empty_like(inputs)
         for row, out in zip(np.atleast_2d(inputs), np.atleast_2d(outputs), strict=True):

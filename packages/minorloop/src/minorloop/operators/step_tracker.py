@@ -46,20 +46,7 @@ class StepTracker(Generic[Memory]):
         return self.model.step(self.memory, u)[0]
 
     def aim(self, y: float, unreachable: Unreachable = "raise") -> float:
-        """Return the input that brings the output to y; the memory stays as it is.
-
-        Parameters
-        ----------
-        y : float
-            Wanted output, in its unit.
-        unreachable : {"raise", "clip"}
-            Whether to refuse outputs out of reach, or to go as near as possible.
-
-        Raises
-        ------
-        UnreachableError
-            If the target is out of reach and ``unreachable="raise"``.
-        """
+        """Return the input that brings the output to y; the memory stays as it is."""
         return self.model.aim(self.memory, y, unreachable)
 
     def copy(self) -> StepTracker[Memory]:

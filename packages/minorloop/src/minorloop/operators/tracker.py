@@ -58,18 +58,7 @@ class Tracker(Generic[Model]):
         return Memory(self._stack[: self._rows, _kernels.VALUE].tolist())
 
     def push(self, u: float) -> float:
-        """Return the output after the next input, and update the memory.
-
-        Parameters
-        ----------
-        u : float
-            The next input, in its unit.
-
-        Raises
-        ------
-        ParameterError
-            If the input is not a finite number.
-        """
+        """Return the output after the next input, and update the memory."""
         self._make_room()
         self._rows = self._advance(self._stack, u)
         return float(self._y[0])
@@ -113,18 +102,7 @@ class Tracker(Generic[Model]):
             self._stack = np.concatenate([self._stack, np.empty_like(self._stack)])
 
     def peek(self, u: float) -> float:
-        """Return the output for a next input; the memory stays as it is.
-
-        Parameters
-        ----------
-        u : float
-            An input, in its unit.
-
-        Returns
-        -------
-        float
-            In the unit of the output.
-        """
+        """Return the output for a next input; the memory stays as it is."""
         # One input adds at most one row; of the rows after the present ones none is read.
         stack = np.empty((self._rows + 2, self._stack.shape[1]))
         stack[: self._rows] = self._stack[: self._rows]
@@ -139,25 +117,7 @@ class Tracker(Generic[Model]):
         return int(_kernels.simulate(self._tables, stack, self._rows, self._u, self._y))
 
     def aim(self, y: float, unreachable: Unreachable = "raise") -> float:
-        """Return the nearest input that brings the output to y; the memory stays as it is.
-
-        Parameters
-        ----------
-        y : float
-            Wanted output, in its unit.
-        unreachable : {"raise", "clip"}
-            Whether to refuse outputs beyond the range of the model, or to give the input for the
-            nearer end of the range.
-
-        Raises
-        ------
-        NotInvertibleError
-            If the model is not monotone.
-        UnreachableError
-            If the target is out of reach and ``unreachable="raise"``.
-        ParameterError
-            If the target is not a finite number.
-        """
+        """Return the nearest input that brings the output to y; the memory stays as it is."""
         self.model.require_monotone()
         target = as_reachable(y, *self.model.range, unreachable)
         return float(_kernels.aim(self._tables, self._stack, self._rows, target))

@@ -47,24 +47,16 @@ PARAMETERS = {
 
 @dataclass(frozen=True, eq=False)
 class BenchmarkRecord:
-    """One record of the benchmark.
-
-    Parameters
-    ----------
-    t : (T,) array
-        Times in s.
-    u : (T,) array
-        Forces in N.
-    y : (T,) array
-        Displacements in m.
-    period : int or None
-        Samples after which the record repeats; None for the sweep, which begins at rest.
-    """
+    """One record of the benchmark."""
 
     t: FloatArray
+    """Shape (T,). Times in s."""
     u: FloatArray
+    """Shape (T,). Forces in N."""
     y: FloatArray
+    """Shape (T,). Displacements in m."""
     period: int | None
+    """Samples after which the record repeats; None for the sweep, which begins at rest."""
 
 
 def training_record(seed: int) -> BenchmarkRecord:

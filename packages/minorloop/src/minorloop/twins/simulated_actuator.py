@@ -80,28 +80,10 @@ class SimulatedPlant(ABC):
         return self._clock
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold an input and record it and the output.
+        """Hold an input and record it and the output on the clock of the twin.
 
-        Parameters
-        ----------
-        u : float or (channels,) array
-            The input to hold, in the units of the channels.
-        duration : float
-            How long, in seconds.
-        sample_interval : float
-            Time between samples, in seconds; the last sample is taken at the end of the hold.
-
-        Returns
-        -------
-        Record
-            On the clock of the twin; the first sample comes one interval after the start.
-
-        Raises
-        ------
-        LimitError
-            If the input is beyond the limits; nothing is applied then.
-        ParameterError
-            If a time is not positive, or there would be too many samples or steps.
+        Raises a `ParameterError` if a time is not positive, or there would be too many samples or
+        steps.
         """
         value = check_input(self.inputs, u)
         ends = sample_times(duration, sample_interval)
@@ -143,18 +125,7 @@ class SimulatedPlant(ABC):
         return self._record(began + times - times[0], values, y)
 
     def exchange(self, u: Value) -> Value:
-        """Hold an input for one tick and return the output at its end.
-
-        Returns
-        -------
-        float or (channels,) array
-            A number for one channel; NaN where a sensor is lost.
-
-        Raises
-        ------
-        LimitError
-            If the input is beyond the limits; nothing is applied then.
-        """
+        """Hold an input for one tick, and return the output; NaN where a sensor is lost."""
         read = self._hold(check_input(self.inputs, u), self._one_tick)[0]
         return float(read[0]) if len(self.outputs) == 1 else read
 

@@ -35,15 +35,10 @@ _SWEEP = 2000
 
 @dataclass(frozen=True)
 class Stage:
-    """A specimen; its parameters are drawn by the seed.
-
-    Parameters
-    ----------
-    seed : int
-        Draws the specimen, and with ``experiment`` the noise.
-    """
+    """A specimen; its parameters are drawn by the seed."""
 
     seed: int
+    """Draws the specimen, and with ``experiment`` the noise."""
 
     @cached_property
     def _drawn(self) -> dict[str, FloatArray]:

@@ -177,27 +177,12 @@ class Bench:
         return self._warnings
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold inputs, and return a record of inputs and outputs.
+        """Hold inputs from when they are reached, and return a record, as `Actuator.apply`.
 
-        Parameters
-        ----------
-        u : float or (inputs,) array
-            The inputs, in their units.
-        duration : float
-            How long to hold them, in seconds, from when they are reached.
-        sample_interval : float
-            Time between samples, in seconds; the last sample is taken at the end of the hold.
-            Where a reading takes longer, there are fewer samples.
-
-        Returns
-        -------
-        Record
-            Times are the middles of the exchanges; ``timing`` says when the hold began and ended.
+        Times are the middles of the exchanges; ``timing`` says when the hold began and ended.
 
         Raises
         ------
-        LimitError
-            If an input is beyond a limit; nothing is applied then.
         ParameterError
             If a time is not positive, or there would be more than twenty million samples.
         InstrumentError
@@ -234,8 +219,6 @@ class Bench:
 
         Raises
         ------
-        LimitError
-            If an input is beyond a limit; nothing is applied then.
         ParameterError
             If the meter takes longer than a tick; nothing is applied then.
         InstrumentError

@@ -46,35 +46,24 @@ class Device(Protocol):
 
 @dataclass(frozen=True)
 class DeviceChannel:
-    """A channel of a device, in the numbers of the instrument.
-
-    Parameters
-    ----------
-    name : str
-        Of the channel of the bench.
-    keys : mapping
-        What the file says of it to the driver.
-    unit : str, optional
-        Unit that the instrument must have; None if it is not known.
-    low, high, rest : float
-        Limits and rest of a source; rest of a line is 0 or 1.
-    rate : float
-        Fastest change of a source in units of the bench in a second.
-    what : str
-        ``source``, ``sensor`` or ``line``.
-    bench_keys : tuple of str
-        What the file may say of it to the bench.
-    """
+    """A channel of a device, in the numbers of the instrument."""
 
     name: str
+    """Of the channel of the bench."""
     keys: Mapping[str, Any]
+    """What the file says of it to the driver."""
     unit: str | None = None
+    """Unit that the instrument must have; None if it is not known."""
     low: float = -np.inf
     high: float = np.inf
     rest: float = 0.0
+    """``low``, ``high`` and ``rest``: limits and rest of a source; rest of a line is 0 or 1."""
     rate: float = np.inf
+    """Fastest change of a source in units of the bench in a second."""
     what: str = "channel"
+    """``source``, ``sensor`` or ``line``."""
     bench_keys: tuple[str, ...] = ()
+    """What the file may say of it to the bench."""
 
     def parsed(self, kind: type[Parsed]) -> Parsed:
         """Return what the file says of it to the driver as a structure.
@@ -90,25 +79,17 @@ class DeviceChannel:
 
 @dataclass(frozen=True)
 class DevicePlan:
-    """What a driver has to open.
-
-    Parameters
-    ----------
-    name : str
-        Of the device in the file.
-    keys : mapping
-        What the file says of it to the driver.
-    sources, sensors, lines : tuple of DeviceChannel
-    folder : Path
-        Of the file; paths in it are relative to this.
-    """
+    """What a driver has to open."""
 
     name: str
+    """Of the device in the file."""
     keys: Mapping[str, Any]
+    """What the file says of it to the driver."""
     sources: tuple[DeviceChannel, ...] = ()
     sensors: tuple[DeviceChannel, ...] = ()
     lines: tuple[DeviceChannel, ...] = ()
     folder: Path = Path()
+    """Of the file; paths in it are relative to this."""
 
     @property
     def rest(self) -> FloatArray:
@@ -123,38 +104,26 @@ class DevicePlan:
 
 @dataclass(frozen=True)
 class Wired:
-    """A device, and which channels of the bench are its own.
-
-    Parameters
-    ----------
-    device : Device
-    sources, sensors : tuple of int
-        Numbers on the bench of its sources and sensors, in their order on the device.
-    lines : tuple of str
-        Names of its lines.
-    """
+    """A device, and which channels of the bench are its own."""
 
     device: Device
     sources: tuple[int, ...] = ()
     sensors: tuple[int, ...] = ()
+    """``sources`` and ``sensors``: numbers on the bench of its sources and sensors, in their order
+    on the device."""
     lines: tuple[str, ...] = ()
+    """Names of its lines."""
 
 
 @dataclass(eq=False)
 class Wiring:
-    """All devices of a bench: a source, a meter and lines in one.
-
-    Parameters
-    ----------
-    parts : sequence of Wired
-    commands, readings : sequence of Conversion or None
-        For each source from its unit to the number of the instrument; for each sensor from the
-        number of the instrument to its unit. None where both are the same.
-    """
+    """All devices of a bench: a source, a meter and lines in one."""
 
     parts: Sequence[Wired]
     commands: Sequence[Conversion | None]
     readings: Sequence[Conversion | None]
+    """``commands`` and ``readings``: for each source from its unit to the number of the instrument;
+    for each sensor from the number of the instrument to its unit. None where both are the same."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,0 +1,112 @@
+"""Progress of a run: levels, time left and warnings."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from minorloop.lab.durations import as_duration
+
+if TYPE_CHECKING:
+    from minorloop.lab.plan import Plan
+    from minorloop.lab.run import RunProgress
+    from minorloop.lab.store import Store
+
+
+@contextmanager
+def watching(store: Store, what: Sequence[str] = ()) -> Iterator[Callable[[RunProgress], None]]:
+    """Yield a function that shows each `RunProgress` of a run on stderr.
+
+    On a terminal it shows a bar and the time left. Elsewhere it prints one line for each
+    settled point. ``what`` says what each level of the plan is; its input if not given.
+    """
+    if sys.stderr.isatty():
+        with _live(store, what) as show:
+            yield show
+        return
+    units = [quantity.unit for quantity in store.outputs]
+
+    def log(progress: RunProgress) -> None:
+        if progress.point is not None or _repeats(progress):
+            with suppress(OSError):  # the reader of the log may end; the run continues
+                print(_line(progress, units[0], units[1], what), file=sys.stderr, flush=True)
+                if progress.warning:
+                    print(f"! {progress.warning}", file=sys.stderr, flush=True)
+
+    yield log
+
+
+def _repeats(progress: RunProgress) -> bool:
+    """Whether a level of a session before was held again, unmeasured.
+
+    A sine that begins has no output yet either, and has not been held.
+    """
+    return progress.point is None and progress.held > 0 and math.isnan(progress.output)
+
+
+def _line(progress: RunProgress, input_unit: str, output_unit: str, what: Sequence[str]) -> str:
+    verdict = progress.point.verdict if progress.point else ""
+    level = what[progress.index] if what else f"{progress.input:.6g} {input_unit}"
+    if _repeats(progress):
+        return (
+            f"{progress.index + 1}/{progress.total}  {level}  repeated for {progress.held:.6g} s, "
+            "as it was measured before the run was stopped"
+        )
+    return (
+        f"{progress.index + 1}/{progress.total}  {level}  "
+        f"{progress.output:.6g} {output_unit}  {verdict} after {progress.held:.6g} s"
+    )
+
+
+@contextmanager
+def _live(store: Store, what: Sequence[str]) -> Iterator[Callable[[RunProgress], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    begun, began = len(store), time.monotonic()
+
+    def show(progress: RunProgress) -> None:
+        level = f"{progress.input:.5g} {store.outputs[0].unit}"
+        doing = f"{what[progress.index] if what else level} for {progress.held:.0f} s"
+        if _repeats(progress):
+            doing = f"repeating what was measured: {doing}"
+        bar.update(task, description=doing, completed=max(progress.index, begun))
+        if progress.point is not None:
+            done, seconds = progress.index + 1, time.monotonic() - began
+            left = said_left(time_left(store.plan, begun, done, seconds))
+            bar.update(task, completed=done, left=left)
+        if progress.warning:
+            bar.console.print(f"! {progress.warning}", markup=False, highlight=False)
+
+    fields = TextColumn("{task.fields[left]}")
+    with Progress(*columns, fields, console=Console(stderr=True), refresh_per_second=8) as bar:
+        task = bar.add_task("measuring", total=len(store.plan), completed=begun, left="")
+        yield show
+
+
+def time_left(plan: Plan, first: int, count: int, seconds: float) -> float:
+    """Return the time left of a run, in seconds; NaN if it is not known.
+
+    Holds to come are expected to take as large a share of the longest as those so far.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    first, count : int
+        How many levels were measured when the time began to count, and are now.
+    seconds : float
+        How long the levels from ``first`` to ``count`` took.
+    """
+    so_far = float(plan.longest[first:count].sum())
+    return seconds * float(plan.longest[count:].sum()) / so_far if so_far else math.nan
+
+
+def said_left(seconds: float) -> str:
+    """Return a time left in words; empty if it is not known, or less than a second."""
+    return f"{as_duration(seconds)} left" if seconds >= 1 else ""
