@@ -62,6 +62,8 @@ ELSEWHERE = {
     "minorloop_head/vision/wall_views.py": "minorloop_head/vision/test_tracking.py",
     "papers/benchmark_report.py": "papers/test_benchmark.py",
     "papers/catheter/calibration_scene.py": "minorloop_head/cli/test_head.py",
+    "papers/catheter/control/inverse.py": "papers/catheter/control/test_internal_model.py",
+    "papers/catheter/control/laws.py": "minorloop_head/control/test_controller.py",
     "papers/catheter/crack_report.py": "papers/catheter/test_crack_trials.py",
     "papers/catheter/crack_scans.py": "papers/catheter/test_crack_trials.py",
     "papers/catheter/crack_scenes.py": "papers/catheter/test_crack_trials.py",

@@ -17,10 +17,10 @@ from minorloop.arrays import FloatArray
 from minorloop_head.geometry import Mount, Pinhole, rotation_z
 from minorloop_head.procedures.calibration import STRAIGHT
 from minorloop_head.twins.camera import LENS
-from minorloop_head.twins.target_view import TargetCamera
 from minorloop_head.vision.imaging import opencv
 from minorloop_head.vision.targets import CELLS, Target
 from papers.catheter import scoring
+from papers.catheter.target_view import TargetCamera
 
 JOINT_SD = 0.1
 """Standard deviation of the read angles of the joints, in degrees."""

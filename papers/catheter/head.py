@@ -20,16 +20,17 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop_head.control.controller import Controller
-from minorloop_head.control.head import CONTROLLERS, HeadControl, head_control
-from minorloop_head.control.internal_model import InternalModel
-from minorloop_head.control.planning import PlannedPowers, Planner
-from minorloop_head.control.robustness import Margins, robust_margins
+from minorloop_head.control.head import HeadControl, head_control
 from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import Fault
 from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
 from minorloop_head.twins.wire import Wire
 from papers.catheter import servo_integral
+from papers.catheter.control.internal_model import InternalModel
+from papers.catheter.control.laws import LAWS
+from papers.catheter.control.planning import PlannedPowers, Planner
+from papers.catheter.control.robustness import Margins, robust_margins
 from papers.catheter.head_camera import CameraStudy, run_camera
 from papers.catheter.head_loop import (
     DELAY,
@@ -60,7 +61,7 @@ PARTS = {
     "unreachable": "papers.catheter.unreachable",
 }
 """Studies of a part alone; unreachable has more cases."""
-DEFAULT = CONTROLLERS[0]
+DEFAULT = "observer"
 TARGETS = (20.0, 30.0, 40.0)
 """Steps in degrees, those of the paper."""
 STEP_SECONDS = 30.0
@@ -320,7 +321,7 @@ class HeadStudy:
         """Return every number by the name under which it is printed."""
         found: dict[str, Any] = {"twin": self.facts, **self.static.figures()}
         found["steps"] = step_figures([self.runs[f"step {x:g}", DEFAULT] for x in TARGETS])
-        found["rivals"] = {name: self._rival(name) for name in CONTROLLERS}
+        found["rivals"] = {name: self._rival(name) for name in LAWS}
         disturbed = [f"{where}, step {x:g}" for where in DISTURBED for x in TARGETS]
         found["steps_disturbed"] = step_figures([self.runs[each, DEFAULT] for each in disturbed])
         for key, what in (("open_loop", "stairs"), ("open_loop_plus_10K", "stairs, warmer")):
@@ -495,7 +496,7 @@ def head_facts() -> dict[str, float]:
 
 def every_control(wires: tuple[HeatedWire, ...], coupling: FloatArray) -> dict[str, HeadControl]:
     """Return the control of a head by the name of each controller."""
-    return {name: head_control(name, wires, coupling=coupling) for name in CONTROLLERS}
+    return {name: head_control(law, wires, coupling=coupling) for name, law in LAWS.items()}
 
 
 def run_steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:

@@ -30,6 +30,7 @@ from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore
 from minorloop_head.twins.surroundings import Surroundings
+from papers.catheter.control import laws
 from papers.catheter.head_loop import TICK, HeadRun, constant, run_loop, step_figures
 from papers.catheter.head_static import BANDS, COMMAND, CURRENT, FIRST_LOOP, HOLD, STEP, Arbitrary
 from papers.catheter.picture_sensor import PictureSensor
@@ -242,7 +243,7 @@ def run_camera(
 def seen_control(name: str, seen: SeenWires) -> HeadControl:
     """Return the control of a head by its camera: a late sensor, which may miss some pictures."""
     options = QUIET if name == LAWS[0] else {}
-    return camera_control(name, seen.wires, coupling=seen.coupling, **options)
+    return camera_control(laws.LAWS[name], seen.wires, coupling=seen.coupling, **options)
 
 
 def given_camera(

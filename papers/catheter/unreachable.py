@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from minorloop_head.control.head import CONTROLLERS, head_control
+from minorloop_head.control.head import head_control
 from minorloop_head.control.reach import STROKE_SHARE, Reason, Unreachable
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Surroundings
@@ -107,7 +107,7 @@ def run_study(seed: int) -> UnreachableStudy:
     """
     began = time.perf_counter()
     wires, coupling = identify_head(seed)
-    control = head_control(CONTROLLERS[0], wires, coupling=coupling)
+    control = head_control("observer", wires, coupling=coupling)
     rng = np.random.default_rng([seed, 13])
     top = STROKE_SHARE * wires[0].operator.range[1]
     colder = Surroundings(ambient=float(rng.uniform(*AMBIENTS)))
@@ -120,7 +120,7 @@ def run_study(seed: int) -> UnreachableStudy:
         for off in (rng.uniform(*BEYOND), -rng.uniform(*WITHIN)):
             target = min(reach + float(off), top)
             run = run_loop(
-                CONTROLLERS[0],
+                "observer",
                 control,
                 constant(target),
                 SECONDS,

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from minorloop_head.control.head import CONTROLLERS
 from papers.catheter import camera_rivals, head
+from papers.catheter.control.laws import LAWS
 from papers.catheter.head_loop import constant, run_loop
 from papers.claims import claim_table
 from wires import identified_head
@@ -37,7 +37,7 @@ def by_sensors(monkeypatch):
 
 def test_all_controllers_with_readings_have_the_same_runs(by_sensors):
     found = camera_rivals.run_study(SEED).figures()
-    assert set(found["rivals"]) == set(CONTROLLERS) - {"feedforward"}
+    assert set(found["rivals"]) == set(LAWS) - {"feedforward"}
     of = [
         {(target, around) for law, target, around in by_sensors if law == each}
         for each in found["rivals"]

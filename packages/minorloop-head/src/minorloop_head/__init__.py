@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from minorloop_head.control.head import HeadControl, head_control
     from minorloop_head.control.heating import identify_heating, moving_levels, wire_holds
     from minorloop_head.control.limits import WireLimits
-    from minorloop_head.control.planning import Planner
     from minorloop_head.heated_wire import HeatedWire
     from minorloop_head.twins.sensor import Fault
     from minorloop_head.twins.surroundings import Course, Surroundings, convection
@@ -22,7 +21,6 @@ __all__ = [
     "Fault",
     "HeadControl",
     "HeatedWire",
-    "Planner",
     "Surroundings",
     "WireLimits",
     "convection",
@@ -37,7 +35,6 @@ _MODULES = {
     "control.head": ("HeadControl", "head_control"),
     "control.heating": ("identify_heating", "moving_levels", "wire_holds"),
     "control.limits": ("WireLimits",),
-    "control.planning": ("Planner",),
     "twins.sensor": ("Fault",),
     "twins.surroundings": ("Course", "Surroundings", "convection"),
 }

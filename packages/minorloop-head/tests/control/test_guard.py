@@ -10,14 +10,15 @@ from hypothesis import strategies as st
 from minorloop.errors import ParameterError
 from minorloop_head.control.guard import Guard
 from minorloop_head.control.guard_log import MOST_ALIKE, MOST_EVENTS
-from minorloop_head.control.head import CONTROLLERS, controller, head_control
+from minorloop_head.control.head import controller, head_control
 from minorloop_head.control.limits import WireLimits
 from minorloop_head.control.observer import PowerObserver
 from minorloop_head.control.sensing import SensorWatch
 from minorloop_head.twins.wire import Wire
+from papers.catheter.control.laws import LAWS
 from wires import TICK, angle, identified, temperature
 
-NAMES = pytest.mark.parametrize("name", CONTROLLERS)
+NAMES = pytest.mark.parametrize("name", LAWS)
 readings = st.one_of(
     st.floats(-60, 140),
     st.floats(allow_nan=True, allow_infinity=True),
@@ -31,7 +32,7 @@ gaps = st.sampled_from([0.04, 0.04, 0.04, 0.0, -1.0, 3.0, math.nan, math.inf])
 def guarded(name="observer", **options):
     wire = identified().model
     options = {"observer": PowerObserver(wire=wire), **options}
-    return Guard(controller=controller(name, wire), **options)
+    return Guard(controller=controller(LAWS[name], wire), **options)
 
 
 def causes(state):
@@ -220,7 +221,7 @@ def test_two_clocks_are_refused():
     wire = identified().model
     with pytest.raises(ParameterError, match="the same interval"):
         Guard(
-            controller=controller("pi", wire, interval=0.1),
+            controller=controller(LAWS["pi"], wire, interval=0.1),
             observer=PowerObserver(wire=wire),
             sensor=SensorWatch(),
         )

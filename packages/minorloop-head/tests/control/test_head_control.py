@@ -6,18 +6,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop_head.control.head import CONTROLLERS, HeadControl, head_control
+from minorloop_head.control.head import HeadControl, head_control
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import Fault
 from minorloop_head.twins.surroundings import Course, Surroundings
+from papers.catheter.control.laws import LAWS
 from wires import Run, identified, made_up
 
 COUPLING = np.array([[1.0, 0.055], [0.045, 1.0]])
-NAMES = pytest.mark.parametrize("name", CONTROLLERS)
+NAMES = pytest.mark.parametrize("name", LAWS)
 
 
 def control(name="observer", **options):
-    return head_control(name, (identified().model,) * 2, coupling=COUPLING, **options)
+    return head_control(LAWS[name], (identified().model,) * 2, coupling=COUPLING, **options)
 
 
 @pytest.mark.parametrize("target", [20.0, 30.0, 40.0])
@@ -145,7 +146,7 @@ def test_it_begins_at_the_angles_of_the_head():
 
 
 def test_bad_couplings_are_refused():
-    axes = head_control("pi", (made_up(),) * 2).axes
+    axes = head_control(LAWS["pi"], (made_up(),) * 2).axes
     with pytest.raises(ParameterError, match=r"shape \(3, 3\)"):
         HeadControl(axes, np.eye(3))
     with pytest.raises(ParameterError, match="cannot be separated"):
@@ -164,7 +165,7 @@ def test_the_other_axis_compensates_a_wire_at_the_end_of_its_stroke():
     assert [axis.reference for axis in state.axes] == pytest.approx(own.tolist())
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize(
     "surroundings",
     [{"convection": 20}, {"convection": 30, "ambient": 30}, {"ambient": 60}, {"ambient": 90}],
@@ -221,7 +222,7 @@ def test_an_invalid_reading_of_one_axis_does_not_affect_the_other():
     assert state.axes[1].fault == ""
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", LAWS)
 def test_a_target_of_zero_does_not_heat(name):
     run = Run(control(name), (0.0, 0.0), 6.0)
     assert run.current.max() == 0.0

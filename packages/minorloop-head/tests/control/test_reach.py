@@ -10,6 +10,7 @@ from minorloop_head.control.observer import PowerObserver
 from minorloop_head.control.reach import STROKE_SHARE, ReachState, ReachWatch, Trial, Unreachable
 from minorloop_head.twins.surroundings import Surroundings
 from minorloop_head.twins.wire import Wire
+from papers.catheter.control.laws import LAWS
 from papers.catheter.head_loop import constant, run_loop
 from wires import TICK, Run, angle, identified, identified_head, made_up
 
@@ -242,7 +243,7 @@ def test_bad_options_are_refused(option):
 def test_a_law_in_open_loop_never_corrects_a_stated_reach_in_the_cold(target, ambient):
     # It heats less than fully, and the wire stays far short of its reach for that reason.
     wires, coupling = identified_head(1000)
-    control = head_control("feedforward", wires, coupling=coupling)
+    control = head_control(LAWS["feedforward"], wires, coupling=coupling)
     surroundings = Surroundings(ambient=ambient)
     run = Run(control, [target, 0.0], 40.0, specimen=1000, surroundings=surroundings)
     assert run.true[-1, 0] < 30.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from minorloop_head.control.head import HeadControl, head_control
+from minorloop_head.control.head import HeadControl, Law, head_control
 from minorloop_head.control.sensing import SensorWatch
 from minorloop_head.control.unread import UnreadWatch
 from minorloop_head.heated_wire import HeatedWire
@@ -23,12 +23,12 @@ is found again. The wires of `examples/simulated_board.py` turn by 55 degrees in
 without."""
 
 
-def camera_control(name: str, wires: tuple[HeatedWire, ...], **options: Any) -> HeadControl:
+def camera_control(law: str | Law, wires: tuple[HeatedWire, ...], **options: Any) -> HeadControl:
     """Return the control of a head by its camera.
 
     Parameters
     ----------
-    name, wires, **options
+    law, wires, **options
         As of `minorloop_head.control.head.head_control`.
 
     Raises
@@ -38,4 +38,4 @@ def camera_control(name: str, wires: tuple[HeatedWire, ...], **options: Any) -> 
     """
     watch = SensorWatch(patience=PATIENCE, makes_up=PATIENCE)
     known = {"delay": AGE, "sensor": watch, "unread": UnreadWatch()}
-    return head_control(name, wires, **{**known, **options})
+    return head_control(law, wires, **{**known, **options})

@@ -13,8 +13,6 @@ from typing import Any, Protocol, Self
 
 from minorloop.arrays import as_finite
 from minorloop.errors import ParameterError
-from minorloop.operators.preisach import Preisach
-from minorloop.operators.tracker import Tracker
 from minorloop_head.heated_wire import SMALLEST_CHANGE, HeatedState, HeatedWire
 
 INTERVAL = 0.04
@@ -100,15 +98,6 @@ class Loop:
     def current(self, power: float) -> float:
         """Return the current in A for a power, within the limits."""
         return min(math.sqrt(max(power, 0.0)), self.highest)
-
-    def inverse(self, tracker: Tracker[Preisach], angle: float) -> float:
-        """Return the current in A whose power brings an operator to an angle in degrees.
-
-        It is the largest for angles at the end of the range and beyond: where the plane is flat
-        there, the inverse would give the least input that reaches it.
-        """
-        beyond = angle >= tracker.model.range[1]
-        return self.highest if beyond else self.current(tracker.aim(angle, "clip"))
 
 
 def within(name: str, value: float, low: float, high: float, unit: str = "") -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
@@ -14,31 +14,16 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, check_kind, check_option, frozen
 from minorloop.errors import ParameterError
 from minorloop_head.control.controller import Controller
-from minorloop_head.control.feedforward import Feedforward
-from minorloop_head.control.feedforward_pi import FeedforwardPI
 from minorloop_head.control.guard import Guard
 from minorloop_head.control.guard_state import Event, GuardState
-from minorloop_head.control.internal_model import InternalModel
 from minorloop_head.control.limits import WireLimits
-from minorloop_head.control.model_reference import ModelReference
 from minorloop_head.control.observer import ObserverControl, PowerObserver
-from minorloop_head.control.pi import ProportionalIntegral
 from minorloop_head.control.sensing import Sensed, SensorWatch, as_number
 from minorloop_head.control.unread import Unread, UnreadWatch
 from minorloop_head.heated_wire import HeatedWire
 
-_LAWS: dict[str, Any] = {
-    "observer": ObserverControl,
-    "feedforward": Feedforward,
-    "pi": ProportionalIntegral,
-    "internal_model": InternalModel,
-    "adaptive": ObserverControl,
-    "feedforward_pi": FeedforwardPI,
-    "model_reference": ModelReference,
-}
-"""Law of each; the adaptive one has its options from the observer that it adapts."""
-CONTROLLERS = tuple(_LAWS)
-"""Names for `head_control`."""
+Law = Callable[..., Controller]
+"""What makes a controller from ``wire=`` and options, such as `ObserverControl`."""
 _LARGEST = 1e6
 """Angle in degrees from which a number counts as none."""
 
@@ -264,7 +249,7 @@ class HeadControl:
 
 
 def head_control(
-    name: str,
+    law: str | Law,
     wires: tuple[HeatedWire, ...],
     *,
     coupling: FloatArray | None = None,
@@ -274,12 +259,12 @@ def head_control(
     unread: UnreadWatch | None = None,
     **options: Any,
 ) -> HeadControl:
-    """Return the control of a head by the name of its controller.
+    """Return the control of a head by one law for each axis.
 
     Parameters
     ----------
-    name : str
-        Which controller, one of `CONTROLLERS`.
+    law : "observer" or callable
+        As in `controller`.
     wires : tuple of HeatedWire
         Model of each axis.
     coupling : (axes, axes) array_like, optional
@@ -289,21 +274,19 @@ def head_control(
     lead, unread
         As in `HeadControl`.
     **options
-        Of the controller, for every axis: `interval`, `delay` and `highest` of any; `response`
-        of feedforward, internal_model, observer and adaptive; and further options of
-        `ObserverControl`, `ProportionalIntegral` and `InternalModel`.
+        Of the law, for every axis: `interval`, `delay` and `highest` of any, and those of its own.
 
     Raises
     ------
     ParameterError
-        If there is no such controller, or an option is out of its range.
+        If there is no such law, or an option is out of its range.
     """
     given: object = wires
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
         raise ParameterError(f"wires is {wires!r:.60}; give a tuple of HeatedWire, one an axis")
     axes = tuple(
         Guard(
-            controller=controller(name, wire, **options),
+            controller=controller(law, wire, **options),
             observer=PowerObserver(wire=wire, **_clock(options)),
             limits=WireLimits() if limits is None else limits,
             sensor=SensorWatch() if sensor is None else sensor,
@@ -313,32 +296,33 @@ def head_control(
     return HeadControl(axes, coupling, lead, unread)
 
 
-def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:
-    """Return a controller by its name, for one wire, without its guard.
+def controller(law: str | Law, wire: HeatedWire, **options: Any) -> Controller:
+    """Return a controller for one wire, without its guard.
+
+    Parameters
+    ----------
+    law : "observer" or callable
+        `ObserverControl`, or what makes another controller from ``wire=`` and the options.
+    wire : HeatedWire
+    **options
+        Of the law.
 
     Raises
     ------
     ParameterError
         If the name or an option is unknown, or an option is out of its range.
     """
-    check_option("controller", name, CONTROLLERS)
     check_kind("the model of a wire", wire, HeatedWire)
-    kind = _LAWS[name]
-    known = {each.name for each in fields(kind)} - {"wire"}
+    if callable(law):
+        return law(wire=wire, **options)
+    check_option("controller", law, ("observer",))
+    known = {each.name for each in fields(ObserverControl)} - {"wire"}
     unknown = sorted(options.keys() - known)
     if unknown:
         raise ParameterError(
-            f"controller {name!r} has no option {unknown[0]!r}; give {', '.join(sorted(known))}"
+            f"controller {law!r} has no option {unknown[0]!r}; give {', '.join(sorted(known))}"
         )
-    if name == "pi":
-        return ProportionalIntegral(**options)
-    law = kind(wire=wire, **options)
-    if name == "adaptive":
-        from minorloop_head.control.adaptive import AdaptiveControl
-
-        law = AdaptiveControl(control=law)
-    found: Controller = law
-    return found
+    return ObserverControl(wire=wire, **options)
 
 
 def _bounding(sensed: Sensed) -> float:

@@ -212,15 +212,11 @@ class HeadFile:
                 f"for LEDs; give it the lines led 1 to led {wanted}"
             )
 
-    def control(
-        self, name: str = "observer", *, by_camera: bool = False, **options: Any
-    ) -> HeadControl:
+    def control(self, *, by_camera: bool = False, **options: Any) -> HeadControl:
         """Return the control of the head.
 
         Parameters
         ----------
-        name : str
-            As in `head_control`.
         by_camera : bool
             Whether the angles are those of pictures, see `minorloop_head.control.by_camera`.
         **options
@@ -239,7 +235,7 @@ class HeadFile:
             )
         make = partial(camera_control, lead=LEAD) if by_camera else head_control
         return make(
-            name,
+            "observer",
             known.wires,
             coupling=known.coupling,
             limits=known.limits,

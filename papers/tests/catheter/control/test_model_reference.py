@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop_head.control.model_reference import ModelReference
+from papers.catheter.control.model_reference import ModelReference
 from wires import made_up
 
 

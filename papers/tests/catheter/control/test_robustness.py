@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop_head.control.internal_model import InternalModel
-from minorloop_head.control.robustness import margins, poles, robust_margins, slope_ratios
+from papers.catheter.control.internal_model import InternalModel
+from papers.catheter.control.robustness import margins, poles, robust_margins, slope_ratios
 from wires import identified, made_up
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
-from minorloop_head.control.pi import Feedback, ProportionalIntegralState
 from minorloop_head.heated_wire import HeatedWire
+from papers.catheter.control.pi import Feedback, ProportionalIntegralState
 
 
 @dataclass(frozen=True, eq=False)

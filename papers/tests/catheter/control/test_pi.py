@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop_head.control.pi import ProportionalIntegral
+from papers.catheter.control.pi import ProportionalIntegral
 
 
 @given(seconds=st.floats(1.0, 600.0))

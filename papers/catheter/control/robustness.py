@@ -16,8 +16,8 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, check_kind
 from minorloop_head.control.controller import MOST_DELAY, within
-from minorloop_head.control.internal_model import InternalModel
 from minorloop_head.heated_wire import HeatedWire
+from papers.catheter.control.internal_model import InternalModel
 
 _LARGEST = 1e4
 """Largest gain and ratio of lags that is tried; no actuator differs so much from its model."""
@@ -131,7 +131,7 @@ def robust_margins(law: InternalModel) -> Margins:
     Parameters
     ----------
     law : InternalModel
-        Such as ``head_control("internal_model", wires).axes[0].controller``.
+        Such as ``InternalModel(wire=wire)``.
 
     Raises
     ------

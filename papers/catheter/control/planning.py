@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_samples, as_whole, check_kind
 from minorloop.errors import SignalError
-from minorloop_head.control import _planning_kernels as _kernels
 from minorloop_head.control.controller import HIGHEST_CURRENT, heating, within
 from minorloop_head.heated_wire import HeatedState, HeatedWire
+from papers.catheter.control import _planning_kernels as _kernels
 
 MOST_TARGETS = 100_000
 MOST_DEGREES = 1e6

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from minorloop_head.control.feedforward_pi import FeedforwardPI
-from minorloop_head.control.pi import ProportionalIntegral
+from papers.catheter.control.feedforward_pi import FeedforwardPI
+from papers.catheter.control.pi import ProportionalIntegral
 from wires import made_up
 
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
-from minorloop_head.control.controller import Loop, mean_slope, within
+from minorloop_head.control.controller import mean_slope, within
 from minorloop_head.heated_wire import HeatedWire
+from papers.catheter.control.inverse import InverseLoop
 
 _NOISE = 0.1
 """Degrees of difference from the reference model that adapt nothing: twice the noise of a
@@ -54,7 +55,7 @@ class ModelReferenceState:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ModelReference(Loop):
+class ModelReference(InverseLoop):
     """Adaptive control that makes the angle follow a reference model.
 
     v = w_r r + w_y y + w_0, u^2 = Gamma^-1[v], with the reference model

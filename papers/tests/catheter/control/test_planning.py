@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, SignalError
-from minorloop_head.control.planning import Planner
+from papers.catheter.control.planning import Planner
 from wires import identified, made_up
 
 targets = st.lists(st.floats(-5, 70), min_size=1, max_size=16)

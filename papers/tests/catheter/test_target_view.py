@@ -4,7 +4,7 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import rotation_x
 from minorloop_head.twins.camera import LENS, ImageSensor
-from minorloop_head.twins.target_view import TargetCamera
+from papers.catheter.target_view import TargetCamera
 
 SMALL = LENS.scaled(0.25)
 HALF = np.zeros((4, 8), dtype=bool)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop_head.control.adaptive import AdaptiveControl
 from minorloop_head.control.observer import ObserverControl
 from minorloop_head.twins.wire import Wire
+from papers.catheter.control.adaptive import AdaptiveControl
 from wires import angle, identified, settled
 
 

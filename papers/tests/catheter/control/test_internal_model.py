@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from minorloop_head.control.internal_model import InternalModel
+from papers.catheter.control.internal_model import InternalModel
 from wires import made_up
 
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
-from minorloop_head.control.controller import Loop, mean_slope, within
+from minorloop_head.control.controller import mean_slope, within
 from minorloop_head.heated_wire import HeatedWire
+from papers.catheter.control.inverse import InverseLoop
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class InternalModelState:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class InternalModel(Loop):
+class InternalModel(InverseLoop):
     """Control by the difference between plant and model.
 
     v = C (r - (y - H v)), u = sqrt(Gamma^-1[v]), C(s) = (1 + tau_H s) / (1 + lambda s).

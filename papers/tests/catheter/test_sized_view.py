@@ -7,7 +7,7 @@ import pytest
 from minorloop_head.geometry import wrapped
 from minorloop_head.twins.pipe import Pipe
 from minorloop_head.twins.scene_view import minor_axis
-from minorloop_head.twins.sized_view import DIAMETERS, LEAST_AXIS, draw_sized_view
+from papers.catheter.sized_view import DIAMETERS, LEAST_AXIS, draw_sized_view
 
 
 @pytest.mark.parametrize("hole", [True, False])
