@@ -17,14 +17,14 @@ from minorloop.errors import ParameterError
 from minorloop_head.geometry import Pose, wall_lengths, wall_point
 from minorloop_head.twins.camera import LENS, Camera
 from minorloop_head.twins.pipe import Crack, Pipe, Scratch, Weld, draw_dent, draw_dirt, draw_finish
-from minorloop_head.twins.scene_view import (
+from minorloop_head.vision.reflectance_map import LEAST_SEEN
+from papers.catheter.scene_view import (
     AimedCamera,
     draw_head,
     draw_place,
     focus_near,
     metered_gain,
 )
-from minorloop_head.vision.reflectance_map import LEAST_SEEN
 
 NARROWEST, WIDEST = 30e-6, 200e-6
 SHORTEST, LONGEST = 2e-3, 15e-3

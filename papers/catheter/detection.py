@@ -22,7 +22,6 @@ from minorloop.arrays import FloatArray
 from minorloop_head.geometry import wall_distance
 from minorloop_head.procedures.meter import LIMITS
 from minorloop_head.twins.pipe import Pipe
-from minorloop_head.twins.scene_view import AimedCamera, SceneView, draw_view
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import (
     DITHER,
@@ -38,6 +37,7 @@ from minorloop_head.vision.defects import (
 )
 from minorloop_head.vision.reflectance_map import ALONE, LitFrame
 from papers.catheter import scoring
+from papers.catheter.scene_view import AimedCamera, SceneView, draw_view
 from papers.catheter.sized_view import DIAMETERS, SizedView, draw_sized_view
 
 PIVOT, ANGLE = 0.2e-3, math.radians(0.05)

@@ -27,7 +27,7 @@ from minorloop_head.procedures.probe_steps import (
     scanned_pit,
 )
 from minorloop_head.procedures.rig import InspectionRig, LogEntry
-from minorloop_head.procedures.ring import ring_of, ring_sweep
+from minorloop_head.procedures.ring import ring_sweep
 from minorloop_head.procedures.steps import (
     CENTRED_PX,
     CLAIMED,
@@ -56,6 +56,7 @@ from minorloop_head.vision.reflectance_map import ReflectanceMap
 from papers.catheter import mission_cracks, scoring
 from papers.catheter.mission_cracks import SeenCrack
 from papers.catheter.mission_scene import RADIUS, MissionTruth, distance, draw_mission, reachable
+from papers.catheter.ring_map import ring_of
 
 RING, VIEWS = math.radians(25.0), 8
 """Deflection of the views from one place in radians, and their number."""

@@ -11,7 +11,7 @@ from minorloop.errors import ParameterError
 from minorloop_head.twins import pipe as drawing
 from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.pipe import Bore, Crack, Dirt, Pipe
-from minorloop_head.twins.scene_view import (
+from papers.catheter.scene_view import (
     SceneView,
     draw_head,
     draw_place,

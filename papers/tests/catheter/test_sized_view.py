@@ -6,7 +6,7 @@ import pytest
 
 from minorloop_head.geometry import wrapped
 from minorloop_head.twins.pipe import Pipe
-from minorloop_head.twins.scene_view import minor_axis
+from papers.catheter.scene_view import minor_axis
 from papers.catheter.sized_view import DIAMETERS, LEAST_AXIS, draw_sized_view
 
 

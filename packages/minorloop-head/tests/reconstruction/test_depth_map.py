@@ -14,7 +14,6 @@ from minorloop_head.reconstruction.depth_map import (
     WaterLine,
     blend,
     camera_map,
-    echo_map,
     find_water,
     paste,
     unseen_map,
@@ -56,15 +55,6 @@ def test_the_camera_knows_the_wall_but_not_the_depth_of_a_defect():
     assert wall.source[5, 5] == CAMERA
     assert np.isnan(wall.depth[5, 5])
     assert wall.depth[6, 6] == 0.0
-
-
-def test_the_sonar_fills_what_its_footprints_reach():
-    wall = echo_map(PATCH, [(0.3, 20e-3), (0.3, 25e-3)], [0.2e-3, 9.0], [1e-6, np.nan])
-    middle = PATCH.rows // 2
-    assert wall.depth[middle, middle] == pytest.approx(0.2e-3)
-    assert wall.source[middle, middle] == ECHOES
-    assert wall.source[0, 0] == UNSEEN
-    assert np.isnan(wall.depth[0, 0])
 
 
 @given(st.floats(0.01, 10), st.floats(0.01, 10))
@@ -140,8 +130,6 @@ def test_what_does_not_fit_is_refused():
         blend(unseen_map(PATCH), unseen_map(Patch.around(0.0, 0.0, size=2e-3)))
     with pytest.raises(SignalError, match="2 echoes"):
         find_water([0.0], [True, False], 10e-3)
-    with pytest.raises(SignalError, match="1 spots"):
-        echo_map(PATCH, [(0.0, 0.0)], [0.0, 1.0], [1.0])
 
 
 def test_a_part_that_is_pasted_keeps_its_texels():

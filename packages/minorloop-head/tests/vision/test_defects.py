@@ -10,10 +10,10 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import wall_distance, wrapped
 from minorloop_head.procedures.extract import acquire
-from minorloop_head.twins.scene_view import draw_view
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.defects import SEQUENCE, Hole, find_holes, scales, strongest
 from minorloop_head.vision.reflectance_map import LitFrame, check_frames, lay_flat
+from papers.catheter.scene_view import draw_view
 from papers.catheter.sized_view import draw_sized_view
 
 

@@ -158,53 +158,6 @@ def camera_map(
     return DepthMap(patch, depth, np.where(open_to, sd, np.inf), source)
 
 
-def echo_map(
-    patch: Patch,
-    spots: npt.ArrayLike,
-    depths: npt.ArrayLike,
-    sds: npt.ArrayLike,
-    *,
-    footprint: float = 0.25e-3,
-) -> DepthMap:
-    """Return the map of the wall from echoes along a sweep.
-
-    Parameters
-    ----------
-    patch : Patch
-        The texels of the map.
-    spots : (K, 2) array_like
-        Phi and z of each echo.
-    depths, sds : (K,) array_like
-        Distance beyond the nominal wall and its standard deviation, in metres; NaN without an
-        echo.
-    footprint : float
-        Standard deviation of the footprint of an echo, in metres.
-
-    Notes
-    -----
-    Means are weighted by footprint and inverse variance; texels farther than two footprints from
-    every echo stay unseen.
-    """
-    where = np.asarray(spots, dtype=np.float64).reshape(-1, 2)
-    values, widths = np.asarray(depths, dtype=np.float64), np.asarray(sds, dtype=np.float64)
-    if not len(where) == values.size == widths.size:
-        raise SignalError(f"{len(where)} spots, {values.size} depths, {widths.size} deviations")
-    empty = unseen_map(patch)
-    weight, total, nearest = (np.zeros_like(empty.depth) for _ in range(3))
-    for spot, value, width in zip(where, values, widths, strict=True):
-        if not (np.isfinite(value) and np.isfinite(width) and width > 0):
-            continue
-        square = (patch.off(*spot) ** 2).sum(axis=-1) / footprint**2
-        share = np.where(square <= 4, np.exp(-0.5 * square), 0.0)
-        weight += share / width**2
-        total += share * value / width**2
-        nearest = np.maximum(nearest, share)
-    reached = nearest > 0
-    depth = np.divide(total, weight, out=np.full_like(total, np.nan), where=reached)
-    sd = np.sqrt(np.divide(1.0, weight, out=np.full_like(total, np.inf), where=reached))
-    return DepthMap(patch, depth, sd, np.where(reached, ECHOES, UNSEEN).astype(np.uint8))
-
-
 def blend(first: DepthMap, second: DepthMap) -> DepthMap:
     """Merge two maps of one patch: by inverse variance where both have data.
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop_head.geometry import meet_wall, wrapped
-from minorloop_head.twins.scene_view import LEAST_AXIS, draw_view
+from papers.catheter.scene_view import LEAST_AXIS, draw_view
 
 
 @pytest.mark.parametrize("hole", [True, False])
