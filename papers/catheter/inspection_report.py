@@ -79,14 +79,16 @@ def study_report(
         pictures=[Picture(draw_depths(runs), "Depths of all specimens, less the true ones.")],
     )
     _add_mission(report, study.mission)
+    fused = study.sweep.fused
+    drawn = draw_pipe_map(fused, picture=fused.picture)
     report.add(
         "A sweep of a partly flooded pipe",
         text="The catheter rolls while the probe fires, line after line, and no camera is used. A "
         "step between neighbouring echoes that is steeper than a smooth wall can be is the edge of "
         "a pit. The camera sees the drained wall. Between the water line and the height at which "
         "the probe gets under water there are neither pictures nor echoes.",
-        table=finds_table(study.sweep.fused),
-        pictures=[Picture(draw_pipe_map(study.sweep.fused), "One map of the pipe, unrolled.")],
+        table=finds_table(fused),
+        pictures=[Picture(drawn, "One map of the pipe, unrolled.")],
     )
     return report
 

@@ -100,7 +100,7 @@ def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig
         sway=SWAY,
     )
     head_twin = Head(seed, 0.05, seed, delay=0.04)
-    plant = Rig(head_twin, Catheter(seed, 0.02, seed), flooded=flooded, seed=seed)
+    plant = Rig(head_twin, Catheter(seed, 0.02, seed), flooded=flooded)
     tip = SimulatedTip(
         dry,
         mount=Mount(offset=(x, y)),

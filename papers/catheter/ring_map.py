@@ -15,13 +15,13 @@ from minorloop_head.reconstruction.depth_map import (
     UNSEEN,
     DepthMap,
     Patch,
-    blend,
     camera_map,
     paste,
     unseen_map,
 )
 from minorloop_head.ultrasound.profile import Profile
 from minorloop_head.vision.reflectance_map import ReflectanceMap
+from papers.catheter.pipe_map import blend
 
 LENGTH, MARGIN = 9.6e-3, 1e-3
 """Least length of the map round the pipe, and margin about a finding, in metres."""

@@ -27,7 +27,7 @@ from minorloop_head.procedures.values import NOTHING, Reading, Request, apply_to
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
 from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.pipe import Bore, Dent, Pipe, draw_dent, draw_pit
-from minorloop_head.twins.rig import GYROSCOPE_NOISE, SimulatedTip
+from minorloop_head.twins.rig import SimulatedTip
 from minorloop_head.twins.surroundings import Sway
 from minorloop_head.twins.ultrasound import Ultrasound
 from minorloop_head.ultrasound.echoes import Burst
@@ -37,6 +37,8 @@ from minorloop_head.vision.calibrated_camera import Image
 from papers.catheter import scoring
 
 KINDS = ("pit", "dished", "dented", "hole", "mark", "dry")
+GYROSCOPE_NOISE = math.radians(0.05)
+"""Standard deviation of a gyroscope in the base."""
 POSES = ("camera", "gyroscope", "joints")
 """What gives the pose of a burst besides the joints: pictures, a gyroscope in the base, nothing."""
 DISH = 0.1e-3

@@ -166,7 +166,7 @@ def run_insertion(seed: int, control: HeadControl) -> Insertion:
     bead = Dent(float(glint[0]), float(glint[1]), 0.25e-3, 0.2e-3)
     drawn = Pipe.draw(seed)
     pipe = replace(drawn, bores=(hole,), dents=(*drawn.dents, bead))
-    plant = Rig(Head(seed, 0.05, seed, delay=_TICK), Catheter(seed, 0.02, seed), seed=seed)
+    plant = Rig(Head(seed, 0.05, seed, delay=_TICK), Catheter(seed, 0.02, seed))
     tip = SimulatedTip(pipe, mount=mount, specimen=seed, seed=seed)
     known = np.array(mount.offset) + 0.05e-3 * rng.standard_normal(2)
     calibration = HeadCalibration(

@@ -22,16 +22,17 @@ from minorloop_head.procedures.probe_steps import resampled
 from minorloop_head.procedures.sweep import ProbeSweep, SweepState
 from minorloop_head.procedures.values import NOTHING, Reading, apply_to_tip
 from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, coupled_at
-from minorloop_head.reconstruction.pipe_map import PipeMap, pipe_map
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.pipe import Bore, Crack, Dent, Pipe, draw_crack, draw_pit
-from minorloop_head.twins.rig import GYROSCOPE_NOISE, SimulatedTip
+from minorloop_head.twins.rig import SimulatedTip
 from minorloop_head.twins.surroundings import Filling, Sway
 from minorloop_head.twins.ultrasound import INTERVAL
 from minorloop_head.ultrasound.c_scan import CRACK, CUT, PIT, CScan, EchoFind, c_scan
 from minorloop_head.vision.reflectance_map import LitFrame, lay_flat
 from papers.catheter import scoring
 from papers.catheter.crack_scenes import FINE, fine_course
+from papers.catheter.pipe_map import PipeMap, pipe_map
+from papers.catheter.scan_trials import GYROSCOPE_NOISE
 
 PITS = 3
 """Pits in the swept part of a pipe: 0.8 to 1.5 mm wide and 0.3 to 1 mm deep."""

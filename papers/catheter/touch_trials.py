@@ -98,7 +98,7 @@ def run_touch(seed: int, number: int, control: HeadControl) -> Touch:
     pipe = replace(tip.pipe, bores=(hole,))
     tip.pipe = tip.tool.pipe = pipe
     tip.camera.repaint(pipe)
-    plant = Rig(Head(seed, 0.05, seed, delay=_TICK), Catheter(seed), seed=seed)
+    plant = Rig(Head(seed, 0.05, seed, delay=_TICK), Catheter(seed))
     known = (x + float(rng.normal(0, 0.05e-3)), y + float(rng.normal(0, 0.05e-3)))
     calibration = HeadCalibration(
         lens=tip.camera.calibration,

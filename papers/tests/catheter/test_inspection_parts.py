@@ -25,7 +25,6 @@ from minorloop_head.reconstruction.depth_map import (
     Patch,
     WaterLine,
 )
-from minorloop_head.reconstruction.pipe_map import pipe_map
 from minorloop_head.twins.camera import LENS, led_positions
 from minorloop_head.twins.pipe import Bore, Crack, Pipe
 from minorloop_head.twins.rig import Rig
@@ -63,6 +62,7 @@ from papers.catheter.mission_cracks import SeenCrack
 from papers.catheter.mission_report import place_words, save_mission
 from papers.catheter.mission_scene import draw_mission
 from papers.catheter.missions import gather, mission_figures
+from papers.catheter.pipe_map import pipe_map
 from papers.catheter.sweep_trials import ScoredSweep
 from papers.claims import claim_table, figure
 

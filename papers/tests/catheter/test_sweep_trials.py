@@ -8,10 +8,10 @@ import pytest
 from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.sweep_map import draw_pipe_map, finds_table
 from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, unseen_map
-from minorloop_head.reconstruction.pipe_map import pipe_map
 from minorloop_head.twins.pipe import Crack, Dent
 from minorloop_head.ultrasound.c_scan import CRACK, CUT, PIT, c_scan
 from papers.catheter import sweep_trials, sweeps
+from papers.catheter.pipe_map import pipe_map
 from papers.catheter.sweep_trials import (
     ScoredSweep,
     c_scan_figures,
@@ -126,7 +126,7 @@ def test_the_map_has_picture_and_echoes_and_is_drawn(run):
     assert {CAMERA, ECHOES} <= sources
     assert BOTH not in sources  # the sweep is far from the water line
     assert len(finds_table(fused).rows) == 1
-    assert len(draw_pipe_map(fused).axes) == 8
+    assert len(draw_pipe_map(fused, picture=fused.picture).axes) == 8
 
 
 def test_pits_are_drawn_under_water_and_beside_dents():

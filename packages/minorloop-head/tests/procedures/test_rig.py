@@ -134,12 +134,6 @@ def test_without_sensors_control_gets_the_angles_from_the_image():
     assert it.control.read[1] == pytest.approx([30.0, 30.0])
 
 
-def test_a_gyroscope_is_added_to_the_joints():
-    it = rig(gyroscope=lambda: np.array([0.01, 0.0]))
-    reading = it.reading()
-    assert reading.line_of_sight - reading.angles == pytest.approx([0.01, 0.0])
-
-
 class Base:
     """A turn of the base that pictures of bursts show."""
 

@@ -13,8 +13,7 @@ from minorloop_head.procedures.sweep_map import (
     mapped_share,
 )
 from minorloop_head.reconstruction.depth_map import ECHOES, DepthMap, Patch, WaterLine, unseen_map
-from minorloop_head.reconstruction.pipe_map import PipeMap
-from minorloop_head.ultrasound.c_scan import EchoFind
+from minorloop_head.ultrasound.c_scan import CScan, EchoFind
 
 PATCH = Patch.ring(20e-3, 22e-3)
 PIT = EchoFind("pit", -0.1, 21.04e-3, 1e-3, 1.1e-3, 0.5e-3, 5e-6)
@@ -30,7 +29,8 @@ def swept(*around, finds=(PIT, CRACK), water=None):
     amplitude = np.where(source == ECHOES, 1.0, np.nan)
     known = DepthMap(PATCH, depth, sd, source)
     line = WaterLine(-0.01 if water is None else water, 1e-4, 0.0, water is not None)
-    return PipeMap(known, np.full(depth.shape, np.nan), amplitude, line, finds)
+    gap = np.isnan(amplitude)
+    return CScan(known, amplitude, np.full(gap.shape, 0.1), gap, line, finds, (1e-6, 0.03))
 
 
 def test_findings_are_numbers_and_null_where_they_are_not_known():
@@ -68,7 +68,7 @@ def test_the_area_is_drawn_and_the_rest_of_the_pipe_is_not(brief, count):
     for axes in panels:
         low, high = axes.get_images()[0].get_extent()[:2]
         assert (high - low) == pytest.approx(math.degrees(0.6), abs=1.0)
-    assert np.isfinite(panels[0].get_images()[1].get_array()).all()
+    assert np.isfinite(panels[0].get_images()[0].get_array()).all()
     marks = [line for line in panels[1].lines if line.get_marker() in ("o", "s")]
     assert len(marks) == 2
     assert all(low < line.get_xdata()[0] < high for line in marks)

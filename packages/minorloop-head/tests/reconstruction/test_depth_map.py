@@ -5,14 +5,12 @@ from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, SignalError
 from minorloop_head.reconstruction.depth_map import (
-    BOTH,
     CAMERA,
     ECHOES,
     UNSEEN,
     DepthMap,
     Patch,
     WaterLine,
-    blend,
     camera_map,
     find_water,
     paste,
@@ -20,13 +18,6 @@ from minorloop_head.reconstruction.depth_map import (
 )
 
 PATCH = Patch.around(0.3, 20e-3, size=2e-3)
-
-
-def filled(depth, sd, source):
-    shape = (PATCH.rows, PATCH.columns)
-    return DepthMap(
-        PATCH, np.full(shape, depth), np.full(shape, sd), np.full(shape, source, dtype=np.uint8)
-    )
 
 
 def test_a_patch_is_centred_and_a_tenth_of_a_millimetre_fine():
@@ -55,28 +46,6 @@ def test_the_camera_knows_the_wall_but_not_the_depth_of_a_defect():
     assert wall.source[5, 5] == CAMERA
     assert np.isnan(wall.depth[5, 5])
     assert wall.depth[6, 6] == 0.0
-
-
-@given(st.floats(0.01, 10), st.floats(0.01, 10))
-def test_blending_weighs_by_inverse_variance(a, b):
-    both = blend(filled(0.0, a, CAMERA), filled(1.0, b, ECHOES))
-    assert both.depth[0, 0] == pytest.approx(a**2 / (a**2 + b**2))
-    assert both.sd[0, 0] == pytest.approx(1 / np.hypot(1 / a, 1 / b))
-    assert (both.source == BOTH).all()
-
-
-def test_blending_with_nothing_changes_nothing():
-    wall = filled(0.1e-3, 1e-5, ECHOES)
-    both = blend(wall, unseen_map(PATCH))
-    assert both.depth == pytest.approx(wall.depth)
-    assert both.sd == pytest.approx(wall.sd)
-    assert (both.source == ECHOES).all()
-    assert blend(unseen_map(PATCH), unseen_map(PATCH)).unseen == 1.0
-
-
-def test_a_hole_stays_a_hole():
-    both = blend(filled(np.inf, np.nan, ECHOES), filled(0.0, 1e-5, CAMERA))
-    assert np.isposinf(both.depth).all()
 
 
 @given(st.floats(-8e-3, 8e-3))
@@ -126,8 +95,6 @@ def test_what_does_not_fit_is_refused():
         Patch(0.0, 0.0, 3, 3000)
     with pytest.raises(SignalError, match="shape"):
         DepthMap(PATCH, np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2), dtype=np.uint8))
-    with pytest.raises(SignalError, match="different patches"):
-        blend(unseen_map(PATCH), unseen_map(Patch.around(0.0, 0.0, size=2e-3)))
     with pytest.raises(SignalError, match="2 echoes"):
         find_water([0.0], [True, False], 10e-3)
 

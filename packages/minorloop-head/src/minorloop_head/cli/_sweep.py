@@ -18,7 +18,7 @@ from minorloop_head.cli._water import GivenFilling
 
 if TYPE_CHECKING:
     from minorloop_head.procedures.sweep import SweepState
-    from minorloop_head.reconstruction.pipe_map import PipeMap
+    from minorloop_head.ultrasound.c_scan import CScan
 
 _CAPTION = (
     "The pipe, unrolled. The colours are the same in every report, so that maps can be compared."
@@ -66,7 +66,6 @@ def carried_out(
     from minorloop_head.procedures.rig import InspectionRig
     from minorloop_head.procedures.sweep import ProbeSweep
     from minorloop_head.reconstruction.depth_map import Patch
-    from minorloop_head.reconstruction.pipe_map import pipe_map
     from minorloop_head.twins.head import Head
     from minorloop_head.ultrasound.c_scan import c_scan
 
@@ -119,7 +118,7 @@ def carried_out(
             patch = Patch.ring(*z, radius=view.radius)
             scan = c_scan(state.bursts, view.probe_at((0.0, 0.0)), patch)
             about = {**begun, "head": Head(specimen).serial, "began": journal.began}
-            content = _kept(pipe_map(scan, []), ended, state, folder, phi, about)
+            content = _kept(scan, ended, state, folder, phi, about)
             journal.note("end", why=ended)
             return content
 
@@ -152,7 +151,7 @@ def progress(state: SweepState) -> str:
 
 
 def _kept(
-    found: PipeMap,
+    found: CScan,
     ended: str,
     state: SweepState,
     folder: Path,

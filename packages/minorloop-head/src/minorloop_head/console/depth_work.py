@@ -16,7 +16,6 @@ from minorloop_head.procedures.measure import wall_about
 from minorloop_head.procedures.sweep_map import draw_pipe_map, mapped_share
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
 from minorloop_head.reconstruction.mesh import mesh_of
-from minorloop_head.reconstruction.pipe_map import pipe_map
 from minorloop_head.ultrasound.c_scan import CScan, c_scan
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.field import CalibratedProbe, sound_field
@@ -55,11 +54,11 @@ def sweep(
     """Map the bursts of a sweep; yields stages, then the finds and the map as files."""
     yield {"stage": "mapping the wall"}
     scan = c_scan(bursts, probe, Patch.ring(*z, radius=radius))
-    fused, picture = pipe_map(scan, []), BytesIO()
-    draw_pipe_map(fused, phi, brief=True).savefig(picture, format="png")
+    picture = BytesIO()
+    draw_pipe_map(scan, phi, brief=True).savefig(picture, format="png")
     yield {
         "finds": [asdict(one.finding(radius)) for one in scan.finds],
-        "mapped": mapped_share(fused, phi),
+        "mapped": mapped_share(scan, phi),
         "whole": whole,
         "files": {"png": picture.getvalue(), "csv": _listed(scan)},
     }

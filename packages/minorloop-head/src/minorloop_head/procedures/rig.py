@@ -87,11 +87,9 @@ class InspectionRig:
     control : HeadControl
         Of the plant's head.
     calibration : HeadCalibration
-    gyroscope : callable, optional
-        Returns the pan and tilt (2,) by which the base of the head is turned, in radians.
     base : SeenBase, optional
-        Reads them from the pictures that come with bursts, instead of a gyroscope, counted from the
-        last picture before the pipe is flooded.
+        Reads from the pictures that come with bursts by how much the base of the head is turned,
+        counted from the last picture before the pipe is flooded.
     sensors : bool
         Whether the joints have sensors. Without them the angles are those of the model of the
         wires, and control uses the angles that a procedure estimates from the image.
@@ -116,7 +114,6 @@ class InspectionRig:
         control: HeadControl,
         calibration: HeadCalibration,
         *,
-        gyroscope: Callable[[], FloatArray] | None = None,
         base: SeenBase | None = None,
         sensors: bool = True,
         seen: SeenAngles | None = None,
@@ -131,7 +128,7 @@ class InspectionRig:
         self.log: list[LogEntry] = []
         self.gain = 1.0
         self.most = np.full(2, np.inf)
-        self._gyroscope, self._base, self._sensors = gyroscope, base, sensors
+        self._base, self._sensors = base, sensors
         self._seen = seen
         self._picture: Image | None = None
         self._computing, self._told = computing, told
@@ -208,7 +205,7 @@ class InspectionRig:
             Taken now, with a burst.
         """
         if self._base is None or not self._wet:
-            return np.zeros(2) if self._gyroscope is None else self._gyroscope()
+            return np.zeros(2)
         if image is not None:
             self._base.see(image, self.t)
         return self._base.at(self.t)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,7 @@ from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 from minorloop_head.geometry import wrapped
 from minorloop_head.reconstruction.depth_map import UNSEEN, Patch
-from minorloop_head.reconstruction.pipe_map import PipeMap
-from minorloop_head.ultrasound.c_scan import CRACK, NO_ECHO, PIT
+from minorloop_head.ultrasound.c_scan import CRACK, NO_ECHO, PIT, CScan
 
 SOURCES = ("unseen", "camera", "echoes", "both")
 SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
@@ -65,70 +65,80 @@ def columns_within(patch: Patch, around: tuple[float, float] | None) -> IntArray
     return np.asarray((first + np.arange(count)) % patch.columns)
 
 
-def mapped_share(fused: PipeMap, around: tuple[float, float]) -> float:
+def mapped_share(scan: CScan, around: tuple[float, float]) -> float:
     """Return the share of the wall between two angles in radians that is mapped."""
-    source = fused.wall.source[:, columns_within(fused.wall.patch, around)]
+    source = scan.wall.source[:, columns_within(scan.wall.patch, around)]
     return float(np.mean(source != UNSEEN))
 
 
 def draw_pipe_map(
-    fused: PipeMap, around: tuple[float, float] | None = None, *, brief: bool = False
+    scan: CScan,
+    around: tuple[float, float] | None = None,
+    *,
+    picture: FloatArray | None = None,
+    brief: bool = False,
 ) -> Any:
     """Draw picture and amplitude, depth, its 90 % band, and the source of each texel.
 
     Parameters
     ----------
-    fused : PipeMap
+    scan : CScan
     around : (float, float), optional
         Angles in radians between which it is drawn, and as far as there are finds; the whole pipe
         without them.
+    picture : (rows, columns) array, optional
+        Logarithm of the reflectance where a camera saw the wall; NaN elsewhere.
     brief : bool
         Whether to draw the first two only.
     """
-    panels = (_draw_amplitude, _draw_depth, _draw_band, _draw_source)[: 2 if brief else 4]
+    amplitude = partial(_draw_amplitude, picture)
+    panels = (amplitude, _draw_depth, _draw_band, _draw_source)[: 2 if brief else 4]
     figure, axes = new_figure(len(panels), 1, 0.4 + 1.8 * len(panels), grid=False, sharex=True)
-    shown = _Shown.of(fused.wall.patch, around and _with_finds(around, fused))
+    shown = _Shown.of(scan.wall.patch, around and _with_finds(around, scan))
     for one, draw in zip(axes, panels, strict=True):
-        draw(figure, one, fused, shown)
+        draw(figure, one, scan, shown)
         one.set_ylabel("along [mm]")
-        for phi in _water_lines(fused, shown):
+        for phi in _water_lines(scan, shown):
             one.axvline(phi, color="C3", lw=1.2, ls="--")
-    level = "the dashed line is the water" if fused.water.seen else "the level was not seen"
+    level = "the dashed line is the water" if scan.water.seen else "the level was not seen"
     axes[-1].set_xlabel(f"around the pipe [degrees], 90 at the bottom; {level}")
     return figure
 
 
-def _draw_amplitude(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
-    grey = np.clip(0.5 + fused.picture[:, shown.columns] / (2 * _CONTRAST), 0.0, 1.0)
-    axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, **shown.options)
-    loud = fused.amplitude[:, shown.columns]
+def _draw_amplitude(
+    picture: FloatArray | None, figure: Any, axes: Any, scan: CScan, shown: _Shown
+) -> None:
+    if picture is not None:
+        grey = np.clip(0.5 + picture[:, shown.columns] / (2 * _CONTRAST), 0.0, 1.0)
+        axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, **shown.options)
+    loud = scan.amplitude[:, shown.columns]
     drawn = axes.imshow(loud, cmap="viridis", vmin=LOUD[0], vmax=LOUD[1], **shown.options)
     figure.colorbar(drawn, ax=axes, label="of a plain wall")
-    grey_too = "grey: the picture; in colours: " if np.isfinite(grey).any() else ""
+    grey_too = "" if picture is None else "grey: the picture; in colours: "
     axes.set_title(f"{grey_too}amplitude of the echo of the wall")
 
 
-def _draw_depth(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
-    depth = 1e3 * _known(fused.wall.depth[:, shown.columns])
+def _draw_depth(figure: Any, axes: Any, scan: CScan, shown: _Shown) -> None:
+    depth = 1e3 * _known(scan.wall.depth[:, shown.columns])
     drawn = axes.imshow(depth, cmap="viridis", vmin=DEEP[0], vmax=DEEP[1], **shown.options)
     figure.colorbar(drawn, ax=axes, label="[mm]")
     axes.set_title(
         "depth in mm; circles: pits, squares: cracks, triangles: no echo, diamonds: cut by the edge"
     )
-    _mark_finds(axes, fused, shown.start)
+    _mark_finds(axes, scan, shown.start)
 
 
-def _draw_band(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
-    band = 1e3 * PER_DEVIATION * _known(fused.wall.sd[:, shown.columns])
+def _draw_band(figure: Any, axes: Any, scan: CScan, shown: _Shown) -> None:
+    band = 1e3 * PER_DEVIATION * _known(scan.wall.sd[:, shown.columns])
     drawn = axes.imshow(band, cmap="magma", vmin=0.0, vmax=0.2, **shown.options)
     figure.colorbar(drawn, ax=axes, label="[mm]", extend="max")
     axes.set_title("half the 90 % band of the depth")
 
 
-def _draw_source(figure: Any, axes: Any, fused: PipeMap, shown: _Shown) -> None:
+def _draw_source(figure: Any, axes: Any, scan: CScan, shown: _Shown) -> None:
     from matplotlib.colors import ListedColormap
 
-    source = fused.wall.source[:, shown.columns]
+    source = scan.wall.source[:, shown.columns]
     drawn = axes.imshow(source, cmap=ListedColormap(SHADES), vmin=-0.5, vmax=3.5, **shown.options)
     bar = figure.colorbar(drawn, ax=axes, ticks=range(4))
     bar.ax.set_yticklabels(SOURCES)
@@ -139,11 +149,11 @@ def _known(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _water_lines(fused: PipeMap, shown: _Shown) -> list[float]:
+def _water_lines(scan: CScan, shown: _Shown) -> list[float]:
     """Return the angles in degrees at which the drawn part has the water line."""
-    if not fused.water.seen:
+    if not scan.water.seen:
         return []
-    found = _on_axis(water_angles(fused.water.height, fused.wall.patch.radius), shown.start)
+    found = _on_axis(water_angles(scan.water.height, scan.wall.patch.radius), shown.start)
     return [phi for phi in found.tolist() if phi <= shown.options["extent"][1]]
 
 
@@ -156,10 +166,10 @@ def water_angles(height: float, radius: float) -> FloatArray:
     return (both + 180.0) % 360.0 - 180.0
 
 
-def find_rows(fused: PipeMap) -> list[dict[str, str | float | None]]:
+def find_rows(scan: CScan) -> list[dict[str, str | float | None]]:
     """Return a row for each find of the echoes, in degrees and mm; None where not known."""
     rows: list[dict[str, str | float | None]] = []
-    for find in fused.finds:
+    for find in scan.finds:
         lengths = find.z, find.diameter, find.length, find.depth, PER_DEVIATION * find.depth_sd
         values = np.array([np.degrees(find.phi), *np.multiply(1e3, lengths)])
         named = zip(_DIGITS.items(), values.tolist(), strict=True)
@@ -172,21 +182,21 @@ def find_rows(fused: PipeMap) -> list[dict[str, str | float | None]]:
     return rows
 
 
-def finds_table(fused: PipeMap) -> Table:
+def finds_table(scan: CScan) -> Table:
     """Return `find_rows` as text."""
     rows = [
         (
             str(row["find"]),
             *("-" if row[name] is None else f"{row[name]:.{n}f}" for name, n in _DIGITS.items()),
         )
-        for row in find_rows(fused)
+        for row in find_rows(scan)
     ]
     return Table(("find", *_DIGITS), rows)
 
 
-def _mark_finds(axes: Any, fused: PipeMap, start: float) -> None:
+def _mark_finds(axes: Any, scan: CScan, start: float) -> None:
     """Draw a mark about each find, with its depth."""
-    for find in fused.finds:
+    for find in scan.finds:
         phi = float(_on_axis(np.degrees([find.phi]), start)[0])
         mark = _MARKS.get(find.kind, "D")
         axes.plot(phi, 1e3 * find.z, mark, ms=16, mec="C1", mfc="none", mew=1.4)
@@ -197,10 +207,10 @@ def _mark_finds(axes: Any, fused: PipeMap, start: float) -> None:
             )  # fmt: skip
 
 
-def _with_finds(around: tuple[float, float], fused: PipeMap) -> tuple[float, float]:
+def _with_finds(around: tuple[float, float], scan: CScan) -> tuple[float, float]:
     """Return angles widened to finds beyond them: a line runs up and out outside of its area."""
-    middle, margin = 0.5 * sum(around), _MARGIN / fused.wall.patch.radius
-    finds = [middle + float(wrapped(find.phi - middle)) for find in fused.finds]
+    middle, margin = 0.5 * sum(around), _MARGIN / scan.wall.patch.radius
+    finds = [middle + float(wrapped(find.phi - middle)) for find in scan.finds]
     return (
         min([around[0], *(phi - margin for phi in finds)]),
         max([around[1], *(phi + margin for phi in finds)]),

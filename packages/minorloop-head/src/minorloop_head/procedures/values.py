@@ -37,8 +37,8 @@ class Reading:
         Advance and roll of the catheter as measured.
     base : (2,) array
         Pan and tilt by which the flow of the water has turned the base of the head, as pictures
-        show or a gyroscope measures them; the joints do not. Zero where neither is used, NaN where
-        the picture does not show them.
+        show them; the joints do not. Zero where no picture is used, NaN where it does not show
+        them.
     image : array, optional
         A frame that was taken at these angles; None where none was requested.
     shots : tuple of Shot

@@ -158,30 +158,6 @@ def camera_map(
     return DepthMap(patch, depth, np.where(open_to, sd, np.inf), source)
 
 
-def blend(first: DepthMap, second: DepthMap) -> DepthMap:
-    """Merge two maps of one patch: by inverse variance where both have data.
-
-    Raises
-    ------
-    SignalError
-        If the patches differ.
-    """
-    if first.patch != second.patch:
-        raise SignalError("the maps are of different patches; lay both out on one")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        weights = [np.where(np.isnan(m.depth), 0.0, 1 / m.sd**2) for m in (first, second)]
-        total = weights[0] + weights[1]
-        depth = sum(
-            np.where(weight > 0, weight * np.nan_to_num(m.depth, posinf=0.0), 0.0)
-            for weight, m in zip(weights, (first, second), strict=True)
-        ) / np.where(total > 0, total, np.nan)
-        sd = np.where(total > 0, 1 / np.sqrt(total), np.inf)
-    through = np.isposinf(first.depth) | np.isposinf(second.depth)
-    depth = np.where(through, np.inf, depth)
-    source = (first.source | second.source).astype(np.uint8)
-    return DepthMap(first.patch, depth, np.where(through, np.nan, sd), source)
-
-
 def paste(wall: DepthMap, part: DepthMap) -> DepthMap:
     """Return a map in which the texels of a part with data replace its own.
 

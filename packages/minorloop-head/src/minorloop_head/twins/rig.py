@@ -29,8 +29,6 @@ from minorloop_head.twins.ultrasound import Ultrasound
 
 STRAIGHT = math.radians(30.0)
 """Pan and tilt of the joints of a head that looks along the pipe."""
-GYROSCOPE_NOISE = math.radians(0.05)
-"""Standard deviation of the gyroscope in the base."""
 _UNITS = np.array([math.radians(1.0), math.radians(1.0), 1e-3, math.radians(1.0)])
 """Units of the channels of head and catheter: degrees, mm and degrees."""
 
@@ -51,8 +49,6 @@ class Rig:
         Of the base of the head while the pipe is not flooded; none without it.
     flooded : Filling, optional
         Of the pipe after ``flood``; without it, that changes nothing.
-    seed : int
-        Of the noise of the gyroscope.
     """
 
     def __init__(
@@ -62,13 +58,11 @@ class Rig:
         *,
         sway: Sway | None = None,
         flooded: Filling | None = None,
-        seed: int = 0,
     ) -> None:
         self.head, self.sway = head or Head(noise=0.05, delay=0.04), sway
         self._flooded, self._drained = flooded, (self.head.surroundings, sway)
         self.catheter = catheter or Catheter(noise=0.02)
         self.tick, self.time = self.head.tick, None
-        self._gyro = np.random.default_rng([seed, 34])
         self._before = self._line_of_sight()
 
     def exchange(self, u: FloatArray) -> FloatArray:
@@ -101,13 +95,6 @@ class Rig:
             around, sway = self._flooded.around(around), self._flooded.sway
         self.head.surround(around)
         self.sway = sway
-
-    def gyroscope(self) -> FloatArray:
-        """Return the measured turn (2,) of the base; zeros without sway."""
-        if self.sway is None:
-            return np.zeros(2)
-        noise = GYROSCOPE_NOISE * self._gyro.standard_normal(2)
-        return np.asarray(self.sway.at(self.head.clock) + noise)
 
     def stance(self) -> Stance:
         """Return the true state, for the simulated tip and for scoring after a run."""

@@ -1,6 +1,9 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from minorloop.errors import SignalError
 from minorloop_head.reconstruction.depth_map import (
     BOTH,
     CAMERA,
@@ -9,9 +12,10 @@ from minorloop_head.reconstruction.depth_map import (
     DepthMap,
     Patch,
     WaterLine,
+    unseen_map,
 )
-from minorloop_head.reconstruction.pipe_map import pipe_map
 from minorloop_head.ultrasound.c_scan import CScan
+from papers.catheter.pipe_map import blend, pipe_map
 
 PATCH = Patch(-0.05, 20e-3, 2, 11)  # phi from -0.05 to 0.05 in steps of 0.01
 
@@ -60,3 +64,40 @@ def test_views_under_other_lights_are_levelled(merged):
     scan = CScan(merged.wall, merged.amplitude, merged.wall.sd, phi > 9, merged.water, (), (0, 0))
     both, one = pipe_map(scan, bright).picture, pipe_map(scan, bright[:1]).picture
     assert both == pytest.approx(one, nan_ok=True)
+
+
+SMALL = Patch.around(0.3, 20e-3, size=2e-3)
+
+
+def filled(depth, sd, source):
+    shape = (SMALL.rows, SMALL.columns)
+    return DepthMap(
+        SMALL, np.full(shape, depth), np.full(shape, sd), np.full(shape, source, dtype=np.uint8)
+    )
+
+
+@given(st.floats(0.01, 10), st.floats(0.01, 10))
+def test_blending_weighs_by_inverse_variance(a, b):
+    both = blend(filled(0.0, a, CAMERA), filled(1.0, b, ECHOES))
+    assert both.depth[0, 0] == pytest.approx(a**2 / (a**2 + b**2))
+    assert both.sd[0, 0] == pytest.approx(1 / np.hypot(1 / a, 1 / b))
+    assert (both.source == BOTH).all()
+
+
+def test_blending_with_nothing_changes_nothing():
+    wall = filled(0.1e-3, 1e-5, ECHOES)
+    both = blend(wall, unseen_map(SMALL))
+    assert both.depth == pytest.approx(wall.depth)
+    assert both.sd == pytest.approx(wall.sd)
+    assert (both.source == ECHOES).all()
+    assert blend(unseen_map(SMALL), unseen_map(SMALL)).unseen == 1.0
+
+
+def test_a_hole_stays_a_hole():
+    both = blend(filled(np.inf, np.nan, ECHOES), filled(0.0, 1e-5, CAMERA))
+    assert np.isposinf(both.depth).all()
+
+
+def test_maps_of_different_patches_are_not_blended():
+    with pytest.raises(SignalError, match="different patches"):
+        blend(unseen_map(SMALL), unseen_map(PATCH))

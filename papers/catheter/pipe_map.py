@@ -3,40 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop_head.reconstruction.depth_map import DepthMap, WaterLine, blend, camera_map
-
-if TYPE_CHECKING:
-    from minorloop_head.ultrasound.c_scan import CScan, EchoFind
+from minorloop.errors import SignalError
+from minorloop_head.reconstruction.depth_map import DepthMap, camera_map
+from minorloop_head.ultrasound.c_scan import CScan
 
 
 @dataclass(frozen=True, eq=False)
-class PipeMap:
-    """Picture and echoes of a partly flooded pipe on one patch.
+class PipeMap(CScan):
+    """Echoes of the flooded part of a pipe, and a picture of the rest.
 
     Parameters
     ----------
-    wall : DepthMap
-        Depth, its standard deviation, and the source of each texel: camera, echoes, both or none.
     picture : (rows, columns) array
         Logarithm of the reflectance where the camera saw drained wall; NaN elsewhere.
-    amplitude : (rows, columns) array
-        Of the echo of the wall, as a share of that of a plain one; NaN elsewhere.
-    water : WaterLine
-    finds : tuple of EchoFind
-        By the echoes.
     """
 
-    wall: DepthMap
     picture: FloatArray
-    amplitude: FloatArray
-    water: WaterLine
-    finds: tuple[EchoFind, ...] = ()
 
 
 def pipe_map(scan: CScan, views: Sequence[FloatArray]) -> PipeMap:
@@ -65,4 +52,31 @@ def pipe_map(scan: CScan, views: Sequence[FloatArray]) -> PipeMap:
             count[seen] += 1
     picture = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
     camera = camera_map(patch, count > 0, np.zeros(count.shape))
-    return PipeMap(blend(camera, scan.wall), picture, scan.amplitude, scan.water, scan.finds)
+    fused = replace(scan, wall=blend(camera, scan.wall))
+    return PipeMap(
+        **{each.name: getattr(fused, each.name) for each in fields(fused)}, picture=picture
+    )
+
+
+def blend(first: DepthMap, second: DepthMap) -> DepthMap:
+    """Merge two maps of one patch: by inverse variance where both have data.
+
+    Raises
+    ------
+    SignalError
+        If the patches differ.
+    """
+    if first.patch != second.patch:
+        raise SignalError("the maps are of different patches; lay both out on one")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weights = [np.where(np.isnan(m.depth), 0.0, 1 / m.sd**2) for m in (first, second)]
+        total = weights[0] + weights[1]
+        depth = sum(
+            np.where(weight > 0, weight * np.nan_to_num(m.depth, posinf=0.0), 0.0)
+            for weight, m in zip(weights, (first, second), strict=True)
+        ) / np.where(total > 0, total, np.nan)
+        sd = np.where(total > 0, 1 / np.sqrt(total), np.inf)
+    through = np.isposinf(first.depth) | np.isposinf(second.depth)
+    depth = np.where(through, np.inf, depth)
+    source = (first.source | second.source).astype(np.uint8)
+    return DepthMap(first.patch, depth, np.where(through, np.nan, sd), source)
