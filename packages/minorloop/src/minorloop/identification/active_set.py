@@ -39,7 +39,7 @@ ACCEPTABLE = 1e-6
 """Relative violation up to which a result counts as converged."""
 
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
-_OUTER, _PIVOTS, _PATIENCE = 80, 14, 3
+_OUTER, _PIVOTS, _PATIENCE, _LATE = 80, 14, 3, 4
 _QUICK = 0.01
 """Ratio of a violation to the one before up to which the ridge stays, so that a dense factor is
 used again."""
@@ -138,11 +138,13 @@ class Pivoting(ABC):
     """Proximal-point iteration with block pivoting.
 
     ``gradient``, ``bounded`` and ``scale`` as in `solve`; unknowns beyond ``searched`` that are at
-    their bounds stay there. A subclass solves for the free unknowns.
+    their bounds stay there. The iteration ends at a violation of `TOLERANCE`, or some steps after
+    one of ``enough``. A subclass solves for the free unknowns.
     """
 
     least_ridge = _LEAST_RIDGE
     quick = _QUICK
+    enough = TOLERANCE
 
     def __init__(
         self,
@@ -169,14 +171,19 @@ class Pivoting(ABC):
         """
         free, least = ~self.bounded | (z > 0), self.least_ridge
         best, before, last = BoundedSolution(z, np.inf, 0), z, np.inf
-        settled, pivots, steps = False, 0, 0
+        settled, pivots, steps, late = False, 0, 0, 0
         for _ in range(_OUTER):
             gradient = self.gradient(z)
             kkt = optimality(z, gradient, self.bounded, self.scale)
             if kkt < best.kkt:
                 best = BoundedSolution(z, kkt, self.factorisations)
+            late += best.kkt <= self.enough
             grows, slow, wide = kkt > last, kkt > self.quick * last, ridge
-            if kkt <= TOLERANCE or (grows and steps < 2 and ridge <= self.least_ridge):
+            if (
+                kkt <= TOLERANCE
+                or late > _LATE
+                or (grows and steps < 2 and ridge <= self.least_ridge)
+            ):
                 break
             if settled and slow:
                 ridge = max(ridge * (0.01 if pivots <= 4 else 0.1), least)

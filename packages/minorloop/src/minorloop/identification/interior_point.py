@@ -78,7 +78,7 @@ def polish(
 
 class _SparsePivoting(Pivoting):
     system: EverettSystem
-    quick = 0.0
+    quick, enough = 0.0, 1e-11
     least_ridge = 1e-10
     """The accuracy of the factor: below it, conjugate gradients are many."""
 
