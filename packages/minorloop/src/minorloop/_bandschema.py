@@ -66,10 +66,7 @@ def _short(values: FloatArray) -> list[float]:
 def bands_of(part: BandsPart, model: Preisach) -> BandModel:
     """Return what bands follow from as a file has it.
 
-    Raises
-    ------
-    ParameterError
-        If the numbers contradict each other.
+    Raises a `ParameterError` if the numbers contradict each other.
     """
     levels = as_levels(part.levels)
     spec = PlaneSpec(levels, model.relay, model.diagonal, part.offset, part.slope)

@@ -80,17 +80,14 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     def of(cls, data: PathLike, scores: Mapping[str, float | None] | None = None) -> Provenance:
         """Return the provenance of a model that was identified from a file.
 
+        Raises a `RecordError` if the file cannot be read.
+
         Parameters
         ----------
         data : str or path
             The file; its name without the folder and the digest of its bytes are kept.
         scores : mapping of str to float, optional
             As in the class.
-
-        Raises
-        ------
-        RecordError
-            If the file cannot be read.
         """
         try:
             with open(data, "rb") as file:
@@ -164,10 +161,7 @@ else:
 def build(part: msgspec.Struct) -> Any:
     """Return the model, or a part of one, from its JSON object.
 
-    Raises
-    ------
-    ParameterError
-        If the class refuses its parameters.
+    Raises a `ParameterError` if the class refuses its parameters.
     """
     of = _CLASS_OF[type(part)]
     values: dict[str, Any] = {}
@@ -259,10 +253,7 @@ class Content(_Strict):
 def kind_of(model: Any) -> str:
     """Return the name of the class of a model in a file.
 
-    Raises
-    ------
-    ParameterError
-        If a file cannot contain it.
+    Raises a `ParameterError` if a file cannot contain it.
     """
     for known, word in KINDS.items():
         if isinstance(model, known):
@@ -288,10 +279,7 @@ def plain(model: Any) -> dict[str, Any]:
 def layout(value: object, depth: int = 0) -> str:
     """Return JSON with one line for each key of an object and each row of a table.
 
-    Raises
-    ------
-    ValueError
-        If a text cannot be written as UTF-8.
+    Raises a `ValueError` if a text cannot be written as UTF-8.
     """
     inner, outer = "\n" + "  " * (depth + 1), "\n" + "  " * depth
     if isinstance(value, dict) and value:

@@ -33,6 +33,8 @@ _CLOSEST = 1e-290
 def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Samples:
     """Return a signal as a C-ordered float64 array; refuse others.
 
+    Raises a `SignalError` if the values are not numbers, have another shape, or are not finite.
+
     Parameters
     ----------
     values : (T,) or (S, T) array_like
@@ -45,11 +47,6 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
     Returns
     -------
     (T,) or (S, T) array
-
-    Raises
-    ------
-    SignalError
-        If the values are not numbers, have another shape, or are not finite.
     """
     if isinstance(values, np.ma.MaskedArray):  # masked samples were not measured
         values = np.ma.filled(values.astype(np.float64), np.nan)
@@ -77,10 +74,7 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
 def check_magnitude(name: str, values: FloatArray) -> None:
     """Refuse numbers whose squares overflow; NaN is allowed.
 
-    Raises
-    ------
-    SignalError
-        If one is beyond 1e150.
+    Raises a `SignalError` if one is beyond 1e150.
     """
     largest = float(np.max(np.abs(values), initial=0.0, where=~np.isnan(values)))
     if largest > LARGEST:
@@ -90,10 +84,7 @@ def check_magnitude(name: str, values: FloatArray) -> None:
 def check_scale(name: str, values: FloatArray) -> None:
     """Refuse numbers whose squares overflow or all vanish; zeros are allowed.
 
-    Raises
-    ------
-    SignalError
-        If one is beyond 1e150, or all are below 1e-150.
+    Raises a `SignalError` if one is beyond 1e150, or all are below 1e-150.
     """
     check_magnitude(name, values)
     largest = float(np.max(np.abs(values), initial=0.0))
@@ -104,10 +95,7 @@ def check_scale(name: str, values: FloatArray) -> None:
 def as_times(t: npt.ArrayLike, *, fewest: int = 2) -> FloatArray:
     """Return strictly increasing times, (T,).
 
-    Raises
-    ------
-    SignalError
-        If there are too few, or they are not finite or do not increase.
+    Raises a `SignalError` if there are too few, or they are not finite or do not increase.
     """
     times = as_samples(t, name="t")
     if times.ndim != 1 or times.size < fewest:
@@ -123,10 +111,7 @@ def as_waveform(
 ) -> tuple[FloatArray, FloatArray]:
     """Return times (T,) and the values at these times, (T,) or (channels, T).
 
-    Raises
-    ------
-    SignalError
-        If the shapes differ or the times do not increase.
+    Raises a `SignalError` if the shapes differ or the times do not increase.
     """
     times, values = as_times(t), as_samples(u, name=name)
     shape = times.shape if channels == 1 else (channels, *times.shape)
@@ -140,10 +125,7 @@ def as_waveform(
 def as_pair(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return inputs and outputs of equal length (T,); NaN marks a gap in y.
 
-    Raises
-    ------
-    SignalError
-        If the shapes differ, or a number is not finite or beyond 1e150.
+    Raises a `SignalError` if the shapes differ, or a number is not finite or beyond 1e150.
     """
     inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
     if inputs.ndim != 1 or inputs.shape != outputs.shape:
@@ -158,6 +140,8 @@ def as_pair(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]
 def as_levels(values: npt.ArrayLike) -> Levels:
     """Return thresholds as a read-only float64 array.
 
+    Raises a `ParameterError` if they are not finite, not strictly increasing, or fewer than two.
+
     Parameters
     ----------
     values : (L + 1,) array_like
@@ -167,11 +151,6 @@ def as_levels(values: npt.ArrayLike) -> Levels:
     -------
     (L + 1,) array
         A read-only copy.
-
-    Raises
-    ------
-    ParameterError
-        If they are not finite, not strictly increasing, or fewer than two.
     """
     try:
         levels = np.array(values, dtype=np.float64)
@@ -219,10 +198,7 @@ def writable(values: FloatArray) -> FloatArray:
 def uniform_levels(low: float, high: float, bands: int) -> Levels:
     """Return ``bands + 1`` evenly spaced thresholds from ``low`` to ``high``.
 
-    Raises
-    ------
-    ParameterError
-        If ``bands`` is not positive or ``low`` is not below ``high``.
+    Raises a `ParameterError` if ``bands`` is not positive or ``low`` is not below ``high``.
     """
     whole = isinstance(bands, int | np.integer | float) and not isinstance(bands, bool)
     if not whole or not 1 <= bands < np.inf or int(bands) != bands:
@@ -237,10 +213,7 @@ def uniform_levels(low: float, high: float, bands: int) -> Levels:
 def as_finite(name: str, value: float) -> float:
     """Return a finite number as a float; refuse others.
 
-    Raises
-    ------
-    ParameterError
-        If it is not a finite real number.
+    Raises a `ParameterError` if it is not a finite real number.
     """
     try:
         number = float(value)
@@ -258,10 +231,7 @@ def as_finite(name: str, value: float) -> float:
 def as_seconds(name: str, value: float) -> float:
     """Return a positive time as a float; refuse others.
 
-    Raises
-    ------
-    ParameterError
-        If it is not a positive finite number.
+    Raises a `ParameterError` if it is not a positive finite number.
     """
     number = as_finite(name, value)
     if number <= 0:
@@ -272,10 +242,8 @@ def as_seconds(name: str, value: float) -> float:
 def as_whole(name: str, value: int, low: int, high: int | None = None) -> int:
     """Return a whole number within its range as an int; refuse others.
 
-    Raises
-    ------
-    ParameterError
-        If it is not a whole number from ``low`` to ``high``, or of at least ``low``.
+    Raises a `ParameterError` if it is not a whole number from ``low`` to ``high``, or of at least
+    ``low``.
     """
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or value < low or (high is not None and value > high):
@@ -312,6 +280,9 @@ def check_option(name: str, value: object, allowed: Sequence[str]) -> None:
 def as_triangle(values: npt.ArrayLike, size: int, *, name: str) -> FloatArray:
     """Return a lower-triangular array as read-only float64.
 
+    Raises a `ParameterError` if the shape is wrong, a number is not finite, or one above the
+    diagonal is not zero.
+
     Parameters
     ----------
     values : (size, size) array_like
@@ -320,11 +291,6 @@ def as_triangle(values: npt.ArrayLike, size: int, *, name: str) -> FloatArray:
         Number of rows and of columns.
     name : str
         Name of the values in an error message.
-
-    Raises
-    ------
-    ParameterError
-        If the shape is wrong, a number is not finite, or one above the diagonal is not zero.
     """
     try:
         triangle = np.array(values, dtype=np.float64)

@@ -53,10 +53,6 @@ def connect(
         Further options of the actuator. Strip and fibre have ``tick``, ``substeps`` and
         ``drift``.
 
-    Returns
-    -------
-    Actuator
-
     Raises
     ------
     ParameterError
@@ -96,21 +92,14 @@ def open_twin(
 ) -> Actuator:
     """Make a simulated actuator.
 
+    Raises a `ParameterError` if there is no such actuator, or it has no such option.
+
     Parameters
     ----------
     name : str
         Name of an entry point of the group ``minorloop.twins``.
     specimen, noise, seed, **options
         As in `connect`.
-
-    Returns
-    -------
-    Actuator
-
-    Raises
-    ------
-    ParameterError
-        If there is no such actuator, or it has no such option.
     """
     twins = registered(TWINS)
     if name not in twins:
@@ -126,22 +115,14 @@ def open_module(name: str) -> Actuator:
 
     A `Bench` is made safe and read first; any other is put behind the limits of its channels.
 
+    Raises a `ParameterError` if there is no such function, or what it returns is no actuator; an
+    `InstrumentError` if it fails.
+
     Parameters
     ----------
     name : str
         ``package.factory``, or ``package.factory:ARGUMENT`` for a factory with an argument. The
         package is installed, or in the current folder.
-
-    Returns
-    -------
-    Actuator
-
-    Raises
-    ------
-    ParameterError
-        If there is no such function, or what it returns is no actuator.
-    InstrumentError
-        If it fails.
     """
     path, colon, argument = name.partition(":")
     made = _made(factory(path), path, [argument] if colon else [])
@@ -163,12 +144,8 @@ def factory(path: str) -> Callable[..., Any]:
 
     The current folder is searched last, also in the processes of the console.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such function.
-    InstrumentError
-        If its module fails.
+    Raises a `ParameterError` if there is no such function; an `InstrumentError` if its module
+    fails.
     """
     module, _, function = path.rpartition(".")
     folder = os.getcwd()

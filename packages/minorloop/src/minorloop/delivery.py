@@ -143,11 +143,6 @@ class Delivery:
     def check(self, channel: Channel) -> None:
         """Refuse targets that the actuator never reaches, before anything is applied.
 
-        Parameters
-        ----------
-        channel : Channel
-            The input of the actuator.
-
         Raises
         ------
         ParameterError, UnreachableError

@@ -236,6 +236,8 @@ class TargetDrive:
     def plan(self, hold: float, *, input: str, **settings: Any) -> Plan:
         """Return the plan of a run: the saturation, twice as long, then holds that are open.
 
+        Raises a `ParameterError` if the hold is not a positive number, or as in `Plan`.
+
         Parameters
         ----------
         hold : float
@@ -244,11 +246,6 @@ class TargetDrive:
             Name and unit of the input.
         **settings
             As in `Plan`.
-
-        Raises
-        ------
-        ParameterError
-            If the hold is not a positive number, or as in `Plan`.
         """
         if not (np.isfinite(hold) and hold > 0):
             raise ParameterError(f"hold is {hold:g} s (--hold); give a positive number of seconds")
@@ -259,11 +256,6 @@ class TargetDrive:
 
     def check(self, channel: Channel) -> None:
         """Refuse a model or targets that this actuator cannot serve, before anything is applied.
-
-        Parameters
-        ----------
-        channel : Channel
-            The input of the actuator.
 
         Raises
         ------
@@ -439,15 +431,7 @@ class _DriveState:
 
 
 def saturation_of(model: StaticModel, channel: Channel) -> float:
-    """Return the input that saturates a model: its lowest level, or the actuator's lower limit.
-
-    Parameters
-    ----------
-    model : StaticModel
-        A model with or without levels.
-    channel : Channel
-        The input of the actuator.
-    """
+    """Return the input that saturates a model: its lowest level, or the actuator's lower limit."""
     levels = getattr(model, "levels", None)
     low = getattr(model, "low", channel.low) if levels is None else levels[0]
     return float(low)

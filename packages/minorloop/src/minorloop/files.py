@@ -123,22 +123,15 @@ def _quoted(cell: object) -> object:
 def check_writable(path: PathLike, *, force: bool = False) -> Path:
     """Return the path of a file that can be written; refuse others.
 
+    Raises an `OutputError` if the path is a folder or a device, its folder is missing or not
+    writable, or the file exists and ``force`` is false.
+
     Parameters
     ----------
     path : str or path
         The file to write.
     force : bool
         Whether a file that exists may be replaced.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OutputError
-        If the path is a folder or a device, its folder is missing or not writable, or the file
-        exists and ``force`` is false.
     """
     target = _named(path)
     folder = target.parent
@@ -163,17 +156,14 @@ def write_atomically(path: PathLike, content: str | bytes) -> None:
 
     A reader sees the old file or the new one, never a part. A failure leaves the old one.
 
+    Raises an `OutputError` if the file cannot be written.
+
     Parameters
     ----------
     path : str or path
         The file to write.
     content : str or bytes
         The content; text is written as UTF-8 with unchanged line ends.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
     """
     target = Path(os.path.realpath(_named(path)))
     data = content.encode() if isinstance(content, str) else content
@@ -194,21 +184,14 @@ def write_atomically(path: PathLike, content: str | bytes) -> None:
 def make_folder(path: PathLike, *, force: bool = False) -> Path:
     """Make a folder for results, or accept an existing empty one.
 
+    Raises an `OutputError` if the path is a file, the folder is not empty, or it cannot be made.
+
     Parameters
     ----------
     path : str or path
         The folder; missing parents are made too.
     force : bool
         Whether it may contain files, of which some will be replaced.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OutputError
-        If the path is a file, the folder is not empty, or it cannot be made.
     """
     folder = _named(path)
     try:
@@ -228,10 +211,7 @@ def make_folder(path: PathLike, *, force: bool = False) -> Path:
 def new_folder(path: PathLike) -> Iterator[Path]:
     """Yield a folder as `make_folder` accepts it; an error that leaves it empty removes it.
 
-    Raises
-    ------
-    OutputError
-        As `make_folder`.
+    Raises an `OutputError` as `make_folder`.
     """
     made = [each for each in (Path(path), *Path(path).parents) if not each.exists()]
     folder = make_folder(path)

@@ -147,10 +147,7 @@ class ModelFile:
     def operator(self) -> StaticModel:
         """The model, or the operator of one with time: the output for slow inputs.
 
-        Raises
-        ------
-        ModelFileError
-            If the model has no operator on the input of the file.
+        Raises a `ModelFileError` if the model has no operator on the input of the file.
         """
         if isinstance(self.model, Cascade):
             return self.model.operator  # type: ignore[return-value]
@@ -345,10 +342,6 @@ def read(path: PathLike) -> ModelFile:
     path : str or path
         The file.
 
-    Returns
-    -------
-    ModelFile
-
     Raises
     ------
     ModelFileError
@@ -391,10 +384,7 @@ def _bands_of(found: Identified) -> dict[str, Any] | None:
 def _read_bands(path: PathLike, part: BandsPart, model: Preisach) -> BandModel:
     """Return what bands follow from.
 
-    Raises
-    ------
-    ModelFileError
-        If the numbers contradict each other.
+    Raises a `ModelFileError` if the numbers contradict each other.
     """
     from minorloop._bandschema import bands_of
 

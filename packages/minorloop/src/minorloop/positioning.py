@@ -151,6 +151,9 @@ def run_positioning(
 ) -> Positioning:
     """Run the experiment on one specimen of the twin.
 
+    Raises a `ParameterError` if the seed is not a whole number of at least 0, or the noise is
+    negative or too large for a fit.
+
     Parameters
     ----------
     seed : int
@@ -161,16 +164,6 @@ def run_positioning(
         Parameters of the paper if not given.
     progress : callable
         Called with the name of each stage when it begins.
-
-    Returns
-    -------
-    Positioning
-
-    Raises
-    ------
-    ParameterError
-        If the seed is not a whole number of at least 0, or the noise is negative or too large for a
-        fit.
     """
     if isinstance(seed, bool) or int(seed) != seed or seed < 0:
         raise ParameterError(f"seed is {seed!r}; give a whole number of at least 0")

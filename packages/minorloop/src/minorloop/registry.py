@@ -26,16 +26,13 @@ def _read(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
 def loaded(point: EntryPoint, name: str) -> Any:
     """Return what an entry point leads to.
 
+    Raises a `ParameterError` if it cannot be imported.
+
     Parameters
     ----------
     point : EntryPoint
     name : str
         What it is for, in a message.
-
-    Raises
-    ------
-    ParameterError
-        If it cannot be imported.
     """
     try:
         return point.load()

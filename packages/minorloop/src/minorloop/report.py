@@ -127,10 +127,7 @@ class Report:
     def write(self, path: PathLike, *, force: bool = False) -> None:
         """Write the page to a file.
 
-        Raises
-        ------
-        OutputError
-            If the file exists and ``force`` is false, or it cannot be written.
+        Raises an `OutputError` if the file exists and ``force`` is false, or it cannot be written.
         """
         write_atomically(check_writable(path, force=force), self.html())
 
@@ -158,10 +155,6 @@ def identification_report(
         The operator ``result`` with its dynamics.
     time : (T,) array, optional
         Time of each sample in seconds; samples are counted without it.
-
-    Returns
-    -------
-    Report
     """
     from minorloop.identification.baseline import percent
     from minorloop.identification.scores import score_rows
@@ -218,10 +211,6 @@ def after_effect_report(
         Name of the record.
     input_label, output_label : str
         Name and unit of input and output, such as ``voltage [V]``.
-
-    Returns
-    -------
-    Report
     """
     left, without = result.left_out_error, result.without_time
     share = 1 - (left / without) ** 2 if without else 0.0
@@ -257,10 +246,6 @@ def score_report(score: ModelScore, *, model: str, source: str) -> Report:
         The errors.
     model, source : str
         Names of the model file and of the record.
-
-    Returns
-    -------
-    Report
     """
     from minorloop.identification.baseline import percent
 
@@ -340,10 +325,6 @@ def reduction_report(
         Name of the log.
     notes : sequence of str, optional
         Advice; that of the reduction if not given.
-
-    Returns
-    -------
-    Report
     """
     log = reduction.log
     report = Report(
@@ -375,10 +356,6 @@ def frequency_report(
         Name and unit of input and output, such as ``voltage [V]``.
     notes : sequence of str
         Advice.
-
-    Returns
-    -------
-    Report
     """
     from minorloop.identification.frequency import decibels, degrees
 

@@ -106,6 +106,9 @@ def simulate(
 ) -> Simulation:
     """Return the outputs of a model for the inputs of a record, lag and dynamics included.
 
+    Raises a `ParameterError` if an option does not fit the model; a `RecordError` if the record has
+    another unit, or no times although the model needs them.
+
     Parameters
     ----------
     model : path, model, result of an identification, or ModelFile
@@ -120,17 +123,6 @@ def simulate(
         Memory before each curve, as of `identify`; ``start`` if not given.
     between : {"band", "straight", "held"}, optional
         Force of an oscillator between rows; ``"band"`` if not given.
-
-    Returns
-    -------
-    Simulation
-
-    Raises
-    ------
-    ParameterError
-        If an option does not fit the model.
-    RecordError
-        If the record has another unit, or no times although the model needs them.
     """
     known, log = _as_file(model), _as_log(record)
     u = _in_unit(np.asarray(log.record.u), log.record.input, known.input)
@@ -567,10 +559,6 @@ def score(
         such as specimens, each group has its errors.
     skip : int
         Rows at the beginning, and of each curve, that set the memory and are not scored.
-
-    Returns
-    -------
-    ModelScore
 
     Raises
     ------

@@ -19,12 +19,8 @@ if TYPE_CHECKING:
 def design_of(plant: Actuator, options: dict[str, Any]) -> dict[str, Any]:
     """Return the parameters of `Adaptive` that the options of run give, for the store.
 
-    Raises
-    ------
-    ParameterError
-        If the budget is too small.
-    LimitError
-        If the range is beyond the limits of the actuator.
+    Raises a `ParameterError` if the budget is too small; a `LimitError` if the range is beyond the
+    limits of the actuator.
     """
     from minorloop.identification.adaptive import Adaptive
     from minorloop.identification.adaptive_run import design_holds

@@ -394,6 +394,8 @@ def _reading(file: Path, now: Callable[[str], None]) -> Callable[[str], None]:
 def read_column(file: Path, column: str, unit: str = "", of: str = "the model") -> FloatArray:
     """Return one column of a CSV file, without gaps, in the unit that is needed.
 
+    Raises a `RecordError` if its header has a unit that differs by more than a prefix.
+
     Parameters
     ----------
     file : path
@@ -404,11 +406,6 @@ def read_column(file: Path, column: str, unit: str = "", of: str = "the model") 
         In which it is needed; not compared if empty.
     of : str
         What has this unit, for the message.
-
-    Raises
-    ------
-    RecordError
-        If its header has a unit that differs by more than a prefix.
     """
     from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
     from minorloop.lab.conversion import unit_factor
@@ -432,12 +429,8 @@ def times_of(
 
     Both are empty if no column is given and none is needed.
 
-    Raises
-    ------
-    ParameterError
-        If a model with dynamics needs it.
-    RecordError
-        If the times run backwards.
+    Raises a `ParameterError` if a model with dynamics needs it; a `RecordError` if the times run
+    backwards.
     """
     from minorloop.lab.logs import read_times
 
@@ -463,6 +456,8 @@ def check_order(
 ) -> None:
     """Refuse times that run backwards; the message has the row of the file.
 
+    Raises a `RecordError` if they do.
+
     Parameters
     ----------
     file : path
@@ -477,11 +472,6 @@ def check_order(
         Samples that are used.
     rows : (T,) array of int, optional
         Rows of the file that the samples are, counted from 0; all if not given.
-
-    Raises
-    ------
-    RecordError
-        If they do.
     """
     import numpy as np
 
@@ -585,6 +575,8 @@ def check_outputs(
 ) -> None:
     """Check before a long computation that its results can be written.
 
+    Raises an `OutputError` if one of them cannot be written, is also an input, or is named twice.
+
     Parameters
     ----------
     paths : sequence of path
@@ -593,11 +585,6 @@ def check_outputs(
         Whether existing files may be replaced.
     inputs : sequence of path
         Files to be read, which are never replaced.
-
-    Raises
-    ------
-    OutputError
-        If one of them cannot be written, is also an input, or is named twice.
     """
     from minorloop.files import check_writable
 

@@ -59,10 +59,7 @@ def run(data: TimedData, start: str, options: dict[str, Any], outputs: Outputs) 
 def _read_start(start: str) -> Oscillator:
     """Return the oscillator in a model file.
 
-    Raises
-    ------
-    ParameterError
-        If the file has another model.
+    Raises a `ParameterError` if the file has another model.
     """
     from minorloop import modelfile
     from minorloop.dynamics.oscillator import Oscillator

@@ -22,14 +22,9 @@ if TYPE_CHECKING:
 def begin(plant: Actuator, file: str, store: Path, setup: Setup, as_json: bool) -> None:
     """Carry out a plan of sines on the actuator of a setup, in a new store.
 
-    Raises
-    ------
-    ParameterError
-        If the actuator cannot carry out the plan.
-    SignalError
-        If no frequency has a sine at every amplitude, so that the run could not be evaluated.
-    LimitError
-        If an input is beyond the limits.
+    Raises a `ParameterError` if the actuator cannot carry out the plan; a `SignalError` if no
+    frequency has a sine at every amplitude, so that the run could not be evaluated; a `LimitError`
+    if an input is beyond the limits.
     """
     from minorloop.identification.sine_response import at_every_amplitude
     from minorloop.lab.sine_run import check_sines, sine_design

@@ -17,33 +17,6 @@ if TYPE_CHECKING:
     from minorloop.lab.records import Record
     from minorloop.report import Report
 
-_DEFAULTS: dict[str, Any] = {
-    "levels": None,
-    "spacing": "uniform",
-    "relay": "bipolar",
-    "diagonal": None,
-    "lag": None,
-    "dynamics": _common.NONE,
-    "creep": _common.NONE,
-    "rate": False,
-    "slope": None,
-    "signed": False,
-    "smoothness": "auto",
-    "prior": None,
-    "noise": None,
-    "sd": None,
-    "mean": "zero",
-    "start": "negative",
-    "holdout": 0.0,
-    "curves": None,
-    "start_of_curve": None,
-    "groups": None,
-    "rank": False,
-    "oscillator": None,
-    "period": None,
-    "between": None,
-}
-"""Options of ``identify`` and their defaults."""
 _DISTRUSTED = 1
 """Exit status after warnings, as of ``identify``."""
 
@@ -81,28 +54,23 @@ class TimedData:
         return log.only(part.start, part.stop)
 
 
-def refuse_others(given: Mapping[str, Any], taken: Sequence[str], options: str) -> None:
-    """Refuse options of `identify` that cannot be combined with others.
+_ALWAYS = frozenset({"context", "file", "input", "output", "time", "rows", "skip"})
+_ALWAYS |= {"from_loop", "field", "save", "report", "force", "as_json"}
+"""Options that can be combined with all others, or are refused elsewhere."""
 
-    Parameters
-    ----------
-    given : mapping
-        All options by name.
-    taken : sequence of str
-        Options that can be combined.
-    options : str
-        What they cannot be combined with, for the message.
 
-    Raises
-    ------
-    ParameterError
-        If another one is not the default.
+def refuse_others(context: typer.Context, taken: Sequence[str], options: str) -> None:
+    """Refuse options of `identify` that cannot be combined with some ``options``.
+
+    Raises a `ParameterError` if one that is not among those ``taken`` is not the default.
     """
-    for name, default in _DEFAULTS.items():
-        if name not in taken and given[name] != default:
-            option = name.replace("_", "-")
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        other = context.params.get(name) != parameter.get_default(context)
+        if other and name not in {*taken, *_ALWAYS}:
             raise ParameterError(
-                f"--{option} cannot be combined with {options}; leave one of them out"
+                f"--{name.replace('_', '-')} cannot be combined with {options}; leave one of them "
+                "out"
             )
 
 

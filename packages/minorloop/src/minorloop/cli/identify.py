@@ -227,7 +227,7 @@ def run(
     data = TimedData(file, input, output, time, curves, rows)
     outputs = Outputs(save, report, force, as_json)
     if oscillator is not None:
-        refuse_others(context.params, _oscillator.TAKEN, "--oscillator")
+        refuse_others(context, _oscillator.TAKEN, "--oscillator")
         found = {"period": period, "between": between or "band", "skip": skip}
         _oscillator.run(data, oscillator, found, outputs)
         return
@@ -235,7 +235,7 @@ def run(
         if value is not None:
             raise ParameterError(f"--{name} is given without --oscillator; leave it out")
     if creep != _common.NONE or rate:
-        refuse_others(context.params, _after_effect.TAKEN, "--creep or --rate")
+        refuse_others(context, _after_effect.TAKEN, "--creep or --rate")
         timed = {
             "creep": creep,
             "rate": True if rate else "auto" if creep == "auto" else False,

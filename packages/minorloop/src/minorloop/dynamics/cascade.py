@@ -284,10 +284,6 @@ class Cascade:
         between : {"straight", "held"}
             How the input will be applied between samples, as in `Linear.simulate`.
 
-        Returns
-        -------
-        CascadeInversion
-
         Raises
         ------
         NotInvertibleError

@@ -59,10 +59,8 @@ def continuous(
 ) -> tuple[FloatArray, FloatArray]:
     """Return numerator and denominator in s, by the principal matrix logarithm.
 
-    Raises
-    ------
-    ParameterError
-        If a pole is at 0 or on the negative real axis, where this logarithm does not exist.
+    Raises a `ParameterError` if a pole is at 0 or on the negative real axis, where this logarithm
+    does not exist.
     """
     from scipy.linalg import logm
 
@@ -80,11 +78,8 @@ def continuous(
 def refuse_alternating(poles: npt.NDArray[np.complex128]) -> None:
     """Refuse poles in the z-plane that no continuous system of the same order has.
 
-    Raises
-    ------
-    ParameterError
-        If a pole is at 0 or on the negative real axis: its mode ends within one sample, or
-        changes its sign at every sample.
+    Raises a `ParameterError` if a pole is at 0 or on the negative real axis: its mode ends within
+    one sample, or changes its sign at every sample.
     """
     for pole in poles:
         if pole.real <= 0 and abs(pole.imag) <= _REAL * max(abs(pole), _REAL):

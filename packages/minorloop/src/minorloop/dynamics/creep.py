@@ -221,10 +221,6 @@ def fit_creep(
     times : (n,) array_like, optional
         The time constants themselves, in seconds.
 
-    Returns
-    -------
-    CreepFit
-
     Raises
     ------
     SignalError

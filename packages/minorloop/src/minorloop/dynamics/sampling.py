@@ -27,10 +27,7 @@ to 0.8 of half the sampling rate, but for the first and last samples."""
 def even_interval(t: FloatArray) -> float:
     """Return the interval of evenly spaced times.
 
-    Raises
-    ------
-    SignalError
-        If an interval differs from the mean by more than 1 %.
+    Raises a `SignalError` if an interval differs from the mean by more than 1 %.
     """
     steps = np.diff(t)
     mean = float(t[-1] - t[0]) / (t.size - 1)
@@ -102,11 +99,8 @@ def pulses(u: FloatArray, factor: int, between: Interpolation, *, periodic: bool
 def checked_stages(stages: Sequence[Stage], substeps: int) -> list[tuple[int, FloatArray]]:
     """Return the stages of a decimation as arrays.
 
-    Raises
-    ------
-    ParameterError
-        If a filter is not symmetric with an odd number of taps and gain 1, or the product of the
-        factors is not the number of steps in an interval.
+    Raises a `ParameterError` if a filter is not symmetric with an odd number of taps and gain 1, or
+    the product of the factors is not the number of steps in an interval.
     """
     found, product = [], 1
     for factor, taps in stages:

@@ -21,12 +21,8 @@ def after_effect_parts(
 ) -> Parts:
     """Return context, inputs of the self-test and bytes of an operator with after-effect.
 
-    Raises
-    ------
-    NotInvertibleError
-        If ``inverse`` is true and there is none.
-    ParameterError
-        If the interval is missing or not positive, or levels coincide in the type of the C.
+    Raises a `NotInvertibleError` if ``inverse`` is true and there is none; a `ParameterError` if
+    the interval is missing or not positive, or levels coincide in the type of the C.
     """
     if interval is None:
         raise ParameterError(

@@ -16,10 +16,7 @@ def plays_parts(
 ) -> Parts:
     """Return context, inputs of the self-test and bytes of plays.
 
-    Raises
-    ------
-    NotInvertibleError
-        If ``inverse`` is true and there is none.
+    Raises a `NotInvertibleError` if ``inverse`` is true and there is none.
     """
     if inverse and not model.invertible:
         raise NotInvertibleError(

@@ -16,12 +16,8 @@ _MOST_LEVELS = 32_000
 def relay_parts(model: RelayModel, numbers: Numbers, inverse: bool) -> Parts:
     """Return context, inputs of the self-test and bytes of relays.
 
-    Raises
-    ------
-    NotInvertibleError
-        If ``inverse`` is true.
-    ParameterError
-        If levels coincide in the type of the C, or there are too many.
+    Raises a `NotInvertibleError` if ``inverse`` is true; a `ParameterError` if levels coincide in
+    the type of the C, or there are too many.
     """
     if inverse:
         raise NotInvertibleError(

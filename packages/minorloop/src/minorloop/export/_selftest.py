@@ -33,10 +33,8 @@ def examples(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return inputs rounded to the type of the C, their outputs, and the effect of a last digit.
 
-    Raises
-    ------
-    ParameterError
-        If the last digit of an input changes the output by too large a share of its range.
+    Raises a `ParameterError` if the last digit of an input changes the output by too large a share
+    of its range.
     """
     typed = numbers.array(_inputs(model, memory))
     ways = np.where(np.random.default_rng(1).random(typed.size) < 0.5, -np.inf, np.inf)
@@ -75,10 +73,7 @@ def worst_digit(model: Preisach, numbers: Numbers) -> float:
 def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:
     """Refuse thresholds that differ only in the last digits of their type.
 
-    Raises
-    ------
-    ParameterError
-        If a last digit is too large a share of the range of the levels.
+    Raises a `ParameterError` if a last digit is too large a share of the range of the levels.
     """
     largest = np.abs(levels).max()
     digit = float(np.spacing(largest)) / float(np.ptp(levels.astype(np.float64)))
@@ -94,11 +89,8 @@ def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:
 def output_error(numbers: Numbers, y: FloatArray, width: float, linear: bool = False) -> float:
     """Return the rounding error of outputs in the type of the C, as a share of their range.
 
-    Raises
-    ------
-    ParameterError
-        If it is too large: with an offset far larger than its range, an output changes only in
-        its last digits.
+    Raises a `ParameterError` if it is too large: with an offset far larger than its range, an
+    output changes only in its last digits.
     """
     largest = float(np.abs(y).max())
     digit = float(np.spacing(numbers.array(largest))) / (width or 1.0)

@@ -43,10 +43,7 @@ class Numbers:
     def array(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
         """Return numbers rounded to the type.
 
-        Raises
-        ------
-        ParameterError
-            If one is too large for it.
+        Raises a `ParameterError` if one is too large for it.
         """
         wide = np.asarray(values, dtype=np.float64)
         if self.single and (np.abs(wide) > np.finfo(np.float32).max).any():
@@ -58,10 +55,7 @@ class Numbers:
     def check_range(self, what: str, values: npt.ArrayLike) -> None:
         """Refuse ranges whose squares, or slopes against one another, the type cannot hold.
 
-        Raises
-        ------
-        ParameterError
-            If the range is too large or too small.
+        Raises a `ParameterError` if the range is too large or too small.
         """
         low, high = float(np.min(values)), float(np.max(values))
         most = _MOST_SINGLE if self.single else _MOST_DOUBLE
@@ -115,10 +109,7 @@ def wrapped(words: Iterable[str]) -> str:
 def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], int]:
     """Return the template context of an operator, and the bytes of its tables.
 
-    Raises
-    ------
-    ParameterError
-        If levels coincide or numbers overflow in the type of the C.
+    Raises a `ParameterError` if levels coincide or numbers overflow in the type of the C.
     """
     levels = numbers.array(model.levels)
     if not (np.diff(levels) > 0).all():

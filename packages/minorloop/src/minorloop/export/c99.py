@@ -63,17 +63,14 @@ class CSource:
     def write(self, folder: PathLike, *, force: bool = False) -> Path:
         """Write the files into a new or empty folder.
 
+        Raises an `OutputError` if the folder is not empty or cannot be written to.
+
         Parameters
         ----------
         folder : str or path
             The folder.
         force : bool
             Whether the folder may contain files; those of the same names are replaced.
-
-        Raises
-        ------
-        OutputError
-            If the folder is not empty or cannot be written to.
         """
         return write_folder(folder, self.files, force=force)
 
@@ -91,10 +88,6 @@ def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: An
         Whether the folder may contain files; those of the same names are replaced.
     **options
         Options of `source`.
-
-    Returns
-    -------
-    CSource
 
     Raises
     ------
@@ -126,6 +119,10 @@ def source(
 ) -> CSource:
     """Return the C99 of a model.
 
+    Raises a `NotInvertibleError` if ``inverse`` is true and the model has none; a `ParameterError`
+    if C of this kind cannot hold the model, rounding inputs or outputs to its type costs more than
+    1 % of the output's range, it needs more bytes than allowed, or an option is out of its range.
+
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or AfterEffect
@@ -154,15 +151,6 @@ def source(
         Seconds of one step, for an operator with after-effect only.
     warnings : sequence of str
         Why the model is not to be trusted, for a comment at the top of header and source.
-
-    Raises
-    ------
-    NotInvertibleError
-        If ``inverse`` is true and the model has none.
-    ParameterError
-        If C of this kind cannot hold the model, rounding inputs or outputs to its type costs
-        more than 1 % of the output's range, it needs more bytes than allowed, or an option is
-        out of its range.
     """
     _check_options(name, memory)
     check_option("first", first, ("operator", "linear"))

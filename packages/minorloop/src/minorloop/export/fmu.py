@@ -59,6 +59,9 @@ def export_fmu(
     simulator shows it in row k + 1. The unit contains the source too, so that it can be compiled
     for other platforms.
 
+    Raises a `ParameterError` if C cannot hold the model, an option is out of its range, or there is
+    no C compiler; an `OutputError` if the file cannot be written, or the compiler fails.
+
     Parameters
     ----------
     model : Preisach
@@ -86,13 +89,6 @@ def export_fmu(
     -------
     list of str
         Platforms of the compiled unit, as the standard names them.
-
-    Raises
-    ------
-    ParameterError
-        If C cannot hold the model, an option is out of its range, or there is no C compiler.
-    OutputError
-        If the file cannot be written, or the compiler fails.
     """
     target = check_writable(path, force=force)
     if target.suffix != ".fmu":

@@ -104,6 +104,8 @@ def as_model(
 ) -> Preisach | PrandtlIshlinskii:
     """Convert parameters back to a model.
 
+    Raises a `ParameterError` if the model is of another kind, or a parameter is not finite.
+
     Parameters
     ----------
     model : Preisach or PrandtlIshlinskii
@@ -114,11 +116,6 @@ def as_model(
     Returns
     -------
     Preisach or PrandtlIshlinskii
-
-    Raises
-    ------
-    ParameterError
-        If the model is of another kind, or a parameter is not finite.
     """
     _operator(model, "negative")
     known = {name: np.asarray(value, dtype=np.float64) for name, value in parameters.items()}

@@ -114,6 +114,8 @@ def as_state(
 ) -> FloatArray:
     """Return an initial state of `as_system`.
 
+    Raises a `ParameterError` if the model is of another class, or there is too little room.
+
     Parameters
     ----------
     model : Preisach, PrandtlIshlinskii or Cascade
@@ -136,11 +138,6 @@ def as_state(
         The remembered extrema, oldest first, the present input repeated to the end; or the
         positions of the plays. Those of a cascade are followed by the states of its linear part
         and its creep.
-
-    Raises
-    ------
-    ParameterError
-        If the model is of another class, or there is too little room.
     """
     if isinstance(model, Cascade):
         operator = as_state(model.operator, start, room=room)  # type: ignore[arg-type]
@@ -164,10 +161,7 @@ def as_state(
 def as_memory(state: npt.ArrayLike) -> Memory:
     """Return the memory in a state of a Preisach operator.
 
-    Raises
-    ------
-    ParameterError
-        If the state is not a memory.
+    Raises a `ParameterError` if the state is not a memory.
     """
     values = np.asarray(state, dtype=np.float64)
     changes = np.flatnonzero(np.diff(values))

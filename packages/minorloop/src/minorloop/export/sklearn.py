@@ -189,10 +189,7 @@ class ContiguousSplit:
     ) -> Iterator[tuple[IntArray, IntArray]]:
         """Yield the row numbers to fit and to test, block by block.
 
-        Raises
-        ------
-        ParameterError
-            If there are too few rows for so many blocks.
+        Raises a `ParameterError` if there are too few rows for so many blocks.
         """
         rows = len(X)
         begin = max(1, round(self.first * rows))

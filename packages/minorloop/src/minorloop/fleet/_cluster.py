@@ -278,12 +278,8 @@ def _connect(address: str) -> Any:
 def check_address(address: str) -> None:
     """Check that an address is valid and that something listens there.
 
-    Raises
-    ------
-    MissingExtraError
-        If Dask is not installed.
-    ParameterError
-        If there is no scheduler at the address.
+    Raises a `MissingExtraError` if Dask is not installed; a `ParameterError` if there is no
+    scheduler at the address.
     """
     try:
         import distributed  # noqa: F401

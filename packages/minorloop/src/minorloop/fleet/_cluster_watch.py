@@ -58,12 +58,8 @@ class ClusterWatch:
     def look(self) -> None:
         """Send a request or read its answer, and check the delays; returns at once.
 
-        Raises
-        ------
-        ParameterError
-            If no worker connected within the patience.
-        FleetError
-            If the scheduler is gone, or no worker answered within the patience.
+        Raises a `ParameterError` if no worker connected within the patience; a `FleetError` if the
+        scheduler is gone, or no worker answered within the patience.
         """
         if self._client.status != "running":
             self.lose_connection()

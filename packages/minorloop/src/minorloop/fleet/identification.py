@@ -89,10 +89,6 @@ def identify_fleet(
     **options
         Of `minorloop.identify`, the same for all.
 
-    Returns
-    -------
-    Summary
-
     Raises
     ------
     MissingExtraError

@@ -118,17 +118,15 @@ def read_manifest(
     ``curves``, ``groups`` and ``sd``, separated by commas, semicolons or tabs. Paths of files are
     relative to the manifest.
 
+    Raises a `RecordError` if the manifest cannot be read, lacks a column, lists nothing, or names a
+    specimen twice.
+
     Parameters
     ----------
     path : str or path
         The manifest.
     input, output : str, optional
         Columns of the records, for specimens whose row names none.
-
-    Raises
-    ------
-    RecordError
-        If the manifest cannot be read, lacks a column, lists nothing, or names a specimen twice.
     """
     text = _text_of(Path(path))
     try:

@@ -46,6 +46,8 @@ class FleetState:
     ) -> FleetState:
         """Return the same memory for every operator.
 
+        Raises a `ParameterError` if there is no operator, or too little room for the memory.
+
         Parameters
         ----------
         model : Preisach
@@ -57,11 +59,6 @@ class FleetState:
         room : int
             Extrema that each operator has room for, the present input included, at least 6.
             When a history has more, the smallest loop is dropped. Each takes 32 bytes.
-
-        Raises
-        ------
-        ParameterError
-            If there is no operator, or too little room for the memory.
         """
         check_kind("model", model, Preisach)
         count = as_whole("operators", operators, 1, MOST_OPERATORS)
@@ -97,6 +94,10 @@ def simulate_fleet(
 ) -> tuple[FloatArray, FleetState]:
     """Simulate many independent operators with the same weights.
 
+    Raises a `SignalError` if the inputs are not finite numbers, or not for as many operators as the
+    state has; a `ParameterError` if the model is of another class, or the state is of another
+    model, damaged, or may not be overwritten.
+
     Parameters
     ----------
     model : Preisach
@@ -113,14 +114,6 @@ def simulate_fleet(
     y : (S,) or (S, T) array
     state : FleetState
         Memories after.
-
-    Raises
-    ------
-    SignalError
-        If the inputs are not finite numbers, or not for as many operators as the state has.
-    ParameterError
-        If the model is of another class, or the state is of another model, damaged, or may not
-        be overwritten.
     """
     check_kind("model", model, Preisach)
     inputs = as_samples(u, name="u")

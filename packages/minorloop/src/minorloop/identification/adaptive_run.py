@@ -35,6 +35,8 @@ class RunFindings:
 def design_holds(holds: int | None, hours: float | None, hold: float) -> int:
     """Return how many holds of a budget the design may choose.
 
+    Raises a `ParameterError` if both or neither are given, or the budget is too small.
+
     Parameters
     ----------
     holds : int, optional
@@ -43,11 +45,6 @@ def design_holds(holds: int | None, hours: float | None, hold: float) -> int:
         All there is, validation and repetitions included.
     hold : float
         Longest hold, in seconds.
-
-    Raises
-    ------
-    ParameterError
-        If both or neither are given, or the budget is too small.
     """
     count = budget(holds, hours, hold)
     if hours is None:

@@ -182,10 +182,6 @@ def identify_after_effect(
     progress : callable, optional
         Called with what is done next, as text.
 
-    Returns
-    -------
-    AfterEffectIdentification
-
     Raises
     ------
     SignalError

@@ -71,10 +71,6 @@ def arx(
         Whether y[k] was read at the end of the interval with input u[k], as an `Actuator`
         records it, or when u[k] was set.
 
-    Returns
-    -------
-    LinearFit
-
     Raises
     ------
     SignalError

@@ -103,10 +103,7 @@ class Prediction(Drawn):
 def as_probability(bands: float) -> float:
     """Check that a number is a probability between 0 and 1.
 
-    Raises
-    ------
-    ParameterError
-        If it does not.
+    Raises a `ParameterError` if it does not.
     """
     number = as_finite("bands", bands)
     if not 0 < number < 1:

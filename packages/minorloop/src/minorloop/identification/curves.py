@@ -98,6 +98,9 @@ def as_curves(
 ) -> Curves:
     """Return the curves of a record whose rows have labels.
 
+    Raises a `SignalError` if there is not one label for each row; a `ParameterError` if
+    ``start_of_curve`` is given without labels, or is not a start.
+
     Parameters
     ----------
     labels : (T,) array_like, optional
@@ -109,13 +112,6 @@ def as_curves(
     start_of_curve : start state or "as-left", optional
         Memory before each curve, the first included; ``start`` if not given. With ``"as-left"``
         the memory continues.
-
-    Raises
-    ------
-    SignalError
-        If there is not one label for each row.
-    ParameterError
-        If ``start_of_curve`` is given without labels, or is not a start.
     """
     if labels is None:
         if start_of_curve is not None:
@@ -157,10 +153,7 @@ def _quoted(label: object) -> str:
 def as_groups(name: str, labels: npt.ArrayLike, samples: int) -> IntArray:
     """(T,) number of the group of each row, from 0 in the order of their labels.
 
-    Raises
-    ------
-    SignalError
-        If there is not one label for each row.
+    Raises a `SignalError` if there is not one label for each row.
     """
     given = np.asarray(labels)
     if given.shape != (samples,):
@@ -176,10 +169,7 @@ def as_groups(name: str, labels: npt.ArrayLike, samples: int) -> IntArray:
 def check_group_sizes(name: str, groups: IntArray, labels: Sequence[object]) -> None:
     """Raise an error if a group has one row only: nothing shows how it differs from the others.
 
-    Raises
-    ------
-    ParameterError
-        If a group has one row.
+    Raises a `ParameterError` if a group has one row.
     """
     counts = np.bincount(groups)
     single = np.flatnonzero(counts == 1)

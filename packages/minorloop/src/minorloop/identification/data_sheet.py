@@ -217,10 +217,6 @@ def from_loop(
     field : float, optional
         The largest input; five times the coercivity if not given.
 
-    Returns
-    -------
-    DataSheetModel
-
     Raises
     ------
     ParameterError

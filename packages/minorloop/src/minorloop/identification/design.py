@@ -91,10 +91,6 @@ def next_input(
     step : float
         Largest allowed change from the present input.
 
-    Returns
-    -------
-    NextInput
-
     Raises
     ------
     ParameterError

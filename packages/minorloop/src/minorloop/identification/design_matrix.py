@@ -200,15 +200,12 @@ class DesignMatrix:
     def gram(self, weight: FloatArray | None = None) -> FloatArray:
         """Gram matrix of the columns, in the lower triangle.
 
+        Raises a `ParameterError` if there are more than `MOST_DENSE` bands.
+
         Parameters
         ----------
         weight : (M,) array, optional
             Of each sample; one if not given.
-
-        Raises
-        ------
-        ParameterError
-            If there are more than `MOST_DENSE` bands.
         """
         if self.spec.bands > MOST_DENSE:
             raise ParameterError(
@@ -401,10 +398,7 @@ def _rows_to_cells(bands: int, x: FloatArray) -> None:
 def check_bands(bands: int) -> None:
     """Raise an error if a plane is too fine to be identified.
 
-    Raises
-    ------
-    ParameterError
-        If there are more than `MOST_BANDS` bands.
+    Raises a `ParameterError` if there are more than `MOST_BANDS` bands.
     """
     if bands > MOST_BANDS:
         raise ParameterError(

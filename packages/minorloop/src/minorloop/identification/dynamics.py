@@ -99,10 +99,6 @@ def identify_dynamics(
         Options of `identify` for the operator; not ``lag``, ``curves`` and ``groups``. Diagonal
         and slope are ``"auto"`` if not given.
 
-    Returns
-    -------
-    DynamicIdentification
-
     Raises
     ------
     SignalError

@@ -117,6 +117,8 @@ def report(
 ) -> ExcitationReport:
     """Return rank, condition and excited cells of an input, before it is applied.
 
+    Raises a `SignalError` if ``u`` is not one finite sequence.
+
     Parameters
     ----------
     u : (T,) array_like
@@ -125,11 +127,6 @@ def report(
         Thresholds of the plane to be identified.
     diagonal, start
         As in `Preisach` and `identify`.
-
-    Raises
-    ------
-    SignalError
-        If ``u`` is not one finite sequence.
     """
     inputs = as_samples(u, name="u")
     if inputs.ndim != 1:

@@ -145,10 +145,6 @@ def identify(
     progress : callable, optional
         Called with what is done next, as text.
 
-    Returns
-    -------
-    Identification
-
     Raises
     ------
     SignalError

@@ -116,6 +116,8 @@ class FitRecord:
     def regression(self, spec: PlaneSpec, lag: int, labels: IntArray | None = None) -> Regression:
         """Return the regression of the outputs on the unknowns, condensed for a long record.
 
+        Raises a `SignalError` if the lag leaves fewer than three samples.
+
         Parameters
         ----------
         spec : PlaneSpec
@@ -124,11 +126,6 @@ class FitRecord:
             Samples by which the output follows the input.
         labels : (T,) array of int, optional
             Samples with different labels are not condensed together.
-
-        Raises
-        ------
-        SignalError
-            If the lag leaves fewer than three samples.
         """
         rows = self.rows(lag)
         if rows.size < FEWEST:

@@ -112,10 +112,7 @@ class FrequencyResponse(Drawn):
     def gain_spread(self, low: float = 0.0, high: float = np.inf) -> GainSpread:
         """Largest difference between gains at frequencies from ``low`` to ``high``, in Hz.
 
-        Raises
-        ------
-        ParameterError
-            If no frequency lies between these, or there was no operator.
+        Raises a `ParameterError` if no frequency lies between these, or there was no operator.
         """
         inside = self._between(low, high)
         return GainSpread(
@@ -126,10 +123,7 @@ class FrequencyResponse(Drawn):
     def phase_spread(self, low: float = 0.0, high: float = np.inf) -> tuple[float, float]:
         """Largest differences between phases, before and after the operator, in degrees.
 
-        Raises
-        ------
-        ParameterError
-            If no frequency lies between these, or there was no operator.
+        Raises a `ParameterError` if no frequency lies between these, or there was no operator.
         """
         inside = self._between(low, high)
         before, after = (
@@ -141,15 +135,12 @@ class FrequencyResponse(Drawn):
     def fit(self, **options: Any) -> RationalFit:
         """Fit one transfer function from operator to output for all amplitudes.
 
+        Raises a `ParameterError` if there was no operator.
+
         Parameters
         ----------
         **options
             ``order`` and ``zeros`` of `fit_response`.
-
-        Raises
-        ------
-        ParameterError
-            If there was no operator.
         """
         return fit_response(self.frequencies, self._after, **options)
 
@@ -237,10 +228,6 @@ def frequency_response(
     samples : int
         Samples per period, at least 40.
 
-    Returns
-    -------
-    FrequencyResponse
-
     Raises
     ------
     ParameterError
@@ -300,10 +287,6 @@ def describing_function(
         Memory before the sine.
     samples : int
         Samples per period; the error decreases with their square.
-
-    Returns
-    -------
-    complex
 
     Raises
     ------
@@ -383,10 +366,7 @@ def _measured_periods(record: Record, t: FloatArray, wanted: int) -> tuple[Float
 def fundamental_of_sine(x: FloatArray, periods: int) -> complex:
     """Fundamental of a signal (T,) of whole periods that must oscillate.
 
-    Raises
-    ------
-    SignalError
-        If it does not.
+    Raises a `SignalError` if it does not.
     """
     component = fundamental(x, periods)
     if abs(component) <= 1e-9 * np.abs(x).max(initial=0.0):

@@ -31,6 +31,8 @@ def validate(
 ) -> FloatArray:
     """(T,) outputs of each group, predicted without it; NaN where a row was not fitted.
 
+    Raises a `ParameterError` if all fitted rows are of one group.
+
     Parameters
     ----------
     record : FitRecord
@@ -43,11 +45,6 @@ def validate(
         Number of the group of each row.
     say : callable
         Called with what is done next.
-
-    Raises
-    ------
-    ParameterError
-        If all fitted rows are of one group.
     """
     rows = replace(record, fitted=found.fitted).rows(lag)
     predicted = left_out(record, found, lag, folds(groups, rows), say)
@@ -59,10 +56,7 @@ def validate(
 def folds(groups: IntArray, rows: IntArray) -> IntArray:
     """(T,) number of the fold of each row, of which those of the groups of some rows are fitted.
 
-    Raises
-    ------
-    ParameterError
-        If these rows are of one group.
+    Raises a `ParameterError` if these rows are of one group.
     """
     names = check_several_groups(groups[rows])
     return np.searchsorted(names, groups) % min(names.size, FOLDS)
@@ -71,10 +65,7 @@ def folds(groups: IntArray, rows: IntArray) -> IntArray:
 def check_several_groups(groups: IntArray) -> IntArray:
     """Return the numbers of the groups of the fitted rows, two or more.
 
-    Raises
-    ------
-    ParameterError
-        If all rows are of one group.
+    Raises a `ParameterError` if all rows are of one group.
     """
     names = np.unique(groups)
     if names.size < 2:

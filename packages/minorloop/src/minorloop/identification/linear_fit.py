@@ -107,10 +107,7 @@ class LinearFit(Drawn):
 
         Computed to first order in the coefficients, with the DC gain fixed at 1.
 
-        Raises
-        ------
-        SignalError
-            If the times do not increase.
+        Raises a `SignalError` if the times do not increase.
         """
         times = as_times(t, fewest=1)
         found, count = self.candidate.coefficients, int(max(times[-1] / self._interval, 0)) + 2

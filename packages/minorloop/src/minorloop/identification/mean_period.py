@@ -41,17 +41,14 @@ class MeanPeriod:
 def mean_period(u: FloatArray, y: FloatArray, period: int) -> MeanPeriod:
     """Return the mean of the settled periods of a record.
 
+    Raises a `SignalError` if T is no multiple of the period, or the force does not repeat.
+
     Parameters
     ----------
     u, y : (T,) arrays
         Force and displacement; NaN in y where nothing was measured.
     period : int
         Samples of a period.
-
-    Raises
-    ------
-    SignalError
-        If T is no multiple of the period, or the force does not repeat.
     """
     turns, rest = divmod(u.size, period)
     if rest or not turns:

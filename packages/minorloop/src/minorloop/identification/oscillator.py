@@ -93,10 +93,6 @@ def identify_oscillator(
     fixed : sequence of str
         Names of parameters that keep their value, such as ``"mass"`` or ``"exponent"``.
 
-    Returns
-    -------
-    OscillatorIdentification
-
     Raises
     ------
     SignalError

@@ -79,6 +79,9 @@ def identify_log(log: Log, identify: Callable[..., Any], options: Mapping[str, A
     resampled, and used as it is if the best lag is 0. The memory is unknown after gaps, unless each
     curve has one of its own.
 
+    Raises a `ParameterError` if an option is given that the record has itself, or a lag in seconds
+    without times.
+
     Parameters
     ----------
     log : Log
@@ -91,11 +94,6 @@ def identify_log(log: Log, identify: Callable[..., Any], options: Mapping[str, A
     Returns
     -------
     Identification
-
-    Raises
-    ------
-    ParameterError
-        If an option is given that the record has itself, or a lag in seconds without times.
     """
     _check(log, options)
     if log.identified_by is not None:
@@ -137,17 +135,15 @@ def moving_samples(
 ) -> tuple[FloatArray, FloatArray, FloatArray, RecordAdvice]:
     """Return times from 0, inputs and outputs at even intervals for dynamics, and what was found.
 
+    Raises a `ParameterError` if the record has no times, has curves or groups, or is of settled
+    points.
+
     Parameters
     ----------
     log : Log
         The record.
     options : mapping
         Of `minorloop.identify_dynamics`.
-
-    Raises
-    ------
-    ParameterError
-        If the record has no times, has curves or groups, or is of settled points.
     """
     _check(log, options)
     if log.settled:
@@ -173,19 +169,14 @@ def samples_in_time(
 ) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, Any], RecordAdvice]:
     """Return times, inputs and outputs as they were recorded, the labels, and what was found.
 
+    Raises a `ParameterError` if the record has no times; a `RecordError` if the clock was set back.
+
     Parameters
     ----------
     log : Log
         The record.
     options : mapping
         Of `minorloop.identify_after_effect`.
-
-    Raises
-    ------
-    ParameterError
-        If the record has no times.
-    RecordError
-        If the clock was set back.
     """
     _check(log, options)
     if log.check is None:

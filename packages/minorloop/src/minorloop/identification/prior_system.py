@@ -347,6 +347,9 @@ def systems(
 ) -> Systems:
     """Normal equations of many samples, sparse where that is quicker.
 
+    Raises a `ParameterError` if the plane is too fine for dense matrices and the record does not
+    suit sparse ones.
+
     Parameters
     ----------
     matrix : DesignMatrix
@@ -357,11 +360,6 @@ def systems(
         Let weights and slope be negative.
     centre : (n,) array, optional
         Mean of the prior; zero if not given.
-
-    Raises
-    ------
-    ParameterError
-        If the plane is too fine for dense matrices and the record does not suit sparse ones.
     """
     plane, cells = PlanePrior(matrix.spec), matrix.spec.cells
     centre = np.zeros(matrix.spec.unknowns) if centre is None else centre

@@ -85,10 +85,6 @@ def fit_response(
         than poles. Weakly damped poles and zeros in the right half plane must then halve the
         error, because they often fit noise.
 
-    Returns
-    -------
-    RationalFit
-
     Raises
     ------
     SignalError

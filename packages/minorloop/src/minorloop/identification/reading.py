@@ -97,10 +97,7 @@ def read(
 def is_adaptive(setup: Setup) -> bool:
     """Whether a run chose its inputs to identify; a drive has a design of its own.
 
-    Raises
-    ------
-    ParameterError
-        If it has sines and no settled points.
+    Raises a `ParameterError` if it has sines and no settled points.
     """
     if "sines" in (setup.design or {}):
         raise ParameterError(

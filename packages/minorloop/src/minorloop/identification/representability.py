@@ -60,10 +60,6 @@ def representability(
     resolution : float
         Inputs closer than this share of their range count as equal.
 
-    Returns
-    -------
-    Representability
-
     Raises
     ------
     SignalError

@@ -117,6 +117,8 @@ def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KIN
     The shape is searched; for each shape, the sums of the irreversible and the reversible weights,
     the offset and the slope are those of least squares.
 
+    Raises a `SignalError` if there are fewer than eight samples.
+
     Parameters
     ----------
     matrix : DesignMatrix
@@ -125,11 +127,6 @@ def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KIN
         Outputs.
     kinds : tuple of str
         Kinds of ridges to compare; the one with the least error is returned.
-
-    Raises
-    ------
-    SignalError
-        If there are fewer than eight samples.
 
     References
     ----------

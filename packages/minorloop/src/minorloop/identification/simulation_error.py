@@ -171,10 +171,7 @@ def parameters_of(model: Oscillator) -> FloatArray:
 def with_parameters(model: Oscillator, parameters: FloatArray) -> Oscillator:
     """Return a model of the same structure.
 
-    Raises
-    ------
-    ParameterError
-        If a parameter is out of its range.
+    Raises a `ParameterError` if a parameter is out of its range.
     """
     springs, law = np.split(parameters[2:], [model.stiffness.size])
     operator: Differential | PrandtlIshlinskii

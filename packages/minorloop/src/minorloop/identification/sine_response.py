@@ -77,10 +77,7 @@ class SinePeriods:
     def gains(self) -> tuple[complex, complex]:
         """Return the gains of the fundamental before and after the operator; NaN without one.
 
-        Raises
-        ------
-        SignalError
-            If input, operator or output does not oscillate.
+        Raises a `SignalError` if input, operator or output does not oscillate.
         """
         if np.isnan(self.y).any():
             raise SignalError(
@@ -145,6 +142,9 @@ def logged_periods(
     Rows of one frequency that follow each other are a sine. Rows of frequency 0 come before it,
     such as a saturating input; they drive the memory of the operator.
 
+    Raises a `ParameterError` if ``periods`` is too small; a `SignalError` if there is no sine, a
+    sine is shorter than the periods, or has too few samples or gaps.
+
     Parameters
     ----------
     t : (T,) array_like
@@ -160,13 +160,6 @@ def logged_periods(
     held : (T,) array_like of bool, optional
         Whether the input of a row was held since the row before, until its output was read, as a
         bench does; linear in between if not given.
-
-    Raises
-    ------
-    ParameterError
-        If ``periods`` is too small.
-    SignalError
-        If there is no sine, a sine is shorter than the periods, or has too few samples or gaps.
     """
     times, (inputs, outputs) = as_times(t), as_pair(u, y)
     hertz = as_samples(frequency, name="frequency")
@@ -204,6 +197,8 @@ def at_every_amplitude(
 ) -> tuple[list[float], str]:
     """Return the frequencies that sines have at every amplitude, and a note about the others.
 
+    Raises a `SignalError` if there is no such frequency.
+
     Parameters
     ----------
     frequencies, amplitudes : (N,) sequence of float
@@ -215,11 +210,6 @@ def at_every_amplitude(
         In increasing order.
     note : str
         Which are left out; empty if none.
-
-    Raises
-    ------
-    SignalError
-        If there is no such frequency.
     """
     levels, place = _grouped(amplitudes)
     known = set(zip(place, frequencies, strict=True))
@@ -240,15 +230,13 @@ def at_every_amplitude(
 def sine_response(sines: Sequence[SinePeriods]) -> tuple[FrequencyResponse, list[str]]:
     """Return gains at the frequencies that were measured at every amplitude, and notes.
 
+    Raises a `SignalError` if no frequency was measured at every amplitude, or a sine does not
+    oscillate.
+
     Parameters
     ----------
     sines : sequence of SinePeriods
         Sines, in any order; the last of several with one frequency and amplitude is used.
-
-    Raises
-    ------
-    SignalError
-        If no frequency was measured at every amplitude, or a sine does not oscillate.
     """
     if not sines:
         raise SignalError("no sine is finished yet; resume the run first")

@@ -53,11 +53,8 @@ class Step:
 def as_sampled(record: Arrays, reading: Reading) -> Sampled:
     """Check a record and convert it to the convention of `Sampled`.
 
-    Raises
-    ------
-    SignalError
-        If the shapes differ, the samples are not evenly spaced, the input never changes, or a
-        number is beyond 1e150.
+    Raises a `SignalError` if the shapes differ, the samples are not evenly spaced, the input never
+    changes, or a number is beyond 1e150.
     """
     check_option("reading", reading, ("end", "begin"))
     t, u = as_waveform(record[0], record[1])

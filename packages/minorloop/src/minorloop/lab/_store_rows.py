@@ -190,10 +190,7 @@ def sealed(*content: object) -> tuple[Any, ...]:
 def unsealed(row: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the content of a row.
 
-    Raises
-    ------
-    ValueError
-        If it was changed since it was written.
+    Raises a `ValueError` if it was changed since it was written.
     """
     *content, written = row
     if _digest(content) != written:
@@ -238,10 +235,8 @@ def as_session(row: tuple[Any, ...]) -> RunSession:
 def with_room_beside(target: Path) -> Path:
     """Return the name of a new store; refuse one that leaves no room for those beside it.
 
-    Raises
-    ------
-    OutputError
-        If ``NAME-journal``, the longest of them, is too long for the file system.
+    Raises an `OutputError` if ``NAME-journal``, the longest of them, is too long for the file
+    system.
     """
     try:
         os.lstat(f"{target}-journal")
@@ -276,10 +271,7 @@ def reason(error: sqlite3.Error) -> str:
 def take_name(scratch: Path, target: Path) -> None:
     """Rename a finished file in one step; never replace an existing one.
 
-    Raises
-    ------
-    OutputError
-        If the name exists, or the folder cannot be written.
+    Raises an `OutputError` if the name exists, or the folder cannot be written.
     """
     try:
         try:

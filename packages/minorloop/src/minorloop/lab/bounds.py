@@ -35,6 +35,8 @@ class Bounds:
     def check(self, file: Path, *, rows: int = 0, columns: int = 0, held: int = 0) -> None:
         """Refuse a table that is larger.
 
+        Raises a `RecordError` if one of them is beyond its bound.
+
         Parameters
         ----------
         file : Path
@@ -43,11 +45,6 @@ class Bounds:
             Those that are known so far.
         held : int
             Bytes that its cells take, or will take.
-
-        Raises
-        ------
-        RecordError
-            If one of them is beyond its bound.
         """
         if self is not LARGEST:  # what no bounds allow gets no advice to try others
             LARGEST.check(file, rows=rows, columns=columns, held=held)
@@ -69,10 +66,7 @@ class Bounds:
     def check_expansion(self, file: Path, packed: int, size: int) -> None:
         """Refuse a part of ``packed`` bytes that expands to ``size`` bytes as no table does.
 
-        Raises
-        ------
-        RecordError
-            If it does.
+        Raises a `RecordError` if it does.
         """
         if size > self.small and size > self.expansion * packed:
             raise RecordError(

@@ -97,6 +97,8 @@ def read_table(
 ) -> tuple[dict[str, FloatArray], dict[str, Labels]]:
     """Read columns of numbers, and columns of labels such as specimens, in one pass.
 
+    Raises a `RecordError` as for `read_columns`, or if a label is empty.
+
     Parameters
     ----------
     path, names, gaps, dates, progress
@@ -108,11 +110,6 @@ def read_table(
     -------
     dict of str to (rows,) array, dict of str to (rows,) array
         The columns of numbers and those of labels, by the given names.
-
-    Raises
-    ------
-    RecordError
-        As for `read_columns`, or if a label is empty.
     """
     if is_sheet(path):
         sheet = read_sheet(path)
@@ -160,17 +157,15 @@ def read_each(
 ) -> list[tuple[str, FloatArray | RecordError]]:
     """Return headers and columns of a file, gaps allowed; in place of unusable ones, the error.
 
+    Raises a `RecordError` if the file cannot be read, is not such a table, has no rows, or is
+    larger than the bounds.
+
     Parameters
     ----------
     path : str or path
         The file.
     bounds : Bounds, optional
         Of the table.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be read, is not such a table, has no rows, or is larger than the bounds.
     """
     if is_sheet(path):
         sheet = read_sheet(path, bounds)
@@ -205,10 +200,7 @@ def read_each(
 def read_labels(path: PathLike, name: str) -> Labels:
     """Return a column of labels, such as specimens: numbers if all are, otherwise texts.
 
-    Raises
-    ------
-    RecordError
-        As for ``read_columns``, or if a label is empty.
+    Raises a `RecordError` as for ``read_columns``, or if a label is empty.
     """
     return read_table(path, (), [name])[1][name]
 
@@ -216,10 +208,7 @@ def read_labels(path: PathLike, name: str) -> Labels:
 def read_headers(path: PathLike) -> list[str]:
     """Return the column headers of a file, with their units.
 
-    Raises
-    ------
-    RecordError
-        If the file cannot be read or does not begin with a line of headers.
+    Raises a `RecordError` if the file cannot be read or does not begin with a line of headers.
     """
     if is_sheet(path):
         return list(read_sheet(path).headers)
@@ -246,10 +235,7 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
 
     A name may have a unit, as ``distance [mm]``, where the header has none.
 
-    Raises
-    ------
-    RecordError
-        If none or several match.
+    Raises a `RecordError` if none or several match.
     """
     check_name("the column", name, RecordError)
     if name in headers:

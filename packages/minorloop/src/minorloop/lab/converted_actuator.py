@@ -52,10 +52,7 @@ class ConvertedActuator(WrappedActuator):
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold an input as the actuator does; the output of the record is converted.
 
-        Raises
-        ------
-        SignalError
-            If the conversion covers none of the first readings.
+        Raises a `SignalError` if the conversion covers none of the first readings.
         """
         raw = self._actuator.apply(u, duration, sample_interval)
         y = self._conversion.convert(raw.y)
@@ -85,6 +82,8 @@ def with_conversion(
 ) -> ConvertedActuator:
     """Return an actuator that shows its converted output.
 
+    Raises a `ParameterError` if the actuator has several outputs.
+
     Parameters
     ----------
     actuator : Actuator
@@ -93,11 +92,6 @@ def with_conversion(
         From its readings to the output wanted.
     begun : bool
         As for `ConvertedActuator`.
-
-    Raises
-    ------
-    ParameterError
-        If the actuator has several outputs.
     """
     kind = ConvertedTwin if hasattr(actuator, "restore") else ConvertedActuator
     return kind(actuator, conversion, begun=begun)

@@ -4,13 +4,7 @@ from __future__ import annotations
 
 
 def as_duration(seconds: float) -> str:
-    """Return a duration in seconds, minutes or hours, whichever suits.
-
-    Parameters
-    ----------
-    seconds : float
-        The duration.
-    """
+    """Return a duration in seconds, minutes or hours, whichever suits."""
     if seconds < 90:
         return f"{seconds:.3g} s"
     if seconds < 3600:

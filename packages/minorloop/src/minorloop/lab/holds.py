@@ -66,6 +66,9 @@ def find_holds(
 ) -> list[FoundHold]:
     """Return the holds of an input, in order.
 
+    Raises a `SignalError` if the input is not one row of finite numbers up to 1e150; a
+    `ParameterError` if the tolerance is negative.
+
     Parameters
     ----------
     u : (T,) array_like
@@ -74,13 +77,6 @@ def find_holds(
         Changes of the input up to this size are noise, which is estimated if not given.
     fewest : int
         Least samples of a hold.
-
-    Raises
-    ------
-    SignalError
-        If the input is not one row of finite numbers up to 1e150.
-    ParameterError
-        If the tolerance is negative.
     """
     values = as_samples(u, name="u")
     check_magnitude("input", values)

@@ -59,10 +59,7 @@ class LimitedActuator(WrappedActuator):
     def safe(self) -> None:
         """Make the actuator safe.
 
-        Raises
-        ------
-        SafetyError
-            If it fails.
+        Raises a `SafetyError` if it fails.
         """
         self._present = None
         try:
@@ -105,15 +102,7 @@ class LimitedTwin(WrappedTwin, LimitedActuator):
 def with_limits(actuator: Any) -> LimitedActuator:
     """Return an actuator that is sent no input beyond its limits.
 
-    Parameters
-    ----------
-    actuator : Actuator
-        Its inputs have finite limits.
-
-    Raises
-    ------
-    ParameterError
-        If a channel, a method or a limit is missing.
+    Raises a `ParameterError` if a channel, a method or a limit is missing.
     """
     return (LimitedTwin if hasattr(actuator, "restore") else LimitedActuator)(actuator)
 

@@ -327,6 +327,9 @@ def read_log(
 ) -> Log:
     """Read an input, an output, and what each row has beside them, from a file.
 
+    Raises a `RecordError` if the file, a column or the times cannot be used; a `ParameterError` if
+    a column is given twice.
+
     Parameters
     ----------
     path : str or path
@@ -347,13 +350,6 @@ def read_log(
         Whether a column of time that is found must be usable.
     progress : callable, optional
         Called with the share that has been read, as text.
-
-    Raises
-    ------
-    RecordError
-        If the file, a column or the times cannot be used.
-    ParameterError
-        If a column is given twice.
     """
     headers = read_headers(path)
     deviation = _deviation(path, headers, output, sd)
@@ -398,10 +394,7 @@ class _Columns:
 def _deviation(path: PathLike, headers: Sequence[str], output: str, sd: Named) -> str | None:
     """Return the column of standard deviations of the output, if any.
 
-    Raises
-    ------
-    RecordError
-        If the one that is named has another unit.
+    Raises a `RecordError` if the one that is named has another unit.
     """
     if sd is None:
         return None
@@ -501,16 +494,13 @@ def _is_clock(path: PathLike, header: str) -> bool:
 def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatArray, str]:
     """Fill the cells of an input that another logger recorded, on straight lines in time.
 
+    Raises a `RecordError` if fewer than two rows have an input, or time runs backwards.
+
     Returns
     -------
     (T,) array of bool, (T,) array, str
         Which rows to keep, those that are not in a gap of the input; the inputs; and what is to be
         said.
-
-    Raises
-    ------
-    RecordError
-        If fewer than two rows have an input, or time runs backwards.
     """
     read = np.isfinite(u)
     if np.count_nonzero(read) < 2 or (np.diff(t) < 0).any():
@@ -537,10 +527,7 @@ def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatAr
 def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
     """Read a column of time; return its name, in seconds, and its times with what was found.
 
-    Raises
-    ------
-    RecordError
-        As for ``read_log``.
+    Raises a `RecordError` as for ``read_log``.
     """
     header = with_unit(time, find_column(time, read_headers(path), source=path))
     return _checked(read_columns(path, [time], dates=[time])[time], header)

@@ -216,10 +216,6 @@ def reduce(
         Samples after which it is not known what the input did, as
         `minorloop.lab.timebase.check_times` finds them.
 
-    Returns
-    -------
-    Reduction
-
     Raises
     ------
     RecordError

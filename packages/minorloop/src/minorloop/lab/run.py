@@ -172,14 +172,9 @@ def run(
 def check_plan(actuator: Actuator, plan: Plan) -> None:
     """Refuse a plan that an actuator cannot carry out; nothing is applied.
 
-    Raises
-    ------
-    ParameterError
-        If the plan has another unit, the actuator has several channels, or its meter is too slow
-        for the plan.
-        A level that its source would write as another input is refused too.
-    LimitError
-        If a level is beyond the limits.
+    Raises a `ParameterError` if the plan has another unit, the actuator has several channels, or
+    its meter is too slow for the plan. A level that its source would write as another input is
+    refused too; a `LimitError` if a level is beyond the limits.
     """
     check_channels(actuator, plan.input)
     channel = actuator.inputs[0]
@@ -194,17 +189,14 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
 def check_channels(actuator: Actuator, input: Quantity) -> None:
     """Refuse an actuator with several channels, or with another unit than the plan.
 
+    Raises a `ParameterError` if the actuator cannot be used.
+
     Parameters
     ----------
     actuator : Actuator
         What the plan is for.
     input : Quantity
         The input of the plan.
-
-    Raises
-    ------
-    ParameterError
-        If the actuator cannot be used.
     """
     if len(actuator.inputs) != 1 or len(actuator.outputs) != 1:
         raise ParameterError(
@@ -421,11 +413,6 @@ def long_enough(store: Store) -> float:
     """Return how long holds would have to be for most outputs to settle, in seconds.
 
     It follows from the latest holds that were extrapolated; NaN if they do not tell.
-
-    Parameters
-    ----------
-    store : Store
-        The store of a run.
     """
     plan, totals = store.plan, store.totals()
     seen = np.array([totals["lowest"], totals["highest"]], dtype=np.float64)

@@ -285,10 +285,6 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
         Slope of a settled output, in the unit of the output per second.
     window : float
         Trailing time over which the slope is taken, in seconds.
-
-    Returns
-    -------
-    Settling
     """
     line = trend(t, y, window)
     if line is None:

@@ -70,19 +70,15 @@ def is_sheet(path: PathLike) -> bool:
 def read_sheet(path: PathLike, bounds: Bounds = LARGEST) -> Sheet:
     """Return the table of a MATLAB file (versions 4 to 7.2) or a workbook: its first with numbers.
 
+    Raises a `RecordError` if the file cannot be read, has no table, or one that is larger than the
+    bounds; a `MissingExtraError` if a workbook is given and openpyxl is not installed.
+
     Parameters
     ----------
     path : str or path
         The file.
     bounds : Bounds, optional
         Of the table; they are checked before anything of its size is allocated.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be read, has no table, or one that is larger than the bounds.
-    MissingExtraError
-        If a workbook is given and openpyxl is not installed.
     """
     file = Path(path)
     check_file(file)

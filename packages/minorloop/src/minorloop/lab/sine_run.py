@@ -98,13 +98,9 @@ def is_sine_store(store: Store) -> bool:
 def check_sines(actuator: Actuator, plan: SinePlan) -> None:
     """Refuse sines that an actuator cannot carry out; nothing is applied.
 
-    Raises
-    ------
-    ParameterError
-        If the plan has another unit, the actuator has several channels, its source would write
-        another input, or its tick or its meter is too slow.
-    LimitError
-        If an input is beyond the limits, or changes faster than the rate limit.
+    Raises a `ParameterError` if the plan has another unit, the actuator has several channels, its
+    source would write another input, or its tick or its meter is too slow; a `LimitError` if an
+    input is beyond the limits, or changes faster than the rate limit.
     """
     check_channels(actuator, plan.input)
     channel = actuator.inputs[0]
@@ -204,10 +200,7 @@ def run_sines(
 def measured_sines(store: Store) -> Iterator[MeasuredSine]:
     """Yield the sines that a store has.
 
-    Raises
-    ------
-    StoreError
-        If it has no sines.
+    Raises a `StoreError` if it has no sines.
     """
     plan, held = planned_sines(store), bool((store.setup.design or {}).get("held"))
     for point, sine in zip(store.points(), plan.sines, strict=False):
@@ -223,10 +216,7 @@ def measured_sines(store: Store) -> Iterator[MeasuredSine]:
 def planned_sines(store: Store) -> SinePlan:
     """Return the plan of a store of sines.
 
-    Raises
-    ------
-    StoreError
-        If the store has settled points.
+    Raises a `StoreError` if the store has settled points.
     """
     if not is_sine_store(store):
         raise StoreError(f"{store.path} has settled points and no sines; give a store of sines")

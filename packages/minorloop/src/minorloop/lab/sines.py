@@ -114,15 +114,13 @@ class Sine:
     def ticks(self, tick: float) -> int:
         """Return how many ticks of an actuator a sample takes.
 
+        Raises a `ParameterError` if the tick is too slow, or a sample does not take a whole number
+        of ticks.
+
         Parameters
         ----------
         tick : float
             How long an exchange of the actuator takes, in seconds.
-
-        Raises
-        ------
-        ParameterError
-            If the tick is too slow, or a sample does not take a whole number of ticks.
         """
         exact = self.interval / tick
         if exact < 1 - _WHOLE:
@@ -142,15 +140,12 @@ class Sine:
     def on_ticks(self, tick: float) -> Sine:
         """Return the sine of the nearest frequency whose samples take whole numbers of ticks.
 
+        Raises a `ParameterError` if the tick is too slow for the frequency.
+
         Parameters
         ----------
         tick : float
             How long an exchange of the actuator takes, in seconds.
-
-        Raises
-        ------
-        ParameterError
-            If the tick is too slow for the frequency.
         """
         period = round(1 / (self.frequency * tick))
         if period < FEWEST_SAMPLES:
@@ -225,6 +220,9 @@ class SinePlan:
     ) -> SinePlan:
         """Return a plan with every frequency at every amplitude.
 
+        Raises a `ParameterError` if a number is out of range, or the tick is too slow for a
+        frequency.
+
         Parameters
         ----------
         frequencies : (F,) array_like
@@ -248,11 +246,6 @@ class SinePlan:
             each sample takes a whole number of ticks.
         input : str or Quantity
             Name and unit of the input, such as ``voltage [V]``.
-
-        Raises
-        ------
-        ParameterError
-            If a number is out of range, or the tick is too slow for a frequency.
         """
         if as_finite("settling", settling) < 0:
             raise ParameterError(f"settling is {settling:g} s; give a time >= 0")
@@ -271,12 +264,8 @@ class SinePlan:
     def from_csv(cls, path: PathLike) -> SinePlan:
         """Read a plan from a CSV file, as ``minorloop plan sines --save`` writes it.
 
-        Raises
-        ------
-        RecordError
-            If the file or a column in it cannot be used.
-        ParameterError
-            If a number is out of range.
+        Raises a `RecordError` if the file or a column in it cannot be used; a `ParameterError` if a
+        number is out of range.
         """
         input = _input_of(read_headers(path))
         if input is None:
@@ -313,10 +302,7 @@ class SinePlan:
     def from_dict(cls, content: dict[str, Any]) -> SinePlan:
         """Return the plan that ``to_dict`` gave.
 
-        Raises
-        ------
-        ParameterError
-            If it is not such a plan.
+        Raises a `ParameterError` if it is not such a plan.
         """
         try:
             sines = tuple(Sine(**sine) for sine in content["sines"])
@@ -334,10 +320,7 @@ class SinePlan:
 def is_sine_plan(path: PathLike) -> bool:
     """Whether the headers of a file are those of a plan of sines.
 
-    Raises
-    ------
-    RecordError
-        If the file cannot be read.
+    Raises a `RecordError` if the file cannot be read.
     """
     headers = read_headers(path)
     return _HEADERS["frequency"] in headers and _input_of(headers) is not None

@@ -60,6 +60,8 @@ def single_channel(
 ) -> Actuator:
     """Return one input and one output of an actuator, by their names.
 
+    Raises a `ParameterError` if there is no such channel, or there are several to choose from.
+
     Parameters
     ----------
     actuator : Actuator
@@ -71,11 +73,6 @@ def single_channel(
     -------
     Actuator
         The actuator itself if it has one of each.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such channel, or there are several to choose from.
     """
     place = _named(actuator.inputs, input, "input")
     own = getattr(actuator, "measures", range(len(actuator.outputs)))

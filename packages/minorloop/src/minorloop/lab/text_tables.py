@@ -267,10 +267,7 @@ def is_number(text: str) -> bool:
 def encoding_of(path: PathLike) -> str:
     """Return the encoding of a text file: UTF-16, UTF-8, otherwise Windows-1252.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
+    Raises an `OSError` if the file cannot be read.
     """
     decoder = codecs.getincrementaldecoder("utf-8")()
     with Path(path).open("rb") as raw:

@@ -100,6 +100,8 @@ def time_column(
 ) -> str | None:
     """Return the column of time, by its name or unit; None without one.
 
+    Raises a `RecordError` if several columns could be time.
+
     Parameters
     ----------
     headers : sequence of str
@@ -108,11 +110,6 @@ def time_column(
         Where they are from, for the message.
     but : sequence of str
         Columns that are something else, by their headers or names.
-
-    Raises
-    ------
-    RecordError
-        If several columns could be time.
     """
     split = {header: split_time(header) for header in headers}
     split = {h: parts for h, parts in split.items() if h not in but and parts[0] not in but}
@@ -163,18 +160,15 @@ def split_time(header: str) -> tuple[str, str]:
 def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> TimeCheck:
     """Find gaps, clock jumps and uneven sampling; return times that never run backwards.
 
+    Raises a `RecordError` if the times are not finite, or the clock stands still or is set back at
+    more than one step in ten.
+
     Parameters
     ----------
     t : (T,) array_like
         Times in seconds.
     name, unit : str
         Of the column, for messages.
-
-    Raises
-    ------
-    RecordError
-        If the times are not finite, or the clock stands still or is set back at more than one
-        step in ten.
     """
     times = np.array(t, dtype=np.float64)
     if times.ndim != 1 or times.size < 2:
@@ -281,10 +275,7 @@ def _implausible(interval: float, seconds: float, name: str, unit: str) -> list[
 def parse_lag(text: str) -> float | None:
     """Return a lag with a unit of time, such as ``3 ms``, in seconds; None without a unit.
 
-    Raises
-    ------
-    ParameterError
-        If the unit is not one of time, or the lag is negative.
+    Raises a `ParameterError` if the unit is not one of time, or the lag is negative.
     """
     match = re.fullmatch(r"\s*([-+\d.eE]+?)\s*([a-zA-Zµμ]+)\s*", text)
     if not match:

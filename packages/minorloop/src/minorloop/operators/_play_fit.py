@@ -39,10 +39,7 @@ class BentPlays(NamedTuple):
 def as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return inputs and outputs of one length; NaN marks a gap in y.
 
-    Raises
-    ------
-    SignalError
-        If lengths differ, or the input or output is empty or constant.
+    Raises a `SignalError` if lengths differ, or the input or output is empty or constant.
     """
     inputs, outputs = as_pair(u, y)
     if inputs.size == 0 or inputs.min() == inputs.max():
@@ -56,10 +53,8 @@ def as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArra
 def choose_radii(u: FloatArray, radii: npt.ArrayLike) -> FloatArray:
     """Return the given radii, or this number of them from zero to just below half the range of u.
 
-    Raises
-    ------
-    ParameterError
-        If a count is not a whole number of at least 1, or the first radius is not zero.
+    Raises a `ParameterError` if a count is not a whole number of at least 1, or the first radius is
+    not zero.
     """
     if np.ndim(radii) == 0:
         count = _as_count("radii", radii, least=1)
@@ -75,10 +70,7 @@ def choose_radii(u: FloatArray, radii: npt.ArrayLike) -> FloatArray:
 def choose_knots(y: FloatArray, thresholds: npt.ArrayLike) -> FloatArray:
     """Return the given thresholds, or this number of them, denser towards the ends of the range.
 
-    Raises
-    ------
-    ParameterError
-        If a count is not a whole number, or thresholds do not increase.
+    Raises a `ParameterError` if a count is not a whole number, or thresholds do not increase.
     """
     if np.ndim(thresholds) == 0:
         count = _as_count("thresholds", thresholds, least=0)
@@ -96,6 +88,8 @@ def fit_plays(
 ) -> tuple[FloatArray, float]:
     """Return the weights and the offset of plays that fit a record best.
 
+    Raises a `SignalError` if there are fewer measured samples than unknowns.
+
     Parameters
     ----------
     u, y : (T,) arrays
@@ -109,11 +103,6 @@ def fit_plays(
     -------
     weights : (n,) array
     offset : float
-
-    Raises
-    ------
-    SignalError
-        If there are fewer measured samples than unknowns.
     """
     known = ~np.isnan(y)
     plays, y = positions[known], y[known]
@@ -130,6 +119,8 @@ def fit_bent_plays(
 ) -> BentPlays:
     """Return plays and dead zones with which ``centre + S(shift + plays)`` fits a record best.
 
+    Raises a `SignalError` if there are fewer measured samples than unknowns.
+
     Parameters
     ----------
     u, y : (T,) arrays
@@ -140,11 +131,6 @@ def fit_bent_plays(
         Outputs at which the slope of S changes, increasing.
     signed : bool
         As for `fit_plays`.
-
-    Raises
-    ------
-    SignalError
-        If there are fewer measured samples than unknowns.
     """
     known = ~np.isnan(y)
     plays, y = positions[known], y[known]

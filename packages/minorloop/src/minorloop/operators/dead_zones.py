@@ -47,17 +47,14 @@ class DeadZones:
     def from_slopes(cls, knots: npt.ArrayLike, slopes: npt.ArrayLike) -> DeadZones:
         """Return dead zones from the slope of each piece.
 
+        Raises a `ParameterError` if a knot is zero or the lengths differ.
+
         Parameters
         ----------
         knots : (K,) array_like
             Where the slope changes, strictly increasing, none of them zero; may be empty.
         slopes : (K + 1,) array_like
             Slope of each piece, from left to right.
-
-        Raises
-        ------
-        ParameterError
-            If a knot is zero or the lengths differ.
         """
         knots, slopes = np.asarray(knots, dtype=np.float64), np.asarray(slopes, dtype=np.float64)
         if knots.ndim != 1 or slopes.shape != (knots.size + 1,):
@@ -105,10 +102,7 @@ class DeadZones:
     def invert(self, y: npt.ArrayLike) -> FloatArray:
         """Return the x at which the curve has the values y, of any shape.
 
-        Raises
-        ------
-        NotInvertibleError
-            If a piece does not rise.
+        Raises a `NotInvertibleError` if a piece does not rise.
         """
         self._require_invertible()
         return _follow(np.asarray(y, dtype=np.float64), self.heights, 1 / self.slopes, self.knots)
@@ -116,10 +110,7 @@ class DeadZones:
     def inverse(self) -> DeadZones:
         """Return the inverse curve, also as dead zones.
 
-        Raises
-        ------
-        NotInvertibleError
-            If a piece does not rise.
+        Raises a `NotInvertibleError` if a piece does not rise.
         """
         self._require_invertible()
         return DeadZones.from_slopes(self.heights, 1 / self.slopes)
@@ -150,10 +141,8 @@ def as_paired(
 ) -> tuple[FloatArray, FloatArray]:
     """Return strictly increasing places and their weights, both read-only.
 
-    Raises
-    ------
-    ParameterError
-        If there is none, they do not increase, lengths differ, or a number is not finite.
+    Raises a `ParameterError` if there is none, they do not increase, lengths differ, or a number is
+    not finite.
     """
     try:
         first, second = frozen(places), frozen(weights)

@@ -93,10 +93,8 @@ class Differential(ABC):
     def state(self, start: DifferentialStart) -> tuple[float, float]:
         """Return input and output of a start state; the input is infinite at a limit.
 
-        Raises
-        ------
-        ParameterError
-            If the name is unknown, the operator has no such limit, or the numbers are not two.
+        Raises a `ParameterError` if the name is unknown, the operator has no such limit, or the
+        numbers are not two.
         """
         if not isinstance(start, str):
             values = np.asarray(start, dtype=np.float64)

@@ -83,10 +83,6 @@ class GeneralisedPrandtlIshlinskii(Drawn):
         signed : bool
             As for `PrandtlIshlinskii.fit`.
 
-        Returns
-        -------
-        GeneralisedPrandtlIshlinskii
-
         Raises
         ------
         SignalError

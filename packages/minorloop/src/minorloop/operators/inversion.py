@@ -85,10 +85,7 @@ def check_unreachable_option(value: str) -> None:
 def as_signal(values: npt.ArrayLike, *, name: str) -> FloatArray:
     """Return one sequence of samples, (T,); a single number counts as one sample.
 
-    Raises
-    ------
-    SignalError
-        If the values are not finite numbers, or have more than one dimension.
+    Raises a `SignalError` if the values are not finite numbers, or have more than one dimension.
     """
     samples = as_samples(np.atleast_1d(values), name=name)
     if samples.ndim != 1:
@@ -126,12 +123,8 @@ def refuse_unreachable(
 def as_reachable(y: float, low: float, high: float, unreachable: Unreachable) -> float:
     """Return one target within the reach of a model; the nearer end for ``"clip"``.
 
-    Raises
-    ------
-    UnreachableError
-        If the target is out of reach and ``unreachable="raise"``.
-    ParameterError
-        If the target is not a finite number, or there is no such option.
+    Raises an `UnreachableError` if the target is out of reach and ``unreachable="raise"``; a
+    `ParameterError` if the target is not a finite number, or there is no such option.
     """
     check_unreachable_option(unreachable)
     target = as_finite("target", y)

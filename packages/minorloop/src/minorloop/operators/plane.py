@@ -108,6 +108,8 @@ def cell_areas(levels: Levels) -> FloatArray:
 def integrate_density(levels: Levels, density: Density) -> FloatArray:
     """Return the cell weights of a density, by Gauss-Legendre quadrature of order 8 per axis.
 
+    Raises a `ParameterError` if the density is not finite somewhere on the plane.
+
     Parameters
     ----------
     levels : (L + 1,) array
@@ -119,11 +121,6 @@ def integrate_density(levels: Levels, density: Density) -> FloatArray:
     Returns
     -------
     (L, L) array
-
-    Raises
-    ------
-    ParameterError
-        If the density is not finite somewhere on the plane.
     """
     x, w = np.polynomial.legendre.leggauss(_QUADRATURE_ORDER)
     x, w = (x + 1) / 2, w / 2

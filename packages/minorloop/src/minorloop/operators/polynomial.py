@@ -105,10 +105,6 @@ class Polynomial(Drawn):
         low, high : float, optional
             Range of inputs; that of the record if not given.
 
-        Returns
-        -------
-        Polynomial
-
         Raises
         ------
         ParameterError

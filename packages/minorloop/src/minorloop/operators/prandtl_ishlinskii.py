@@ -108,10 +108,6 @@ class PrandtlIshlinskii(Drawn):
             result always has an inverse: the slope after a reversal is at least 1e-4 times the
             range of the output over that of the input.
 
-        Returns
-        -------
-        PrandtlIshlinskii
-
         Raises
         ------
         SignalError

@@ -101,6 +101,9 @@ class Ipmc(SimulatedActuator):
         leaks back: tau dv/dt = s tau dkappa/dt - v. The strip is relaxed at the first sample.
         Driving and sensing do not influence each other here, and no simulated time passes.
 
+        Raises a `SignalError` if the shapes differ, a number is not finite, or time does not
+        increase.
+
         Parameters
         ----------
         t : (T,) array_like
@@ -112,11 +115,6 @@ class Ipmc(SimulatedActuator):
         -------
         Record
             Curvature as input and voltage in mV as output, without noise.
-
-        Raises
-        ------
-        SignalError
-            If the shapes differ, a number is not finite, or time does not increase.
         """
         times, bending = as_waveform(t, curvature)
         gain, tau = self._parameters["sensing_gain"], self._parameters["sensing_time"]

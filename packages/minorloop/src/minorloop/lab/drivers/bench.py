@@ -283,10 +283,7 @@ class Bench:
     def answer_time(self) -> float:
         """Return how long one reading takes, in seconds: the median of the latest.
 
-        Raises
-        ------
-        InstrumentError
-            If nothing was read yet, and the meter does not answer.
+        Raises an `InstrumentError` if nothing was read yet, and the meter does not answer.
         """
         while len(self._answers) < _READINGS:
             self._read_timed()
@@ -309,10 +306,7 @@ class Bench:
 
         This also measures the answer time of the meter.
 
-        Raises
-        ------
-        InstrumentError
-            If one of them does not.
+        Raises an `InstrumentError` if one of them does not.
         """
         self.safe()
         for _ in range(_READINGS):
@@ -325,10 +319,7 @@ class Bench:
 
         No signal interrupts this.
 
-        Raises
-        ------
-        SafetyError
-            If it does not confirm in time.
+        Raises a `SafetyError` if it does not confirm in time.
         """
         with ended_by_signals(), Deferred():
             end, waited, pause = self._clock.now() + self._safe_within, 0.0, _PAUSE
@@ -458,10 +449,7 @@ def _value(values: FloatArray) -> Value:
 def check_rest(inputs: Sequence[Channel], rest: FloatArray) -> None:
     """Refuse inputs without limits, and rest (inputs,) beyond them.
 
-    Raises
-    ------
-    ParameterError
-        If there is one.
+    Raises a `ParameterError` if there is one.
     """
     for input, value in zip(inputs, rest.tolist(), strict=True):
         if not (math.isfinite(input.low) and math.isfinite(input.high)):

@@ -156,10 +156,6 @@ def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
     clock : Clock, optional
         The clock of the machine if not given.
 
-    Returns
-    -------
-    Bench
-
     Raises
     ------
     ParameterError

@@ -30,10 +30,7 @@ class Section(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 def read_description(path: Path) -> dict[str, Any]:
     """Return the content of a file, TOML if its name ends in ``.toml``, JSON otherwise.
 
-    Raises
-    ------
-    ParameterError
-        If it cannot be read, or is not a table.
+    Raises a `ParameterError` if it cannot be read, or is not a table.
     """
     try:
         if path.stat().st_size > LARGEST:
@@ -66,6 +63,8 @@ def parsed(
 ) -> Parsed:
     """Return part of a file as its structure.
 
+    Raises a `ParameterError` if a key is missing, unknown, or of another type.
+
     Parameters
     ----------
     kind : type
@@ -78,11 +77,6 @@ def parsed(
         What the part describes, for a message.
     also : sequence of str
         Keys of the part that are read elsewhere, for a message.
-
-    Raises
-    ------
-    ParameterError
-        If a key is missing, unknown, or of another type.
     """
     try:
         return msgspec.convert(values, kind)

@@ -68,10 +68,7 @@ class DeviceChannel:
     def parsed(self, kind: type[Parsed]) -> Parsed:
         """Return what the file says of it to the driver as a structure.
 
-        Raises
-        ------
-        ParameterError
-            If a key is missing, unknown, or of another type.
+        Raises a `ParameterError` if a key is missing, unknown, or of another type.
         """
         where = f"{self.what} {self.name!r}"
         return parsed(kind, self.keys, where, self.what, self.bench_keys)

@@ -46,10 +46,7 @@ class Link(Protocol):
     def ask(self, text: str) -> str:
         """Send one line, and return the answer.
 
-        Raises
-        ------
-        InstrumentError
-            If there is no answer in time.
+        Raises an `InstrumentError` if there is no answer in time.
         """
 
     def read(self) -> str:
@@ -140,10 +137,8 @@ class VisaLink:
     def flush(self) -> None:
         """Discard what was received but not read.
 
-        Raises
-        ------
-        InstrumentError
-            If the instrument does not stop sending, or cannot be opened again.
+        Raises an `InstrumentError` if the instrument does not stop sending, or cannot be opened
+        again.
         """
         with Deferred():
             if self._resource is None or self._socket:

@@ -270,10 +270,7 @@ class ScpiMeter:
 def number(answer: str, name: str) -> float:
     """Return the number in an answer.
 
-    Raises
-    ------
-    InstrumentError
-        If it is not exactly one number.
+    Raises an `InstrumentError` if it is not exactly one number.
     """
     try:
         if "_" in answer or not answer.isascii():

@@ -97,12 +97,9 @@ class SerialBoard(BoardLine):
         Until the next ``set`` or ``safe`` the board sets its inputs by itself, within its own
         limits, see `minorloop_head.board`.
 
-        Raises
-        ------
-        ParameterError
-            If the bench has narrower limits than the board, or rate limits, which it does not know.
-        InstrumentError
-            If a target is out of reach, or the firmware has no inverse.
+        Raises a `ParameterError` if the bench has narrower limits than the board, or rate limits,
+        which it does not know; an `InstrumentError` if a target is out of reach, or the firmware
+        has no inverse.
         """
         if self._narrower:
             raise ParameterError(
@@ -219,14 +216,9 @@ class SerialBoard(BoardLine):
 def open_device(plan: DevicePlan) -> SerialBoard:
     """Return a board on a serial line, which is kept alive.
 
-    Raises
-    ------
-    ParameterError
-        If a key is missing, unknown, or of another type, or the plan is not that of the board.
-    MissingExtraError
-        If PyVISA is not installed.
-    InstrumentError
-        If there is no board, or it does not answer.
+    Raises a `ParameterError` if a key is missing, unknown, or of another type, or the plan is not
+    that of the board; a `MissingExtraError` if PyVISA is not installed; an `InstrumentError` if
+    there is no board, or it does not answer.
     """
     how = parsed(_SerialSettings, plan.keys, f"device {plan.name!r}", "device")
     for wire in (*plan.sources, *plan.sensors, *plan.lines):  # before anything is opened

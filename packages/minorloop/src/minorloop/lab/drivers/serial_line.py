@@ -212,11 +212,8 @@ class Board(BoardLine):
     def set(self, value: float) -> None:
         """Apply an input.
 
-        Raises
-        ------
-        InstrumentError
-            If the board refuses it, has gone to its safe input by itself, or answers another
-            input.
+        Raises an `InstrumentError` if the board refuses it, has gone to its safe input by itself,
+        or answers another input.
         """
         self._apply([value], repr(float(value)))
 

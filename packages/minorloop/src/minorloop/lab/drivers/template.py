@@ -44,10 +44,7 @@ class Amplifier:
     def set(self, value: float) -> None:
         """Apply a voltage, in V.
 
-        Raises
-        ------
-        InstrumentError
-            If the amplifier cannot give exactly this voltage.
+        Raises an `InstrumentError` if the amplifier cannot give exactly this voltage.
         """
         millivolts = round(1000 * value)
         if abs(1000 * value - millivolts) > 1e-6:
