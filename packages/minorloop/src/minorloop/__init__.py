@@ -4,8 +4,6 @@ Every public name stands in ``__init__.pyi`` with its home and is imported when 
 for, so that ``import minorloop`` costs next to nothing.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from importlib import import_module

@@ -3,8 +3,6 @@
 Apart from `_modelschema`, because most that is done with a model file needs no identification.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@
 ``L + 1`` thresholds. Everything inside is float64 and SI.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from reprlib import repr as short

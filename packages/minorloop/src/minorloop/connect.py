@@ -5,8 +5,6 @@ The names after ``twin:`` are the entry points of the group ``minorloop.twins``.
 package can add to both.
 """
 
-from __future__ import annotations
-
 import inspect
 import os
 import sys

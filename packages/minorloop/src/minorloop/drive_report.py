@@ -1,7 +1,5 @@
 """Report of a drive: targets and what was achieved."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

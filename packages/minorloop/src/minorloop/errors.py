@@ -18,8 +18,6 @@
 A message says what is wrong, the value, the allowed range, and what to do.
 """
 
-from __future__ import annotations
-
 
 class MinorloopError(Exception):
     """Root of the tree: catch it to catch all errors of minorloop."""

@@ -5,8 +5,6 @@ same folder is renamed to the target. A spreadsheet finds no formula in the text
 with control characters, which terminals and pages interpret, are refused.
 """
 
-from __future__ import annotations
-
 import csv
 import errno
 import io

@@ -5,8 +5,6 @@ A Preisach model and a single-valued quadratic are fitted to the same points. Bo
 the same target curvatures, and the two voltage sequences are applied to the strip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property

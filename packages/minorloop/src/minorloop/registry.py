@@ -1,7 +1,5 @@
 """Entry points of this and other installed packages, by group and name."""
 
-from __future__ import annotations
-
 import sys
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points

@@ -1,7 +1,5 @@
 """Outputs of a model for another record, and how near they are to what was measured there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace

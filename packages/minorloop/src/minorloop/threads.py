@@ -1,7 +1,5 @@
 """Limit linear algebra to one thread."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache

@@ -1,7 +1,5 @@
 """The command line: one file a verb. Nothing heavy is imported until a verb runs."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Say that a command compiles, which it does when it runs for the first time on a machine."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Completion in a shell: names of addresses, studies and patterns, and words with colons."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 

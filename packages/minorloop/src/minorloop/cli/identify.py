@@ -1,7 +1,5 @@
 """``minorloop identify``: a model from a CSV file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

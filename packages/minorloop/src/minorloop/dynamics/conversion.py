@@ -1,7 +1,5 @@
 """Convert transfer functions between s and z, for inputs held over each interval."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -5,8 +5,6 @@ operator receives is the result of the force that it gives. So it damps vibratio
 resonance depend on the amplitude.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 

@@ -1,7 +1,5 @@
 """Exact simulation of a continuous linear system between samples, dead time included."""
 
-from __future__ import annotations
-
 from typing import Literal, TypeAlias
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Between the samples: inputs on a finer grid, and outputs behind the filters of a converter."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
 

@@ -1,7 +1,5 @@
 """Settled values of an operator, joined by step responses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 

@@ -1,7 +1,5 @@
 """Template context of an operator with after-effect, stepped at a fixed interval."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import FloatArray, as_seconds

@@ -1,7 +1,5 @@
 """Limit the length of a memory, as the exported C does."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.operators.memory import Memory

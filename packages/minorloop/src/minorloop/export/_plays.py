@@ -1,7 +1,5 @@
 """Template context of a Prandtl-Ishlinskii operator, with or without dead zones."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import FloatArray

@@ -1,7 +1,5 @@
 """Template context of a relay-by-relay model."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.errors import NotInvertibleError, ParameterError

@@ -1,7 +1,5 @@
 """Format numbers and tables of the exported operator in C."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Render C, its self-test and its descriptions from templates."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Export of a model as portable C: one header, one source file, fixed memory, no allocation."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Export of a model as an FMI 2.0 co-simulation unit, from the same C, without Python."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os

@@ -1,7 +1,5 @@
 """Monitor of a Dask scheduler and its workers."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Callable, Collection

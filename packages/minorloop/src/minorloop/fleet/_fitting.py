@@ -1,7 +1,5 @@
 """Identify one specimen from the bytes of its record, in a worker."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ file that others need. It ends when the process that started it is gone, or when
 task for `IDLE` seconds.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import queue

@@ -1,7 +1,5 @@
 """Manifest of a fleet: its specimens, and the file with the record of each."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import hashlib

@@ -5,8 +5,6 @@ specimen, and ``summary.json`` and ``summary.csv`` at the end. Each file is writ
 soon as its content is known, so that a fleet that was stopped continues where it stopped.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping, Sequence

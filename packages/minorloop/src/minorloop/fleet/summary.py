@@ -1,7 +1,5 @@
 """Summary of a fleet: distributions over its specimens, outliers, and failures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

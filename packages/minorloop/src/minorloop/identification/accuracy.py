@@ -1,7 +1,5 @@
 """How near a model is to measured outputs, in the figures that different fields compare by."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -15,8 +15,6 @@ conjugate gradients on A are cheaper: a few hundred steps if a penalty keeps the
 low.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress

@@ -4,8 +4,6 @@ The next input is a function of the points so far and nothing else. An experimen
 therefore continues as it would have without the stop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias

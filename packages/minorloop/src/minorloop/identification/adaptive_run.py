@@ -1,7 +1,5 @@
 """Budget of an adaptive run, and what its points show when it is over."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ the noise stays small. With the operator fixed, the dynamics that come nearest t
 outputs are found by nonlinear least squares.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property

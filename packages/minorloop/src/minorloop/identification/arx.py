@@ -1,7 +1,5 @@
 """Linear dynamics from a step, or from any record that begins at rest."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

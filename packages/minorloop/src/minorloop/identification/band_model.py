@@ -1,7 +1,5 @@
 """What the bands of a model follow from, beside the model: all that a model file keeps of a fit."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

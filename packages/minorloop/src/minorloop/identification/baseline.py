@@ -1,7 +1,5 @@
 """Baseline that a model has to beat: the best polynomial of the delayed input."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray

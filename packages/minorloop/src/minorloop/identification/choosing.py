@@ -5,8 +5,6 @@ are some, contiguous parts otherwise, because neighbouring samples of a record a
 structure and the lag are compared on a coarse plane, where a fit takes milliseconds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Condense the samples of long records before anything is solved."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ the narrower the bands. Two populations do not: the coercivity is between theirs
 be square.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

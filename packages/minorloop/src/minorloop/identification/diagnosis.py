@@ -1,7 +1,5 @@
 """How far the data determine the model."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import linalg
 

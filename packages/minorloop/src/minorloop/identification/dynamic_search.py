@@ -5,8 +5,6 @@ rest. One is better than another if the mean difference of their squared errors 
 larger than its standard error explains, so that noise hides no pole and invents none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

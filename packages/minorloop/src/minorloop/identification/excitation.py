@@ -3,8 +3,6 @@
 Inputs are in the order in which they are applied and measured.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

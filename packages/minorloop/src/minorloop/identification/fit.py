@@ -1,7 +1,5 @@
 """Identify a Preisach model from a record."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product

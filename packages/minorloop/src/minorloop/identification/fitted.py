@@ -1,7 +1,5 @@
 """A model fitted to a record, with its errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Stretches of a record in which the output does not move: stuck, and clipped."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -12,8 +12,6 @@ Tipping and Lawrence, Variational inference for Student-t models, Neurocomputing
 Pattern Recognition and Machine Learning, 2006, section 10.1: the bound on the likelihood.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ their bounds, up to a few. Block pivoting, with the same factorisations, then me
 of optimality to rounding.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

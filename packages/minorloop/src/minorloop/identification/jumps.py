@@ -5,8 +5,6 @@ one threshold would be smeared. A jump of the output, seen several times between
 shows such a threshold; two levels around it make its band too narrow for a sample to lie in it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Detection of a lag between input and output, in addition to hysteresis."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@ smoothness or hyperparameters are chosen too. The errors contain what the residu
 not: differences between curves, days or specimens.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

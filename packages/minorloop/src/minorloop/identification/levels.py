@@ -6,8 +6,6 @@ approximation by splines with variable knots, 1973); a density proportional to t
 too few thresholds on the flanks, where minor loops are.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import FloatArray, Levels, as_levels, uniform_levels

@@ -1,7 +1,5 @@
 """Nonlinear least squares by the method of Levenberg and Marquardt."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias

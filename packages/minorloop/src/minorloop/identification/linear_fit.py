@@ -1,7 +1,5 @@
 """Results of the identification of linear dynamics."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, TypeAlias

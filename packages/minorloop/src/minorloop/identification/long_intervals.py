@@ -1,7 +1,5 @@
 """Find the intervals of a record in which rows are missing."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray

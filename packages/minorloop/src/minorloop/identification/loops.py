@@ -1,7 +1,5 @@
 """Closed loops of a record, and their areas."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, writable

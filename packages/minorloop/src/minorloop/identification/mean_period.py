@@ -1,7 +1,5 @@
 """Average a record that repeats over its periods, without those in which it has not settled."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

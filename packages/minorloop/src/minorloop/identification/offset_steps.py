@@ -6,8 +6,6 @@ follow from cumulative sums of the orthonormal basis (partial regression: Frisch
 Econometrica 1, 1933).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import qr
 

@@ -6,8 +6,6 @@ Least squares on the equation (ARX) is one linear solve, but noise on the output
 error of the simulated output has no such bias; it is minimised from there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

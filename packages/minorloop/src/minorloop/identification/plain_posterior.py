@@ -7,8 +7,6 @@ between the fit and the mean of the prior's posterior is added to the variance: 
 leaves the plane open, both are guesses.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -12,8 +12,6 @@ Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 4
 kernels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ matrices, with a correlated discrepancy; many on the sparse system of `everett_s
 branches of the record are long, and on dense normal equations otherwise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Fit a rational transfer function to measured frequency responses."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 from typing import Literal

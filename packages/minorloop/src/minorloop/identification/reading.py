@@ -1,7 +1,5 @@
 """Read what is identified: a table, or the settled points of an experiment store."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Checks of a record and of the options before it is fitted."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

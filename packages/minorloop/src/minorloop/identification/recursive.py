@@ -7,8 +7,6 @@ the weights of a covariance recursion is no projection in its metric, and diverg
 not excite all weights.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

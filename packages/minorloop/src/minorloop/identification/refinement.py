@@ -6,8 +6,6 @@ Here their factor is only the preconditioner of LSQR (Paige and Saunders, ACM Tr
 together; each direction lost in its rounding takes about one more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

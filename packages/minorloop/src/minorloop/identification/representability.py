@@ -7,8 +7,6 @@ reversal and the present input alone. Where a record returns to the same memory 
 another output, no model can reproduce both. Noise and drift count as violations too.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass

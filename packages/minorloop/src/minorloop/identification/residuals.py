@@ -1,7 +1,5 @@
 """What the residual of a fit shows: a start-up, drift, a step, outliers, and where it is large."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

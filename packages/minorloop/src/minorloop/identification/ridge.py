@@ -5,8 +5,6 @@ diagonal. It has five parameters of shape, and describes a plane where a record,
 loop, does not determine each cell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args

@@ -1,7 +1,5 @@
 """Scores of an identification as text for tables."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isfinite
 from typing import TypeAlias

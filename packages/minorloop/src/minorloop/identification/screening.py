@@ -1,7 +1,5 @@
 """Faults of a record: outliers, stuck and clipped stretches, and a lag."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

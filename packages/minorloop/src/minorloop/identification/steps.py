@@ -1,7 +1,5 @@
 """Records that begin at rest, and the single steps in a record of holds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 

@@ -6,8 +6,6 @@ Gill, Murray, Saunders and Wright, A Schur-complement method for sparse quadrati
 Reliable Numerical Computation, 1990: unknowns join or leave a factorised system.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bounds of a table: each reader checks a size here before it allocates what has that size."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

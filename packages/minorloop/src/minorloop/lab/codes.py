@@ -1,7 +1,5 @@
 """Readings that are codes of an instrument: overload, or nothing measured."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Read columns of numbers from a file; errors name the column and the row."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Callable, Collection, Sequence

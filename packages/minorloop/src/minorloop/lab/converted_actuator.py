@@ -1,7 +1,5 @@
 """An actuator whose sensor readings are converted, such as laser distance to curvature."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import FloatArray

@@ -12,8 +12,6 @@ Chen, Tan and Shahinpoor, Quasi-static positioning of ionic polymer-metal compos
 2005, figure 3. The expression printed there is the radius of curvature, not the curvature.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """Durations as text."""
 
-from __future__ import annotations
-
 
 def as_duration(seconds: float) -> str:
     """Return a duration in seconds, minutes or hours, whichever suits."""

@@ -1,7 +1,5 @@
 """One level while it is held: its samples, its duration, and how well its times are known."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

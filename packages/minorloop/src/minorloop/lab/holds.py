@@ -4,8 +4,6 @@ The input is cut where its mean changes (binary segmentation by the CUSUM statis
 ramp are not holds: within them the input rises by about as much as it changes to the next piece.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections import deque
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """An actuator of somebody else's making, behind the limits that it states."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

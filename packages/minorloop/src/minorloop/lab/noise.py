@@ -1,7 +1,5 @@
 """The noise of a signal from its differences, which a slow signal lacks."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Readings of a sensor that can be used, and their conversion, with notes on the others."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

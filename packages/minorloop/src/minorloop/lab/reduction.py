@@ -5,8 +5,6 @@ The holds are found in the input. Each is judged and extrapolated as during a ru
 output is inserted, so that it drives the memory of a model.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

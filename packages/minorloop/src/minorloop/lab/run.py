@@ -5,8 +5,6 @@ trace, before the next level is applied. Whatever stops the run, the actuator is
 input. Another call of ``run`` with the same store continues after the last point.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress

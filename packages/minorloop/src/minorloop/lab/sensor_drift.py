@@ -4,8 +4,6 @@ What remains of a transient goes the way of the step before the hold. A drift is
 holds.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Settled measurements on an actuator, judged as ``minorloop run`` judges them."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """Read tables that are not text: MATLAB files and Excel workbooks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import prod

@@ -6,8 +6,6 @@ comes while a source is made safe would leave the source on. So a signal is only
 second one interrupts what the first has begun.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading

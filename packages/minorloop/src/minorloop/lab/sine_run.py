@@ -5,8 +5,6 @@ sample: an input is held for a whole number of ticks, and the output is read at 
 is in the store, with all its samples, before the next one begins.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """One input and one output of an actuator with several."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import FloatArray

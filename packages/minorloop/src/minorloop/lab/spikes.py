@@ -1,7 +1,5 @@
 """Find spikes: single readings, or short bursts of them, far from those around them."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter

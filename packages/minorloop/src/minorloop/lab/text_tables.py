@@ -5,8 +5,6 @@ tabs between the columns; a point or a comma in decimals; lines of comments befo
 of units after it. Blocks of plain numbers are converted at once, the rest cell by cell.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import io

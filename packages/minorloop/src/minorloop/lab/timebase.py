@@ -1,7 +1,5 @@
 """Check the times of a record, and use them: gaps, clock jumps, uneven samples, lag in seconds."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What an actuator that stands before another passes on unchanged."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from minorloop.lab.actuator import Actuator, Channel, Rounding, Timed

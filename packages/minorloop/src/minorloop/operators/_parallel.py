@@ -1,7 +1,5 @@
 """Run a loop over independent signals on all cores."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

@@ -4,8 +4,6 @@ Input and output are both divided by half their range, so that no digits are los
 1e5 A/m or a moment in 1e-7 A m2.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -11,8 +11,6 @@ A relay is described by its thresholds alpha (up) and beta (down), or by their m
 loops are symmetric about the origin.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 

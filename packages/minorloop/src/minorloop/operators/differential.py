@@ -6,8 +6,6 @@ law of Bouc and Wen is one of these operators. It is used as a force in a vibrat
 (`dynamics.oscillator`).
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property

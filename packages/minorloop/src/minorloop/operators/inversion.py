@@ -1,7 +1,5 @@
 """Result of an inversion, and checks that all inversions share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 

@@ -6,8 +6,6 @@ integral of the density over the cell. ``nodes[a, b]``, b <= a, is the integral 
 triangle levels[b] <= beta <= alpha <= levels[a].
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Literal, TypeAlias, get_args
 

@@ -6,8 +6,6 @@ of order 30. The forces have no content above 150 Hz, so that their samples at 7
 everything about them. What estimates models does not import this module.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Read and check checkpoints of simulated actuators."""
 
-from __future__ import annotations
-
 import math
 from reprlib import repr as short
 from typing import Any

@@ -5,8 +5,6 @@ hysteresis. Doping is three times as fast as undoping, diffuses into the fibre, 
 Then the fibre creeps. The model contains no Preisach operator.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import FloatArray

@@ -6,8 +6,6 @@ that it drags along flows back and relaxes the bending; the polymer creeps. The 
 Preisach operator, and its loops violate congruency and wiping-out slightly.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

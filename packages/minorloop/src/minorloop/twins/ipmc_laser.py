@@ -4,8 +4,6 @@ A laser measures the distance to the strip at some height above the clamp. The c
 from the geometry, which is known with an uncertainty.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from minorloop.arrays import FloatArray

@@ -1,7 +1,5 @@
 """Base classes of simulated actuators: clock, sensor noise, time steps, checkpoints."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from typing import Any

@@ -5,8 +5,6 @@ close, so that no Preisach operator describes it. Three slow lags add creep. The
 on a spring with little damping, behind both.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -43,8 +43,6 @@ keys are those of the driver; see its module in ``minorloop.lab.drivers``. A fil
 ``output`` describes one channel, as `minorloop.lab.drivers.visa` says.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -8,8 +8,6 @@ and must agree within ``tolerance``, in V. A sensor has ``channel``, such as ``a
 known that NI-DAQmx has taken a voltage.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, Literal

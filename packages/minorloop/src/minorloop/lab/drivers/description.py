@@ -1,7 +1,5 @@
 """Read the file that describes a bench, TOML or JSON."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping, Sequence

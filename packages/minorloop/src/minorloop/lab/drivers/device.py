@@ -7,8 +7,6 @@ device are those of the instrument, such as volts; conversions to the units of t
 here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ sensor has ``channel``, such as ``AIN0``, and may have ``range``, in V. A line h
 such as ``FIO0``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Limits of value and rate, which every command to a driver passes through."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

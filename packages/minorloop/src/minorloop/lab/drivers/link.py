@@ -1,7 +1,5 @@
 """Lines of text to an instrument and back."""
 
-from __future__ import annotations
-
 import os
 import re
 import select

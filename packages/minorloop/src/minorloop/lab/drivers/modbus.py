@@ -8,8 +8,6 @@ default) or ``holding``. A line has ``coil``. After each command the registers a
 back and compared.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from typing import Any, Literal, TypeAlias

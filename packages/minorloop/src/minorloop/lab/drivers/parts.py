@@ -1,7 +1,5 @@
 """Protocols of the parts of a bench."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """A source and a meter for SCPI and similar commands in lines of text."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

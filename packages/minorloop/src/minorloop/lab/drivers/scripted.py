@@ -1,7 +1,5 @@
 """A scripted conversation with an instrument, for testing a driver."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from minorloop.errors import InstrumentError

@@ -20,8 +20,6 @@ Keys of the device: ``resource``, ``library``, ``timeout``, ``baud``. Sources, s
 have ``channel``, their number on the board, in their order if not given.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

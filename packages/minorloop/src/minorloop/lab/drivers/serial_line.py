@@ -23,8 +23,6 @@ receives ``HELLO`` or ``SAFE``, because a reading would not belong to the input 
 a power cut it does the same. `Board.keep_alive` sends questions often enough while an input is on.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import threading

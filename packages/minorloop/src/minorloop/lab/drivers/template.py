@@ -25,8 +25,6 @@ To write one:
        )
 """
 
-from __future__ import annotations
-
 import re
 
 from minorloop.errors import InstrumentError

@@ -24,8 +24,6 @@ Instead of source and meter there may be ``"board": {"resource": "ASRL/dev/ttyAC
 "baud": 115200}``, a board with the protocol of `minorloop.lab.drivers.serial_line`.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
