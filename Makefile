@@ -15,7 +15,8 @@ CORE_LOCK := requirements-core.lock
 JUDGE_LOCK := requirements-judge.lock
 SCENES ?= 200
 
-PAGES := packages/minorloop-head/src/minorloop_head/console/static/index.html
+STATIC := packages/minorloop/src/minorloop/page/static packages/minorloop-head/src/minorloop_head/console/static
+PAGES := $(firstword $(STATIC))/lab.html
 # The pages are built where there is a node to build them; without, everything else still works.
 BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 
@@ -34,13 +35,13 @@ demo: $(CORE) ## identify, invert and drive a simulated actuator; the result is 
 	rm -f demo/report.html demo/staircase.csv demo/model.json
 	$(BIN)/minorloop demo --out demo
 
-pages: $(PAGES) ## build the pages of the console into the package; needs node
+pages: $(PAGES) ## build the lab page and the operate page into their packages; needs node
 
 console: setup $(BUILT) ## steer a simulated catheter head, and identify models, in a browser
 	$(BIN)/minorloop console
 
 screenshots: setup $(PAGES) ## take the pictures of the pages for the README anew; needs chromium
-	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 packages/minorloop-head/tests/console/test_pages.py
+	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 packages/minorloop/tests/page/test_pages.py packages/minorloop-head/tests/console/test_pages.py
 
 studies: setup ## the papers on 20 simulated specimens, the design study on 10; reports in studies/
 	rm -rf studies
@@ -114,7 +115,7 @@ fuzz: setup ## damaged model files, tables and answers of instruments, CASES=100
 	PYTHONPATH=$(TESTS) $(BIN)/python -m fuzz $(or $(CASES),100000)
 
 clean: ## remove what was built or cached; .venv stays
-	rm -rf build dist demo studies console web/node_modules packages/minorloop-head/src/minorloop_head/console/static .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf build dist demo studies console web/node_modules $(STATIC) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find packages papers tests benchmarks examples -name __pycache__ -prune -exec rm -rf {} +
 
 $(PAGES): web/package-lock.json web/vite.config.ts $(wildcard web/*.html) $(wildcard web/src/*)

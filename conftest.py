@@ -55,13 +55,13 @@ LONGEST = (
     "packages/minorloop-head/tests/console/test_session.py",
     "packages/minorloop/tests/identification/test_rational.py",
     "packages/minorloop-head/tests/console/test_processes.py",
-    "packages/minorloop-head/tests/console/test_lab_work.py",
+    "packages/minorloop/tests/page/test_lab_work.py",
     "papers/tests/catheter/test_head_camera.py",
     "papers/tests/test_ipmc.py",
     "packages/minorloop/tests/identification/test_adaptive.py",
     "packages/minorloop/tests/identification/test_prior.py",
     "packages/minorloop-head/tests/console/test_loop.py",
-    "packages/minorloop-head/tests/console/test_lab.py",
+    "packages/minorloop/tests/page/test_lab.py",
 )
 
 

@@ -25,6 +25,7 @@ from benchmarks.real_records import DATA
 from minorloop.cli import main as command_line
 from minorloop.fleet import identify_fleet, read_manifest
 from minorloop.modelfile import ModelFile, read
+from minorloop.page.lab_work import identify_file, look
 
 WAYS = ("command line", "Python", "page", "fleet")
 HOLDOUT = 0.3
@@ -181,8 +182,6 @@ def by_python(table: Table, folder: Path) -> tuple[ModelFile, float | None]:
 
 def by_page(table: Table, folder: Path) -> tuple[ModelFile, float | None]:
     """As the page asks, which names the column of time that it was told of."""
-    from minorloop_head.console.lab_work import identify_file, look
-
     here = os.getcwd()
     (described,) = look(str(table.file.parent), table.file.name)
     place = folder / "page"

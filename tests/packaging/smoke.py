@@ -135,10 +135,16 @@ try:
 except InstrumentError as error:
     assert "127.0.0.1:1" in str(error)
 """,
+    "page": """
+from minorloop.page.auth import Authentication
+from minorloop.page.lab import LabPage, application
+from minorloop.page.serving import serve
+assert application(Authentication("127.0.0.1"), LabPage()).routes
+""",
     "head": """
 import cv2
 import numpy as np
-from minorloop_head.console.auth import Authentication
+from minorloop.page.auth import Authentication
 from minorloop_head.console.loop import LoopSettings
 from minorloop_head.console.server import STATIC, Console
 import uvicorn, websockets
@@ -165,6 +171,7 @@ SAYS = {
     "daqmx": (USES["daqmx"], "nidaqmx"),
     "labjack": (USES["labjack"], "labjack-ljm"),
     "modbus": (USES["modbus"], "pymodbus"),
+    "page": ("from minorloop.cli.lab import run; run()", "starlette"),
 }
 """What each extra is asked for by, and what is said to be missing without it."""
 

@@ -11,7 +11,15 @@ import minorloop_head.version
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = {"minorloop": "minorloop", "minorloop-head": "minorloop_head"}
-BUILT_BY_NODE = "minorloop_head/console/static/"
+BUILT_BY_NODE = {
+    "minorloop": ("minorloop/page/static/lab.html", "/lab", ["Leon Sorokin"]),
+    "minorloop-head": (
+        "minorloop_head/console/static/index.html",
+        "",
+        ["Leon Sorokin", "three.js authors"],
+    ),
+}
+"""Page of each package, the path that its files are served at, and authors of what it contains."""
 packages = pytest.mark.parametrize("folder", PACKAGES)
 
 
@@ -36,7 +44,7 @@ def built(folder, kind):
 
 @packages
 def test_wheel_and_source_distribution_are_the_package(folder):
-    files = {name for name in built(folder, "wheel") if not name.startswith(BUILT_BY_NODE)}
+    files = {name for name in built(folder, "wheel") if "/static/" not in name}
     assert files == present(folder)
     assert f"{PACKAGES[folder]}/py.typed" in files
     inside = built(folder, "sdist")
@@ -44,12 +52,17 @@ def test_wheel_and_source_distribution_are_the_package(folder):
     assert not any("__pycache__" in name for name in inside)
 
 
-def test_the_pages_are_in_the_wheel_once_they_are_built():
-    source = ROOT / "packages/minorloop-head/src"
-    if not (source / BUILT_BY_NODE / "index.html").exists():
+@packages
+def test_the_pages_are_in_the_wheel_with_licences_once_they_are_built(folder):
+    page, path, authors = BUILT_BY_NODE[folder]
+    source = ROOT / "packages" / folder / "src" / page
+    if not source.exists():
         pytest.skip("the pages are not built; make pages builds them")
+    text = source.with_name("licenses.txt").read_text()
+    assert [each for each in authors if each not in text] == []
+    assert f'href="{path}/licenses.txt"' in source.read_text()
     for kind, before in (("wheel", ""), ("sdist", "src/")):
-        assert f"{before}{BUILT_BY_NODE}index.html" in built("minorloop-head", kind)
+        assert f"{before}{page}" in built(folder, kind)
 
 
 def test_both_packages_have_one_version():

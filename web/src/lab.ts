@@ -437,6 +437,7 @@ async function invert(): Promise<void> {
   show("get-inputs");
 }
 
+if (location.pathname === "/") document.querySelector("nav")?.remove(); // it is served alone
 const area = byId("drop");
 const file = byId<HTMLInputElement>("file");
 byId("browse").onclick = () => file.click();

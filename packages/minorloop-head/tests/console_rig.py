@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import warnings
 from functools import cache
 
 import msgspec
@@ -18,11 +17,6 @@ from minorloop_head.console.units import to_shown
 from minorloop_head.geometry import Pinhole
 from minorloop_head.procedures.calibration import HeadCalibration
 
-with warnings.catch_warnings():
-    # Newer ones warn that the client of another package is preferred to httpx.
-    warnings.simplefilter("ignore")
-    from starlette.testclient import TestClient
-
 __all__ = [
     "AHEAD",
     "PIT",
@@ -30,7 +24,6 @@ __all__ = [
     "Pilot",
     "ScriptedCamera",
     "SilentLoop",
-    "TestClient",
     "control",
     "position",
     "request",

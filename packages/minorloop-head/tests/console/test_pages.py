@@ -1,11 +1,7 @@
-"""Both pages in a real browser: what an operator and a user of the lab do and see."""
+"""The operate page in a real browser: what an operator does and sees."""
 
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,13 +9,9 @@ import numpy as np
 import pytest
 
 from console_rig import PIT
-from minorloop.operators.preisach import Preisach
 from minorloop_head.console.server import STATIC
+from page_rig import ROOT, chromium, fits, missing, opened, printed_address, shoot
 
-ROOT = Path(__file__).resolve().parents[4]
-# Only WebGL is drawn in software: to draw the whole page so would keep a core busy.
-FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
-SCREENSHOTS = os.environ.get("MINORLOOP_SCREENSHOTS")
 IWER = ROOT / "web" / "node_modules" / "iwer" / "build" / "iwer.min.js"
 GAMEPAD = """
   window.pad = { connected: true, axes: [0, 0, 0, 0],
@@ -32,56 +24,25 @@ HEADSET = """
 """
 
 
-def missing(what):
-    """Skip loudly; on CI, where all of it has to be, fail."""
-    sentence = f"the pages were not tried in a browser: {what}"
-    if os.environ.get("CI"):
-        pytest.fail(sentence)
-    pytest.skip(sentence)
-
-
 @pytest.fixture(scope="module")
 def browser():
-    path = shutil.which("chromium") or shutil.which("chromium-browser")
-    if path is None:
-        missing("there is no chromium; install the package of that name")
-    if not (STATIC / "index.html").is_file():
-        missing("they are not built; run 'make pages', which needs node")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as started:
-        found = started.chromium.launch(executable_path=path, args=FLAGS)
+    with chromium(STATIC / "index.html") as found:
         yield found
-        found.close()
 
 
 @pytest.fixture(scope="module")
 def address(browser, tmp_path_factory):
     """A console with a long timeout, so that it does not hold on a slow machine."""
     folder = tmp_path_factory.mktemp("console")
-    command = [sys.executable, "-u", "-m", "minorloop", "console", "--port", "0"]
-    server = subprocess.Popen(
-        [*command, "--timeout", "5", "--folder", str(folder)], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        yield re.search(r"open (\S+)", server.stdout.readline())[1]
-    finally:
-        server.terminate()
-        server.wait(30)
-        server.stdout.close()
+    with printed_address("console", "--timeout", "5", "--folder", str(folder)) as found:
+        yield found
 
 
 class Operator:
     """A page and its user."""
 
     def __init__(self, page):
-        self.page, self.troubles = page, []
-        page.set_default_timeout(60_000)
-        page.on("pageerror", lambda error: self.troubles.append(str(error)))
-        page.on("console", self._on_console)
-
-    def _on_console(self, message):
-        if message.type == "error":
-            self.troubles.append(message.text)
+        self.page = page
 
     def wait(self, condition):
         self.page.wait_for_function(condition, polling=100)
@@ -150,35 +111,13 @@ class Operator:
 
 
 @contextmanager
-def operating(browser, address, *, script="", path=None, size=(1280, 720), **options):
-    # The policy of the pages forbids the scripts that the waiting below uses.
-    options = {"bypass_csp": True, **options}
-    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, **options)
-    try:
-        page = context.new_page()
-        if path is not None:
-            page.add_init_script(path=path)
-        if script:
-            page.add_init_script(script)
+def operating(browser, address, **options):
+    with opened(browser, address, **options) as (page, _):
         operator = Operator(page)
-        page.goto(address)
         page.wait_for_selector("#veil", state="hidden")
         page.wait_for_selector("body[data-command]")
         yield operator
         operator.release()
-        assert operator.troubles == []
-    finally:
-        context.close()
-
-
-def fits(page):
-    """Whether the page is not wider than the window."""
-    return page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
-
-
-def shoot(page, name, *, whole=False):
-    if SCREENSHOTS:
-        page.screenshot(path=str(ROOT / SCREENSHOTS / f"{name}.png"), full_page=whole)
 
 
 def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
@@ -370,94 +309,6 @@ def test_a_browser_without_the_key_gets_an_instruction(browser, address):
     page.goto(address.split("?")[0])
     assert "open the address that the console printed" in page.inner_text("body")
     context.close()
-
-
-def csv(folder, stuck=0):
-    rng = np.random.default_rng(1)
-    u = np.concatenate([0.5 + a * np.sin(np.linspace(0, 12.6, 400)) for a in (0.5, 0.35, 0.2, 0.4)])
-    levels = np.linspace(0, 1, 9)
-    weights = np.tril(rng.uniform(size=(8, 8)) ** 2)
-    y = Preisach(levels, weights).simulate(u) + rng.normal(0, 0.02, u.size)
-    y[400 : 400 + stuck] = y[400]
-    file = folder / f"staircase-{stuck}.csv"
-    columns = np.column_stack([0.01 * np.arange(u.size), u, y])
-    header = "time [s],voltage [V],length [um]"
-    np.savetxt(file, columns, delimiter=",", header=header, comments="")
-    return file
-
-
-def test_a_csv_becomes_a_model_and_inputs(browser, address, tmp_path):
-    with operating(browser, address) as operator:
-        page = operator.page
-        page.goto(address.split("?")[0] + "lab")
-        page.set_input_files("#file", csv(tmp_path))
-        page.wait_for_selector("#setup:not([hidden])")
-        assert page.input_value("#input") == "voltage [V]"
-        assert page.input_value("#output") == "length [um]"
-        page.click("#more summary")
-        assert page.input_value("#time") == "time [s]"
-        page.fill("#levels", "12")
-        page.fill("#skip", "4")
-        page.fill("#last", "1500")
-        page.select_option("#slope", "false")
-        page.click("#identify")
-        page.wait_for_selector("#result:not([hidden])")
-        scores = page.inner_text("#scores")
-        assert re.search(r"error on held-out data\s+\d", scores)
-        assert re.search(r"rows skipped\s+4\b", scores)
-        assert "Chosen structure" in page.inner_text("#chosen")
-        for value in ("900", "300", "600"):
-            page.fill("#slider", value)
-            page.wait_for_function("document.querySelector('#slider-output').textContent !== '–'")
-        page.click("#invert")
-        page.wait_for_selector("#sequence tbody tr:nth-child(5)")
-        page.wait_for_selector("#get-report:not([hidden])")
-        with page.expect_download() as waiting:
-            page.click("#get-model")
-        assert json.loads(Path(waiting.value.path()).read_text())["model"]
-        page.fill("#targets", "1, two")
-        page.click("#invert")
-        page.wait_for_selector("#trouble:has-text('“two” is not a number')")
-        page.fill("#targets", "1e9")
-        page.click("#invert")
-        page.wait_for_selector("#trouble:has-text('beyond what the model reaches')")
-        page.fill("#targets", page.evaluate("'-1, 1, 0.5'"))
-        page.click("#invert")
-        page.wait_for_selector("#trouble", state="hidden")
-        assert page.locator("#warnings li").count() == 0
-        assert fits(page)
-        shoot(page, "lab", whole=True)
-        page.set_input_files("#file", csv(tmp_path, stuck=400))
-        page.wait_for_selector("#drop-title:has-text('staircase-400.csv: 1600 rows')")
-        page.click("#identify")
-        page.wait_for_selector("#advice li:has-text('the output is stuck')")
-        page.click("#invert")
-        page.wait_for_selector("#warnings li:has-text('the output is stuck')")
-        page.set_viewport_size({"width": 390, "height": 844})
-        page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth")
-        operator.state = lambda name: "no"
-
-
-def test_an_invalid_csv_is_answered_in_a_sentence(browser, address, tmp_path):
-    bad = tmp_path / "bad.csv"
-    bad.write_text("a,b\n1,x\n2,y\n")
-    with operating(browser, address) as operator:
-        page = operator.page
-        page.goto(address.split("?")[0] + "lab")
-        page.set_input_files("#file", bad)
-        page.wait_for_selector("#trouble:has-text('every cell must be a number')")
-        operator.state = lambda name: "no"
-        operator.troubles.clear()  # the browser itself reports the refusal
-
-
-def test_both_pages_link_the_licences_of_what_they_contain():
-    if not (STATIC / "index.html").is_file():
-        missing("they are not built; run 'make pages', which needs node")
-    text = (STATIC / "licenses.txt").read_text()
-    for library in ("three.js authors", "Leon Sorokin"):
-        assert library in text
-    for page in ("index.html", "lab.html"):
-        assert 'href="/licenses.txt"' in (STATIC / page).read_text()
 
 
 def test_a_hint_of_the_search_does_not_take_the_place_of_why_the_head_holds(browser):

@@ -6,14 +6,16 @@ import pytest
 from msgspec.structs import asdict, replace
 from starlette.websockets import WebSocketDisconnect
 
-from console_rig import SilentLoop, TestClient, text
-from minorloop_head.console import messages, workers
-from minorloop_head.console.auth import Authentication
+from console_rig import SilentLoop, text
+from minorloop.page import workers
+from minorloop.page.auth import Authentication
+from minorloop_head.console import messages
 from minorloop_head.console.clients import SILENCE
 from minorloop_head.console.loop import LoopSettings
 from minorloop_head.console.recording import PICTURE, TEXT, Recorder
 from minorloop_head.console.reports import camera_finding, with_depth
 from minorloop_head.console.server import Console
+from page_rig import Running, TestClient
 
 BASE = "http://127.0.0.1:8765"
 ORIGIN = {"origin": BASE}
@@ -367,3 +369,37 @@ def test_pages_that_are_not_built_say_so(served, monkeypatch, tmp_path):
     answer = served.client.get("/")
     assert answer.status_code == 503
     assert "make pages" in answer.text
+
+
+def told(page, kind):
+    while True:
+        content = page.recv(timeout=20.0)
+        if isinstance(content, str) and json.loads(content)["type"] == kind:
+            return json.loads(content)
+
+
+def test_a_pilot_continues_and_another_connects_during_a_flood_of_strangers(tmp_path):
+    def application(authentication):
+        loop = LoopSettings(folder=str(tmp_path))
+        console = Console(authentication=authentication, loop=loop, link=SilentLoop, workers=0)
+        return console.app()
+
+    running = Running(application)
+    begun = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+    with running.page() as pilot:
+        pilot.send(json.dumps({"type": "take", "seq": 1, "t": 1.0}))
+        while not told(pilot, "controls")["grant"]:
+            pass
+        strangers = [running.raw(begun if k % 2 else b"") for k in range(100)]
+        with running.page() as other:
+            assert told(other, "controls")["pilot"] == 1
+        pilot.send(json.dumps({"type": "ping", "seq": 2, "t": 2.0}))
+        assert told(pilot, "pong")["seq"] == 2
+        for each in strangers:  # all of them are closed by the server
+            try:
+                assert each.recv(1) == b""
+            except ConnectionResetError:
+                pass
+            finally:
+                each.close()
+    running.stop()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from minorloop_head.console.channel import NewestPipe
-from minorloop_head.console.supervisor import Part, Supervisor, bind_to_parent
+from minorloop_head.console.supervisor import Part, Supervisor
 
 
 def ticking(handle, folder):
@@ -136,13 +136,3 @@ def test_all_processes_end_with_the_supervisor(watched, tmp_path):
     watched.supervisor.end()
     assert len(list(tmp_path.glob("*-stop"))) == 2
     assert watched.notes == []
-
-
-def test_a_process_is_named_after_its_part():
-    before = Path("/proc/self/comm")
-    if not before.exists():
-        pytest.skip("only Linux names processes")
-    name = before.read_text().strip()
-    bind_to_parent("minorloop-test", 0)
-    assert before.read_text() == "minorloop-test\n"
-    bind_to_parent(name, 0)

@@ -16,6 +16,7 @@ import numpy as np
 
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.lab.actuator import Frame
+from minorloop.page.process import be_nice
 from minorloop_head.console import messages
 from minorloop_head.console.bench_lines import RemoteWires
 from minorloop_head.console.camera_protocol import (
@@ -30,7 +31,7 @@ from minorloop_head.console.channel import NewestPipe, Outbox
 from minorloop_head.console.perception import Later, Perception
 from minorloop_head.console.plant import open_tip
 from minorloop_head.console.settings import LoopSettings, is_pipe
-from minorloop_head.console.supervisor import ProcessHandle, be_nice
+from minorloop_head.console.supervisor import ProcessHandle
 from minorloop_head.console.units import to_shown
 from minorloop_head.geometry import Pinhole
 from minorloop_head.procedures.actuator_plant import BenchTip

@@ -23,13 +23,14 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import MinorloopError, ParameterError
+from minorloop.page.process import be_nice
 from minorloop_head.console import messages
 from minorloop_head.console.camera_protocol import CameraReport, CameraRequest, RemoteCamera
 from minorloop_head.console.channel import NewestPipe, Outbox
 from minorloop_head.console.recording import PICTURE, TEXT, SessionRecording
 from minorloop_head.console.session import Session
 from minorloop_head.console.settings import LoopSettings
-from minorloop_head.console.supervisor import ProcessHandle, be_nice, raise_priority
+from minorloop_head.console.supervisor import ProcessHandle, raise_priority
 from minorloop_head.console.tracker import UdpTracker
 from minorloop_head.console.watchdog import RemotePlant
 from minorloop_head.control.head import HeadControl

@@ -8,16 +8,15 @@ from __future__ import annotations
 import contextlib
 import socket
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from minorloop.lab.signals import Stopped, ended_by_signals
-from minorloop_head.console.auth import Authentication
+from minorloop.page.auth import Serving
+from minorloop.page.process import be_nice
 from minorloop_head.console.channel import NewestPipe
 from minorloop_head.console.settings import LoopSettings
-from minorloop_head.console.supervisor import Part, ProcessHandle, Supervisor, be_nice
+from minorloop_head.console.supervisor import Part, ProcessHandle, Supervisor
 
 if TYPE_CHECKING:
     from minorloop_head.control.head import HeadControl
@@ -32,25 +31,6 @@ PIPES = (
     ("plant", "camera"),
 )
 """Processes that have a pipe to each other; that of plant and camera is for lights and pump."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Serving:
-    """Settings of the server.
-
-    Parameters
-    ----------
-    authentication : Authentication
-    listening : socket
-        Bound; a restarted server uses the same.
-    certificate, private_key : Path, optional
-        Files, for https.
-    """
-
-    authentication: Authentication
-    listening: socket.socket
-    certificate: Path | None = None
-    private_key: Path | None = None
 
 
 def supervised(
@@ -135,7 +115,7 @@ def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
     """
     import uvicorn
 
-    from minorloop_head.console import serving
+    from minorloop.page import serving
     from minorloop_head.console.link import ConsoleLink
     from minorloop_head.console.server import Console
 
@@ -157,9 +137,7 @@ def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
             authentication=how.authentication,
             loop=settings,
             link=partial(ConsoleLink, loop=loop, camera=camera),
-        ),
-        how.listening,
-        certificate=how.certificate,
-        private_key=how.private_key,
+        ).app(),
+        how,
         server=Supervised,
     )

@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import pickle
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,23 +19,23 @@ import numpy as np
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
-from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
+from starlette.responses import JSONResponse, Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from minorloop.errors import MinorloopError, SignalError, counted
+from minorloop.page.admission import Admission
+from minorloop.page.auth import Authentication
+from minorloop.page.connections import admitted
+from minorloop.page.lab import LabPage, files_of, page_of
+from minorloop.page.workers import Workers
 from minorloop_head.console import messages, recording
-from minorloop_head.console.admission import Admission, plain
-from minorloop_head.console.auth import Authentication
 from minorloop_head.console.clients import SILENCE, Clients, HostileMessageError, Viewer
-from minorloop_head.console.connections import admitted
 from minorloop_head.console.link import ConsoleLink
 from minorloop_head.console.reports import table_of
 from minorloop_head.console.settings import STATIC, LoopSettings
 from minorloop_head.console.units import to_si
 from minorloop_head.console.wall_image import WallImage
-from minorloop_head.console.workers import Workers
 from minorloop_head.geometry import Pinhole
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.vision.imaging import opencv
@@ -101,12 +101,9 @@ class _Server:
         WallImage(small, 0.05).paint(np.zeros((24, 32), np.uint8), (0.0, 0.0, 0.0, 0.0))
 
     def app(self) -> Starlette:
-        from minorloop_head.console.lab import LabPage
-
         self._lab = LabPage(workers=self._workers)
         routes: list[BaseRoute] = [
-            Route("/", _page("index.html")),
-            Route("/lab", self._open_lab),
+            Route("/", self._operate),
             WebSocketRoute("/ws", self._connect),
             Route("/api/recordings", self._recordings),
             Route("/api/findings.json", self._findings),
@@ -115,9 +112,8 @@ class _Server:
             Route("/api/map.png", self._map),
             Route("/api/sweep.{kind}", self._sweep),
             *self._lab.routes(),
+            *files_of(STATIC, "/"),
         ]
-        if STATIC.is_dir():
-            routes.append(Mount("/", StaticFiles(directory=STATIC)))
         middleware = [Middleware(Admission, authentication=self._authentication)]
         return Starlette(routes=routes, middleware=middleware, lifespan=self._lifespan)
 
@@ -135,10 +131,8 @@ class _Server:
             await self._fitters.stop()
             await asyncio.to_thread(self._link.stop)
 
-    async def _open_lab(self, request: Request) -> Response:
-        """Return the lab page, and start its workers, which takes longer than to choose a file."""
-        self._lab.prepare()
-        return await _page("lab.html")(request)
+    async def _operate(self, request: Request) -> Response:
+        return page_of(STATIC / "index.html")
 
     async def _watch(self) -> None:
         """Take the controls back from a silent pilot."""
@@ -392,18 +386,6 @@ class _Server:
             return JSONResponse({"error": "there is no map yet"}, status_code=404)
         _, png = opencv().imencode(".png", self._wall_image.seen)
         return _download(bytes(png), "image/png", "map.png")
-
-
-def _page(name: str) -> Callable[[Request], Awaitable[Response]]:
-    async def page(request: Request) -> Response:
-        file = STATIC / name
-        if not file.is_file():
-            return plain(
-                503, "the pages are not built; run 'make pages', which needs node, and reload"
-            )
-        return FileResponse(file, headers={"Cache-Control": "no-cache"})
-
-    return page
 
 
 def _download(content: bytes, kind: str, name: str) -> Response:

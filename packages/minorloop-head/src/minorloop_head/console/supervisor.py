@@ -7,7 +7,6 @@ pipes to it. When the supervisor ends, however it ends, each of them ends by its
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import multiprocessing
 import os
 import signal
@@ -20,14 +19,13 @@ from multiprocessing import connection, resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any, cast
 
+from minorloop.page.process import BEGINNING, bind_to_parent, is_stopped
 from minorloop_head.console.channel import NewestPipe
 
 _CONTEXT = multiprocessing.get_context("spawn")
 _POLL = 0.05
 _SUSPENDED = 0.5
 """Seconds between two checks after which the machine itself was suspended, not a process."""
-BEGINNING = 180.0
-"""Seconds in which a process must start, on a busy machine."""
 _LEAST_INTERVAL = 1.0
 """Seconds between two starts of the same process."""
 _ENDING = 8.0
@@ -37,7 +35,6 @@ _TERMINAL = [
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP")
     if hasattr(signal, name)
 ]
-_SET_DEATH_SIGNAL, _SET_NAME = 1, 15  # of prctl
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,14 +224,6 @@ class Supervisor:
                     self._running[name].give(self._names.index(other), end)
 
 
-def bind_to_parent(name: str, death: int) -> None:
-    """Name this process and have Linux signal it when its parent ends; elsewhere do nothing."""
-    with contextlib.suppress(OSError, AttributeError):
-        system = ctypes.CDLL(None)
-        system.prctl(_SET_NAME, name.encode()[:15], 0, 0, 0)
-        system.prctl(_SET_DEATH_SIGNAL, death, 0, 0, 0)
-
-
 def raise_priority() -> None:
     """Give this thread real-time priority, where the system allows it.
 
@@ -242,37 +231,6 @@ def raise_priority() -> None:
     """
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
-
-
-def be_nice(by: int) -> None:
-    """Change the niceness of this process; few systems allow less of it."""
-    with contextlib.suppress(OSError, AttributeError):
-        os.nice(by)
-
-
-def limit_resources(memory: int, file: int) -> None:
-    """Limit this process to bytes of memory for data, and of each file that it writes.
-
-    An allocation beyond the limit then raises `MemoryError`, and a write `OSError`. Address space
-    is no measure: libraries reserve more of it than they use. Windows has no such limits, and
-    macOS does not enforce that of memory.
-    """
-    with contextlib.suppress(ImportError):
-        import resource
-
-        for kind, most in ((resource.RLIMIT_DATA, memory), (resource.RLIMIT_FSIZE, file)):
-            _, hard = resource.getrlimit(kind)
-            lower = most if hard == resource.RLIM_INFINITY else min(most, hard)
-            resource.setrlimit(kind, (lower, hard))
-
-
-def is_stopped(child: int) -> bool:
-    """Return whether a signal has stopped a child; False if the system cannot tell."""
-    if not hasattr(os, "waitid"):
-        return False
-    with contextlib.suppress(ChildProcessError):
-        return os.waitid(os.P_PID, child, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
-    return False
 
 
 @contextlib.contextmanager

@@ -21,6 +21,7 @@ from minorloop.cli import (
     frequency,
     identify,
     invert,
+    lab,
     plan,
     reduce,
     resume,
@@ -54,7 +55,7 @@ VERBS = "minorloop.verbs"
 ``app`` of several."""
 _VERBS = (
     *(reduce, identify, simulate, score, invert, plan, run_verb, drive, resume, runs, frequency),
-    *(export, fleet, devices, demo),
+    *(export, fleet, devices, lab, demo),
     *(loaded(point, name) for name, point in registered(VERBS).items()),
 )
 for _verb in _VERBS:

@@ -8,8 +8,8 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from minorloop_head.console.auth import Authentication
-from minorloop_head.console.connections import admitted
+from minorloop.page.auth import Authentication
+from minorloop.page.connections import admitted
 
 _POLICY = (
     "default-src 'self'; img-src 'self' blob: data:; style-src 'self' 'unsafe-inline'; "

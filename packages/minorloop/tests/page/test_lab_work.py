@@ -11,7 +11,7 @@ from minorloop.lab import columns
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
-from minorloop_head.console import lab_work
+from minorloop.page import lab_work
 
 pytestmark = pytest.mark.usefixtures("without_layout")
 

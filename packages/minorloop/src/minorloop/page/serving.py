@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import socket
 import sys
 import time
 from contextlib import suppress
-from pathlib import Path
 
 import h11
 import uvicorn
@@ -22,8 +20,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.exceptions import InvalidState
 
-from minorloop_head.console.connections import Limits, Listener, Selector, mark
-from minorloop_head.console.server import Console
+from minorloop.page.auth import Serving
+from minorloop.page.connections import Limits, Listener, Selector, mark
 
 LONGEST_HEADER = 8000
 """Bytes of the address of a request, and of each header; the websocket library allows no more."""
@@ -40,11 +38,9 @@ _UNREADABLE = "this is not a valid HTTP request; open the address that the conso
 
 
 def serve(
-    console: Console,
-    listening: socket.socket,
+    app: ASGIApp,
+    how: Serving,
     *,
-    certificate: Path | str | None = None,
-    private_key: Path | str | None = None,
     limits: Limits | None = None,
     server: type[uvicorn.Server] = uvicorn.Server,
 ) -> None:
@@ -54,19 +50,17 @@ def serve(
 
     Parameters
     ----------
-    console : Console
-    listening : socket.socket
-        A bound socket; it is closed at the end.
-    certificate, private_key : path, optional
-        PEM files, for https.
+    app : ASGI application
+    how : Serving
+        Its socket is closed at the end.
     limits : Limits, optional
         Limits of strangers.
     server : type, optional
         Its class; a subclass may decide when it ends.
     """
-    listener = Listener(listening, limits)
+    listener = Listener(how.listening, limits)
     config = uvicorn.Config(
-        _Marking(console.app(), listener),
+        _Marking(app, listener),
         http=ConsoleHttp,
         ws=Sockets,
         log_level="warning",
@@ -78,8 +72,8 @@ def serve(
         ws_per_message_deflate=False,
         ws_ping_interval=10.0,
         ws_ping_timeout=10.0,
-        ssl_certfile=None if certificate is None else str(certificate),
-        ssl_keyfile=None if private_key is None else str(private_key),
+        ssl_certfile=how.certificate,
+        ssl_keyfile=how.private_key,
         timeout_graceful_shutdown=2,
         server_header=False,
     )

@@ -38,8 +38,8 @@ from minorloop.lab.logs import AUTO, Log, read_times
 from minorloop.lab.timebase import time_column
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
-from minorloop_head.console.lab_words import on_page
-from minorloop_head.console.uploads import INPUTS, MODEL, REPORT
+from minorloop.page.lab_words import on_page
+from minorloop.page.uploads import INPUTS, MODEL, REPORT
 
 Reports: TypeAlias = Iterator[dict[str, Any]]
 

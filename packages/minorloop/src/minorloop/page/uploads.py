@@ -108,10 +108,12 @@ class Uploads:
     Parameters
     ----------
     quota : Quota
+    folder : Path, optional
+        Where that folder is made; the system's folder for temporary files without it.
     """
 
-    def __init__(self, quota: Quota) -> None:
-        self.quota = quota
+    def __init__(self, quota: Quota, folder: Path | None = None) -> None:
+        self.quota, self._folder = quota, folder
         self._reserved = len(RESULTS) * quota.result
         self._all: dict[str, Upload] = {}
         self._leaving: set[Upload] = set()
@@ -120,8 +122,8 @@ class Uploads:
 
     async def start(self) -> None:
         """Remove what killed servers left behind, and make the folder."""
-        await self._on_disk(remove_orphans)
-        self.root, self._lock = await self._on_disk(_locked_folder)
+        await self._on_disk(remove_orphans, self._folder)
+        self.root, self._lock = await self._on_disk(_locked_folder, self._folder)
 
     async def stop(self) -> None:
         """Remove the folder."""
@@ -219,9 +221,9 @@ class Uploads:
         return await asyncio.get_running_loop().run_in_executor(self._disk, work, *options)
 
 
-def remove_orphans() -> None:
+def remove_orphans(place: Path | None = None) -> None:
     """Remove this user's folders of servers that have ended, on systems that have users."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+    for folder in Path(place or tempfile.gettempdir()).glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):
             lock = _lock(folder) if _is_ours(folder) else None
             if lock is not None:
@@ -237,9 +239,9 @@ def _opened(path: Path) -> BinaryIO:
     return path.open("xb")
 
 
-def _locked_folder() -> tuple[Path, int | None]:
+def _locked_folder(place: Path | None) -> tuple[Path, int | None]:
     while True:
-        root = Path(tempfile.mkdtemp(prefix=PREFIX))
+        root = Path(tempfile.mkdtemp(prefix=PREFIX, dir=place))
         if not hasattr(os, "getuid"):
             return root, None
         with contextlib.suppress(FileNotFoundError):
@@ -273,4 +275,4 @@ def _remove(folder: Path) -> None:
 def _refusal(error: OSError) -> FullError:
     full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
     reason = "its disk is full" if full else error.strerror or "it cannot be written"
-    return FullError(f"the console cannot keep this file: {reason}; nothing of it was kept")
+    return FullError(f"the server cannot keep this file: {reason}; nothing of it was kept")

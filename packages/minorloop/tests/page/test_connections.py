@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from minorloop_head.console import connections
-from minorloop_head.console.connections import Limits, Listener, Selector, admitted, mark
+from minorloop.page import connections
+from minorloop.page.connections import Limits, Listener, Selector, admitted, mark
 
 SMALL = Limits(strangers=4, each=2, header=5.0, idle=5.0, accepted=3, served=2, spare=0)
 

@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from minorloop.errors import MinorloopError
-from minorloop_head.console.supervisor import (
+from minorloop.page.process import (
     BEGINNING,
     be_nice,
     bind_to_parent,
@@ -27,7 +27,7 @@ from minorloop_head.console.supervisor import (
     limit_resources,
 )
 
-TASKS = "minorloop_head.console.lab_work"
+TASKS = "minorloop.page.lab_work"
 _POLL = 0.01
 
 

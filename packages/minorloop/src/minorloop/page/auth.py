@@ -7,6 +7,7 @@ import re
 import secrets
 import socket
 from dataclasses import dataclass, field
+from pathlib import Path
 
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::[0-9]{1,5})?", re.I)
@@ -73,6 +74,25 @@ class Authentication:
         if not origin or not self.is_own_host(host):
             return False
         return origin in (f"http://{host}", f"https://{host}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Serving:
+    """Where a server listens, and whom it admits.
+
+    Parameters
+    ----------
+    authentication : Authentication
+    listening : socket
+        Bound; a restarted server uses the same.
+    certificate, private_key : Path, optional
+        Files, for https.
+    """
+
+    authentication: Authentication
+    listening: socket.socket
+    certificate: Path | None = None
+    private_key: Path | None = None
 
 
 def _is_address(name: str) -> bool:

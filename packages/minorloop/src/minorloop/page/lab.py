@@ -1,4 +1,4 @@
-"""Requests of the lab page: uploaded files, identification, moves and inversion."""
+"""The lab page and its requests: uploaded files, identification, moves and inversion."""
 
 from __future__ import annotations
 
@@ -8,16 +8,24 @@ import re
 import time
 from collections.abc import AsyncIterator, Coroutine, Iterator
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
-from starlette.routing import BaseRoute, Route
+from starlette.routing import BaseRoute, Mount, Route
+from starlette.staticfiles import StaticFiles
 
-from minorloop_head.console.uploads import RESULTS, FullError, Quota, Upload, Uploads
-from minorloop_head.console.workers import Workers
+from minorloop.page.admission import Admission, plain
+from minorloop.page.auth import Authentication
+from minorloop.page.uploads import RESULTS, FullError, Quota, Upload, Uploads
+from minorloop.page.workers import Workers
 
+STATIC = Path(__file__).parent / "static"
+"""Folder of the page."""
 _LONGEST_REQUEST = 512 * 1024
 """Bytes of a request other than a file; 10,000 targets fit into it."""
 _LONGEST_NAME = 120
@@ -70,7 +78,7 @@ class _Targets(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     start: Literal["negative", "positive", "demagnetised"] = "negative"
 
 
-# Made while the module is imported: see `minorloop_head.console.messages`.
+# Made while the module is imported: a decoder is made slowly, and not for the first user.
 _choices = msgspec.json.Decoder(_Choice)
 _moves = msgspec.json.Decoder(_Move)
 _targets = msgspec.json.Decoder(_Targets)
@@ -85,13 +93,17 @@ class LabPage:
         Simultaneous computations; of two or more, one is kept free for small files.
     quota : Quota, optional
         Limits of uploads.
+    folder : Path, optional
+        Where uploads are kept; the system's folder for temporary files without it.
     """
 
-    def __init__(self, *, workers: int = 2, quota: Quota | None = None) -> None:
+    def __init__(
+        self, *, workers: int = 2, quota: Quota | None = None, folder: Path | None = None
+    ) -> None:
         self._quota = quota = quota or Quota()
         limited = partial(Workers, memory=quota.memory, file=quota.result)
         self._workers, self._quick = limited(workers), limited(1, longest=20.0)
-        self._uploads = Uploads(self._quota)
+        self._uploads = Uploads(quota, folder)
         self._jobs, self._large = 0, 0
         self._reading = asyncio.Semaphore(_AT_ONCE)
         self._for_large = asyncio.Semaphore(max(workers - 1, 1))
@@ -99,6 +111,8 @@ class LabPage:
     def routes(self) -> list[BaseRoute]:
         """Return the routes of the lab page."""
         return [
+            Route("/lab", self.open),
+            *files_of(STATIC, "/lab"),
             Route("/api/lab", self._drop, methods=["POST"]),
             Route("/api/lab/{user}/identify", self._identify, methods=["POST"]),
             Route("/api/lab/{user}/move", self._move, methods=["POST"]),
@@ -111,10 +125,11 @@ class LabPage:
         await self._uploads.start()
         self._expiring = asyncio.create_task(self._uploads.expire())
 
-    def prepare(self) -> None:
-        """Start the workers, for a user who has opened the page."""
+    async def open(self, request: Request) -> Response:
+        """Return the page, and start the workers, which takes longer than to choose a file."""
         self._workers.start()
         self._quick.start()
+        return page_of(STATIC / "lab.html")
 
     async def stop(self) -> None:
         """Stop the workers and remove the files."""
@@ -248,6 +263,34 @@ class LabPage:
             yield
         finally:
             self._jobs, self._large = self._jobs - 1, self._large - large
+
+
+def application(authentication: Authentication, lab: LabPage) -> Starlette:
+    """Return the application that serves the lab page alone."""
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        await lab.start()
+        try:
+            yield
+        finally:
+            await lab.stop()
+
+    middleware = [Middleware(Admission, authentication=authentication)]
+    routes = [Route("/", lab.open), *lab.routes()]
+    return Starlette(routes=routes, middleware=middleware, lifespan=lifespan)
+
+
+def page_of(file: Path) -> Response:
+    """Return a page that `make pages` has built, or what to do if it has not."""
+    if not file.is_file():
+        return plain(503, "the pages are not built; run 'make pages', which needs node, and reload")
+    return FileResponse(file, headers={"Cache-Control": "no-cache"})
+
+
+def files_of(folder: Path, path: str) -> list[BaseRoute]:
+    """Return the route of what the pages of a folder load, if they are built."""
+    return [Mount(path, StaticFiles(directory=folder))] if folder.is_dir() else []
 
 
 class _RefusedError(Exception):

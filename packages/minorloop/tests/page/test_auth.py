@@ -1,6 +1,6 @@
 import pytest
 
-from minorloop_head.console.auth import Authentication, is_loopback
+from minorloop.page.auth import Authentication, is_loopback
 
 
 def test_every_start_has_its_own_key_and_token():

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from starlette.requests import Request
 
-from console_rig import SilentLoop, TestClient
 from minorloop import modelfile
 from minorloop.operators.preisach import Preisach
-from minorloop_head.console.auth import Authentication
-from minorloop_head.console.lab import LabPage, _name
-from minorloop_head.console.server import Console
-from minorloop_head.console.uploads import Quota
+from minorloop.page.auth import Authentication
+from minorloop.page.lab import LabPage, _name, application
+from minorloop.page.uploads import Quota
+from page_rig import TestClient
 
 BASE = "http://127.0.0.1:8765"
 ORIGIN = {"origin": BASE}
@@ -21,7 +20,7 @@ ORIGIN = {"origin": BASE}
 @pytest.fixture(scope="module")
 def client():
     authentication = Authentication("127.0.0.1")
-    app = Console(authentication=authentication, link=SilentLoop, workers=1).app()
+    app = application(authentication, LabPage(workers=1))
     with TestClient(app, base_url=BASE, headers=ORIGIN) as found:
         found.get("/", params={"key": authentication.key}, follow_redirects=False)
         yield found

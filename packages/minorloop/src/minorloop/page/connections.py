@@ -19,7 +19,7 @@ from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
-from minorloop_head.console.auth import is_loopback
+from minorloop.page.auth import is_loopback
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _ENTRY = "minorloop.connection"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from minorloop_head.console import workers
+from minorloop.page import workers
 
 QUICK = "worker_tasks"
 

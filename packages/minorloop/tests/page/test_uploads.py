@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from minorloop_head.console import uploads
-from minorloop_head.console.lab import LabPage
-from minorloop_head.console.uploads import FullError, Quota, Uploads, remove_orphans
+from minorloop.page import uploads
+from minorloop.page.lab import LabPage
+from minorloop.page.uploads import FullError, Quota, Uploads, remove_orphans
 
 MIB = 1024**2
 QUOTA = Quota(disk=40 * MIB, files=4, small=MIB, file=8 * MIB)

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from minorloop_head.console.lab_words import ELSEWHERE, FIELDS, on_page
+from minorloop.page.lab_words import ELSEWHERE, FIELDS, on_page
 
 ROOT = Path(__file__).parents[4]
 

@@ -1,0 +1,1 @@
+"""The lab page, in a browser: its server, its uploads and its workers."""
