@@ -185,12 +185,21 @@ def test_head_drive_refuses_what_cannot_be_reached_and_warns_of_what_was_not(run
     assert "pan did not reach target 1" in error
 
 
-def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypatch):
+@pytest.fixture
+def targets(run, monkeypatch):
+    """The file of a head that is identified, and a table of targets."""
     control = head_control("observer", (identified().model,) * 2)
     monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
     save_head(HeadFile(serial="twin-head-nominal"), "head.json")
     Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
-    drive = "head drive angles.csv --head head.json --actuator twin:head --hold 9"
+
+
+DRIVE = "head drive angles.csv --head head.json --actuator twin:head"
+
+
+@pytest.mark.usefixtures("targets")
+def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypatch):
+    drive = f"{DRIVE} --hold 9"
     exchange = Head.exchange
 
     def lost(first, end):
@@ -253,13 +262,11 @@ def test_head_drive_says_what_a_file_is_and_what_is_needed(run, table, head, sen
     assert error.count("\n") == 1
 
 
+@pytest.mark.usefixtures("targets")
 def test_a_head_of_another_file_or_folder_is_refused_before_it_waits(run, monkeypatch):
-    control = head_control("observer", (identified().model,) * 2)
-    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
     waited = "minorloop_head.procedures.seen_angles.SeenHead"
     monkeypatch.setattr(waited, lambda *_, **__: pytest.fail("it waited"))
-    save_head(HeadFile(serial="H-07"), "head.json")
-    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
+    save_head(HeadFile(serial="H-07"), "head.json", force=True)
     said = "head.json is of head 'H-07', and the head here is 'twin-head-nominal'"
     status, _, error = run("head drive angles.csv --head head.json --actuator twin:pipe")
     assert (status, said in error) == (2, True)
@@ -278,12 +285,9 @@ def test_a_head_of_another_file_or_folder_is_refused_before_it_waits(run, monkey
     assert (status, "runs/camera.json is of head 'twin-head-4'" in error) == (2, True)
 
 
+@pytest.mark.usefixtures("targets")
 def test_head_drive_checks_its_arguments_before_it_opens_a_device(run, monkeypatch):
-    control = head_control("observer", (identified().model,) * 2)
-    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
     monkeypatch.setattr("minorloop.cli._common.connected", lambda *_, **__: pytest.fail("opened"))
-    save_head(HeadFile(serial="H-01"), "head.json")
-    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
     Path("far.csv").write_text("pan [deg],tilt [deg]\n80,25\n")
     drive = "--head head.json --actuator bench:head.toml"
     for hold in ("0.01", "1e9", "0", "-3"):
@@ -294,17 +298,15 @@ def test_head_drive_checks_its_arguments_before_it_opens_a_device(run, monkeypat
     assert (status, "pan of target 1 is 80 degrees" in error) == (2, True)
 
 
+@pytest.mark.usefixtures("targets")
 @pytest.mark.parametrize(
     ("ends", "status"), [(KeyboardInterrupt(), 130), (InstrumentError("the board is silent"), 2)]
 )
 def test_head_drive_keeps_and_shows_what_it_measured_until_an_error_or_a_signal(
     run, monkeypatch, ends, status
 ):
-    control = head_control("observer", (identified().model,) * 2)
-    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
-    save_head(HeadFile(serial="twin-head-nominal"), "head.json")
     Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n10,10\n")
-    drive = "head drive angles.csv --head head.json --actuator twin:head --hold 2"
+    drive = f"{DRIVE} --hold 2"
     exchange, count = Head.exchange, iter(range(1000))
 
     def failing(head, u):
@@ -335,18 +337,13 @@ def test_head_drive_keeps_and_shows_what_it_measured_until_an_error_or_a_signal(
     assert [each["axis"] for each in shown["unfinished"]["faults"]] == ["pan and tilt"]
 
 
+@pytest.mark.usefixtures("targets")
 def test_an_unfinished_drive_does_not_call_a_head_safe_that_did_not_confirm_it(run, monkeypatch):
-    control = head_control("observer", (identified().model,) * 2)
-    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
-    save_head(HeadFile(serial="twin-head-nominal"), "head.json")
-    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
-
     def silent(head):
         raise SafetyError("the board did not confirm")
 
     monkeypatch.setattr(Head, "safe", silent)
-    drive = "head drive angles.csv --head head.json --actuator twin:head --hold 2"
-    status, _, error = run(drive)
+    status, _, error = run(f"{DRIVE} --hold 2")
     assert status == 3
     assert error.splitlines() == [
         "the drive ended after 2.0 s, and nothing is kept without --save",
@@ -354,12 +351,9 @@ def test_an_unfinished_drive_does_not_call_a_head_safe_that_did_not_confirm_it(r
     ]
 
 
+@pytest.mark.usefixtures("targets")
 def test_head_drive_marks_angles_whose_readings_were_not_used(run, monkeypatch):
-    control = head_control("observer", (identified().model,) * 2)
-    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
-    save_head(HeadFile(serial="twin-head-nominal"), "head.json")
-    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
-    drive = "head drive angles.csv --head head.json --actuator twin:head --hold 9"
+    drive = f"{DRIVE} --hold 9"
     exchange, steps = Head.exchange, iter(range(1000))
 
     def shifted(head, u):
@@ -676,6 +670,11 @@ def inspected(monkeypatch):
     monkeypatch.setattr(rig, "rig_at", opened)
     monkeypatch.setattr(inspection, "inspect_wall", views)
     return state
+
+
+def rewrite(lines):
+    """Write the journal anew, as one that was cut off has it."""
+    Path("found/journal.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in lines))
 
 
 def journal():
@@ -1002,8 +1001,7 @@ def test_a_finding_says_that_its_centring_failed_also_after_a_resume(run, script
     assert said in Path("found/report.html").read_text()
     (hole, _) = [line for line in journal() if line.get("step") == "centre"][:2]
     assert hole["succeeded"] is False
-    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
-    Path("found/journal.jsonl").write_text("".join(lines[:-1]))
+    rewrite(journal()[:-1])
     assert run(f"{command} --resume")[0] == 0
     again = json.loads(Path("found/findings.json").read_text())
     assert again["findings"] == content["findings"]
@@ -1198,6 +1196,7 @@ def test_an_interruption_before_the_first_view_says_that_nothing_is_kept(
     assert not Path("found").exists()
 
 
+@pytest.mark.usefixtures("targets")
 @pytest.mark.parametrize(
     ("kept", "said"),
     [
@@ -1219,13 +1218,9 @@ def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch,
     Path("runs").mkdir()
     if kept is not None:
         (Path("runs") / kept).touch()
-    status, _, error = run("head identify --actuator twin:pipe --store runs --head head.json")
+    status, _, error = run("head identify --actuator twin:pipe --store runs --head new.json")
     assert status == 130
     assert error.startswith(said)
-    control = head_control("observer", (made_up(), made_up()))
-    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
-    save_head(HeadFile(serial="H-07"), "head.json")
-    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
     status, _, error = run("head drive angles.csv --head head.json --actuator twin:pipe")
     assert status == 130
     assert error.startswith("the drive has not begun, and nothing is kept")
@@ -1255,9 +1250,7 @@ def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, mo
     assert "<td>level of the water</td><td>dry pipe</td>" in report
     assert "the pipe was dry, and the probe needs water" in report
     assert "90 at the bottom" in report
-    Path("found/journal.jsonl").write_text(
-        "".join(f"{json.dumps(one)}\n" for one in journal()[:-1])
-    )
+    rewrite(journal()[:-1])
     assert "seed was 0 and is 1 now" in run(f"{command} --resume --seed 1")[2]
     wet = command.replace("dry", "3.5")
     assert "was 'dry' and is '3.5' now" in run(f"{wet} --resume")[2]
@@ -1417,8 +1410,7 @@ def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monke
     assert [row["kind"] for row in content["findings"]] == ["pit"]
     whys = {row["kind"]: row["why"] for row in content["unconfirmed"]}
     assert whys["crack"].endswith("and no echo of its depth: no floor echo")
-    lines = Path("found/journal.jsonl").read_text().splitlines(keepends=True)
-    Path("found/journal.jsonl").write_text("".join(lines[:-1]))
+    rewrite(journal()[:-1])
     probed.clear()
     assert run(f"{command} --resume")[0] == 0
     again = json.loads(Path("found/findings.json").read_text())
@@ -1438,12 +1430,12 @@ def test_a_journal_with_an_impossible_scan_is_refused(run, probed, monkeypatch):
         ({"trace": "AAA"}, "is not the whole line of a scan"),
     ):
         lines[number]["bursts"][0] = burst | change
-        Path("found/journal.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+        rewrite(lines)
         status, _, error = run(f"{command} --resume")
         assert status == 2
         assert f"line {number + 1} of found/journal.jsonl {words}" in " ".join(error.split())
     lines[number]["bursts"] = [burst, burst]
-    Path("found/journal.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+    rewrite(lines)
     assert "repeats the burst of line" in run(f"{command} --resume")[2]
 
 
@@ -1483,11 +1475,10 @@ def test_the_line_of_a_view_with_an_impossible_value_is_refused(
     lines = journal()[:-1]
     number = next(n for n, line in enumerate(lines) if line.get("probed"))
     lines[number] = changed(lines[number], names, value)
-    file = Path("found/journal.jsonl")
-    file.write_text("".join(f"{json.dumps(one)}\n" for one in lines))
+    rewrite(lines)
     status, _, error = run(f"{command} --resume")
     assert status == 2
-    assert f"line {number + 1} of {file} {words}" in " ".join(error.split())
+    assert f"line {number + 1} of found/journal.jsonl {words}" in " ".join(error.split())
     assert "delete this line and all lines after it" in " ".join(error.split())
 
 
@@ -1530,12 +1521,9 @@ def test_an_inspection_refuses_advances_without_a_catheter(run, inspected):
     assert "--advances is 5,5; give each place once" in run(f"{INSPECT} --advances 5,5")[2]
 
 
+@pytest.mark.usefixtures("targets")
 def test_a_camera_is_named_only_by_commands_that_read_angles_from_one(run, monkeypatch):
     monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", Still)
-    control = head_control("observer", (made_up(), made_up()))
-    monkeypatch.setattr(HeadFile, "control", lambda self, **_: control)
-    save_head(HeadFile(serial="H-07"), "head.json")
-    Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
     _, _, error = run("head drive angles.csv --head head.json --actuator twin:ipmc")
     assert "a camera gives, name it with --camera" in error
     _, _, error = run("head photograph --camera camera:0 --out new --actuator twin:ipmc")

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from minorloop.errors import ParameterError
 from minorloop_head.console.head_pose import (
     HeadPoseMap,
     HeadPoseState,
@@ -141,11 +140,3 @@ def test_heating_is_faster_than_cooling():
 def test_an_anchor_keeps_the_command_it_is_given(command):
     state = gaze(HOW, anchored(HeadPoseState(), command), looking(0.2, 0.2), TICK)
     assert state.command == command
-
-
-@pytest.mark.parametrize(
-    "options", [{"cone": 0}, {"cone": 0.9}, {"reach": -1}, {"calm": 0}, {"heating": math.nan}]
-)
-def test_what_makes_no_sense_is_refused(options):
-    with pytest.raises(ParameterError, match=next(iter(options))):
-        HeadPoseMap(**options)

@@ -92,7 +92,6 @@ def test_bad_frames_leave_the_focus_at_the_guess(spoil):
     assert lens.now == 9e-3
 
 
-@pytest.mark.parametrize("options", [{"guess": 1e-3}, {"tries": 3}, {"spread": 1.5}, {"wait": -1}])
-def test_options_out_of_range_are_refused(options):
+def test_a_guess_beyond_the_focus_is_refused():
     with pytest.raises(ParameterError):
-        autofocus(Lens(10e-3), CAMERA, MIDDLE, **{"guess": 9e-3, **options})
+        autofocus(Lens(10e-3), CAMERA, MIDDLE, 1e-3)

@@ -233,13 +233,28 @@ class Weak(Control):
         return np.clip(reference / 200.0, 0.0, 0.4), state
 
 
+CURRENTS = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+ANGLES = [Channel(axis, "deg") for axis in ("pan", "tilt")]
+
+
+def bench_of(devices, reading=None, angles=ANGLES, **options):
+    """A bench of wires, with lines if the devices have some, on the clock of the devices."""
+    options = {"tick": 0.04, "clock": devices, **options}
+    if hasattr(devices, "switch"):
+        options["lines"] = devices
+    return Bench(devices, reading or devices, CURRENTS, angles, **options)
+
+
+def on_bench(devices, plant=None, **options):
+    """A rig on devices, whose camera tells when the lights were switched."""
+    plant = plant or ActuatorPlant(bench_of(devices), devices)
+    tip = CameraTip(BenchTip(plant), devices, replace(CALIBRATION, latency=0.0))
+    return InspectionRig(plant, tip, Weak(), CALIBRATION, **options)
+
+
 def test_procedures_run_on_a_bench_with_a_camera():
-    devices, view = Devices(), replace(CALIBRATION, latency=0.0)
-    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
-    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
-    options = {"tick": 0.04, "lines": devices, "clock": devices}
-    plant = ActuatorPlant(Bench(devices, devices, currents, angles, **options), devices)
-    it = InspectionRig(plant, CameraTip(BenchTip(plant), devices, view), Weak(), view)
+    devices, view = Devices(), CALIBRATION
+    it = on_bench(devices)
     place = np.array([0.5, 20e-3])
     aim = view.camera_at((0.0, 0.0)).mount.aim(wall_point(*place, view.radius))
     assert it.run(Go(), Go().begin(angles=np.array(aim) + 0.015)).reached
@@ -254,16 +269,6 @@ def test_procedures_run_on_a_bench_with_a_camera():
     assert [frame.lights for frame in frames] == list(SEQUENCE)
     assert devices.lights == list(SEQUENCE)
     assert devices.time == pytest.approx(it.t, abs=0.05)  # each tick took its time, on their clock
-
-
-def on_bench(devices, **options):
-    """A rig on devices, whose camera tells when the lights were switched."""
-    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
-    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
-    how = {"tick": 0.04, "lines": devices, "clock": devices}
-    plant = ActuatorPlant(Bench(devices, devices, currents, angles, **how), devices)
-    tip = CameraTip(BenchTip(plant), devices, replace(CALIBRATION, latency=0.0))
-    return InspectionRig(plant, tip, Weak(), CALIBRATION, **options)
 
 
 class Loaded:
@@ -296,10 +301,7 @@ class Loaded:
 def test_on_a_loaded_machine_the_wires_are_where_control_expects_them():
     """Where each tick counted as 0.04 s, readings contradicted the model until a wire cooled."""
     devices = Loaded()
-    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
-    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
-    bench = Bench(devices, devices, currents, angles, tick=0.04, clock=devices)
-    plant = ActuatorPlant(bench, devices)
+    plant = ActuatorPlant(bench_of(devices), devices)
     it, go, faults = InspectionRig(plant, Tip(), control(), CALIBRATION), Go(turning=6.0), set()
     for turn in ((0.3, 0.2), (-0.3, 0.1), (0.1, -0.35)):
         it.run(go, go.begin(angles=turn), lambda _: faults.update(a.fault for a in it._state.axes))
@@ -373,10 +375,7 @@ def head_file(monkeypatch, tmp_path):
     """Devices behind an address, how often they were closed, and the file of their head."""
     devices, closed = Devices(), []
     monkeypatch.setattr(devices, "close", lambda: closed.append(True), raising=False)
-    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
-    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
-    options = {"tick": 0.04, "lines": devices, "clock": devices, "serial": "H-01"}
-    bench = Bench(devices, devices, currents, angles, **options)
+    bench = bench_of(devices, serial="H-01")
     monkeypatch.setattr(module, "connect", lambda address: bench)
     monkeypatch.setattr(module, "WallClock", lambda: devices)
     monkeypatch.setattr(module, "LiveCamera", lambda address, patience: devices)
@@ -395,16 +394,15 @@ def test_a_rig_at_addresses_moves_a_head_and_leaves_it_safe(head_file, monkeypat
         assert devices.angles.any()
     assert not devices.angles.any()
     assert closed == [True]
-    save_head(HeadFile(serial="H-02", calibration=CALIBRATION, calibrated=on), file, force=True)
-    with pytest.raises(ModelFileError, match="'H-02', and the head here is 'H-01'"):
-        rig_at("bench:head.toml", "camera:0", file).__enter__()
-    save_head(HeadFile(serial="H-01"), file, force=True)
-    with pytest.raises(ModelFileError, match="has no calibration of the camera"):
-        rig_at("bench:head.toml", "camera:0", file).__enter__()
-    view = replace(CALIBRATION, leds=np.zeros((1, 3)))
-    save_head(HeadFile(serial="H-01", calibration=view, calibrated=on), file, force=True)
-    with pytest.raises(ModelFileError, match="has 1 LED, and acquisitions switch 3"):
-        rig_at("bench:head.toml", "camera:0", file).__enter__()
+    dark = replace(CALIBRATION, leds=np.zeros((1, 3)))
+    for serial, known, said in (
+        ("H-02", {"calibration": CALIBRATION, "calibrated": on}, "'H-02', and the head here is"),
+        ("H-01", {}, "has no calibration of the camera"),
+        ("H-01", {"calibration": dark, "calibrated": on}, "has 1 LED, and acquisitions switch 3"),
+    ):
+        save_head(HeadFile(serial=serial, **known), file, force=True)
+        with pytest.raises(ModelFileError, match=said):
+            rig_at("bench:head.toml", "camera:0", file).__enter__()
 
 
 def test_a_camera_whose_exposure_cannot_be_set_is_named_at_the_start(head_file, monkeypatch):
@@ -458,16 +456,12 @@ class SeenWires:
 
 
 def test_a_head_without_sensors_goes_by_the_pictures_under_all_lights(monkeypatch):
-    devices = Devices()
-    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
-    how = {"tick": 0.04, "lines": devices, "clock": devices}
-    nothing = SimpleNamespace(read=lambda: np.zeros(0))
-    plant = ActuatorPlant(Bench(devices, nothing, currents, [], **how), devices)
+    devices, nothing = Devices(), SimpleNamespace(read=lambda: np.zeros(0))
+    plant = ActuatorPlant(bench_of(devices, nothing, []), devices)
     assert not plant.sensors
     assert np.isnan(plant.exchange(np.zeros(4))[:2]).all()
-    seen, view = SeenWires(devices), replace(CALIBRATION, latency=0.0)
-    control = Weak()
-    it = InspectionRig(plant, CameraTip(BenchTip(plant), devices, view), control, view, seen=seen)
+    seen = SeenWires(devices)
+    it = on_bench(devices, plant, seen=seen)
     it.begin()
     assert seen.cold == [True] * 4
     assert not devices.angles.any()

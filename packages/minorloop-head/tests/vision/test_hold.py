@@ -126,8 +126,6 @@ def test_what_is_far_is_not_integrated():
     [
         ({"integral_gain": 2.4}, r"give 0 to below 2.31 1/s, or the loop would ring"),
         ({"integral_gain": -1.0}, "integral_gain is -1.0 1/s"),
-        ({"near": 0.0}, "near is 0.0 rad"),
-        ({"slip": np.nan}, "slip is nan"),
     ],
 )
 def test_gains_and_bounds_out_of_range_are_refused(options, complaint):
@@ -141,9 +139,3 @@ def test_a_lost_point_is_waited_for_where_it_was():
         step, state = HOLD.step(state, None, AIM)
     np.testing.assert_allclose(step.angles, AIM, atol=1e-9)
     assert step.verdict == "no target"
-
-
-@pytest.mark.parametrize("option", [{"lead": -1.0}, {"share": 0.0}, {"patience": 99.0}])
-def test_numbers_out_of_range_are_refused(option):
-    with pytest.raises(ParameterError, match="give"):
-        PointHold(servo=HOLD.servo, **option)

@@ -1,7 +1,5 @@
 """Turning the head until a point is where it is wanted."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -49,26 +47,6 @@ def test_the_error_decays_at_the_gain(place, a, b):
     assert (np.diff(errors) < 1e-9).all()
 
 
-def test_the_integral_takes_away_what_a_steady_disturbance_leaves():
-    place, wind = (0.4, 25e-3), np.array([0.02, -0.01])
-
-    def left(integral_gain):
-        servo = Servo(CAMERA, gain=1.0, integral_gain=integral_gain, **FAST)
-        angles = aim_near(place, (0.0, 0.0))
-        state, error = servo.begin(angles), np.inf
-        for _ in range(600):
-            pixel = CAMERA.pixel(np.array(place), *angles)
-            step, state = servo.step(state, pixel, angles)
-            # Something turns the head on all the time.
-            angles = step.angles + wind * servo.interval
-            state = dataclasses.replace(state, angles=angles)
-            error = np.hypot(*(pixel - MIDDLE))
-        return error
-
-    assert left(0.0) > 5
-    assert left(0.25) < 0.05
-
-
 @given(
     angles=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
     pixel=st.tuples(st.floats(0, 639), st.floats(0, 479)),
@@ -88,16 +66,8 @@ def test_the_cone_keeps_the_direction():
     assert_allclose(Cone(0.5).clip((0.1, 0.2)), [0.1, 0.2])
 
 
-def test_the_integral_stops_at_a_limit():
-    servo = Servo(CAMERA, integral_gain=0.1, cone=Cone(0.2))
-    state = servo.begin((0.2, 0.0))
-    step, after = servo.step(state, (639.0, 240.0))
-    assert step.verdict == "at the cone"
-    assert_allclose(after.integral, 0)
-
-
 def test_a_point_that_is_lost_leaves_the_head_where_it_is():
-    servo = Servo(CAMERA, integral_gain=0.1)
+    servo = Servo(CAMERA)
     _, state = servo.step(servo.begin((0.1, 0.2)), (400.0, 240.0))
     for lost in (None, (np.nan, 3.0)):
         step, after = servo.step(state, lost)
@@ -122,21 +92,11 @@ def test_a_quarter_turn_of_tilt_is_singular():
     assert_allclose(step.rates, 0)
 
 
-def test_the_wanted_angles_do_not_run_away_from_a_slow_head():
-    servo = Servo(CAMERA, gain=2.0, lead=0.02, rate_limit=10.0)
-    measured = np.array([0.4, 0.1])
-    state = servo.begin(measured)
-    for _ in range(50):
-        step, state = servo.step(state, (500.0, 300.0), measured)
-    assert np.hypot(*(step.angles - measured)) <= 0.02 + 1e-9
-
-
 @pytest.mark.parametrize(
     "options",
     [
         {"gain": 0.0},
         {"gain": np.nan},
-        {"integral_gain": -1.0},
         {"interval": 0.0},
         {"gain": 2.0, "delay": 0.3},
         {"rate_limit": 0.0},
@@ -164,19 +124,10 @@ def test_a_servo_does_not_begin_at_unknown_angles(angles):
         Servo(CAMERA).begin(angles)
 
 
-@pytest.mark.parametrize(
-    "broken",
-    [
-        {"pixel": (320.0, 240.0, 1.0)},
-        {"pixel": (320.0,)},
-        {"pixel": "here"},
-        {"wanted": (np.nan, 0.0)},
-        {"wanted": None},
-    ],
-)
-def test_what_is_no_pair_of_numbers_is_no_target(broken):
+@pytest.mark.parametrize("pixel", [(320.0, 240.0, 1.0), (320.0,), "here"])
+def test_what_is_no_pair_of_numbers_is_no_target(pixel):
     servo = Servo(CAMERA)
-    step, after = servo.step(servo.begin((0.1, 0.2)), **({"pixel": (400.0, 240.0)} | broken))
+    step, after = servo.step(servo.begin((0.1, 0.2)), pixel)
     assert step.verdict == "no target"
     assert np.isfinite(step.angles).all()
     assert np.isfinite(after.angles).all()

@@ -12,8 +12,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
-from minorloop.arrays import as_finite
-from minorloop.errors import ParameterError
 from minorloop_head.console.messages import Pair
 from minorloop_head.geometry import REACH, wrapped
 
@@ -21,8 +19,6 @@ Quaternion: TypeAlias = tuple[float, float, float, float]
 
 _STEEPEST = 0.1
 """Cosine of the pitch below which the yaw is undefined in practice."""
-_WIDEST = math.radians(45.0)
-"""Largest half-angle of the cone."""
 _LEAST_NORM, _MOST_NORM = 0.5, 1.5
 """Lengths of a quaternion that is accepted as a pose."""
 
@@ -34,7 +30,7 @@ class HeadPoseMap:
     Parameters
     ----------
     cone : float
-        Half-angle of the cone of visibility in radians, above 0 and up to an eighth of a turn.
+        Half-angle of the cone of visibility in radians.
     reach : float
         Turn of the operator's head that corresponds to the edge of the cone, in radians.
     dead_band : float
@@ -45,11 +41,6 @@ class HeadPoseMap:
         Fastest rise and fall of a command that the wires can follow, in rad/s.
     timeout : float
         Age of a pose in seconds beyond which it counts as lost.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
     """
 
     cone: float = REACH
@@ -60,16 +51,6 @@ class HeadPoseMap:
     heating: float = math.radians(12.0)
     cooling: float = math.radians(8.0)
     timeout: float = 0.1
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if as_finite(name, value) < 0:
-                raise ParameterError(f"{name} is {value}; give a number of at least 0")
-        for name in ("cone", "reach", "calm", "heating", "cooling", "timeout"):
-            if getattr(self, name) == 0:
-                raise ParameterError(f"{name} is 0; give a positive number")
-        if self.cone > _WIDEST:
-            raise ParameterError(f"cone is {self.cone} rad; give at most {_WIDEST:.3f}")
 
     @property
     def scale(self) -> float:

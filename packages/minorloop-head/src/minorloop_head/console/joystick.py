@@ -10,9 +10,6 @@ import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from minorloop.arrays import as_finite
-from minorloop.errors import ParameterError
-
 Rates: TypeAlias = tuple[float, float]
 
 
@@ -33,11 +30,6 @@ class StickMap:
     timeout : float
         Age of a deflection in seconds beyond which the catheter stops.
 
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
-
     Notes
     -----
     The rates are such that the motors, with 40 mm/s^2 and 180 degrees/s^2, stop in 0.15 s.
@@ -50,15 +42,6 @@ class StickMap:
     advance_acceleration: float = 12e-3
     roll_acceleration: float = math.radians(60.0)
     timeout: float = 0.1
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if as_finite(name, value) < 0:
-                raise ParameterError(f"{name} is {value}; give a number of at least 0")
-        if self.dead_band >= 1:
-            raise ParameterError(f"dead_band is {self.dead_band}; give a share below 1")
-        if self.expo > 1:
-            raise ParameterError(f"expo is {self.expo}; give 0 to 1")
 
     def shaped(self, deflection: float) -> float:
         """Return the share of the full rate, -1 to 1, for a deflection from -1 to 1; 0 for NaN."""

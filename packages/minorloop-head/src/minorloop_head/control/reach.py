@@ -18,7 +18,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
-from minorloop_head.control.controller import Loop, within
+from minorloop_head.control.controller import Loop
 from minorloop_head.control.hypotheses import Bank, Hypotheses
 from minorloop_head.control.observer import Estimate
 from minorloop_head.heated_wire import HeatedWire
@@ -180,11 +180,6 @@ class ReachWatch(Loop):
         Seconds after which an unreachable target is tried again.
     interval, delay, highest
         As in `Loop`.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
     """
 
     wire: HeatedWire
@@ -193,14 +188,6 @@ class ReachWatch(Loop):
     tolerance: float = 1.0
     certainty: float = 0.995
     retry: float = 60.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        within("rise", self.rise, 1e-3, 1e6, "K/A^2")
-        within("cold_resistance", self.cold_resistance, 0.1, 10.0)
-        within("tolerance", self.tolerance, 1e-3, 180.0, "degrees")
-        within("certainty", self.certainty, 0.5, 1.0)
-        within("retry", self.retry, 1.0, 1e9, "s")
 
     def step(
         self,

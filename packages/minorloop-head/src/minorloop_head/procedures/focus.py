@@ -65,12 +65,6 @@ class Focusing(Procedure[FocusState]):
         Most sweeps, each about the best of the one before.
     nearest, farthest : float
         Limits of the focus, in metres.
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer than five tries, the spread is not between 0 and 1, or a wait is
-        negative.
     """
 
     lens: Pinhole
@@ -82,13 +76,6 @@ class Focusing(Procedure[FocusState]):
     sweeps: int = 3
     nearest: float = 4e-3
     farthest: float = 60e-3
-
-    def __post_init__(self) -> None:
-        if self.tries < LEAST_TRIES or not 0 < self.spread < 1 or min(self.wait, self.travel) < 0:
-            raise ParameterError(
-                f"a sweep of {self.tries} tries, spread {self.spread} and waits {self.wait} s and "
-                f"{self.travel} s; give {LEAST_TRIES} tries or more, a spread in (0, 1), waits >= 0"
-            )
 
     def begin(self, pixel: npt.ArrayLike, guess: float) -> FocusState:
         """Return the state of a camera that focuses on a pixel (2,) at about a distance in metres.

@@ -24,19 +24,14 @@ _DEEP = (200, 60, 30)
 """Colour of the deepest texel, in levels of red, green and blue: no source is red."""
 
 
-def vertices_of(wall: DepthMap, *, exaggeration: float = 1.0) -> FloatArray:
+def vertices_of(wall: DepthMap) -> FloatArray:
     """Return points (rows, columns, 3) of the wall in the pipe, in metres.
 
-    Parameters
-    ----------
-    wall : DepthMap
-        Texels of unknown depth lie on the cylinder; ``faces_of`` leaves them and holes out.
-    exaggeration : float
-        Factor of the depth.
+    Texels of unknown depth lie on the cylinder; ``faces_of`` leaves them and holes out.
     """
     places = wall.patch.places
     depth = np.where(np.isfinite(wall.depth), wall.depth, 0.0)
-    r = wall.patch.radius + exaggeration * depth
+    r = wall.patch.radius + depth
     return np.stack(
         [r * np.cos(places[..., 0]), r * np.sin(places[..., 0]), places[..., 1]], axis=-1
     )
@@ -66,19 +61,19 @@ def colours_of(wall: DepthMap) -> npt.NDArray[np.uint8]:
     return np.concatenate([mixed, opaque], axis=-1).astype(np.uint8)
 
 
-def mesh_of(wall: DepthMap, *, exaggeration: float = 1.0) -> Any:
+def mesh_of(wall: DepthMap) -> Any:
     """Return the wall as a ``trimesh.Trimesh`` with colours."""
     import trimesh
 
     return trimesh.Trimesh(
-        vertices=vertices_of(wall, exaggeration=exaggeration).reshape(-1, 3),
+        vertices=vertices_of(wall).reshape(-1, 3),
         faces=faces_of(wall),
         vertex_colors=colours_of(wall).reshape(-1, 4),
         process=False,
     )
 
 
-def save_mesh(wall: DepthMap, path: str | os.PathLike[str], *, exaggeration: float = 1.0) -> Path:
+def save_mesh(wall: DepthMap, path: str | os.PathLike[str]) -> Path:
     """Write the wall as PLY or glTF, by the suffix of the path, in metres.
 
     Parameters
@@ -87,8 +82,6 @@ def save_mesh(wall: DepthMap, path: str | os.PathLike[str], *, exaggeration: flo
         The depth map.
     path : path
         Ends in ``.ply``, ``.glb``, or ``.gltf`` (which carries its data inside).
-    exaggeration : float
-        Factor of the depth.
 
     Raises
     ------
@@ -101,7 +94,7 @@ def save_mesh(wall: DepthMap, path: str | os.PathLike[str], *, exaggeration: flo
     suffix = place.suffix.lower()
     if suffix not in SUFFIXES:
         raise ParameterError(f"cannot write {place.name}; give one of {', '.join(SUFFIXES)}")
-    mesh = mesh_of(wall, exaggeration=exaggeration)
+    mesh = mesh_of(wall)
     options = {"embed_buffers": True} if suffix == ".gltf" else {}
     written = mesh.export(file_type=suffix[1:], **options)
     data = written["model.gltf"] if isinstance(written, dict) else written

@@ -72,7 +72,7 @@ class PointHold:
     Raises
     ------
     ParameterError
-        If a number is out of its range, or integral gain times delay is not below 0.9.
+        If integral gain times delay is not below 0.9.
 
     Notes
     -----
@@ -96,15 +96,6 @@ class PointHold:
     patience: float = 0.4
 
     def __post_init__(self) -> None:
-        for name, most in (("share", 1.0), ("slope_share", 1.0)):
-            if not 0 < as_finite(name, getattr(self, name)) <= most:
-                raise ParameterError(f"{name} is {getattr(self, name)}; give more than 0, up to 1")
-        for name in ("lead", "patience"):
-            if not 0 <= as_finite(name, getattr(self, name)) <= 10:
-                raise ParameterError(f"{name} is {getattr(self, name)} s; give 0 to 10 s")
-        for name in ("near", "slip"):
-            if not 0 < as_finite(name, getattr(self, name)) <= math.pi:
-                raise ParameterError(f"{name} is {getattr(self, name)} rad; give (0, pi] rad")
         most = _STABLE / (self.lead + self.servo.interval)
         if not 0 <= as_finite("integral_gain", self.integral_gain) < most:
             raise ParameterError(
@@ -136,7 +127,7 @@ class PointHold:
         if np.isfinite(seen).all() and np.isfinite(measured).all():
             point = self.servo.camera.lens.normalised(seen)
             pixels = float(self.servo.camera.lens.focal * np.hypot(*point))
-            error = self.servo.angular_error(point, point, measured)
+            error = self.servo.angular_error(point, measured)
             verdict = SINGULAR if error is None else TURNING
         new = self._waited(state) if error is None else self._seen(state, error, measured)
         wanted = new.angles + self.lead * new.rates + self.correction(new.integral, error)

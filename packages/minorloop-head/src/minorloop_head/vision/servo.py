@@ -1,4 +1,4 @@
-"""Turn the head until a point of the wall is at a wanted place in the image.
+"""Turn the head until a point of the wall is in the middle of the image.
 
 A servo is frozen configuration; each step takes a state and returns the next one::
 
@@ -12,7 +12,7 @@ A servo is frozen configuration; each step takes a state and returns the next on
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -66,12 +66,9 @@ class ServoState:
     ----------
     angles : (2,) array
         Last wanted pan and tilt, in radians.
-    integral : (2,) array
-        Integral of the angular error, in radian seconds.
     """
 
     angles: FloatArray
-    integral: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +82,7 @@ class ServoStep:
     rates : (2,) array
         Their rates, in radians per second.
     error : float
-        Distance of the point from its wanted place, in pixels; NaN without a point.
+        Distance of the point from the middle, in pixels; NaN without a point.
     verdict : str
         ``turning``, ``at the cone``, ``at the rate limit``, ``no target`` or ``singular``.
     """
@@ -98,7 +95,7 @@ class ServoStep:
 
 @dataclass(frozen=True, eq=False)
 class Servo:
-    """Control law: rates = -gain e - integral_gain (integral of e dt), e = J^-1 (s - wanted).
+    """Control law: rates = -gain e, e = J^-1 s, with the place s of the point from the middle.
 
     Parameters
     ----------
@@ -106,8 +103,6 @@ class Servo:
         Gives the depth of the wall and the lever of the lens.
     gain : float
         Rate at which the error decays, in 1/s.
-    integral_gain : float
-        In 1/s^2. The integral stops while a limit is active.
     interval : float
         Time between steps, in seconds.
     delay : float
@@ -117,8 +112,6 @@ class Servo:
         Where the head may look.
     rate_limit : float
         Fastest change of the wanted direction, in radians per second.
-    lead : float
-        Largest distance of wanted from measured angles, in radians, for a head that is slow.
     soft : float
         Distance in pixels below which the gain falls in proportion; 0 keeps it constant.
 
@@ -130,27 +123,23 @@ class Servo:
     Notes
     -----
     e is the angular error of the head; the law is that of Chaumette and Hutchinson, Visual servo
-    control I, 2006, equation (5), plus an integral term with the sign of the proportional one. The
-    wanted angles are an integral of the rates already, so that a second one overshoots on the way
-    to a point; it is for a head that drifts all the time. `PointHold` has the integral of the
-    angles.
+    control I, 2006, equation (5). The wanted angles are an integral of the rates already, so that
+    an integral of the error would overshoot on the way to a point; `PointHold` has one.
     """
 
     camera: CalibratedCamera
     gain: float = 0.5
-    integral_gain: float = 0.0
     interval: float = 0.04
     delay: float = 0.0
     cone: Cone = Cone()
     rate_limit: float = math.radians(20)
-    lead: float = math.inf
     soft: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("gain", "interval", "rate_limit", "lead"):
+        for name in ("gain", "interval", "rate_limit"):
             if not getattr(self, name) > 0:
                 raise ParameterError(f"{name} of the servo is {getattr(self, name)}; give > 0")
-        for name in ("integral_gain", "delay", "soft"):
+        for name in ("delay", "soft"):
             if not as_finite(name, getattr(self, name)) >= 0:
                 raise ParameterError(f"{name} of the servo is {getattr(self, name)}; give >= 0")
         if not self.gain * (self.delay + self.interval) < 0.5:
@@ -172,15 +161,13 @@ class Servo:
             raise ParameterError(
                 f"a servo cannot begin at {angles!r}; give pan and tilt, two finite numbers in rad"
             )
-        return ServoState(self.cone.clip(start), np.zeros(2))
+        return ServoState(self.cone.clip(start))
 
     def step(
         self,
         state: ServoState,
         pixel: npt.ArrayLike | None,
         angles: npt.ArrayLike | None = None,
-        *,
-        wanted: npt.ArrayLike = (0.0, 0.0),
     ) -> tuple[ServoStep, ServoState]:
         """Return the next angles and state; a lost point gives a verdict, not an error.
 
@@ -191,27 +178,23 @@ class Servo:
             Place of the point in the image; None, NaN or anything but a pair while it is lost.
         angles : (2,) array_like, optional
             Measured pan and tilt, in radians; without them, the last wanted ones.
-        wanted : (2,) array_like
-            Wanted place of the point, in normalised coordinates; anything but a pair of numbers
-            is no target.
         """
-        seen, goal = _pair(pixel), _pair(wanted)
-        measured = _pair(angles)
+        seen, measured = _pair(pixel), _pair(angles)
         present = np.where(np.isfinite(measured), measured, state.angles)
-        if not (np.isfinite(seen).all() and np.isfinite(goal).all()):
+        if not np.isfinite(seen).all():
             return ServoStep(state.angles, np.zeros(2), math.nan, NO_TARGET), state
         point = self.camera.lens.normalised(seen)
-        off = point - goal
-        pixels = float(self.camera.lens.focal * np.hypot(*off))
-        error = self.angular_error(point, off, present)
+        pixels = float(self.camera.lens.focal * np.hypot(*point))
+        error = self.angular_error(point, present)
         if error is None:
             return ServoStep(state.angles, np.zeros(2), pixels, SINGULAR), state
-        return self._turn(state, error, present if angles is not None else None, pixels)
+        return self._turn(state, error, pixels)
 
-    def angular_error(
-        self, point: FloatArray, off: FloatArray, angles: FloatArray
-    ) -> FloatArray | None:
-        """Return an error in the image as pan and tilt; None where the Jacobian is singular."""
+    def angular_error(self, point: FloatArray, angles: FloatArray) -> FloatArray | None:
+        """Return where a point is as pan and tilt; None where the Jacobian is singular.
+
+        It is (2,) in normalised coordinates, at angles (2,) in radians.
+        """
         pan, tilt = float(angles[0]), float(angles[1])
         try:
             depth = wall_depth(self.camera, point, pan, tilt)
@@ -221,19 +204,13 @@ class Servo:
         jacobian = pan_tilt_jacobian(
             point, tilt, lever=mount.lever, depth=depth, camera=mount.camera
         )
-        return rates_for(jacobian, off)
+        return rates_for(jacobian, point)
 
     def _turn(
-        self, state: ServoState, error: FloatArray, measured: FloatArray | None, pixels: float
+        self, state: ServoState, error: FloatArray, pixels: float
     ) -> tuple[ServoStep, ServoState]:
-        integral = state.integral + self.interval * error
         gain = self.gain * (min(pixels / self.soft, 1.0) if self.soft > 0 else 1.0)
-        rates = -gain * error - self.integral_gain * integral
-        aimed, verdict = state.angles + self.interval * rates, TURNING
-        if measured is not None and math.isfinite(self.lead):
-            near = measured + shortened(aimed - measured, self.lead)
-            verdict = AT_RATE if (near != aimed).any() else verdict
-            aimed = near
+        aimed, verdict = state.angles + self.interval * (-gain * error), TURNING
         inside = self.cone.clip(aimed)
         if np.abs(inside - aimed).max() > 1e-12:
             verdict = AT_CONE
@@ -242,8 +219,7 @@ class Servo:
         if verdict == TURNING and (move != inside - state.angles).any():
             verdict = AT_RATE
         step = ServoStep(state.angles + move, move / self.interval, pixels, verdict)
-        after = replace(state, angles=step.angles)
-        return step, replace(after, integral=integral) if verdict == TURNING else after
+        return step, ServoState(step.angles)
 
 
 def _pair(values: npt.ArrayLike | None) -> FloatArray:
