@@ -20,9 +20,8 @@ from benchmarks.judge import sound
 from minorloop.lab.actuator import Shot
 from minorloop_head.geometry import Mount, Probe
 from minorloop_head.ultrasound.echoes import average
-from minorloop_head.ultrasound.field import CalibratedProbe
+from minorloop_head.ultrasound.field import CalibratedProbe, sound_speed
 from minorloop_head.ultrasound.pits import PitDepth, measure_pit, raster
-from minorloop_head.ultrasound.water import sound_speed
 
 RADIUS = 10e-3
 DEPTHS, DIAMETERS = (0.3e-3, 0.5e-3, 0.75e-3, 0.99e-3), (0.6e-3, 0.9e-3, 1.2e-3, 1.5e-3)

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
+import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError
+from minorloop.errors import OutputError, ParameterError
 
 if TYPE_CHECKING:
+    from minorloop.arrays import FloatArray
+    from minorloop.lab.actuator import Actuator
     from minorloop_head.procedures.head_file import HeadFile
     from minorloop_head.vision.measured import Measured
 
 _MM = 1e-3
 _PATIENCE = 3.0
 """Seconds that a camera may take for a picture."""
+_LAST = 5
+"""Readings at the end of a hold whose mean is the angle."""
 
 
 def photograph(
@@ -43,7 +50,6 @@ def photograph(
 ) -> None:
     """Take pictures for head calibrate, by hand or at several angles of the joints."""
     from minorloop.files import new_folder
-    from minorloop_head.cli import _photographs
     from minorloop_head.procedures.identify import check_head
     from minorloop_head.vision.video import LiveCamera, check_camera
 
@@ -71,14 +77,14 @@ def photograph(
                     )
                 live.expose(1e-3 * exposure)
             if actuator is None:
-                for name in _photographs.by_hand(count, every):
-                    _photographs.keep(live, folder / f"{name}.png")
+                for name in _by_hand(count, every):
+                    _keep(live, folder / f"{name}.png")
                     taken += 1
             else:
                 with _common.connected(actuator) as plant, _common.working("turning") as now:
                     check_head(plant)
-                    for name, (pan, tilt) in _photographs.at_angles(plant, highest, steps, hold):
-                        _photographs.keep(live, folder / f"{name}.png")
+                    for name, (pan, tilt) in _at_angles(plant, highest, steps, hold):
+                        _keep(live, folder / f"{name}.png")
                         taken += 1
                         now(f"picture {taken} of {steps**2}: pan {pan:.1f}, tilt {tilt:.1f} deg")
         finally:
@@ -274,3 +280,35 @@ def _check_calibration(
     for name, value, most in (("radius", radius, 1000.0), ("thickness", thickness, 100.0)):
         if value is not None and not 0.1 <= value <= most:
             raise ParameterError(f"--{name} is {value}; give 0.1 to {most:g} mm")
+
+
+def _at_angles(
+    plant: Actuator, highest: float, steps: int, hold: float
+) -> Iterator[tuple[str, FloatArray]]:
+    """Hold both currents at all pairs of levels; yield a name with the angles, and these in deg."""
+    import numpy as np
+
+    levels = np.linspace(0.0, highest, steps)
+    try:
+        for number, currents in enumerate(itertools.product(levels, levels)):
+            readings = np.asarray(plant.apply(np.array(currents), hold, hold / (2 * _LAST)).y)
+            pan, tilt = angles = readings[:, -_LAST:].mean(axis=1)
+            yield f"{number:02d}_pan{pan:.2f}_tilt{tilt:.2f}", angles
+    finally:
+        plant.safe()
+
+
+def _by_hand(count: int, every: float) -> Iterator[str]:
+    """Yield the names of pictures after equal times, in which the target is moved."""
+    for number in range(count):
+        typer.echo(f"picture {number + 1} of {count} in {every:g} s; hold the target", err=True)
+        time.sleep(every)
+        yield f"{number:02d}"
+
+
+def _keep(camera: Any, path: Path) -> None:
+    """Write the next picture of a camera to a PNG file."""
+    from minorloop_head.vision.imaging import opencv
+
+    if not opencv().imwrite(str(path), camera.frame().image):
+        raise OutputError(f"{path} cannot be written; check the disk")

@@ -13,7 +13,6 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import Mount, Probe, meet_wall
 from minorloop_head.ultrasound import _field_kernels as kernels
-from minorloop_head.ultrasound.water import sound_speed
 
 LOWEST, HIGHEST = 5e6, 15e6  # Hz, the band of a pulse of 10 MHz and 60 %, with its flanks
 RESOLUTION = 0.3125e6
@@ -211,3 +210,29 @@ def _sound_field(aperture: float, focus: float, speed: float, standoff: float) -
     )
     steps = np.array([off[1], along[0], along[1] - along[0]])
     return SoundField(table, steps, k, reach)
+
+
+def sound_speed(temperature: float) -> float:
+    """Return the speed of sound in pure water, in m/s.
+
+    Parameters
+    ----------
+    temperature : float
+        In degrees Celsius, from 0 to 95.
+
+    Raises
+    ------
+    ParameterError
+        If the temperature is out of that range.
+
+    References
+    ----------
+    Marczak, Water as a standard in the measurements of speed of sound in liquids,
+    J. Acoust. Soc. Am. 102, 2776, 1997, equation 1.
+    """
+    if not 0 <= as_finite("temperature of the water", temperature) <= 95:
+        raise ParameterError(
+            f"water at {temperature} degrees; give a temperature from 0 to 95 degrees Celsius"
+        )
+    terms = (2.787860e-9, -1.398845e-6, 3.287156e-4, -5.799136e-2, 5.038813, 1402.385)
+    return float(np.polyval(terms, temperature))

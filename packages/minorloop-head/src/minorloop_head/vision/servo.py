@@ -34,7 +34,7 @@ TURNING, AT_CONE, AT_RATE, NO_TARGET, SINGULAR = (
 
 @dataclass(frozen=True)
 class Cone:
-    """The directions in which the head may look: within ``half`` of (pan, tilt), in radians.
+    """The directions in which the head may look: within ``half`` of the middle, in radians.
 
     Raises
     ------
@@ -43,8 +43,6 @@ class Cone:
     """
 
     half: float = math.radians(30)
-    pan: float = 0.0
-    tilt: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 < as_finite("half angle of the cone", self.half) <= math.pi:
@@ -52,10 +50,8 @@ class Cone:
 
     def clip(self, angles: npt.ArrayLike) -> FloatArray:
         """Return (2,) angles, shortened to the edge of the cone if they are outside."""
-        middle = np.array([self.pan, self.tilt])
-        off = np.asarray(angles, dtype=np.float64) - middle
-        reach = float(np.hypot(*off))
-        return np.asarray(middle + off * min(1.0, self.half / max(reach, 1e-12)))
+        wanted = np.asarray(angles, dtype=np.float64)
+        return np.asarray(wanted * min(1.0, self.half / max(float(np.hypot(*wanted)), 1e-12)))
 
 
 @dataclass(frozen=True, eq=False)
