@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,15 +32,36 @@ _STEP = 0.01
 """Differences for derivatives, in standard deviations of what is known before."""
 
 
-_FOCAL, _CENTRE, _ANGLE, _LENGTH = 0.0017, 0.6, math.radians(0.17), 0.06e-3
-"""Standard deviations of a calibration, before its correction: of the focal length as a share, of
-the principal point in pixels of a picture 640 wide, of the angles of the mount and of the head at
-rest in radians, of the lever and of the pivot's place in metres. They are those of errors that are
-even within the bounds of ``head calibrate``: 0.3 %, 1 pixel, 0.3 degrees and 0.1 mm."""
+@dataclass(frozen=True, kw_only=True)
+class CameraDoubt:
+    """Standard deviations of a calibration, before its correction.
+
+    The defaults are those of errors that are even within the bounds of ``head calibrate``: 0.3 % of
+    the focal length, 1 pixel, 0.3 degrees and 0.1 mm.
+
+    Parameters
+    ----------
+    focal : float
+        Of the focal length, as a share.
+    centre : float
+        Of the principal point, in pixels of a picture 640 wide.
+    angle : float
+        Of the angles of the mount and of the head at rest, in radians.
+    length : float
+        Of the lever and of the pivot's place, in metres.
+    """
+
+    focal: float = 0.0017
+    centre: float = 0.6
+    angle: float = math.radians(0.17)
+    length: float = 0.06e-3
 
 
 def refined(
-    estimator: WallAngles, frames: Sequence[Frame], rest: FloatArray
+    estimator: WallAngles,
+    frames: Sequence[Frame],
+    rest: FloatArray,
+    doubt: CameraDoubt | None = None,
 ) -> tuple[CalibratedCamera, FloatArray]:
     """Return the camera and the angles (2,) at rest with which the pictures of a sweep agree best.
 
@@ -52,22 +73,25 @@ def refined(
         Pictures while the head turns, the first at rest.
     rest : (2,) array
         Pan and tilt of the line of sight at rest, in radians.
+    doubt : CameraDoubt, optional
 
     Raises
     ------
     SignalError
         If the pictures cannot be used, as `WallAngles.begin`, or fewer than ten show the angles.
     """
+    doubt = doubt or CameraDoubt()
     known = estimator.camera
-    change, start = np.zeros(len(_sds(known))), np.asarray(rest, dtype=np.float64)
+    change, start = np.zeros(len(_sds(doubt, known))), np.asarray(rest, dtype=np.float64)
     zero = start
     for _ in range(_ROUNDS):
-        at = replace(estimator, camera=_changed(known, change))
+        at = replace(estimator, camera=_changed(known, change, doubt))
         angles, pictures, state = _tracked(at, frames, zero)
-        some = angles[::_EVERY], pictures[::_EVERY]
-        more, turn = _adjusted(at, *some, state, change, zero - start)
+        more, turn = _adjusted(
+            at, angles[::_EVERY], pictures[::_EVERY], state, doubt, change, zero - start
+        )
         change, zero = change + more, zero + turn
-    return _changed(known, change), zero
+    return _changed(known, change, doubt), zero
 
 
 def _tracked(
@@ -94,6 +118,7 @@ def _adjusted(
     angles: FloatArray,
     pictures: list[Frame],
     state: WallState,
+    doubt: CameraDoubt,
     before: FloatArray,
     turned_before: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
@@ -106,12 +131,12 @@ def _adjusted(
     count = before.size
     views, number = np.unique(np.vstack([patches.origins, angles]), axis=0, return_inverse=True)
     origin, view = np.split(number.ravel(), [len(patches.origins)])
-    others = [_changed(camera, _STEP * unit) for unit in np.eye(count)]
+    others = [_changed(camera, _STEP * unit, doubt) for unit in np.eye(count)]
     moved = np.array([_seen_again(patches.places, patches.origins, camera, one) for one in others])
     turned = np.array(
         [
             _seen_again(patches.places, patches.origins, camera, camera, turn)
-            for turn in _STEP * _ANGLE * np.eye(2)
+            for turn in _STEP * doubt.angle * np.eye(2)
         ]
     )
     size = count + views.shape[0] * 2
@@ -119,8 +144,8 @@ def _adjusted(
     normal[:count, :count] = np.eye(count)
     right[:count] = -before
     fixed = slice(count + 2 * view[0], count + 2 * view[0] + 2)
-    normal[fixed, fixed] += np.eye(2) / _ANGLE**2
-    right[fixed] -= turned_before / _ANGLE**2
+    normal[fixed, fixed] += np.eye(2) / doubt.angle**2
+    right[fixed] -= turned_before / doubt.angle**2
     for k, frame in enumerate(pictures):
         chosen = estimator.pictures.in_view(patches, angles[k])
         some = patches.of(chosen)
@@ -151,7 +176,7 @@ def _adjusted(
             row[:, :count] = back @ by_camera[:, p].T / _STEP
             own_view, first = count + 2 * view[k], count + 2 * origin[chosen[p]]
             row[:, own_view : own_view + 2] += np.eye(2)
-            row[:, first : first + 2] += back @ by_turn[:, p].T / (_STEP * _ANGLE)
+            row[:, first : first + 2] += back @ by_turn[:, p].T / (_STEP * doubt.angle)
             normal += row.T @ weight @ row
             right += row.T @ weight @ votes[p]
     found = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
@@ -175,16 +200,16 @@ def _seen_again(
     return found
 
 
-def _sds(camera: CalibratedCamera) -> FloatArray:
+def _sds(doubt: CameraDoubt, camera: CalibratedCamera) -> FloatArray:
     """Standard deviations: focal length, u, v, lever, offset, squint, camera roll."""
-    pixels = _CENTRE * camera.lens.width / 640.0
-    lengths, angles = [_LENGTH] * 3, [_ANGLE] * 2
-    return np.array([camera.lens.focal * _FOCAL, pixels, pixels, *lengths, *angles])
+    pixels = doubt.centre * camera.lens.width / 640.0
+    lengths, angles = [doubt.length] * 3, [doubt.angle] * 2
+    return np.array([camera.lens.focal * doubt.focal, pixels, pixels, *lengths, *angles])
 
 
-def _changed(camera: CalibratedCamera, change: FloatArray) -> CalibratedCamera:
+def _changed(camera: CalibratedCamera, change: FloatArray, doubt: CameraDoubt) -> CalibratedCamera:
     """Return a camera after a change in standard deviations."""
-    focal, u, v, lever, x, y, squint, roll = (change * _sds(camera)).tolist()
+    focal, u, v, lever, x, y, squint, roll = (change * _sds(doubt, camera)).tolist()
     lens, mount = camera.lens, camera.mount
     return replace(
         camera,
