@@ -22,9 +22,6 @@ ELSEWHERE = {
     "minorloop/drawing/oscillator.py": "minorloop/identification/test_oscillator.py",
     "minorloop/errors.py": "minorloop/test_public_names.py",
     "minorloop/figures.py": "minorloop/drawing/test_operators.py",
-    "minorloop/identification/after_effect_result.py": (
-        "minorloop/identification/test_after_effect.py"
-    ),
     "minorloop/identification/band_model.py": "minorloop/test_scoring.py",
     "minorloop/identification/gram_rows.py": "minorloop/identification/test_design_matrix.py",
     "minorloop/identification/oscillator_result.py": "minorloop/identification/test_oscillator.py",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError, SignalError
-from minorloop.export._bounded import bounded
+from minorloop.export.python_control import bounded
 from minorloop.fleet.simulation import FleetState, simulate_fleet
 from minorloop.operators.memory import Memory
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.dynamics.cascade import Cascade, CascadeState
 from minorloop.errors import MissingExtraError, ParameterError
-from minorloop.export._bounded import bounded
 from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM, Memory, Start
 from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
@@ -245,3 +244,32 @@ def _rest(model: Preisach | PrandtlIshlinskii, x: FloatArray) -> float:
         memory = _memory_of(model, x)
         return float(model.step(memory, memory.u)[0])
     return float(model.weights @ x + model.offset)
+
+
+def bounded(model: Preisach, memory: Memory, room: int) -> Memory:
+    """Drop the smallest loops of a memory until it has fewer than ``room`` past extrema.
+
+    Parameters
+    ----------
+    model : Preisach
+        The operator; the smallest loop is that with the least sum of absolute weights.
+    memory : Memory
+        The memory.
+    room : int
+        One more than the number of extrema to keep, without the present input; at least 4.
+    """
+    extrema = list(memory.extrema)
+    if len(extrema) <= room:
+        return memory
+    size = Preisach(model.levels, np.abs(model.weights), diagonal=model.diagonal)
+    while len(extrema) > room:
+        values = np.array(extrema[:-1])
+        a, b, c, d = (values[k : values.size - 3 + k] for k in range(4))
+        loss = _weight(size, a, b) - _weight(size, b, c) + _weight(size, c, d) - _weight(size, a, d)
+        least = 1 + int(np.argmin(np.abs(loss)))
+        del extrema[least : least + 2]
+    return Memory(extrema)
+
+
+def _weight(size: Preisach, p: FloatArray, q: FloatArray) -> FloatArray:
+    return size.everett(np.maximum(p, q), np.minimum(p, q))

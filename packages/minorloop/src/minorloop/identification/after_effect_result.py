@@ -15,7 +15,6 @@ from minorloop.errors import counted
 from minorloop.figures import Drawn
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
-from minorloop.identification.long_intervals import isolated_long
 from minorloop.identification.model_error import NORMAL_PARTS
 from minorloop.identification.preparation import NOTHING, RecordAdvice
 from minorloop.operators import _after_effect_kernels as _kernels
@@ -32,10 +31,13 @@ _CHANGE = 0.01
 """Change of the input over its range that needs a row of its own in a gap of the times."""
 _CREEPS = 0.98
 """Ratio of the left-out errors with and without time above which time explains nothing."""
-
-
 _LIKELY = 0.1
 """Likelihood, over that of the best fit, from which a settling time is named."""
+_NEAR = 3
+"""Intervals on either side that an interval is compared with: of so many the median ignores one
+that is long too, and four slow rows in a row are a rate of their own."""
+_LONGER = 5.0
+"""Ratio to those on both sides from which an interval is a gap, as in the times of a log."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,3 +325,29 @@ def longest_hold(t: FloatArray, u: FloatArray, curves: Curves) -> float:
     begins = np.append(True, np.diff(u) != 0)
     begins[curves.begins] = True
     return float(np.add.reduceat(held(t, curves), np.flatnonzero(begins)).max())
+
+
+def isolated_long(steps: FloatArray) -> BoolArray:
+    """Return which intervals are far longer than those before and those after.
+
+    Where the rate of a record changes, intervals are as long as those on one side.
+
+    Parameters
+    ----------
+    steps : (N,) array
+        Intervals in seconds.
+
+    Returns
+    -------
+    (N,) array of bool
+    """
+    if steps.size < 2:
+        return np.zeros(steps.size, dtype=np.bool_)
+    nothing = np.full(_NEAR, np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view
+    near = windows(np.concatenate([nothing, steps, nothing]), _NEAR)
+    before, after = near[: steps.size].copy(), near[_NEAR + 1 :].copy()
+    # At an end of the record the intervals on the other side count.
+    before[0], after[-1] = after[0], before[-1]
+    usual = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
+    return np.asarray(steps > _LONGER * usual)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from minorloop.identification.long_intervals import isolated_long
+from minorloop.identification.after_effect_result import isolated_long
 
 
 def found(*parts):
