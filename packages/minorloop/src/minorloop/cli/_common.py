@@ -188,6 +188,13 @@ def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
     return found
 
 
+def refuse_given(options: Mapping[str, Any], why: str) -> None:
+    """Refuse options that are given; None is one that is not. The message says ``why``."""
+    for name, value in options.items():
+        if value is not None:
+            raise ParameterError(f"--{name.replace('_', '-')} {why}; leave it out")
+
+
 _json_missing = False
 """Whether a JSON object is expected on stdout and not yet there."""
 _beside: dict[str, Any] = {}

@@ -5,13 +5,13 @@ from __future__ import annotations
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
 from minorloop.cli import _common
 from minorloop.cli._run_progress import watching
-from minorloop.errors import InstrumentError, ParameterError
+from minorloop.errors import InstrumentError
 from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
@@ -74,13 +74,3 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
 def is_sines(setup: Setup) -> bool:
     """Whether the store of a run has sines."""
     return "sines" in (setup.design or {})
-
-
-def refuse_options(options: dict[str, Any]) -> None:
-    """Refuse options of runs of holds, where the plan has sines."""
-    for name, value in options.items():
-        if value is not None:
-            raise ParameterError(
-                f"--{name.replace('_', '-')} is for plans of holds, and this one has sines; leave "
-                "it out"
-            )

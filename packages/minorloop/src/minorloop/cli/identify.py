@@ -219,8 +219,7 @@ def run(
         raise ParameterError(
             "Missing argument 'file'; see minorloop identify --help, or give --from-loop HC BR BMAX"
         )
-    if field is not None:
-        raise ParameterError("--field is given without --from-loop; leave it out")
+    _common.refuse_given({"field": field}, "is given without --from-loop")
     _common.check_outputs([save, report], inputs=[file], force=force)
     data = TimedData(file, input, output, time, curves, rows)
     outputs = Outputs(save, report, force, as_json)
@@ -229,9 +228,7 @@ def run(
         found = {"period": period, "between": between or "band", "skip": skip}
         _oscillator.run(data, oscillator, found, outputs)
         return
-    for name, value in (("period", period), ("between", between)):
-        if value is not None:
-            raise ParameterError(f"--{name} is given without --oscillator; leave it out")
+    _common.refuse_given({"period": period, "between": between}, "is given without --oscillator")
     if creep != _common.NONE or rate:
         refuse_others(context, _after_effect.TAKEN, "--creep or --rate")
         timed = {

@@ -131,9 +131,7 @@ def run(
 def _check_options(pattern: str, given: dict[str, Any]) -> None:
     """Refuse options of another kind of plan, and sines without what they need."""
     others = ("low", "high", "levels") if pattern == _SINES else (*_OF_SINES, "tick")
-    for name in others:
-        if given[name] is not None:
-            raise ParameterError(f"--{name} is not for a plan of {pattern}; leave it out")
+    _common.refuse_given({name: given[name] for name in others}, f"is not for a plan of {pattern}")
     for name in ("frequencies", "amplitudes", "preamble") if pattern == _SINES else ():
         if given[name] is None:
             raise ParameterError(f"--{name} is missing; a plan of sines needs it")

@@ -12,7 +12,7 @@ import typer
 
 from minorloop.cli import _adaptive, _common, _conversion, _sines
 from minorloop.cli._run_progress import watching
-from minorloop.errors import InstrumentError, ParameterError
+from minorloop.errors import InstrumentError
 from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
@@ -129,7 +129,8 @@ def run(
     options = {name: given[name] for name in _ADAPTIVE}
     adaptive = plan == "adaptive"
     if not adaptive:
-        _refuse(options, plan)
+        why = f"is for --plan adaptive, not for a plan in a file ({plan})"
+        _common.refuse_given(options, why)
     settings: dict[str, Any] = {"tolerance": tolerance, "sample_interval": interval}
     if shortest is not None:
         settings["shortest"] = shortest
@@ -143,7 +144,8 @@ def run(
         given_to = {"noise": noise, **conversion.for_setup(channel.outputs[0])}
         setup = Setup(actuator, *names, specimen, seed, given_to)
         if not adaptive and is_sine_plan(plan):
-            _sines.refuse_options({**settings, "shortest": shortest})
+            why = "is for plans of holds, and this one has sines"
+            _common.refuse_given({**settings, "shortest": shortest}, why)
             _sines.begin(plant, plan, store, setup, as_json)
             return
         if adaptive:
@@ -268,16 +270,6 @@ def print_mode(mode: ResumeMode) -> None:
 def run_warnings(plant: Actuator, figures: dict[str, Any]) -> list[str]:
     """Return what the user of a finished run must know: of the bench, the holds and the meter."""
     return [*getattr(plant, "warnings", ()), *_unsettled(figures), *_slow(figures)]
-
-
-def _refuse(options: dict[str, Any], plan: str) -> None:
-    """Refuse options of adaptive runs, where the plan is a file."""
-    for name, value in options.items():
-        if value is not None:
-            raise ParameterError(
-                f"--{name.replace('_', '-')} is for --plan adaptive, not for a plan in a file "
-                f"({plan}); leave it out"
-            )
 
 
 def _unsettled(figures: dict[str, Any]) -> list[str]:
