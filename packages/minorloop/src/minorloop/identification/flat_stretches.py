@@ -32,7 +32,7 @@ _WIDTHS = np.array(
 _COARSE, _LONG_STEP = 35, 0.2
 """Inputs reached upwards below which hardly any lie just below a rail; and usual step, over the
 range of the input, from which the last one to a rail says nothing."""
-_FEWEST, _LEAST_PATH = 3, 0.1
+_FEWEST, _LEAST_PATH = 4, 0.1
 """Readings at a rail, of as many inputs where the record is not coarse, and the range of these
 inputs over that of all: below its threshold an actuator rests, at one or two inputs of a plan."""
 _HELD = 0.5
