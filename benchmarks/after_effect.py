@@ -18,7 +18,7 @@ from minorloop.arrays import FloatArray
 from minorloop.identification import identify_after_effect
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
-from papers.claims import medians
+from papers.harness import medians
 from papers.short_holds import SHORT, TARGETS, run_short_holds
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "forc"

@@ -8,13 +8,11 @@ from matplotlib.figure import Figure
 from minorloop.drawing.operators import draw_density
 from minorloop.positioning import Positioning, run_positioning
 from papers import benchmark, design, stage
-from papers.benchmark_report import draw_law
 from papers.catheter import head
 from papers.catheter.head_report import draw_steps
 from papers.catheter.head_static import identify_head
-from papers.claims import for_each, medians
 from papers.design_report import draw_curves
-from papers.stage_report import draw_errors
+from papers.harness import for_each, medians
 
 FOLDER = Path(__file__).parent.parent / "docs" / "figures"
 
@@ -61,6 +59,6 @@ if __name__ == "__main__":
     steps = head.run_steps(0, head.every_control(*identify_head(0)))
     draw_steps(steps).savefig(FOLDER / "head.png", dpi=100)
     runs_of_stage = list(for_each(figures_of_stage, 20, 0))
-    draw_errors(medians(runs_of_stage)).savefig(FOLDER / "stage.png", dpi=100)
-    draw_law(benchmark.run_study(0)).savefig(FOLDER / "benchmark.png", dpi=100)
+    stage.draw_errors(medians(runs_of_stage)).savefig(FOLDER / "stage.png", dpi=100)
+    benchmark.draw_law(benchmark.run_study(0)).savefig(FOLDER / "benchmark.png", dpi=100)
     draw_curves(runs).savefig(FOLDER / "design.png", dpi=100)

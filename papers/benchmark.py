@@ -8,7 +8,7 @@ but not its law; and the law of Bouc and Wen, but not its parameters, from a sta
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -21,10 +21,11 @@ from minorloop.identification.oscillator import identify_oscillator
 from minorloop.identification.oscillator_result import OscillatorIdentification
 from minorloop.operators.differential import BoucWen
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop.report import Table
 from minorloop.twins import bouc_wen as plant
-from papers.claims import Claim
+from papers.drawing import new_figure
+from papers.harness import Study, rms
 
-TITLE = "The Bouc-Wen benchmark: hysteresis inside a vibrating structure"
 SUBSTEPS = 5
 """Steps of the integration in an interval: 3,750 a second, a fourth of those of the twin."""
 OFF = 0.5
@@ -38,54 +39,34 @@ MODELS = {
     "unknown": "unknown law: free slopes",
     "grey": "law of Bouc and Wen",
 }
-
-CLAIMS = (
-    Claim("linear: multisine [m]", "linear.multisine", "1.6e-4 (linear)"),
-    Claim("linear: sweep [m]", "linear.sweep", "-"),
-    Claim("plays and cubic spring: multisine [m]", "plays.multisine", "4.5e-5 (dynoNet)"),
-    Claim("plays and cubic spring: sweep [m]", "plays.sweep", "-"),
-    Claim(
-        "unknown law: multisine [m]",
-        "unknown.multisine",
-        "1.87e-5, 1.21e-5 (PNLSS), 7.5e-6 (best)",
-        most=7e-6,
-    ),
-    Claim("unknown law: sweep [m]", "unknown.sweep", "-"),
-    Claim("unknown law: parameters", "unknown.parameters", "217 (PNLSS, 1.21e-5)", most=60),
-    Claim("unknown law: seconds", "unknown.seconds", "-"),
-    Claim("law known: multisine [m]", "grey.multisine", "-", most=2e-7),
-    Claim("law known: sweep [m]", "grey.sweep", "-", most=2.5e-6),
-    Claim("law known: seconds", "grey.seconds", "-", most=10),
-    Claim("law known: largest error of a parameter", "grey.worst_parameter", "-", percent=True),
-    Claim("law known, force held between samples: multisine [m]", "held.multisine", "-"),
-    Claim("output: multisine, rms [m]", "output.multisine", "6.7e-4"),
+PUBLISHED = (
+    ("linear", "1.6e-4", "-", "Noel and others, 2017"),
+    ("dynoNet, a network of linear filters", "4.5e-5", "-", "Forgione and Piga, 2021"),
+    ("polynomial state space, decoupled", "1.87e-5", "-", "Fakhrizadeh Esfahani and others, 2018"),
+    ("polynomial state space", "1.21e-5", "217", "Noel and others, 2017"),
+    ("best black box", "7.5e-6", "-", "table of the benchmark"),
 )
+"""Model, error on the multisine in m, parameters, and who published it."""
+_COLOURS = {"linear": "C3", "plays": "C1", "unknown": "C0", "grey": "C2"}
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A model with its errors on both tests.
-
-    Parameters
-    ----------
-    found : OscillatorIdentification
-        The model and its fit.
-    multisine, sweep : (T,) arrays
-        Simulated less true displacements in m.
-    seconds : float
-        Seconds of the identification.
-    """
+    """A model with its errors on both tests."""
 
     found: OscillatorIdentification
+    """The model and its fit."""
     multisine: FloatArray
     sweep: FloatArray
+    """Shape (T,). Simulated less true displacements in m."""
     seconds: float
+    """Seconds of the identification."""
 
     def figures(self) -> dict[str, float]:
         """Errors, and the number of parameters."""
         return {
-            "multisine": _rms(self.multisine),
-            "sweep": _rms(self.sweep),
+            "multisine": rms(self.multisine),
+            "sweep": rms(self.sweep),
             "training": self.found.error,
             "parameters": int(self.found.free.sum()),
             "seconds": self.seconds,
@@ -94,25 +75,17 @@ class Scored:
 
 @dataclass(frozen=True, eq=False)
 class BenchmarkStudy:
-    """The models of one training record.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the records.
-    test, sweep : BenchmarkRecord
-        The two tests.
-    models : dict of Scored
-        By the names in `MODELS`.
-    held : float
-        Error of the grey box in m on the multisine if its force is held between samples.
-    """
+    """The models of one training record."""
 
     seed: int
+    """Seed of the records."""
     test: plant.BenchmarkRecord
     sweep: plant.BenchmarkRecord
+    """The two tests."""
     models: dict[str, Scored]
+    """By the names in `MODELS`."""
     held: float
+    """Error of the grey box in m on the multisine if its force is held between samples."""
 
     def figures(self) -> dict[str, Any]:
         """Every number by the name under which it is printed."""
@@ -124,7 +97,7 @@ class BenchmarkStudy:
             **found,
             "grey": {**found["grey"], "worst_parameter": worst},
             "held": {"multisine": self.held},
-            "output": {"multisine": _rms(self.test.y), "sweep": _rms(self.sweep.y)},
+            "output": {"multisine": rms(self.test.y), "sweep": rms(self.sweep.y)},
         }
 
 
@@ -182,7 +155,7 @@ def run_study(seed: int) -> BenchmarkStudy:
     models["linear"] = scored(lambda: identified(still, nothing))
     models["plays"] = scored(lambda: identified(_plays(models["linear"].found.model, training.y)))
     models["grey"] = scored(lambda: identified(rough_start(seed)))
-    held = _rms(error(models["grey"].found.model, test, "held"))
+    held = rms(error(models["grey"].found.model, test, "held"))
     return BenchmarkStudy(seed, test, sweep, {name: models[name] for name in MODELS}, held)
 
 
@@ -213,5 +186,87 @@ def _plays(linear: Oscillator, y: FloatArray) -> Oscillator:
     return replace(linear, stiffness=springs, operator=PrandtlIshlinskii(radii, np.zeros(PLAYS)))
 
 
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
+def published_table(figures: Mapping[str, Any]) -> Table:
+    """Return our errors on the multisine and those of others, the largest first."""
+    ours = [
+        (words, f"{figures[name]['multisine']:.2g}", f"{figures[name]['parameters']:.0f}", "ours")
+        for name, words in MODELS.items()
+    ]
+    rows = sorted([*ours, *PUBLISHED], key=lambda row: -float(row[1]))
+    return Table(("model", "multisine, rms error [m]", "parameters", "source"), rows)
+
+
+def draw_spectra(study: BenchmarkStudy) -> Any:
+    """Draw the spectrum of the multisine response, and of the error of each model."""
+    figure, axes = new_figure(1, 1, height=4.0)
+    signals = {"displacement": study.test.y} | {
+        MODELS[name]: one.multisine for name, one in study.models.items()
+    }
+    colours = ["0.3", *(_COLOURS[name] for name in study.models)]
+    for (words, signal), colour in zip(signals.items(), colours, strict=True):
+        size = 2 * np.abs(np.fft.rfft(signal)) / signal.size
+        # Means over 32 lines: single lines of a random-phase multisine scatter.
+        rows = size[1:].reshape(-1, 32)
+        middle = (np.arange(len(rows)) + 0.5) * 32 * plant.RATE / signal.size
+        axes.semilogy(middle, np.sqrt(np.mean(rows**2, axis=1)), color=colour, lw=1.2, label=words)
+    axes.set(xlabel="frequency [Hz]", ylabel="amplitude [m]", xlim=(0, plant.RATE / 2))
+    axes.legend(frameon=False, fontsize=9)
+    return figure
+
+
+def draw_sweep(study: BenchmarkStudy) -> Any:
+    """Draw the largest errors of each model against the frequency of the sweep."""
+    figure, axes = new_figure(1, 1, height=3.6)
+    first, last, _, _ = plant.SWEEP
+    signals = [("displacement", study.sweep.y, "0.3")]
+    signals += [(MODELS[name], one.sweep, _COLOURS[name]) for name, one in study.models.items()]
+    for words, signal, colour in signals:
+        parts = np.array_split(np.abs(signal), 200)
+        frequency = np.linspace(first, last, len(parts))
+        axes.semilogy(frequency, [part.max() for part in parts], color=colour, lw=1.2, label=words)
+    axes.set(xlabel="frequency of the sweep [Hz]", ylabel="largest, absolute [m]")
+    axes.legend(frameon=False, fontsize=9)
+    return figure
+
+
+def draw_law(study: BenchmarkStudy) -> Any:
+    """Draw the free slopes with their uncertainty, and those of the plant."""
+    figure, axes = new_figure(1, 2, height=3.6, sharey=True)
+    found = study.models["unknown"].found
+    law = found.model.operator
+    first = found.parameters.size - 2 * law.levels.size
+    sd = np.split(found.sd[first:], 2)
+    _, _, _, alpha, gamma, delta, exponent = true_parameters()
+    z = np.linspace(law.levels[0], law.levels[-1], 400)
+    true = BoucWen(alpha, gamma, delta, exponent).slopes(z)
+    sides = (("rising", law.rising), ("falling", law.falling))
+    for axis, (name, values), one, both in zip(axes, sides, sd, true, strict=True):
+        axis.plot(z, both / 1e3, color="0.3", lw=1, label="plant")
+        axis.errorbar(
+            law.levels, values / 1e3, 2 * one / 1e3, fmt="o-", ms=3, lw=1, color="C0", label="found"
+        )
+        axis.set(title=f"displacement {name}", xlabel="hysteretic force [N]")
+        axis.legend(frameon=False, fontsize=9)
+    axes[0].set_ylabel("slope [N/mm]")
+    axes[0].set_ylim(0, 1.2 * max(float(both.max()) for both in true) / 1e3)
+    return figure
+
+
+def parameter_table(study: BenchmarkStudy) -> Table:
+    """Return the parameters that were found beside the true ones."""
+    found = study.models["grey"].found
+    rows = [
+        (name, f"{value:.6g}", f"{sd:.2g}", f"{true:g}")
+        for name, value, sd, true in zip(
+            found.names, found.parameters, found.sd, true_parameters(), strict=True
+        )
+    ]
+    return Table(("parameter", "found", "standard deviation", "plant"), rows)
+
+
+STUDY = Study(
+    "benchmark",
+    "The Bouc-Wen benchmark: hysteresis inside a vibrating structure",
+    run_study,
+    page=__name__,
+)

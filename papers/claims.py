@@ -1,58 +1,42 @@
-"""Claims of a paper beside the figures of a study: rows, tables, medians over specimens."""
+"""Claims of a paper beside the figures of a study: rows, verdicts, tables."""
 
 from __future__ import annotations
 
 import math
-import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from multiprocessing import active_children, get_context
-from typing import Any, TypeVar
-
-import numpy as np
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 from minorloop.report import Table
-from minorloop.threads import one_thread
 
-T = TypeVar("T")
+_FILE = Path(__file__).with_suffix(".md")
+"""All claims: a heading for each study or part, and a row for each claim."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One row: what a paper reports, what this project requires, and the figure of this run.
-
-    Parameters
-    ----------
-    what : str
-        The figure in words.
-    key : str
-        Name of the figure, with dots for nesting, such as ``steady.curves_nrmse``.
-    paper : str
-        What the paper reports.
-    least, most : float
-        Bounds of the figure; infinite where it is only reported.
-    percent : bool
-        Whether the figure is shown in percent.
-    count : str
-        Name of the figure with the size of the sample, which is shown beside this one.
-    enough : int
-        Least sample for a verdict.
-    bound : str
-        Whose the bound is, as it is shown: the paper's or ours.
-    """
+    """One row: what a paper reports, what this project requires, and the figure of this run."""
 
     what: str
+    """The figure in words."""
     key: str
+    """Name of the figure, with dots for nesting, such as ``steady.curves_nrmse``."""
     paper: str
+    """What the paper reports."""
     least: float = -math.inf
     most: float = math.inf
+    """Bounds of the figure; infinite where it is only reported."""
     percent: bool = False
+    """Whether the figure is shown in percent."""
     count: str = ""
+    """Name of the figure with the size of the sample, which is shown beside this one."""
     enough: int = 0
+    """Least sample for a verdict."""
     bound: str = "ours"
+    """Whose the bound is, as it is shown: the paper's or ours."""
 
     def row(self, figures: Mapping[str, Any]) -> tuple[str, str, str, str, str]:
         """Return the cells of the row: figure, paper, this run, required, verdict."""
@@ -99,6 +83,25 @@ class Claim:
         return f"{float(text):.0f}" if "e+" in text else text
 
 
+@cache
+def claims_of(name: str) -> tuple[Claim, ...]:
+    """Return the claims of a study or a part, in the order of the file."""
+    _, _, section = _FILE.read_text("utf-8").partition(f"\n## {name}\n")
+    return tuple(_claims(section.partition("\n## ")[0]))
+
+
+def _claims(section: str) -> Iterator[Claim]:
+    for line in section.splitlines()[3:]:
+        what, *cells = (part.strip() for part in line.strip("|").split("|"))
+        if part := re.fullmatch(r"all of (\w+)", what):
+            yield from claims_of(part[1])
+        elif cells:
+            key, paper, least, most, form, count, enough, bound = cells + [""] * (8 - len(cells))
+            bounds = float(least or -math.inf), float(most or math.inf)
+            few, whose = int(enough or 0), bound or "ours"
+            yield Claim(what, key, paper, *bounds, form == "%", count, few, whose)
+
+
 def cell(value: float, form: str) -> str:
     """Return a number as text in a format: ``none`` if it is NaN, ``not reached`` if infinite."""
     if math.isnan(value):
@@ -118,69 +121,3 @@ def claim_table(claims: Sequence[Claim], figures: Mapping[str, Any]) -> Table:
     """Return all rows as a table."""
     columns = ("", "the paper", "this run", "required", "verdict")
     return Table(columns, [claim.row(figures) for claim in claims])
-
-
-def specimens(runs: Sequence[Mapping[str, Any]]) -> str:
-    """Return the number of specimens in words."""
-    return f"{len(runs)} simulated specimen{'s' if len(runs) > 1 else ''}"
-
-
-def medians(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the median of each figure over specimens; the least if its key ends in ``_min``.
-
-    A truth value is true if it is true for any specimen. Of other values the first is taken.
-    """
-    return {key: _over(key, [run[key] for run in runs]) for key in runs[0]}
-
-
-def _over(key: str, values: Sequence[Any]) -> Any:
-    if isinstance(values[0], Mapping):
-        return medians(values)
-    if key.endswith("_min"):
-        return min(values)
-    if isinstance(values[0], bool):
-        return any(values)
-    if isinstance(values[0], int | float | np.number):
-        return float(np.median(values))
-    if isinstance(values[0], list | tuple | np.ndarray):
-        return np.median(np.array(values, dtype=np.float64), axis=0).tolist()
-    return values[0]
-
-
-def for_each(
-    work: Callable[[int], T], specimens: int, seed: int, *, ordered: bool = True
-) -> Iterator[T]:
-    """Yield ``work(seed)``, ``work(seed + 1)``, ...: on all cores, one process and one thread each.
-
-    Unless they are to be ``ordered``, results come as they are ready. The processes are ended at
-    once when the iterator is closed before its last result.
-    """
-    if specimens == 1:
-        yield _alone(work, seed)
-        return
-    with begun(work, specimens, seed, ordered=ordered) as results:
-        yield from results
-
-
-@contextmanager
-def begun(
-    work: Callable[[int], T], specimens: int, seed: int, *, ordered: bool = True
-) -> Iterator[Iterator[T]]:
-    """Begin the work of `for_each`, and give its results; what is not done at the end is ended."""
-    others = set(active_children())
-    # A terminal sends its interruption to all processes; the first one ends the others.
-    ignoring = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
-    with ProcessPoolExecutor(mp_context=get_context("spawn"), initializer=ignoring) as pool:
-        tasks: list[Future[T]] = []
-        try:
-            tasks += [pool.submit(_alone, work, each) for each in range(seed, seed + specimens)]
-            yield (task.result() for task in (tasks if ordered else as_completed(tasks)))
-        finally:
-            if not (tasks and all(task.done() for task in tasks)):
-                for child in set(active_children()) - others:
-                    child.terminate()
-
-
-def _alone(work: Callable[[int], T], seed: int) -> T:
-    with one_thread():
-        return work(seed)

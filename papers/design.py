@@ -23,9 +23,10 @@ from minorloop.identification.design import design, next_input
 from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
-from papers.claims import Claim, figure, medians
+from papers.claims import figure
+from papers.facts import identify_settled
+from papers.harness import medians, rms
 
-TITLE = "Fewer holds: prior, bands and the next best input"
 NOISE = 0.0053
 """Standard deviation of every measurement, over full scale."""
 BANDS, STAIRS = 20, 10
@@ -46,51 +47,6 @@ ROUGH_BANDS = 20
 
 Hold = Callable[[float], float]
 """Applies an input, waits, and returns the settled output."""
-
-
-def _claims() -> tuple[Claim, ...]:
-    rows = []
-    for twin, at_targets, unseen in (("ipmc", 0.0070, 0.0080), ("fibre", 0.0125, 0.0160)):
-        for words, key, most in (
-            ("12 adaptive holds, 14 targets: rms", "positioning_12", at_targets),
-            ("12 adaptive holds, unseen inputs: rms", "holdout_12", unseen),
-            ("56 holds of a staircase, targets: rms", "baseline_56", np.inf),
-        ):
-            rows.append(Claim(f"{twin}: {words}", f"{twin}.{key}", "-", most=most, percent=True))
-        rows += [
-            Claim(
-                f"{twin}: share of specimens on which 12 beat 56",
-                f"{twin}.beats_baseline_at_12",
-                "-",
-                least=0.9,
-            ),
-            Claim(
-                f"{twin}: 90 % bands cover, 16 to 28 holds",
-                f"{twin}.coverage_16_28",
-                "-",
-                least=0.85,
-                most=0.97,
-            ),
-            Claim(
-                f"{twin}: predicted over actual error",
-                f"{twin}.width_ratio",
-                "-",
-                least=0.6,
-                most=2.0,
-            ),
-        ]
-    return (
-        *rows,
-        Claim("rough planes: 28 adaptive holds, mean", "rough.mean_28", "-", percent=True),
-        Claim("rough planes: 28 of a staircase, mean", "rough.baseline_28_mean", "-", percent=True),
-        Claim("rough planes: 56 of a staircase, mean", "rough.baseline_56_mean", "-", percent=True),
-        Claim("share of rough planes on which 28 are better", "rough.better", "-", least=5 / 6),
-        Claim("seconds to choose an input", "seconds.choice", "-", most=0.1),
-        Claim("seconds to fit 56 holds", "seconds.fit_56", "-", most=2.0),
-    )
-
-
-CLAIMS = _claims()
 
 
 @dataclass(frozen=True)
@@ -239,16 +195,7 @@ class _Trial:
     def plain(self, u: FloatArray) -> Identification:
         """Return a fit to a staircase as in the papers: a uniform density in every cell."""
         grid = uniform_levels(self.plant.low, self.plant.high, STAIRS)
-        return identify(
-            u,
-            self.settled(u),
-            levels=grid,
-            smoothness=0.0,
-            prior="none",
-            diagonal="uniform",
-            slope=False,
-            lag=0,
-        )
+        return identify_settled(u, self.settled(u), levels=grid, prior="none", diagonal="uniform")
 
     def with_prior(self, grid: Levels, u: FloatArray) -> Identification:
         """Return a fit with the prior to inputs that were chosen beforehand."""
@@ -275,10 +222,10 @@ class _Trial:
         """Return the errors on unseen inputs and at the targets."""
         predicted = fit.model.simulate(np.append(self.plant.low, self.unseen))[1:]
         missed = predicted - self.unseen_outputs
-        holdout = float(np.sqrt(np.mean(missed**2)))
+        holdout = rms(missed)
         inputs = fit.model.invert(self.targets, unreachable="clip").u
         achieved = self.settled(np.append(self.plant.low, inputs), noise=0.0)[1:]
-        positioning = float(np.sqrt(np.mean((achieved - self.targets) ** 2)))
+        positioning = rms(achieved - self.targets)
         coverage = width = float("nan")
         if fit.posterior is not None:
             shown = self.predicted(fit)
@@ -292,17 +239,10 @@ class _Trial:
         return replace(whole, u=whole.u[1:], y=whole.y[1:], sd=whole.sd[1:]).without_noise()
 
     def _fit(self, grid: Levels, u: FloatArray, y: FloatArray) -> Identification:
-        noise = NOISE * self.scale
         return identify(
-            u,
-            y,
-            levels=grid,
-            prior="gaussian",
-            noise=noise,
-            diagonal="reversible",
-            slope=False,
-            lag=0,
-        )
+            u, y, levels=grid, prior="gaussian", noise=NOISE * self.scale, diagonal="reversible",
+            slope=False, lag=0,
+        )  # fmt: skip
 
 
 def _twin_figures(one: Comparison) -> dict[str, Any]:

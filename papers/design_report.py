@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from minorloop.report import Picture, Report
-from papers.claims import claim_table, specimens
-from papers.design import CLAIMS, METHODS, TITLE
-from papers.drawing import draw_specimens, new_figure
-
-if TYPE_CHECKING:
-    from papers.design import Comparison, DesignStudy
+from papers.design import METHODS, Comparison, gather, run_study
+from papers.drawing import new_figure
+from papers.harness import Study
 
 _LOOKS = {
     "staircase": ("decaying staircase, no prior", "C3", "s"),
@@ -22,61 +18,6 @@ _LOOKS = {
     "adaptive": ("chosen one by one, prior", "C0", "o"),
 }
 _NAMES = {"ipmc": "ionic polymer strip", "fibre": "polyaniline fibre"}
-
-
-def study_report(
-    study: DesignStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
-) -> Report:
-    """Return the page; see the other studies for the parameters."""
-    ipmc = figures["ipmc"]
-    report = Report(
-        TITLE,
-        f"Twelve chosen holds position the simulated strip within {ipmc['positioning_12']:.2%} of "
-        f"full scale rms, and 56 holds of a decaying staircase within {ipmc['baseline_56']:.2%}; "
-        f"{specimens(runs)}.",
-    )
-    report.add(
-        "What was found",
-        text=(
-            "Every method measures the same specimens with the same noise, 0.53 % of full scale. "
-            "Models are scored on 40 inputs and 14 targets that were not fitted, against the "
-            "output "
-            "without noise. The design uses no knowledge of the plant. The staircase is evaluated "
-            "as "
-            "in the papers, by constrained least squares with a uniform density in each of 55 "
-            "cells; "
-            "its first part has too few reversals to determine minor loops. Figures are medians "
-            "over "
-            "the specimens unless stated otherwise.",
-            "Rough planes are Preisach operators of clusters, or of independent cells. For them, "
-            "the prior that neighbouring weights are similar is wrong.",
-        ),
-        table=claim_table(CLAIMS, figures),
-        pictures=[
-            Picture(draw_curves(runs), "Error against holds, and the middle half of the specimens.")
-        ],
-    )
-    if len(runs) > 1:
-        report.add(
-            "Every specimen",
-            pictures=[
-                Picture(draw_specimens(_each(), runs, study.seed), "Points, and the median (bar).")
-            ],
-        )
-    for name, one in study.twins.items():
-        report.add(
-            f"Bands after twelve holds: the {_NAMES[name]}",
-            text=f"90 % bands on {one.truth.size} unseen inputs, of which "
-            f"{one.shown.covers(one.truth):.0%} are covered; and the chosen inputs.",
-            pictures=[Picture(draw_bands(one), "Predictions, the truth, and the chosen inputs.")],
-        )
-    return report
-
-
-def _each() -> list[Any]:
-    """Return the claims that hold for a single specimen."""
-    shared = ("beats_baseline_at_12", "mean_28", "baseline_56_mean", "better")
-    return [claim for claim in CLAIMS if claim.key.split(".")[-1] not in shared]
 
 
 def draw_curves(runs: Sequence[Mapping[str, Any]]) -> Any:
@@ -115,3 +56,12 @@ def draw_bands(one: Comparison) -> Any:
     right.axvline(12.5, color="0.5", lw=0.8, ls="--")
     right.set(xlabel="hold", ylabel="input chosen [V]")
     return figure
+
+
+STUDY = Study(
+    "design",
+    "Fewer holds: prior, bands and the next best input",
+    run_study,
+    gather,
+    page=__name__,
+)

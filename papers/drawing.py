@@ -9,42 +9,26 @@ import numpy as np
 
 from minorloop.drawing.layout import new_figure
 from minorloop.positioning_report import COLOURS, HOUR, MINUTE
-from minorloop.report import Picture
 from papers.claims import Claim, figure
 
-__all__ = ["COLOURS", "HOUR", "MINUTE", "draw_specimens", "every_specimen", "new_figure"]
+__all__ = ["COLOURS", "HOUR", "MINUTE", "every_specimen", "new_figure"]
 
 
-def every_specimen(
-    claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], first_seed: int
-) -> list[Picture]:
-    """Return `draw_specimens` for a report, if there is more than one specimen."""
-    if len(runs) == 1:
-        return []
-    said = f"Every specimen (points) and the median (bar), {len(runs)} in all."
-    return [Picture(draw_specimens(claims, runs, first_seed), said)]
-
-
-def draw_specimens(
-    claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], first_seed: int
-) -> Any:
-    """Draw every bounded figure of every specimen, relative to its bound.
+def every_specimen(claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], seed: int) -> Any:
+    """Draw every bounded figure of every specimen, relative to its bound; None of a single one.
 
     A figure with an upper bound is divided by the bound, one with a lower bound divides it: values
-    below 1 meet the bound.
+    below 1 meet the bound. What is gathered over all specimens only is left out.
     """
+    if len(runs) == 1:
+        return None
     from matplotlib.ticker import LogLocator
 
-    bounded = [
-        claim
-        for claim in claims
-        if (np.isfinite(claim.least) or (np.isfinite(claim.most) and claim.most > 0))
-        and not isinstance(figure(runs[0], claim.key), bool)
-    ]
+    rows = [(claim, _values(claim, runs)) for claim in claims]
+    bounded = [(claim, values) for claim, values in rows if values is not None]
     drawn, axes = new_figure(height=1.2 + 0.32 * len(bounded))
-    rng = np.random.default_rng(first_seed)
-    for row, claim in enumerate(bounded):
-        values = np.array([float(figure(run, claim.key)) for run in runs])
+    rng = np.random.default_rng(seed)
+    for row, (claim, values) in enumerate(bounded):
         with np.errstate(divide="ignore"):
             share = values / claim.most if np.isfinite(claim.most) else claim.least / values
         height = row + rng.uniform(-0.15, 0.15, share.size)
@@ -56,7 +40,18 @@ def draw_specimens(
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 300 * low else (1,)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter("")
-    axes.set_yticks(range(len(bounded)), [claim.what for claim in bounded], fontsize=8)
+    axes.set_yticks(range(len(bounded)), [claim.what for claim, _ in bounded], fontsize=8)
     axes.invert_yaxis()
     axes.set_xlabel("figure over its bound (left of the dashed line: met)")
     return drawn
+
+
+def _values(claim: Claim, runs: Sequence[Mapping[str, Any]]) -> Any:
+    """Return the figure (n,) of each specimen if it is a number with a bound, None otherwise."""
+    bounded = np.isfinite(claim.least) or (np.isfinite(claim.most) and claim.most > 0)
+    try:
+        values = [figure(run, claim.key) for run in runs]
+    except KeyError:
+        return None
+    numbers = not isinstance(values[0], bool)
+    return np.array(values, dtype=np.float64) if bounded and numbers else None

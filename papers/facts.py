@@ -13,35 +13,32 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray, uniform_levels
-from minorloop.identification import excitation
+from minorloop.identification import Identification, excitation, identify
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.settled_holds import hold_each
 
 
 @dataclass(frozen=True)
 class ProbeInputs:
-    """Inputs that show the properties of a twin, in its unit.
-
-    Parameters
-    ----------
-    low, high : float
-        Range of the staircases.
-    bands : int
-        Steps between them.
-    hold : float
-        Seconds at each level.
-    loop : tuple of float
-        Low and high end of a minor loop, which is reached from above and from below.
-    excursion : float
-        End of an excursion from ``high`` and back, which a Preisach operator forgets.
-    """
+    """Inputs that show the properties of a twin, in its unit."""
 
     low: float
     high: float
+    """Range of the staircases."""
     bands: int
+    """Steps between them."""
     hold: float
+    """Seconds at each level."""
     loop: tuple[float, float]
+    """Low and high end of a minor loop, which is reached from above and from below."""
     excursion: float
+    """End of an excursion from ``high`` and back, which a Preisach operator forgets."""
+
+
+def identify_settled(u: FloatArray, y: FloatArray, **options: Any) -> Identification:
+    """Identify an operator from settled points, as they are: no lag, no slope, by least squares."""
+    chosen = {"smoothness": 0.0, "diagonal": "reversible", **options}
+    return identify(u, y, slope=False, lag=0, **chosen)
 
 
 def twin_facts(make: Callable[[], Actuator], probes: ProbeInputs) -> dict[str, Any]:

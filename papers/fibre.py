@@ -24,7 +24,6 @@ from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import hold_each, settled_value
 from minorloop.operators.relays import RelayModel
 from minorloop.twins.fibre import Fibre
-from papers.claims import Claim
 from papers.facts import ProbeInputs, twin_facts
 from papers.fibre_steady import (
     HIGH,
@@ -37,7 +36,6 @@ from papers.fibre_steady import (
     run_steady,
 )
 
-TITLE = "Hysteresis and step response of a polyaniline fibre"
 PROBES = ProbeInputs(low=LOW, high=HIGH, bands=9, hold=HOLD, loop=(0.35, 0.45), excursion=0.35)
 STEPS = (0.40, 0.45, 0.50, 0.45)
 """Voltages of the step experiment in V: the paper's step, one to score it on, and one down."""
@@ -50,62 +48,6 @@ KNOWN_LAGS = (27.0, 6.0)
 """Time constants in seconds of the linear plant that must be recovered."""
 KNOWN_NOISE = 5e-4
 """Standard deviation of its noise, over its step; by trial."""
-
-CLAIMS = (
-    Claim(
-        "seven voltages, reversal curves: rms",
-        "steady.curves_nrmse",
-        "overlaps the measurement (Fig 3)",
-        most=0.015,
-        percent=True,
-    ),
-    Claim(
-        "the same: largest error",
-        "steady.curves_max",
-        "overlaps the measurement (Fig 3)",
-        most=0.03,
-        percent=True,
-    ),
-    Claim("decaying staircase: rms", "steady.staircase_nrmse", "not studied", percent=True),
-    Claim("play operators: rms", "steady.plays_nrmse", "not studied", percent=True),
-    Claim("cubic polynomial: rms", "steady.polynomial_nrmse", "not studied", percent=True),
-    Claim(
-        "inverse: polynomial error over Preisach error",
-        "inverse.rms_ratio",
-        "simulated only",
-        least=4,
-    ),
-    Claim(
-        "trajectory with one step response",
-        "trajectory.single_nrmse",
-        "off on downward steps (Fig 5)",
-        percent=True,
-    ),
-    Claim(
-        "trajectory with one for each direction",
-        "trajectory.updown_nrmse",
-        "not studied",
-        most=0.025,
-        percent=True,
-    ),
-    Claim("the second over the first", "trajectory.updown_over_single", "not studied", most=0.75),
-    Claim("ARX: DC gain less 1", "arx.dc_gain_error", "normalised (Fig 4c)", most=1e-9),
-    Claim(
-        "ARX: time constants of a known plant",
-        "arx.linear_pole_error",
-        "not studied",
-        most=0.05,
-        percent=True,
-    ),
-    Claim(
-        "ARX: a second step, never fitted, means over 10 s",
-        "arx.free_run_nrmse",
-        "not studied",
-        most=0.02,
-        percent=True,
-    ),
-    Claim("seconds for a specimen", "seconds", "5 min a hold", most=15),
-)
 
 
 @dataclass(frozen=True, eq=False)

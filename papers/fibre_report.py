@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from minorloop.drawing.operators import draw_density
+from minorloop.dynamics.linear import Linear
 from minorloop.operators.relays import RelayModel
-from minorloop.report import Picture, Report, Table
-from papers.claims import claim_table, specimens
-from papers.drawing import COLOURS, MINUTE, every_specimen, new_figure
-from papers.fibre import CLAIMS, MARKER_LEVELS, TITLE, marker_diagrams, unit_step
-from papers.fibre_steady import HIGH, LOW, VALIDATION
-
-if TYPE_CHECKING:
-    from papers.fibre import FibreStudy
+from minorloop.report import Table
+from papers.drawing import COLOURS, MINUTE, new_figure
+from papers.fibre import MARKER_LEVELS, FibreStudy, marker_diagrams, run_study, unit_step
+from papers.fibre_steady import HIGH, LOW, VALIDATION, Steady
+from papers.harness import Study, rms
 
 _NAMES = {
     "curves": "reversal curves",
@@ -27,149 +24,20 @@ _NAMES = {
 }
 
 
-def study_report(
-    study: FibreStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
-) -> Report:
-    """The page.
-
-    Parameters
-    ----------
-    study : FibreStudy
-        The first specimen, which is drawn.
-    figures : mapping
-        Over all specimens.
-    runs : sequence of mapping
-        The figures of each specimen.
-    """
-    steady, joined = figures["steady"]["curves_nrmse"], figures["trajectory"]["updown_nrmse"]
-    report = Report(
-        TITLE,
-        f"The experiments of Sohn and colleagues on {specimens(runs)}; figures are drawn for "
-        f"that of seed {study.seed}. Seven settled "
-        f"lengths are predicted within {steady:.2%} rms of full scale, and the transitions between "
-        f"them within {joined:.1%} if rising and falling steps have separate responses.",
-    )
-    _add_overview(report, study, figures, runs)
-    _add_marker(report, study)
-    _add_steady(report, study)
-    _add_steps(report, study)
-    _add_trajectory(report, study)
-    return report
-
-
-def _add_overview(
-    report: Report,
-    study: FibreStudy,
-    figures: Mapping[str, Any],
-    runs: Sequence[Mapping[str, Any]],
-) -> None:
-    facts = study.facts
-    report.add(
-        "What was found",
-        text=(
-            "The fibre is a twin, a simulation of doping, conformational pinning, diffusion and "
-            "creep without a Preisach operator. Its curves differ from those of the "
-            "paper's fibre, which are printed as plots only. Figures are medians over the "
-            "specimens, errors fractions of the settled range.",
-            "Two printed formulas of the paper contain errors. In Eq. (2) a relay is on below its "
-            "upper threshold and follows the sign of du/dt between its thresholds; a relay must "
-            "keep its state there. And with relays of -1 and +1 the output with all relays off is "
-            "y0 minus the sum of the weights, not y0. The marker rules are right and are used "
-            "here.",
-        ),
-        table=claim_table(CLAIMS, figures),
-        pictures=every_specimen(CLAIMS, runs, study.seed),
-    )
-    report.add(
-        "The twin",
-        text=f"At nominal parameters its major loop is {facts['loop_gap']:.0%} of its range wide; "
-        f"a step up to 0.45 V reaches 63 % in {facts['up_t63_s']:.0f} s and 95 % in "
-        f"{facts['up_t95_s']:.0f} s, one down in {facts['down_t63_s']:.0f} s and "
-        f"{facts['down_t95_s']:.0f} s. It is not a Preisach operator: the height of one minor loop "
-        f"differs by {facts['congruency']:.1%} between two histories, and an excursion that "
-        f"should be wiped out changes the output by {facts['wiping_out']:.2%} of the range.",
-    )
-
-
-def _add_marker(report: Report, study: FibreStudy) -> None:
-    report.add(
-        "Fig 2: the marker",
-        text="The paper draws relays as dots (beta, alpha) and moves a marker along the diagonal: "
-        "up a level, the row that it enters switches on; down a level, the column that it leaves "
-        "switches off. "
-        "After the inputs u4, u6, u2, u4 the left two columns are still on up to row 6.",
-        pictures=[
-            Picture(draw_marker(), "Relays that are on (filled) after each input."),
-            Picture(
-                draw_dots(study),
-                "The same for the relays of this fibre, one for each cell of its model, after "
-                "the first four of the seven voltages; the area of a dot is its weight.",
-            ),
-        ],
-    )
-
-
-def _add_steady(report: Report, study: FibreStudy) -> None:
-    steady = study.steady
-    columns = ("voltage, V", "measured, um", *_NAMES.values())
+def voltages_table(steady: Steady) -> Table:
+    """Return measured and predicted lengths at the seven voltages."""
     rows = [
-        (
-            f"{voltage:.2f}",
-            f"{steady.validation[k]:.1f}",
-            *(f"{steady.predictions[name][k]:.1f}" for name in _NAMES),
+        (f"{voltage:.2f}", *(f"{length:.1f}" for length in lengths))
+        for voltage, *lengths in zip(
+            VALIDATION, steady.validation, *map(steady.predictions.get, _NAMES), strict=True
         )
-        for k, voltage in enumerate(VALIDATION)
     ]
-    report.add(
-        "Fig 3: seven voltages",
-        text="The paper identifies by first-order reversal curves, holds each voltage for up to "
-        "five minutes, and shows that predicted and measured lengths overlap for an input that "
-        "was not used. Some of its voltages lie between the levels, where single relays predict "
-        "nothing; a density spread over the cells does.",
-        table=Table(columns, rows),
-        pictures=[
-            Picture(draw_loops(study), "Fig 3(a): the major loop, and the path of the seven."),
-            Picture(draw_predictions(study), "Fig 3(b): measured and predicted lengths; errors."),
-        ],
-    )
-    rms = study.figures()["inverse"]
-    report.add(
-        "Section 3.1: the inverse",
-        text="The paper simulates the inverse hysteresis. Here it drives the fibre to "
-        f"{steady.targets.size} lengths: {rms['rms_curves']:.1f} um rms with the Preisach inverse, "
-        f"{rms['rms_plays']:.1f} um with that of the play operators, and "
-        f"{rms['rms_polynomial']:.1f} um with that of a cubic through the same points.",
-        pictures=[
-            Picture(draw_inverse(study), "Inverse loops of the model, and settled errors."),
-        ],
-    )
+    return Table(("voltage, V", "measured, um", *_NAMES.values()), rows)
 
 
-def _add_steps(report: Report, study: FibreStudy) -> None:
-    times = ", ".join(f"{value:.1f}" for value in study.fit.model.time_constants)
-    report.add(
-        "Fig 4: the step response",
-        text="The paper fits an ARX model to one step from 0.40 V to 0.45 V and simulates its unit "
-        "step; order and sampling are not given. Here order and dead time are chosen by the "
-        f"Bayesian criterion among {len(study.fit.candidates)} candidates and refined for the "
-        f"simulation error: time constants of {times} s, DC gain 1.",
-        pictures=[
-            Picture(draw_step(study), "Fig 4: (a) length, (b) input, (c) unit step of the model."),
-            Picture(draw_steps(study), "The step, its model, and steps that were not fitted."),
-        ],
-    )
-
-
-def _add_trajectory(report: Report, study: FibreStudy) -> None:
-    figures = study.figures()["trajectory"]
-    report.add(
-        "Fig 5: the joined model",
-        text="The paper joins its steady lengths by the one step response and finds discrepancies "
-        "on downward steps. On this specimen the error of the joined model is "
-        f"{figures['single_nrmse']:.1%} with one response and {figures['updown_nrmse']:.1%} with "
-        "one for each direction.",
-        pictures=[Picture(draw_trajectory(study), "Fig 5: length in time, and the errors.")],
-    )
+def times_of(model: Linear) -> str:
+    """Return the time constants of a model as a list."""
+    return ", ".join(f"{value:.1f}" for value in model.time_constants)
 
 
 def draw_marker() -> Any:
@@ -243,8 +111,7 @@ def draw_predictions(study: FibreStudy) -> Any:
     shifts = np.array([-0.3, -0.1, 0.1, 0.3])
     for shift, colour, (name, words) in zip(shifts, colours, _NAMES.items(), strict=True):
         error = steady.predictions[name] - steady.validation
-        rms = float(np.sqrt(np.mean(error**2)))
-        label = f"{words}: {rms:.1f} um rms"
+        label = f"{words}: {rms(error):.1f} um rms"
         right.bar(place + shift, error, width=0.2, color=colour, label=label)
     right.axhline(0.0, color="0.3", lw=0.8)
     right.set(ylabel="predicted minus measured [um]")
@@ -328,3 +195,11 @@ def draw_trajectory(study: FibreStudy) -> Any:
     upper.legend(frameon=False)
     lower.set(xlabel="time [min]", ylabel="model less measured [um]")
     return figure
+
+
+STUDY = Study(
+    "fibre",
+    "Hysteresis and step response of a polyaniline fibre",
+    run_study,
+    page=__name__,
+)

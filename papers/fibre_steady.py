@@ -15,12 +15,14 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, Levels, uniform_levels
 from minorloop.connect import connect
-from minorloop.identification import Identification, excitation, identify
+from minorloop.identification import Identification, excitation
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.settled_holds import FURTHER, hold_each
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Preisach
+from papers.facts import identify_settled
+from papers.harness import rms
 
 LOW, HIGH, BANDS, HOLD = 0.20, 0.65, 9, 300.0
 VALIDATION = (0.45, 0.28, 0.34, 0.20, 0.60, 0.36, 0.54)
@@ -37,19 +39,15 @@ _MARGIN = 0.1
 class Steady:
     """Settled measurements and models fitted to them; lengths in um, voltages in V.
 
-    ``curves`` and ``staircase`` are the identifications from reversal curves and from the
-    decaying staircase; ``validation`` (7,) the settled lengths after `VALIDATION`;
-    ``predictions`` (7,) by model; ``targets`` (n,) and ``achieved`` (n,) by inverse.
+    ``curves`` is the identification from reversal curves; ``validation`` (7,) the settled lengths
+    after `VALIDATION`; ``predictions`` (7,) by model; ``targets`` (n,) and ``achieved`` (n,) by
+    inverse.
     """
 
     curves: Identification
-    staircase: Identification
-    plays: GeneralisedPrandtlIshlinskii
-    polynomial: Polynomial
     validation: FloatArray
     predictions: dict[str, FloatArray]
     targets: FloatArray
-    inputs: dict[str, FloatArray]
     achieved: dict[str, FloatArray]
 
     @property
@@ -62,14 +60,10 @@ class Steady:
         steady: dict[str, Any] = {}
         for name, predicted in self.predictions.items():
             error = (predicted - self.validation) / self.span
-            steady[f"{name}_nrmse"] = float(np.sqrt(np.mean(error**2)))
+            steady[f"{name}_nrmse"] = rms(error)
             steady[f"{name}_max"] = float(np.abs(error).max())
-        rms = {
-            name: float(np.sqrt(np.mean((achieved - self.targets) ** 2)))
-            for name, achieved in self.achieved.items()
-        }
-        inverse = {f"rms_{name}": value for name, value in rms.items()}
-        inverse["rms_ratio"] = rms["polynomial"] / rms["curves"]
+        inverse = {f"rms_{name}": rms(y - self.targets) for name, y in self.achieved.items()}
+        inverse["rms_ratio"] = inverse["rms_polynomial"] / inverse["rms_curves"]
         return {"steady": steady, "inverse": inverse}
 
 
@@ -77,33 +71,26 @@ def run_steady(seed: int) -> Steady:
     """Identify one specimen twice, predict the seven voltages, and drive it to targets."""
     grid = uniform_levels(LOW, HIGH, BANDS)
     curves = _identified(seed, 0, grid, excitation.reversal_curves(grid))
-    staircase = _identified(seed, 1, grid, excitation.decaying_staircase(grid))
-    plays = GeneralisedPrandtlIshlinskii.fit(curves.u, curves.y)
-    polynomial = Polynomial.fit(curves.u, curves.y, degree=_DEGREE, low=LOW, high=HIGH)
     models: dict[str, Preisach | GeneralisedPrandtlIshlinskii | Polynomial] = {
         "curves": curves.model,
-        "staircase": staircase.model,
-        "plays": plays,
-        "polynomial": polynomial,
+        "staircase": _identified(seed, 1, grid, excitation.decaying_staircase(grid)).model,
+        "plays": GeneralisedPrandtlIshlinskii.fit(curves.u, curves.y),
+        "polynomial": Polynomial.fit(curves.u, curves.y, degree=_DEGREE, low=LOW, high=HIGH),
     }
     _, validation = hold_each(fibre_at_rest(seed, 2), VALIDATION, HOLD)
     low, high = curves.model.range
     edge = _MARGIN * (high - low)
     targets = np.random.default_rng(seed).uniform(low + edge, high - edge, _TARGETS)
-    inputs, achieved = {}, {}
+    achieved = {}
     for experiment, name in enumerate(("curves", "plays", "polynomial"), start=3):
         wanted = models[name].invert(targets, unreachable="clip").u
-        inputs[name] = np.clip(wanted, LOW, HIGH)
-        _, achieved[name] = hold_each(fibre_at_rest(seed, experiment), inputs[name], HOLD)
+        fibre = fibre_at_rest(seed, experiment)
+        _, achieved[name] = hold_each(fibre, np.clip(wanted, LOW, HIGH), HOLD)
     return Steady(
         curves=curves,
-        staircase=staircase,
-        plays=plays,
-        polynomial=polynomial,
         validation=validation,
         predictions={name: model.simulate(VALIDATION) for name, model in models.items()},
         targets=targets,
-        inputs=inputs,
         achieved=achieved,
     )
 
@@ -124,6 +111,4 @@ def fibre_at_rest(seed: int, experiment: int) -> Actuator:
 def _identified(seed: int, experiment: int, grid: Levels, voltages: FloatArray) -> Identification:
     _, lengths = hold_each(new_fibre(seed, experiment), voltages, HOLD)
     # Part of the doping responds to the smallest reversal at once.
-    return identify(
-        voltages, lengths, levels=grid, smoothness=0.0, diagonal="reversible", slope=False, lag=0
-    )
+    return identify_settled(voltages, lengths, levels=grid)

@@ -19,7 +19,7 @@ import numpy as np
 from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
 from minorloop.dynamics.cascade import Cascade, CascadeInversion
-from minorloop.identification import excitation, identify
+from minorloop.identification import excitation
 from minorloop.identification.baseline import nrmse
 from minorloop.identification.frequency import FrequencyResponse, Preamble, frequency_response
 from minorloop.identification.rational import RationalFit
@@ -37,12 +37,11 @@ from minorloop.positioning import (
 )
 from minorloop.twins.ipmc import Ipmc
 from minorloop.twins.ipmc_laser import NOISE
-from papers.claims import Claim
-from papers.facts import ProbeInputs, twin_facts
+from papers.facts import ProbeInputs, identify_settled, twin_facts
+from papers.harness import rms
 from papers.short_holds import ShortHolds, run_short_holds
 from papers.tracking import DriftTracking, run_tracking, synthetic_figures
 
-TITLE = "Quasi-static positioning of an ionic polymer strip"
 CURVATURE_NOISE = 0.025
 """Standard deviation of the curvature in the other experiments, in 1/m: the laser's, converted."""
 FINE = 20
@@ -58,125 +57,6 @@ RANDOM_HOLDS = 60
 SWEEP_PERIOD, SWEEP_REACH, SWEEP_INTERVAL = 40.0, 5.0, 0.05
 """Period, amplitude and sample interval of the trajectory: seconds, 1/m, seconds."""
 
-CLAIMS = (
-    Claim(
-        "the paper's own model (uniform cells, L = 10) against the quadratic inverse: median",
-        "positioning.rms_ratio_median",
-        "much smaller error (Fig 14)",
-        least=4.5,
-    ),
-    Claim(
-        "the same: worst specimen",
-        "positioning.rms_ratio_min",
-        "much smaller error (Fig 14)",
-    ),
-    Claim(
-        "with a reversible part on the diagonal: median",
-        "positioning_reversible.rms_ratio_median",
-        "not studied",
-        least=6,
-    ),
-    Claim(
-        "the same: worst specimen",
-        "positioning_reversible.rms_ratio_min",
-        "not studied",
-        least=3.3,
-    ),
-    Claim(
-        "the same with L = 20: median",
-        "positioning_fine.rms_ratio_median",
-        "L = 10 only",
-        least=6.5,
-    ),
-    Claim(
-        "targets within 90 % bands, uniform cells: median",
-        "positioning.coverage",
-        "not studied",
-        least=0.85,
-        percent=True,
-    ),
-    Claim(
-        "the same with a reversible part",
-        "positioning_reversible.coverage",
-        "not studied",
-        least=0.85,
-        percent=True,
-    ),
-    Claim("rms error, Preisach inverse [1/m]", "positioning.rms_preisach", "plot only (Fig 14)"),
-    Claim("rms error, play inverse [1/m]", "positioning.rms_plays", "not studied"),
-    Claim("rms error, quadratic inverse [1/m]", "positioning.rms_quadratic", "plot only (Fig 14)"),
-    Claim(
-        "spread of gains to 0.5 Hz, after the operator over before",
-        "gain_spread.ratio_below_half_hz",
-        "match improved significantly (Fig 16)",
-        most=0.2,
-    ),
-    Claim("the same at 1 Hz", "gain_spread.at_one_hz", "a discrepancy remains"),
-    Claim("phases apart to 0.5 Hz, before [deg]", "phases.before_deg", "matched well", most=5),
-    Claim("phases apart to 0.5 Hz, after [deg]", "phases.after_deg", "matched well", most=5),
-    Claim(
-        "recursion on Preisach data with 0.6 % noise",
-        "recursive.synthetic_nrmse_fixed",
-        "left open",
-        most=0.005,
-        percent=True,
-    ),
-    Claim(
-        "the same while the density drifts",
-        "recursive.synthetic_nrmse_drift",
-        "left open",
-        most=0.01,
-        percent=True,
-    ),
-    Claim("recursion diverged on poor excitation", "recursive.diverged", "left open", most=0),
-    Claim(
-        "recursion over batch on a fading strip",
-        "recursive.twin_over_batch",
-        "left open",
-        most=1.25,
-    ),
-    Claim(
-        "congruency violated by the data",
-        "representability.congruency",
-        "not studied",
-        percent=True,
-    ),
-    Claim(
-        "wiping-out violated by the data",
-        "representability.wiping_out",
-        "not studied",
-        percent=True,
-    ),
-    Claim(
-        "no Preisach model can err less (rms)",
-        "representability.floor",
-        "not studied",
-        percent=True,
-    ),
-    Claim("the fitted one errs", "representability.preisach_nrmse", "not studied", percent=True),
-    Claim(
-        "targets read after 10 s: error of the settled inverse over that with creep, median",
-        "short_holds.ratio",
-        "200 s each (Fig 14)",
-        least=3,
-    ),
-    Claim("the same: worst specimen", "short_holds.ratio_min", "200 s each (Fig 14)"),
-    Claim("the same: rms error, inverse with creep [1/m]", "short_holds.rms_creep", "-"),
-    Claim("the same: rms error, settled inverse [1/m]", "short_holds.rms_settled", "-"),
-    Claim("minutes saved over 14 targets", "short_holds.minutes_saved", "47 min of holds"),
-    Claim(
-        "targets held for a minute: rms error, input that follows the creep [1/m]",
-        "short_holds.rms_minute_creep",
-        "back-relaxation",
-    ),
-    Claim(
-        "the same: rms error, constant input [1/m]",
-        "short_holds.rms_minute_settled",
-        "back-relaxation",
-    ),
-    Claim("seconds for a specimen", "seconds", "3 h of holds", most=15),
-)
-
 
 @dataclass(frozen=True, eq=False)
 class FollowedSweep:
@@ -190,9 +70,7 @@ class FollowedSweep:
         """Root-mean-square errors in 1/m, over the second half."""
         late = slice(self.inversion.t.size // 2, None)
         return {
-            f"rms_{name}": float(
-                np.sqrt(np.mean((record.y[late] - self.inversion.targets[late]) ** 2))
-            )
+            f"rms_{name}": rms(record.y[late] - self.inversion.targets[late])
             for name, record in (("operator", self.alone), ("cascade", self.cascade))
         }
 
@@ -215,7 +93,6 @@ class IpmcStudy:
     facts: dict[str, Any]
     major: Record
     positioning: Positioning
-    plays: GeneralisedPrandtlIshlinskii
     plays_drive: AppliedSequence
     reversible: Positioning
     fine: Positioning
@@ -306,7 +183,6 @@ def run_study(seed: int) -> IpmcStudy:
         facts=twin_facts(Ipmc, PROBES),
         major=_major_loop(seed, setup),
         positioning=base,
-        plays=plays,
         plays_drive=drive(seed, NOISE, setup, inputs, base.targets, 3),
         reversible=reversible,
         fine=run_positioning(seed, NOISE, ExperimentProtocol(laser=True, bands=FINE)),
@@ -389,7 +265,7 @@ def _repetition(seed: int, setup: ExperimentProtocol) -> Repetition:
     random = np.random.default_rng(seed).choice(grid, RANDOM_HOLDS)
     u = np.concatenate([*[stairs] * REPEATS, random])
     _, y = hold_each(_strip(seed, 7), u, setup.hold, setup.sample_interval)
-    fit = identify(u, y, levels=grid, smoothness=0.0, diagonal="reversible", slope=False, lag=0)
+    fit = identify_settled(u, y, levels=grid)
     plays = GeneralisedPrandtlIshlinskii.fit(u, y)
     quadratic = np.polyval(np.polyfit(u, y, 2), u)
     errors = {

@@ -15,10 +15,12 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
-from minorloop.identification import excitation, identify, identify_after_effect
+from minorloop.identification import excitation, identify_after_effect
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import FURTHER
+from papers.facts import identify_settled
+from papers.harness import rms
 
 LOW, HIGH, BANDS = -1.2, 1.2, 10
 """Least and greatest voltage, and bands of the models."""
@@ -36,32 +38,24 @@ _FIRST = 20
 
 @dataclass(frozen=True, eq=False)
 class ShortHolds:
-    """Targets on one specimen, in 1/m.
-
-    Parameters
-    ----------
-    targets : (n,) array
-        Wanted curvatures.
-    errors : dict of (n,) arrays
-        Errors of what is read at the end of each short hold, by the model of the inverse:
-        ``creep``, ``settled``, and ``early``, a model of values at the end of short holds.
-    delivered : dict of (n, m) arrays
-        Errors of ``creep`` and ``settled`` at the end of each of the short holds in which a target
-        is delivered.
-    """
+    """Targets on one specimen, in 1/m."""
 
     targets: FloatArray
+    """Shape (n,). Wanted curvatures."""
     errors: dict[str, FloatArray]
+    """Errors of what is read at the end of each short hold, by the model of the inverse:
+    ``creep``, ``settled``, and ``early``, a model of values at the end of short holds."""
     delivered: dict[str, FloatArray]
+    """Errors of ``creep`` and ``settled`` at the end of each of the short holds in which a target
+    is delivered."""
 
     def figures(self) -> dict[str, Any]:
         """Return all figures by the names under which they are printed."""
-        rms = {f"rms_{name}": _rms(errors) for name, errors in self.errors.items()}
-        minute = {f"rms_minute_{name}": _rms(errors) for name, errors in self.delivered.items()}
-        ratio = rms["rms_settled"] / rms["rms_creep"]
+        ends = {f"rms_{name}": rms(errors) for name, errors in self.errors.items()}
+        ratio = ends["rms_settled"] / ends["rms_creep"]
         return {
-            **rms,
-            **minute,
+            **ends,
+            **{f"rms_minute_{name}": rms(errors) for name, errors in self.delivered.items()},
             "ratio": ratio,
             "ratio_min": ratio,
             "minutes_saved": self.targets.size * (SETTLED - SHORT) / 60,
@@ -86,16 +80,7 @@ def run_short_holds(seed: int) -> ShortHolds:
     ).model
     quick = _held(_strip(seed, 1, NOISE), voltages, SHORT)
     settled, early = (
-        identify(
-            voltages,
-            _ends(holds),
-            levels=grid,
-            smoothness=0.0,
-            diagonal="reversible",
-            slope=False,
-            lag=0,
-        ).model
-        for holds in (long, quick)
+        identify_settled(voltages, _ends(holds), levels=grid).model for holds in (long, quick)
     )
     targets = np.random.default_rng(seed).uniform(-REACH, REACH, TARGETS)
     again = np.repeat(targets, DELIVERED)
@@ -135,7 +120,3 @@ def _held(strip: Actuator, inputs: FloatArray, hold: float) -> list[Record]:
 def _ends(holds: list[Record]) -> FloatArray:
     """(n,) last samples of holds."""
     return np.array([hold.y[-1] for hold in holds])
-
-
-def _rms(errors: FloatArray) -> float:
-    return float(np.sqrt(np.mean(errors**2)))

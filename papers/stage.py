@@ -8,6 +8,7 @@ all of them, and that of an operator identified from the slow part of the same r
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,10 +19,11 @@ from minorloop.identification import identify
 from minorloop.identification.dynamic_result import DynamicIdentification
 from minorloop.identification.dynamics import identify_dynamics
 from minorloop.identification.result import Identification
+from minorloop.report import Table
 from minorloop.twins.stage import RATE, TRAVEL, VOLTAGE, Stage
-from papers.claims import Claim
+from papers.drawing import new_figure
+from papers.harness import Study, rms
 
-TITLE = "A fast stage along sines of 1 to 200 Hz, without its sensor"
 SINES = ((1.0, 3.0), (5.0, 1.2), (20.0, 0.5), (50.0, 0.3), (100.0, 0.15), (200.0, 0.1))
 """Frequencies in Hz and durations in s of the record."""
 REST = 0.04
@@ -41,82 +43,45 @@ RISE, LASTING = 0.1, 0.2
 """Seconds from rest to the lower end, and least duration of a sine."""
 PERIODS = 3
 """Least number of periods."""
-
-CLAIMS = (
-    *(
-        Claim(
-            f"error at {frequency} Hz, inverse with dynamics, of range",
-            f"dynamics.hz_{frequency}",
-            "-",
-            most=0.005 if frequency <= 50 else np.inf,
-            percent=True,
-        )
-        for frequency in FREQUENCIES
-    ),
-    *(
-        Claim(
-            f"the same at {frequency} Hz, inverse without time",
-            f"without_time.hz_{frequency}",
-            "-",
-            percent=True,
-        )
-        for frequency in FREQUENCIES
-    ),
-    Claim("ratio at 100 Hz", "ratio_at_100_hz", "-", least=5.0),
-    Claim("the same: worst specimen", "worst.ratio_at_100_hz_min", "-", least=5.0),
-    Claim("natural frequency, off", "resonance_off", "-", percent=True),
-    Claim("error of the identification, of range", "nrmse", "-", percent=True),
-    Claim("seconds of the identification", "seconds", "-"),
-)
+_INVERSES = {
+    "without_time": ("inverse of the hysteresis alone", "C3", "s"),
+    "dynamics": ("inverse with resonance and creep", "C0", "o"),
+}
+"""Name, colour and mark of both inverses."""
+_SHOWN, _PERIODS = 100, 3
+"""Frequency in Hz of the sine that is drawn against time, and its last periods."""
 
 
 @dataclass(frozen=True, eq=False)
 class FollowedSine:
-    """A sine that was followed twice.
-
-    Parameters
-    ----------
-    targets : (T,) array
-        Wanted positions in um, from the end of the rise on.
-    dynamics, without_time : (T,) arrays
-        Errors in um with the inverse of operator, resonance and creep, and with that of the
-        operator alone.
-    """
+    """A sine that was followed twice."""
 
     targets: FloatArray
+    """Shape (T,). Wanted positions in um, from the end of the rise on."""
     dynamics: FloatArray
     without_time: FloatArray
+    """Shape (T,). Errors in um with the inverse of operator, resonance and creep, and with that of
+    the operator alone."""
 
 
 @dataclass(frozen=True, eq=False)
 class StageStudy:
-    """All results of one specimen.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of specimen and noise.
-    found : DynamicIdentification
-        Operator with dynamics, of the whole record.
-    slow : Identification
-        Operator of the slowest sine.
-    tracked : dict of FollowedSine
-        By frequency in Hz.
-    seconds : float
-        Seconds of the identification with dynamics.
-    """
+    """All results of one specimen."""
 
     seed: int
+    """Seed of specimen and noise."""
     found: DynamicIdentification
-    slow: Identification
+    """Operator with dynamics, of the whole record."""
     tracked: dict[int, FollowedSine]
+    """By frequency in Hz."""
     seconds: float
+    """Seconds of the identification with dynamics."""
 
     def figures(self) -> dict[str, Any]:
         """Return all figures by the names under which they are printed."""
         errors = {
             name: {
-                f"hz_{frequency}": _rms(getattr(one, name)) / TRAVEL
+                f"hz_{frequency}": rms(getattr(one, name)) / TRAVEL
                 for frequency, one in self.tracked.items()
             }
             for name in ("dynamics", "without_time")
@@ -156,7 +121,7 @@ def run_study(seed: int) -> StageStudy:
         u[:first:EVERY], y[:first:EVERY], levels=25, diagonal="uniform", slope=False, lag=0
     )
     tracked = {frequency: _tracked(stage, found, slow, frequency) for frequency in FREQUENCIES}
-    return StageStudy(seed, found, slow, tracked, seconds)
+    return StageStudy(seed, found, tracked, seconds)
 
 
 def record() -> FloatArray:
@@ -206,5 +171,43 @@ def _tracked(
     return FollowedSine(wanted[rising:], errors[0], errors[1])
 
 
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
+def found_table(study: StageStudy) -> Table:
+    """Return what was identified."""
+    return Table(("", ""), study.found.rows)
+
+
+def draw_errors(figures: Mapping[str, Any]) -> Any:
+    """Draw the rms errors of both inverses over the range against frequency."""
+    figure, axes = new_figure(1, 1, height=3.8)
+    for name, (words, colour, mark) in _INVERSES.items():
+        errors = [100 * figures[name][f"hz_{frequency}"] for frequency in FREQUENCIES]
+        axes.loglog(FREQUENCIES, errors, f"{mark}-", color=colour, label=words)
+    axes.set(xlabel="frequency of the target [Hz]", ylabel="rms error [% of range]")
+    axes.grid(alpha=0.25, which="both")
+    axes.legend(frameon=False)
+    return figure
+
+
+def draw_sine(study: StageStudy) -> Any:
+    """Draw the last periods of one sine, and the errors of both inverses."""
+    figure, (above, below) = new_figure(2, 1, height=5.0, sharex=True)
+    one = study.tracked[_SHOWN]
+    last = slice(-round(_PERIODS * RATE / _SHOWN), None)
+    t = 1e3 * np.arange(one.targets[last].size) / RATE
+    above.plot(t, one.targets[last], color="0.3", lw=2.5, alpha=0.5, label="target")
+    for name, (words, colour, _) in _INVERSES.items():
+        error = getattr(one, name)[last]
+        above.plot(t, one.targets[last] + error, color=colour, lw=1, label=words)
+        below.plot(t, 100 * error / TRAVEL, color=colour, lw=1)
+    above.set(ylabel="position [um]")
+    below.set(xlabel="time [ms]", ylabel="error [% of range]")
+    above.legend(frameon=False, fontsize=9)
+    return figure
+
+
+STUDY = Study(
+    "stage",
+    "A fast stage along sines of 1 to 200 Hz, without its sensor",
+    run_study,
+    page=__name__,
+)

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray, Levels, uniform_levels
-from minorloop.identification import excitation, identify
+from minorloop.identification import excitation
 from minorloop.identification.recursive import Recursive
 from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.preisach import Preisach
 from minorloop.twins.ipmc import Ipmc
+from papers.facts import identify_settled
+from papers.harness import rms
 
 VOLTAGE, BANDS, HOLD = 1.2, 10, 200.0
 NOISE = 0.006
@@ -47,7 +49,7 @@ class DriftTracking:
 
     def rms(self, predicted: FloatArray) -> float:
         """Root-mean-square error of a prediction, in 1/m."""
-        return float(np.sqrt(np.mean((predicted - self.measured) ** 2)))
+        return rms(predicted - self.measured)
 
 
 def synthetic_figures(seed: int) -> dict[str, Any]:
@@ -63,9 +65,9 @@ def synthetic_figures(seed: int) -> dict[str, Any]:
     drifting = _errors(model, exciting, SWING, rng)
     unexciting = _errors(model, poor, SWING, rng)
     return {
-        "synthetic_nrmse_fixed": _rms(fixed),
-        "synthetic_nrmse_drift": _rms(drifting),
-        "synthetic_nrmse_poor": _rms(unexciting),
+        "synthetic_nrmse_fixed": rms(fixed),
+        "synthetic_nrmse_drift": rms(drifting),
+        "synthetic_nrmse_poor": rms(unexciting),
         "diverged": bool(np.abs(unexciting).max() > _DIVERGED),
     }
 
@@ -84,10 +86,6 @@ def _errors(model: Preisach, u: FloatArray, swing: float, rng: np.random.Generat
     return np.array(errors[SETTLING_IN:])
 
 
-def _rms(errors: FloatArray) -> float:
-    return float(np.sqrt(np.mean(errors**2)))
-
-
 def run_tracking(seed: int) -> DriftTracking:
     """Follow a fading strip through three staircases and then random voltages."""
     grid = uniform_levels(-VOLTAGE, VOLTAGE, BANDS)
@@ -98,15 +96,7 @@ def run_tracking(seed: int) -> DriftTracking:
     _, y = hold_each(strip, u, HOLD)
     strip.safe()
     scored = slice(2 * stairs.size, u.size)
-    once = identify(
-        u[: stairs.size],
-        y[: stairs.size],
-        levels=grid,
-        smoothness=0.0,
-        diagonal="reversible",
-        slope=False,
-        lag=0,
-    )
+    once = identify_settled(u[: stairs.size], y[: stairs.size], levels=grid)
     return DriftTracking(
         measured=y[scored],
         recursive=_recursive_predictions(grid, u, y, stairs.size)[scored],
@@ -134,8 +124,6 @@ def _batch_predictions(
     for k in range(first, u.size):
         recent = y[:k].copy()
         recent[: k - window] = np.nan
-        fit = identify(
-            u[:k], recent, levels=grid, smoothness=0.0, diagonal="reversible", slope=False, lag=0
-        )
+        fit = identify_settled(u[:k], recent, levels=grid)
         predicted[k - first] = fit.model.simulate(u[: k + 1])[-1]
     return predicted

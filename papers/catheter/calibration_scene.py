@@ -32,25 +32,16 @@ _DARK = 2.5e-3
 
 @dataclass(frozen=True, eq=False)
 class CalibrationTruth:
-    """What a calibration should find. For scoring only.
-
-    Parameters
-    ----------
-    lens : Pinhole
-    mount : Mount
-    straight : (2,) array
-        Readings of pan and tilt in degrees at which the camera looks along the pipe.
-    camera_roll : float
-        Roll of the camera about its optical axis, in degrees.
-    leds : (3, 3) array
-        In the camera, in metres.
-    """
+    """What a calibration should find. For scoring only."""
 
     lens: Pinhole
     mount: Mount
     straight: FloatArray
+    """Shape (2,). Readings of pan and tilt in degrees at which the camera looks along the pipe."""
     camera_roll: float
+    """Roll of the camera about its optical axis, in degrees."""
     leds: FloatArray
+    """Shape (3, 3). In the camera, in metres."""
 
 
 class CalibrationScene:

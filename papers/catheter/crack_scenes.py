@@ -49,18 +49,12 @@ _TRIES = 60
 
 @dataclass(frozen=True, eq=False)
 class CrackView(AimedCamera):
-    """A camera before a wall, and the truth of what it sees.
-
-    Parameters
-    ----------
-    pipe : Pipe
-        The wall. For scoring only.
-    width : float
-        Of the crack where it is neither at a tip nor in a branch, in metres; 0 without one.
-    """
+    """A camera before a wall, and the truth of what it sees."""
 
     pipe: Pipe
+    """The wall. For scoring only."""
     width: float
+    """Of the crack where it is neither at a tip nor in a branch, in metres; 0 without one."""
 
 
 def draw_crack_view(seed: int, *, crack: bool) -> CrackView:

@@ -18,15 +18,20 @@ from scipy.stats import chi2
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification.bands import PER_DEVIATION
-from minorloop_head.procedures.trace import between, traces_of
+from minorloop_head.geometry import Probe
+from minorloop_head.procedures.trace import between, traces_of, widest
+from minorloop_head.twins.pipe import Crack, Pipe
+from minorloop_head.twins.ultrasound import Ultrasound
+from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_depth
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Window
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Findings, find_holes
 from minorloop_head.vision.reflectance_map import LitFrame
 from papers.catheter import scoring
-from papers.catheter.crack_scans import scanned_depth
 from papers.catheter.crack_scenes import FINE, CrackView, draw_crack_view, fine_course
 from papers.catheter.detection import misjudged, shots, wilson
+from papers.catheter.scan_trials import CAMERA_SD, FLOODED, Scanned, draw_probe, scan, strayed
+from papers.harness import mean, median
 
 SAME = 0.2e-3
 """Distance in metres within which two courses are the same: required."""
@@ -39,71 +44,48 @@ WIDE, NARROW = 100e-6, 50e-6
 
 @dataclass(frozen=True)
 class CrackOutcome:
-    """Result of one scene.
-
-    Parameters
-    ----------
-    seed : int
-        Of the scene.
-    width : float
-        Drawn width of the crack in metres; 0 without a crack.
-    found : bool
-        Whether the crack was found.
-    shares : (float, float)
-        Shares of the drawn course that was traced, and of the traced one that was drawn.
-    length_error, width_error : float
-        Relative error of the length, and error of the median width in metres; NaN if not found.
-    false : int
-        Number of false findings.
-    scan : str
-        Verdict of the scan across it; empty without one.
-    depth_error : float
-        Of the depth by the scan, in metres; NaN without one.
-    width_sd : float
-        Standard deviation of the width that is stated, in metres; NaN if not found.
-    """
+    """Result of one scene."""
 
     seed: int
+    """Of the scene."""
     width: float
+    """Drawn width of the crack in metres; 0 without a crack."""
     found: bool
+    """Whether the crack was found."""
     shares: tuple[float, float]
+    """Shares of the drawn course that was traced, and of the traced one that was drawn."""
     length_error: float
     width_error: float
+    """Relative error of the length, and error of the median width in metres; NaN if not found."""
     false: int
+    """Number of false findings."""
     scan: str = ""
+    """Verdict of the scan across it; empty without one."""
     depth_error: float = math.nan
+    """Of the depth by the scan, in metres; NaN without one."""
     width_sd: float = math.nan
+    """Standard deviation of the width that is stated, in metres; NaN if not found."""
 
 
 @dataclass(frozen=True, eq=False)
 class CrackSearch:
-    """Pictures of a scene, what was traced, and the truth on the same map.
-
-    Parameters
-    ----------
-    view : CrackView
-        The scene.
-    camera : CalibratedCamera
-        The calibrated camera.
-    frames : tuple of LitFrame
-        The acquisition.
-    traces : tuple of TracedCrack
-        What was found.
-    findings : Findings
-        Holes and the map.
-    course : (N, 2) array
-        Phi and z of the visible part of the crack in steps of 50 um; empty without one.
-    widths : (N,) array
-        True widths there, in metres.
-    """
+    """Pictures of a scene, what was traced, and the truth on the same map."""
 
     view: CrackView
+    """The scene."""
     camera: CalibratedCamera
+    """The calibrated camera."""
     frames: tuple[LitFrame, ...]
+    """The acquisition."""
     traces: tuple[TracedCrack, ...]
+    """What was found."""
     findings: Findings
+    """Holes and the map."""
     course: FloatArray
+    """Shape (N, 2). Phi and z of the visible part of the crack in steps of 50 um; empty without
+    one."""
     widths: FloatArray
+    """Shape (N,). True widths there, in metres."""
 
 
 def search_cracks(seed: int, crack: bool) -> CrackSearch:
@@ -127,6 +109,42 @@ def score_cracks(seed: int, crack: bool, *, scan: bool = False) -> CrackOutcome:
     found = scanned_depth(seed, search.view.pipe.cracks, best, _true_places(search, best))
     error = found.depth - search.view.pipe.cracks[0].depth
     return replace(outcome, scan=found.verdict, depth_error=error)
+
+
+def scanned_depth(
+    seed: int, cracks: tuple[Crack, ...], traced: TracedCrack, places: FloatArray
+) -> CrackDepth:
+    """Scan across a crack where it is widest, with the noise of a mission, and measure its depth.
+
+    Parameters
+    ----------
+    seed : int
+        Of probe, mount and noise.
+    cracks : tuple of Crack
+        The true ones.
+    traced : TracedCrack
+        As the camera sees it.
+    places : (N, 2) array
+        Its places in the pipe without the error of the mount in the acquisition; the scan has its
+        own mount, with its own error, which the camera shares.
+    """
+    rng = np.random.default_rng([seed, 23])
+    place, width = widest(traced)
+    at = int(np.argmin(np.abs(traced.places - place).sum(axis=1)))
+    phi, z = places[at].tolist()
+    mount, probe, thickness, warm = draw_probe(rng, phi, z, Probe())
+    probe, off = strayed(rng, probe)
+    error = np.array(off) + CAMERA_SD * rng.standard_normal(2) / [Pipe.radius, 1.0]
+    pipe = Pipe(cracks=cracks, water=FLOODED, thickness=thickness)
+    twin = Ultrasound(pipe, mount, probe.transducer, temperature=warm, specimen=seed, seed=seed)
+    known = places + error
+    centre = (float(known[at, 0]), float(known[at, 1]))
+    used, bursts = scan(
+        Scanned(
+            probe=probe, centre=centre, twin=twin, pipe=pipe, mount=mount, rng=rng, specimen=seed
+        )
+    )
+    return crack_depth(bursts, used, known, width)
 
 
 def _true_places(search: CrackSearch, traced: TracedCrack) -> FloatArray:
@@ -189,20 +207,18 @@ def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
         "scenes": len(cracks),
         "false_per_acquisition": sum(one.false for one in outcomes) / max(len(outcomes), 1),
         "false_interval": _rate_interval(sum(one.false for one in outcomes), len(outcomes)),
-        "length_error_pct": _median([100 * abs(one.length_error) for one in found]),
-        "width_error_um": _median([1e6 * abs(one.width_error) for one in found]),
-        "width_band_um": _median([1e6 * PER_DEVIATION * one.width_sd for one in found]),
-        "width_coverage": float(
-            np.mean([abs(one.width_error) <= PER_DEVIATION * one.width_sd for one in found])
-        )
-        if found
-        else math.nan,
+        "length_error_pct": median([100 * abs(one.length_error) for one in found]),
+        "width_error_um": median([1e6 * abs(one.width_error) for one in found]),
+        "width_band_um": median([1e6 * PER_DEVIATION * one.width_sd for one in found]),
+        "width_coverage": mean(
+            [abs(one.width_error) <= PER_DEVIATION * one.width_sd for one in found]
+        ),
         "found": len(found),
-        "course_traced": _median([one.shares[0] for one in found]),
-        "trace_right": _median([one.shares[1] for one in found]),
+        "course_traced": median([one.shares[0] for one in found]),
+        "trace_right": median([one.shares[1] for one in found]),
         "scans": len(scans),
-        "depth_share": len(deep) / len(scans) if scans else math.nan,
-        "depth_error_mm": _median(deep),
+        "depth_share": mean([math.isfinite(one.depth_error) for one in scans]),
+        "depth_error_mm": median(deep),
         "depth_error_mm_worst": max(deep, default=math.nan),
         "verdicts": dict(Counter(one.scan for one in scans)),
     }
@@ -212,14 +228,10 @@ def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
         ("30um", 0.0, NARROW),
     ):
         own = [one.found for one in cracks if low <= one.width < high]
-        figures[f"recall_{name}"] = float(np.mean(own)) if own else math.nan
+        figures[f"recall_{name}"] = mean(own)
         figures[f"recall_{name}_interval"] = wilson(sum(own), len(own)) if own else None
         figures[f"scenes_{name}"] = len(own)
     return figures
-
-
-def _median(values: Sequence[float]) -> float:
-    return float(np.median(values)) if values else math.nan
 
 
 def _rate_interval(count: int, of: int) -> tuple[float, float]:

@@ -39,6 +39,7 @@ from minorloop_head.vision.reflectance_map import ALONE, LitFrame
 from papers.catheter import scoring
 from papers.catheter.scene_view import AimedCamera, SceneView, draw_view
 from papers.catheter.sized_view import DIAMETERS, SizedView, draw_sized_view
+from papers.harness import mean
 
 PIVOT, ANGLE = 0.2e-3, math.radians(0.05)
 """Error of the place of the pivot in metres, and standard deviation of each angle in radians: those
@@ -58,72 +59,48 @@ _RIM = 720
 
 @dataclass(frozen=True)
 class SceneOutcome:
-    """Result of one scene for one kind of acquisition.
-
-    Parameters
-    ----------
-    mode : str
-        One of ``MODES``; ``flooded`` or ``sizes`` for switched lights in such scenes.
-    hole : bool
-        Whether there is one.
-    found : bool
-        Whether it was found.
-    off, size : float
-        Distance from the true place in metres, and relative error of the diameter; NaN if not
-        found.
-    false : int
-        Number of false findings.
-    seed : int
-        Of the scene.
-    inside : str
-        Appearance of the hole inside; empty without one.
-    evidence : float
-        Of the hole, however weak; minus infinity if there is no finding.
-    alarms : tuple of float
-        Evidence of all false findings, however weak.
-    diameter : float
-        True diameter in metres; NaN without a hole.
-    marks : int
-        Number of slots and patches of corrosion that were called holes.
-    """
+    """Result of one scene for one kind of acquisition."""
 
     mode: str
+    """One of ``MODES``; ``flooded`` or ``sizes`` for switched lights in such scenes."""
     hole: bool
+    """Whether there is one."""
     found: bool
+    """Whether it was found."""
     off: float
     size: float
+    """Distance from the true place in metres, and relative error of the diameter; NaN if not
+    found."""
     false: int
+    """Number of false findings."""
     seed: int = 0
+    """Of the scene."""
     inside: str = ""
+    """Appearance of the hole inside; empty without one."""
     evidence: float = -math.inf
+    """Of the hole, however weak; minus infinity if there is no finding."""
     alarms: tuple[float, ...] = ()
+    """Evidence of all false findings, however weak."""
     diameter: float = math.nan
+    """True diameter in metres; NaN without a hole."""
     marks: int = 0
+    """Number of slots and patches of corrosion that were called holes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Images of a scene, and the findings in them.
-
-    Parameters
-    ----------
-    view : SceneView
-        The scene and its truth.
-    camera : CalibratedCamera
-        The calibrated camera.
-    frames : tuple of LitFrame
-        The acquisition.
-    holes : tuple of Hole
-        All findings, however weak, strongest first.
-    place : (2,) array
-        True phi and z, on the map of the camera.
-    """
+    """Images of a scene, and the findings in them."""
 
     view: SceneView
+    """The scene and its truth."""
     camera: CalibratedCamera
+    """The calibrated camera."""
     frames: tuple[LitFrame, ...]
+    """The acquisition."""
     holes: tuple[Hole, ...]
+    """All findings, however weak, strongest first."""
     place: FloatArray
+    """Shape (2,). True phi and z, on the map of the camera."""
 
     def off(self, hole: Hole) -> float:
         """Return the distance of a finding from the true place, in metres."""
@@ -168,16 +145,6 @@ def search_scene(
     return _search(draw_view(seed, hole=hole, plain=plain), seed, modes)
 
 
-def search_flooded(seed: int, hole: bool) -> Search:
-    """Take images of one scene in water and search them."""
-    return _search(draw_view(seed, hole=hole, flooded=True), seed)[0]
-
-
-def search_sizes(seed: int, hole: bool) -> Search:
-    """Take images of one scene with a hole or pit of any size, and search them in all sizes."""
-    return _search(draw_sized_view(seed, hole=hole), seed, diameters=DIAMETERS)[0]
-
-
 def _search(
     view: SceneView,
     seed: int,
@@ -212,14 +179,22 @@ def score_scene(
     return [_outcome(seed, mode, one) for mode, one in zip(modes, searches, strict=True)]
 
 
-def score_flooded(seed: int, hole: bool) -> SceneOutcome:
-    """Search one scene in water, and compare with the truth."""
-    return _outcome(seed, FLOODED, search_flooded(seed, hole))
+def score_kind(seed: int, hole: bool, kind: str) -> SceneOutcome:
+    """Search one scene in water, or one with a hole or pit of any size, and compare with the truth.
 
-
-def score_sizes(seed: int, hole: bool) -> SceneOutcome:
-    """Search one scene with a hole or pit of any size, and compare with the truth."""
-    return _outcome(seed, SIZED, search_sizes(seed, hole))
+    Parameters
+    ----------
+    seed : int
+    hole : bool
+        Whether there is one.
+    kind : str
+        ``FLOODED`` or ``SIZED``; the latter is searched in all sizes.
+    """
+    if kind == FLOODED:
+        (search,) = _search(draw_view(seed, hole=hole, flooded=True), seed)
+    else:
+        (search,) = _search(draw_sized_view(seed, hole=hole), seed, diameters=DIAMETERS)
+    return _outcome(seed, kind, search)
 
 
 def plain_edges(seed: int) -> FloatArray:
@@ -278,8 +253,8 @@ def _of_sizes(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
     sizes = [abs(each.size) for each in large if each.found]
     return {
         "sizes_scenes": len(large),
-        "sizes_recall": float(np.mean([each.found for each in large])) if large else math.nan,
-        "sizes_recall_below": float(np.mean([each.found for each in small])) if small else math.nan,
+        "sizes_recall": mean([each.found for each in large]),
+        "sizes_recall_below": mean([each.found for each in small]),
         "sizes_diameter_error_pct_p90": 100 * float(np.quantile(sizes, 0.9)) if sizes else math.nan,
         "sizes_false_per_acquisition": sum(each.false for each in outcomes) / len(outcomes),
         "sizes_marks_called_holes": sum(each.marks for each in outcomes) / len(outcomes),

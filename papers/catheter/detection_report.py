@@ -1,4 +1,4 @@
-"""Detection of holes in the report of the inspection study."""
+"""Detection of holes and cracks in the report of the inspection study."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.report import Picture, Table
+from minorloop.report import Table
 from minorloop_head.vision.defects import DITHER, LEAST_EVIDENCE, SINGLE, SWITCHED, Hole
+from papers.catheter.crack_trials import CrackOutcome, CrackSearch, search_cracks
 from papers.catheter.detection import SceneOutcome, Search, recall_curve, search_scene
 from papers.drawing import new_figure
 
 _WORDS = {SWITCHED: "three lights and none", SINGLE: "one frame", DITHER: "five turns of 2 degrees"}
+_CRACKS = {"100um": "100 to 200 um", "50um": "50 to 100 um", "30um": "30 to 50 um"}
+_WALLS_SHOWN = 4
+"""Most walls with cracks that are drawn of each kind of error, by trial."""
 _REQUIRED = (0.05, 0.98)
 """Required: most false findings in an acquisition, and least recall."""
 _LEAST_SHOWN = 3e-3
@@ -24,22 +28,6 @@ _HALF = 75
 _LIGHTS = ("first light", "second light", "third light", "all lights")
 _FRAMES = (0, 1, 2, 4)
 """Drawn frames of an acquisition, and their lights; the one without light is left out."""
-
-
-def detection_table(found: Mapping[str, Any]) -> Table:
-    """Return a table of recall and false findings for each kind of acquisition."""
-    low, high = found["recall_interval"]
-    rows = [
-        (
-            _WORDS[SWITCHED],
-            f"{found['recall']:.1%} ({low:.1%} to {high:.1%})",
-            f"{found['false_per_acquisition']:.3f}",
-        )
-    ]
-    for mode in (SINGLE, DITHER):
-        share, false = found[f"{mode}_recall"], found[f"{mode}_false_per_acquisition"]
-        rows.append((_WORDS[mode], f"{share:.1%}", f"{false:.3f}"))
-    return Table(("acquisition", f"found of {found['scenes']}", "false, an acquisition"), rows)
 
 
 def limits(outcomes: Sequence[SceneOutcome]) -> str:
@@ -65,36 +53,6 @@ def limits(outcomes: Sequence[SceneOutcome]) -> str:
             "beads, whose foot is a circle under every light"
         )
     return f"{words}."
-
-
-def detection_pictures(outcomes: Sequence[SceneOutcome]) -> list[Picture]:
-    """Draw the curve of recall, missed holes and false findings."""
-    pictures = [
-        Picture(
-            draw_curve(outcomes),
-            "Holes found against false findings, for decreasing evidence; dots show the chosen "
-            "threshold, the corner the requirement.",
-        )
-    ]
-    own = [each for each in outcomes if each.mode == SWITCHED]
-    missed = [each for each in own if each.hole and not each.found][:_SHOWN]
-    if missed:
-        pictures.append(
-            Picture(
-                draw_scenes([_missed(each) for each in missed]),
-                "Holes that were missed: the true edge (blue), and the outline with the most "
-                "evidence at its place (orange), which was too little.",
-            )
-        )
-    false = [each for each in own if each.false][:_SHOWN]
-    if false:
-        pictures.append(
-            Picture(
-                draw_scenes([_false(each) for each in false]),
-                "Findings that were none (orange), and the true edge (blue) where a hole is near.",
-            )
-        )
-    return pictures
 
 
 def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
@@ -124,6 +82,18 @@ def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
     axes.set(ylabel="share of the holes that are found")
     axes.legend(frameon=False, loc="lower right")
     return figure
+
+
+def draw_missed(outcomes: Sequence[SceneOutcome]) -> Any:
+    """Draw holes that were missed; None if there is none."""
+    own = [each for each in outcomes if each.mode == SWITCHED and each.hole and not each.found]
+    return draw_scenes([_missed(each) for each in own[:_SHOWN]]) if own else None
+
+
+def draw_false(outcomes: Sequence[SceneOutcome]) -> Any:
+    """Draw findings that were none; None if there is none."""
+    own = [each for each in outcomes if each.mode == SWITCHED and each.false]
+    return draw_scenes([_false(each) for each in own[:_SHOWN]]) if own else None
 
 
 def draw_scenes(shown: Sequence[tuple[str, Search, Hole | None]]) -> Any:
@@ -161,3 +131,49 @@ def _false(outcome: SceneOutcome) -> tuple[str, Search, Hole | None]:
     most = max(value for value in outcome.alarms if value >= LEAST_EVIDENCE[SWITCHED])
     hole = next((hole for hole in search.holes if hole.evidence == most), None)
     return f"scene {outcome.seed}\nevidence {most:+.1f}", search, hole
+
+
+def crack_table(found: Mapping[str, Any]) -> Table:
+    """Return a table of recall by width."""
+    rows = []
+    for name, words in _CRACKS.items():
+        of = found[f"scenes_{name}"]
+        if of:
+            low, high = found[f"recall_{name}_interval"]
+            share = f"{found[f'recall_{name}']:.1%} ({low:.1%} to {high:.1%})"
+            rows.append((words, share, str(of)))
+    return Table(("width", "found (95 % interval)", "cracks"), rows)
+
+
+def verdict_words(found: Mapping[str, Any]) -> str:
+    """Return the verdicts of scans across cracks as a list."""
+    return ", ".join(f"{verdict} {count}" for verdict, count in found["verdicts"].items()) or "none"
+
+
+def draw_walls(outcomes: Sequence[CrackOutcome]) -> Any:
+    """Draw the unrolled wall of the widest cracks, with true and traced courses; None of none."""
+    if not outcomes:
+        return None
+    outcomes = sorted(outcomes, key=lambda one: -one.width)[:_WALLS_SHOWN]
+    rows = -(-len(outcomes) // 2)
+    figure, axes = new_figure(rows, 2, 2.6 * rows, squeeze=False)
+    for one in axes.ravel()[len(outcomes) :]:
+        one.set_axis_off()
+    for one, outcome in zip(axes.ravel(), outcomes, strict=False):
+        search = search_cracks(outcome.seed, outcome.width > 0)
+        wall = search.findings.wall
+        if wall is not None:
+            one.imshow(wall.whole - wall.ground, cmap="gray", vmin=-0.8, vmax=0.5)
+        for trace in search.traces:
+            one.plot(*_texels(search, trace.places), color="C1", lw=1)
+        one.plot(*_texels(search, search.course), ",", color="C0")
+        one.set(xticks=[], yticks=[])
+        one.set_title(f"scene {outcome.seed}, {1e6 * outcome.width:.0f} um", fontsize=8)
+        one.grid(False)
+    return figure
+
+
+def _texels(search: CrackSearch, places: Any) -> Any:
+    """Return columns and rows of places (N, 2) on the map of a scene."""
+    assert search.findings.wall is not None
+    return search.findings.wall.window.texels(places, search.camera.radius).T

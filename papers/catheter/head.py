@@ -11,10 +11,10 @@ targets that it cannot reach; then its camera tracks, and its tool marks what wa
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
-from typing import Any
+from itertools import chain, product
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from papers.catheter.head_loop import (
     NOISE,
     TICK,
     HeadRun,
+    Reference,
     circle,
     constant,
     controller_figures,
@@ -50,17 +51,10 @@ from papers.catheter.head_ramps import HIGH, LOW, PERIOD, Ramps, ramp_figures, r
 from papers.catheter.head_static import CURRENT, HOLD, Static, run_static
 from papers.catheter.scoring import truth
 from papers.catheter.servo_integral import IntegralStudy
-from papers.catheter.sight import SIGHT_CLAIMS, SightStudy, gather_sight, run_sight
+from papers.catheter.sight import SightStudy, gather_sight, run_sight
 from papers.catheter.unreachable import CLEARLY, cause_found, true_reach
-from papers.claims import Claim, medians
+from papers.harness import mean, medians, rms
 
-TITLE = "A catheter head on shape-memory wires"
-PARTS = {
-    "integral": "papers.catheter.servo_integral",
-    "rivals": "papers.catheter.camera_rivals",
-    "unreachable": "papers.catheter.unreachable",
-}
-"""Studies of a part alone; unreachable has more cases."""
 DEFAULT = "observer"
 TARGETS = (20.0, 30.0, 40.0)
 """Steps in degrees, those of the paper."""
@@ -115,177 +109,8 @@ PLAN_INTERVAL, PLAN_HOLD = 0.5, 4.0
 PLANNED = (40.0, 40.0, 40.0, 10.0, 10.0, 35.0, 5.0, 5.0, 25.0, 0.0)
 """Targets of the planner in degrees, which fall faster than a wire cools."""
 
-CLAIMS = (
-    Claim("angle at 400 mA [deg]", "twin.angle_at_400mA_deg", "about 60", least=57, most=63),
-    Claim("heating, 63 % of the way [s]", "twin.heat_t63_s", "not given", least=5, most=9),
-    Claim("cooling, 63 % of the way [s]", "twin.cool_t63_s", "not given", least=3.5, most=6.5),
-    Claim(
-        "random holds, operator on power: rms [deg]", "static.rms_deg", "agrees (Fig 5)", most=1.5
-    ),
-    Claim("the same, mesh of 0.1 V: rms [deg]", "static.mesh_rms_deg", "agrees (Fig 5)"),
-    Claim(
-        "the same mesh, one relay at each of its points: rms [deg]",
-        "static.dots_rms_deg",
-        "not studied",
-    ),
-    Claim(
-        "the same, operator on power, between the ends of the stroke [deg]",
-        "static.moving_rms_deg",
-        "agrees (Fig 5)",
-        most=1.5,
-    ),
-    Claim("arbitrary input: rms [deg]", "arbitrary.rms_deg", "agrees (Fig 5)", most=1.5),
-    Claim(
-        "the same, while the wire moves: rms [deg]",
-        "arbitrary.moving_rms_deg",
-        "agrees (Fig 5)",
-        most=1.5,
-    ),
-    Claim(
-        "the same, mesh behind a linear lag [deg]",
-        "arbitrary.mesh_moving_rms_deg",
-        "agrees (Fig 5)",
-    ),
-    Claim(
-        "stepping inverse on its model, rms [% of range]",
-        "stepping_inverse.rms_pct",
-        "used (Fig 6)",
-    ),
-    Claim(
-        "open loop, settled holds: rms [deg]",
-        "open_loop.rms_deg",
-        "not given",
-        most=3.5,
-    ),
-    Claim("open loop, first ramp: rms [deg]", "fig8.error_first_ramp_deg", "followed (Fig 8)"),
-    Claim("the same, tenth ramp [deg]", "fig8.error_last_ramp_deg", "significant error (Fig 8)"),
-    Claim(
-        "tenth ramp over the first, with a body that warms, its size assumed",
-        "fig8.ratio",
-        "grows (Fig 8)",
-        least=1.5,
-    ),
-    Claim("the same, latent heat and resistance alone", "fig8.constant.ratio", "not studied"),
-    Claim("the same, convection that varies, no body", "fig8.film.ratio", "not studied"),
-    Claim("the same, ramps that get faster", "fig8.faster.ratio", "dynamical effects (Fig 8)"),
-    Claim("the same, the room warms by 6 K", "fig8.room.ratio", "not the cause"),
-    Claim("the same, ambient 10 K warmer [deg]", "open_loop_plus_10K.rms_deg", "not studied"),
-    Claim(
-        "steps of 20, 30, 40, the worst: settling [s]",
-        "steps.settle_s",
-        "plotted (Fig 10)",
-        most=8,
-    ),
-    Claim("the same: overshoot [%]", "steps.overshoot_pct", "plotted (Fig 10)", most=3),
-    Claim("the same: steady rms [deg]", "steps.steady_rms_deg", "plotted (Fig 10)", most=0.15),
-    Claim(
-        "the same steps in four other surroundings, the worst: settling [s]",
-        "steps_disturbed.settle_s",
-        "left open",
-        most=14,
-    ),
-    Claim("the same: overshoot [%]", "steps_disturbed.overshoot_pct", "left open", most=6),
-    Claim("ambient +10 K in 10 s: worst [deg]", "ambient_ramp.max_deg", "left open", most=1.2),
-    Claim(
-        "circle of both axes in 60 s: rms [deg]", "circle_60s.rms_deg", "plotted (Fig 11)", most=0.7
-    ),
-    Claim("the same in 30 s [deg]", "circle_30s.rms_deg", "plotted (Fig 11)", most=1.8),
-    Claim(
-        "steps of 20, 30, 40, internal model: settling [s]",
-        "rivals.internal_model.settle_s",
-        "plotted (Fig 10)",
-    ),
-    Claim("the same steps, PI alone: settling [s]", "rivals.pi.settle_s", "not studied"),
-    Claim(
-        "the same steps, inverse and PI: settling [s]",
-        "rivals.feedforward_pi.settle_s",
-        "named (ref. 11)",
-    ),
-    Claim(
-        "the same steps, model reference: settling [s]",
-        "rivals.model_reference.settle_s",
-        "named (ref. 12)",
-    ),
-    Claim("internal model: predicted edge of the delay [s]", "robust.predicted_edge", "adjusted"),
-    Claim(
-        "the same: measured over predicted", "robust.measured_ratio", "adjusted", least=1, most=2
-    ),
-    Claim("predicted edge of the gain, wire over model", "robust.gain", "adjusted"),
-    Claim("predicted edge of the lag, wire over model", "robust.lag", "adjusted"),
-    Claim(
-        "camera alone, random holds: rms [deg]", "camera.static_rms_deg", "agrees (Fig 5)", most=1.5
-    ),
-    Claim(
-        "camera alone, arbitrary input: rms [deg]",
-        "camera.arbitrary.rms_deg",
-        "agrees (Fig 5)",
-        most=1.5,
-    ),
-    Claim(
-        "the same, while the wire moves: rms [deg]",
-        "camera.arbitrary.moving_rms_deg",
-        "agrees (Fig 5)",
-        most=1.5,
-    ),
-    Claim(
-        "camera alone, steps of 20, 30, 40, the worst: settling [s]",
-        "camera.steps.settle_s",
-        "plotted (Fig 10)",
-        most=9,
-    ),
-    Claim("the same: overshoot [%]", "camera.steps.overshoot_pct", "plotted (Fig 10)", most=5),
-    Claim(
-        "camera alone, the same steps: steady rms [deg]",
-        "camera.steps.steady_rms_deg",
-        "not given",
-        most=0.15,
-    ),
-    Claim(
-        "camera alone, the same steps, internal model: settling [s]",
-        "camera.internal_model.settle_s",
-        "plotted (Fig 10)",
-    ),
-    Claim(
-        "camera alone, circle in 60 s: rms [mm]",
-        "camera.circle_60s.rms_mm",
-        "plotted (Fig 11)",
-        most=0.25,
-    ),
-    Claim("the same in 30 s [mm]", "camera.circle_30s.rms_mm", "plotted (Fig 11)", most=0.6),
-    Claim(
-        "camera alone, circle of the paper's size in 60 s: rms [mm]",
-        "camera.circle_paper.rms_mm",
-        "plotted (Fig 11)",
-    ),
-    Claim("angles of pictures, both axes: rms [deg]", "camera.reading_rms_deg", "not given"),
-    Claim("aged wires: rms [deg]", "aged.observer_rms_deg", "left open"),
-    Claim("the same, adaptive: rms [deg]", "aged.adaptive_rms_deg", "left open"),
-    Claim(
-        "out of reach: specimens where all were found",
-        "unreachable.detected",
-        "left open",
-        least=0.98,
-        percent=True,
-    ),
-    Claim("the same: slowest verdict after [s]", "unreachable.after_s", "left open", most=10),
-    Claim(
-        "the same: cause right, where one is named",
-        "unreachable.cause_right",
-        "left open",
-        percent=True,
-    ),
-    Claim(
-        "false alarms where the target is within reach",
-        "unreachable.false_alarms",
-        "left open",
-        most=0,
-    ),
-    Claim("limits exceeded, all runs", "limits.violations", "not studied", most=0),
-    *SIGHT_CLAIMS,
-    *servo_integral.CLAIMS,
-    Claim("planned over inverse: cost", "planning.cost_ratio", "not studied", most=0.9),
-    Claim("seconds for a specimen", "seconds", "-"),
-)
+Experiment: TypeAlias = tuple[str, str, Reference, float, dict[str, Any]]
+"""Its name, that of the controller, targets, seconds, and options of `run_loop`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,7 +196,7 @@ class HeadStudy:
     def _closed_ramps(self) -> float:
         """Return the rms error of the ramps in closed loop, in degrees."""
         run = self.runs["ramps", DEFAULT]
-        return float(np.sqrt(np.mean(run.error[run.t > CIRCLE_WAIT, 0] ** 2)))
+        return rms(run.error[run.t > CIRCLE_WAIT, 0])
 
     def _unreachable(self) -> dict[str, Any]:
         found, causes, false = [], [], 0
@@ -418,7 +243,8 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Hea
     told("identification")
     wires = (static.wires[0].model, static.wires[1].model)
     controls = every_control(wires, static.coupling)
-    runs = {**run_steps(seed, controls), **_others(seed, controls), **_hard(seed, controls)}
+    tried = chain(_steps(controls), _others(seed, controls), _hard(controls))
+    runs = _run(seed, controls, tried)
     edges, longest = _later_sensors(seed, controls["internal_model"].axes[0].controller)
     told("closed loops")
     plan, inverse = _plans(static)
@@ -467,8 +293,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """
     found = medians([{k: v for k, v in run.items() if k != "sight"} for run in runs])
     found |= gather_sight([run["sight"] for run in runs])
-    detected = [run["unreachable"]["detected"] for run in runs]
-    found["unreachable"]["detected"] = float(np.mean(detected))
+    found["unreachable"]["detected"] = mean([run["unreachable"]["detected"] for run in runs])
     right = [run["unreachable"]["cause_right"] for run in runs]
     found["unreachable"]["cause_right"] = float(np.nanmean(right))
     found["unreachable"]["after_max_s"] = max(run["unreachable"]["after_s"] for run in runs)
@@ -504,95 +329,69 @@ def run_steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str,
 
     The keys are the experiment, such as ``step 20``, and the name of the controller.
     """
-    runs = {}
+    return _run(seed, controls, _steps(controls))
+
+
+def _run(
+    seed: int, controls: Mapping[str, HeadControl], experiments: Iterable[Experiment]
+) -> dict[tuple[str, str], HeadRun]:
+    """Run experiments on one specimen."""
+    return {
+        (what, name): run_loop(
+            name, controls[name], way, seconds, specimen=seed, seed=seed, **options
+        )
+        for what, name, way, seconds, options in experiments
+    }
+
+
+def _steps(controls: Iterable[str]) -> Iterator[Experiment]:
+    """Yield steps with every controller, and the highest one in other surroundings."""
     for target in TARGETS:
-        for name, control in controls.items():
-            runs[f"step {target:g}", name] = run_loop(
-                name, control, constant(target), STEP_SECONDS, specimen=seed, seed=seed
-            )
+        way = constant(target)
+        for name in controls:
+            yield f"step {target:g}", name, way, STEP_SECONDS, {}
         others = controls if target == TARGETS[-1] else (DEFAULT,)
-        for (where, surroundings), name in product(DISTURBED.items(), others):
-            runs[f"{where}, step {target:g}", name] = run_loop(
-                name,
-                controls[name],
-                constant(target),
-                STEP_SECONDS,
-                specimen=seed,
-                seed=seed,
-                surroundings=surroundings,
-            )
-    return runs
+        for (where, around), name in product(DISTURBED.items(), others):
+            what = f"{where}, step {target:g}"
+            yield what, name, way, STEP_SECONDS, {"surroundings": around}
 
 
-def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
-    """Run open loop, a rising ambient, and circles."""
+def _others(seed: int, controls: Mapping[str, HeadControl]) -> Iterator[Experiment]:
+    """Yield aged wires, open loop, slow ramps, a rising ambient, and circles."""
     rng = np.random.default_rng([seed, 8])
     targets = rng.uniform(*OPEN_RANGE, OPEN_TARGETS)
     targets = np.minimum(targets, _nearly_all(controls[DEFAULT])[0]).tolist()
-    way, span = stairs(targets, OPEN_HOLD), OPEN_HOLD * OPEN_TARGETS
-    runs = {}
-    tried = [
-        ("stairs", "feedforward", way, span, None),
-        ("stairs, warmer", "feedforward", way, span, WARMER),
-        ("ramps", DEFAULT, ramps(LOW, HIGH, PERIOD), RAMPS_SECONDS, VARYING),
-    ]
-    for name in controls:
-        tried.append(("ambient ramp", name, constant(RAMP_TARGET), RAMP_SECONDS, RAMP))
-        for period in (*PERIODS, *FASTER):
-            if name == DEFAULT or f"circle {period:g} s" == RIVALS_CIRCLE:
-                way, span = circle(period, before=CIRCLE_WAIT), CIRCLE_WAIT + TURNS * period
-                tried.append((f"circle {period:g} s", name, way, span, None))
     old = stairs(rng.uniform(*OLD_RANGE, OLD_TARGETS).tolist(), OLD_HOLD)
     for name in OLD:
-        span, control = OLD_HOLD * OLD_TARGETS, controls[name]
-        runs["aged", name] = run_loop(
-            name, control, old, span, specimen=seed, seed=seed, ageing=1.0
-        )
-    for what, name, way, seconds, surroundings in tried:
-        runs[what, name] = run_loop(
-            name, controls[name], way, seconds, specimen=seed, seed=seed, surroundings=surroundings
-        )
-    return runs
+        yield "aged", name, old, OLD_HOLD * OLD_TARGETS, {"ageing": 1.0}
+    way, span = stairs(targets, OPEN_HOLD), OPEN_HOLD * OPEN_TARGETS
+    yield "stairs", "feedforward", way, span, {}
+    yield "stairs, warmer", "feedforward", way, span, {"surroundings": WARMER}
+    slow = ramps(LOW, HIGH, PERIOD)
+    yield "ramps", DEFAULT, slow, RAMPS_SECONDS, {"surroundings": VARYING}
+    for name in controls:
+        way = constant(RAMP_TARGET)
+        yield "ambient ramp", name, way, RAMP_SECONDS, {"surroundings": RAMP}
+        for period in (*PERIODS, *FASTER):
+            what, span = f"circle {period:g} s", CIRCLE_WAIT + TURNS * period
+            if name == DEFAULT or what == RIVALS_CIRCLE:
+                yield what, name, circle(period, before=CIRCLE_WAIT), span, {}
 
 
-def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
-    """Run little cooling, faulty sensors and impossible targets with every controller."""
-    runs = {}
+def _hard(controls: Mapping[str, HeadControl]) -> Iterator[Experiment]:
+    """Yield little cooling, faulty sensors and impossible targets with every controller."""
     for name, control in controls.items():
         for kind in ("stuck", "lost"):
-            runs[f"sensor {kind}", name] = run_loop(
-                name,
-                control,
-                constant(40.0, 40.0),
-                FAULT_SECONDS,
-                specimen=seed,
-                seed=seed,
-                faults=[Fault("pan", kind, FAULT_AT), Fault("tilt", kind, 2.0)],
-            )
-        nearly_all = _nearly_all(control)
-        for what, surroundings in HOT.items():
-            runs[what, name] = run_loop(
-                name,
-                control,
-                constant(*nearly_all),
-                HOT_SECONDS,
-                specimen=seed,
-                seed=seed,
-                surroundings=surroundings,
-            )
+            faults = [Fault("pan", kind, FAULT_AT), Fault("tilt", kind, 2.0)]
+            way = constant(40.0, 40.0)
+            yield f"sensor {kind}", name, way, FAULT_SECONDS, {"faults": faults}
+        pan, tilt = _nearly_all(control)
+        for what, around in HOT.items():
+            yield what, name, constant(pan, tilt), HOT_SECONDS, {"surroundings": around}
         if name == "feedforward":
             continue
-        for what, (surroundings, _) in IMPOSSIBLE.items():
-            runs[what, name] = run_loop(
-                name,
-                control,
-                constant(nearly_all[0]),
-                IMPOSSIBLE_SECONDS,
-                specimen=seed,
-                seed=seed,
-                surroundings=surroundings,
-            )
-    return runs
+        for what, (around, _) in IMPOSSIBLE.items():
+            yield what, name, constant(pan), IMPOSSIBLE_SECONDS, {"surroundings": around}
 
 
 def _nearly_all(control: HeadControl) -> list[float]:
@@ -641,13 +440,13 @@ def _driven(seed: int, plan: PlannedPowers) -> FloatArray:
 def _settled_rms(run: HeadRun) -> float:
     """Return the rms error at the ends of the holds of a staircase, in degrees."""
     hold = round(OPEN_HOLD / TICK)
-    return float(np.sqrt(np.mean(run.error[hold - 1 :: hold, 0] ** 2)))
+    return rms(run.error[hold - 1 :: hold, 0])
 
 
 def _late_rms(run: HeadRun) -> float:
     """Return the rms error of the second half of a staircase, 4 s after each target, in degrees."""
     late = (run.t % OLD_HOLD > OLD_WAIT) & (run.t > run.t[-1] / 2)
-    return float(np.sqrt(np.mean(run.error[late, 0] ** 2)))
+    return rms(run.error[late, 0])
 
 
 def _ramp_worst(run: HeadRun) -> float:
@@ -657,4 +456,4 @@ def _ramp_worst(run: HeadRun) -> float:
 def _round(run: HeadRun) -> dict[str, float]:
     """Return the errors of a circle, both axes together."""
     distance = np.linalg.norm(run.error[run.t > CIRCLE_WAIT], axis=1)
-    return {"rms_deg": float(np.sqrt(np.mean(distance**2))), "max_deg": float(distance.max())}
+    return {"rms_deg": rms(distance), "max_deg": float(distance.max())}

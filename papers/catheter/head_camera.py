@@ -35,6 +35,7 @@ from papers.catheter.head_loop import TICK, HeadRun, constant, run_loop, step_fi
 from papers.catheter.head_static import BANDS, COMMAND, CURRENT, FIRST_LOOP, HOLD, STEP, Arbitrary
 from papers.catheter.picture_sensor import PictureSensor
 from papers.catheter.scoring import places_seen, true_pixel
+from papers.harness import rms
 
 EVERY = 2
 """Frames of the step that identifies a lag of seconds, of which one is used: 12.5 a second."""
@@ -88,23 +89,16 @@ does not describe."""
 
 @dataclass(frozen=True, eq=False)
 class SeenWires:
-    """Wires that were identified by the camera alone.
-
-    Parameters
-    ----------
-    found : tuple of HeatedIdentification
-        Of pan and tilt.
-    coupling : (2, 2) array
-    view : HeadCalibration
-        Calibration of the camera, corrected by pictures of a sweep.
-    lost : int
-        Holds at whose end no picture showed the angles.
-    """
+    """Wires that were identified by the camera alone."""
 
     found: tuple[HeatedIdentification, HeatedIdentification]
+    """Of pan and tilt."""
     coupling: FloatArray
+    """Shape (2, 2)."""
     view: HeadCalibration
+    """Calibration of the camera, corrected by pictures of a sweep."""
     lost: int
+    """Holds at whose end no picture showed the angles."""
 
     @property
     def wires(self) -> tuple[HeatedWire, HeatedWire]:
@@ -114,56 +108,38 @@ class SeenWires:
 
 @dataclass(frozen=True, eq=False)
 class WallCircle:
-    """A circle about a hole in the wall, by the camera alone.
-
-    Parameters
-    ----------
-    t : (T,) array
-        After the wait, in seconds.
-    wanted, reached : (T, 2) array
-        Places round and along the pipe from the hole, in millimetres; the second is where the true
-        optical axis met the wall.
-    run : HeadRun
-    """
+    """A circle about a hole in the wall, by the camera alone."""
 
     t: FloatArray
+    """Shape (T,). After the wait, in seconds."""
     wanted: FloatArray
     reached: FloatArray
+    """Shape (T, 2). Places round and along the pipe from the hole, in millimetres; the second is
+    where the true optical axis met the wall."""
     run: HeadRun
 
     @property
     def rms(self) -> float:
         """Root-mean-square distance on the wall, in millimetres."""
-        return float(np.sqrt(np.mean(np.sum((self.reached - self.wanted) ** 2, axis=1))))
+        return rms(np.linalg.norm(self.reached - self.wanted, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class CameraStudy:
-    """Results of one specimen by its camera alone.
-
-    Parameters
-    ----------
-    seen : SeenWires
-    static_error : (n,) array
-        Settled angles of the identified pan less the true ones, on random commands, in degrees.
-    arbitrary : Arbitrary
-        The arbitrary input, predicted by the identified pan.
-    steps : mapping of (law, target) to HeadRun
-    circles : mapping of str to WallCircle
-    reading_error : (2,) array
-        Root-mean-square error of the angles of pictures, in degrees.
-    missed : float
-        Share of the pictures without angles.
-    seconds : float
-    """
+    """Results of one specimen by its camera alone."""
 
     seen: SeenWires
     static_error: FloatArray
+    """Shape (n,). Settled angles of the identified pan less the true ones, on random commands, in
+    degrees."""
     arbitrary: Arbitrary
+    """The arbitrary input, predicted by the identified pan."""
     steps: Mapping[tuple[str, float], HeadRun]
     circles: Mapping[str, WallCircle]
     reading_error: FloatArray
+    """Shape (2,). Root-mean-square error of the angles of pictures, in degrees."""
     missed: float
+    """Share of the pictures without angles."""
     seconds: float
 
     @property
@@ -174,12 +150,12 @@ class CameraStudy:
     def figures(self) -> dict[str, Any]:
         """Return the numbers by the name under which they are printed."""
         return {
-            "static_rms_deg": float(np.sqrt(np.mean(self.static_error**2))),
+            "static_rms_deg": rms(self.static_error),
             "arbitrary": self.arbitrary.figures(),
             "steps": self._worst(LAWS[0]),
             "internal_model": self._worst(LAWS[1]),
             **{name: {"rms_mm": each.rms} for name, each in self.circles.items()},
-            "reading_rms_deg": float(np.sqrt(np.mean(self.reading_error**2))),
+            "reading_rms_deg": rms(self.reading_error),
             "pictures_missed_pct": 100.0 * self.missed,
             "holds_lost": self.seen.lost,
             "seconds": self.seconds,

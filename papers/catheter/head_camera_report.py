@@ -8,93 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.report import Picture, Report, Table
-from minorloop_head.control.by_camera import AGE
-from minorloop_head.twins.pipe import Pipe
+from minorloop.report import Table
 from papers.catheter.head_camera import CIRCLES, LAWS, STEPS, CameraStudy
 from papers.catheter.head_loop import STEADY, HeadRun, step_figures
-from papers.catheter.head_rivals_report import STEP, WORDS, where_better
-from papers.catheter.picture_sensor import DROPPED
+from papers.catheter.head_rivals_report import STEP, WORDS
 from papers.drawing import new_figure
-
-
-def add_camera(
-    report: Report,
-    study: CameraStudy,
-    over_all: Mapping[str, Any],
-    sensed: Mapping[tuple[str, str], HeadRun],
-    seed: int,
-) -> None:
-    """Add the sections on the camera alone.
-
-    Parameters
-    ----------
-    report : Report
-    study : CameraStudy
-        Of the specimen that is drawn.
-    over_all : mapping
-        Figures over all specimens.
-    sensed : mapping of (what, controller) to HeadRun
-        The same steps with sensors at the joints, to compare with.
-    seed : int
-        Of the specimen that is drawn, for captions.
-    """
-    figures = over_all["camera"]
-    report.add(
-        "Figs 10 and 11: the camera alone",
-        text=(
-            "The head of the paper has no sensor at its joints: the camera is its only feedback. "
-            "Here both wires are identified, and both axes are controlled, by the angles at which "
-            "patches of the wall agree with the pictures. 25 pictures a second, their angles used "
-            f"{AGE} frames later, {100 * DROPPED:.0f} % of them lost; lens, mount and pipe are "
-            "known with the errors that a calibration leaves. Scores use the true angles.",
-            f"A picture gives the angles within {figures['reading_rms_deg']:.2f} degrees rms while "
-            f"the head moves; {figures['pictures_missed_pct']:.1f} % give none. The model that was "
-            "identified from pictures predicts random holds within "
-            f"{figures['static_rms_deg']:.2f} degrees rms.",
-            "The table is of the specimen that is drawn. Of several steps it gives the worst, as "
-            "the rows of the first table do, which are medians over all specimens.",
-            f"Steady rms is of the last {STEADY:.0f} s of a run. Runs by the camera last "
-            f"{_end(study):.0f} s, those with joint sensors longer, so the last column has the "
-            "same seconds of both. PI, alone or with the inverse, needs most of a run to settle: "
-            "its steady rms by the camera still has the end of the approach, as it has with joint "
-            "sensors in the same seconds. Given time, PI turns until the readings agree with the "
-            "target, so that the error of the calibration is left by the camera. Adaptive has the "
-            "options of joint sensors: with those of the observer by the camera, each change of "
-            "its operator would move the angle about the target.",
-            "What follows is of the camera alone and the step of "
-            f"{_targets(study)[-1]:g} degrees. "
-            f"{where_better(STEP, _highest_steps(study), LAWS[0])}",
-        ),
-        table=_laws(study, sensed),
-        pictures=[
-            Picture(draw_steps(study), f"Fig 10, by the camera alone: steps of pan. Seed {seed}.")
-        ],
-    )
-    _add_circle(report, study, seed)
-
-
-def _add_circle(report: Report, study: CameraStudy, seed: int) -> None:
-    """Add Fig 11."""
-    report.add(
-        "Fig 11: circles on the wall",
-        text="Circles on the unrolled wall of a pipe of "
-        f"{2e3 * Pipe.radius:.0f} mm, about a hole that was picked in the first picture. The path "
-        "is known, so that the target is ahead of it by the response of the law. The circle of "
-        "the paper is 20 to 25 mm across. One of 20 mm is within reach about a hole 32 mm along "
-        "the pipe from the pivot of the head. About a nearer one it is not: a wire pulls in one "
-        "direction only, and within some degrees of its cold end it returns too slowly to follow. "
-        "Far along the pipe the line of sight meets the wall at a flat angle, so that the same "
-        "error of an angle is a larger distance there: 0.33 mm for 0.1 degrees at the far end of "
-        "that circle, and 0.14 mm on that of 8 mm about a hole 22 mm along the pipe.",
-        pictures=[
-            Picture(
-                draw_wall_circles(study),
-                "Fig 11, by the camera alone: where the optical axis meets the wall, X around the "
-                f"pipe and Y along it, from the hole. Seed {seed}.",
-            ),
-        ],
-    )
 
 
 def _targets(study: CameraStudy) -> tuple[float, ...]:
@@ -102,15 +20,16 @@ def _targets(study: CameraStudy) -> tuple[float, ...]:
     return tuple(sorted({target for _, target in study.steps}))
 
 
-def _highest_steps(study: CameraStudy) -> dict[str, dict[str, float]]:
-    """Return the figures of the highest step by the camera alone, of each law."""
+def highest_steps(study: CameraStudy) -> tuple[float, dict[str, dict[str, float]]]:
+    """Return the highest step in degrees, and its figures by the camera alone of each law."""
     highest = _targets(study)[-1]
-    return {name: step_figures([run]) for (name, to), run in study.steps.items() if to == highest}
+    runs = {name: run for (name, target), run in study.steps.items() if target == highest}
+    return highest, {name: step_figures([run]) for name, run in runs.items()}
 
 
-def _laws(study: CameraStudy, sensed: Mapping[tuple[str, str], HeadRun]) -> Table:
+def laws_table(study: CameraStudy, sensed: Mapping[tuple[str, str], HeadRun]) -> Table:
     """Return the steps by every law, on pictures and on sensors at the joints."""
-    steps, end = _targets(study), _end(study)
+    steps, end = _targets(study), end_of(study)
     found = {("camera", *key): run for key, run in study.steps.items()}
     for name, target in product(LAWS, steps):
         if (f"step {target:g}", name) in sensed:
@@ -132,7 +51,7 @@ def _laws(study: CameraStudy, sensed: Mapping[tuple[str, str], HeadRun]) -> Tabl
     )
 
 
-def _end(study: CameraStudy) -> float:
+def end_of(study: CameraStudy) -> float:
     """Return the duration of the steps by the camera alone, in seconds."""
     return float(min(run.t[-1] for run in study.steps.values()))
 

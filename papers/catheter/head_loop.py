@@ -20,6 +20,7 @@ from minorloop_head.twins.sensor import Fault
 from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.picture_sensor import PictureSensor
 from papers.catheter.scoring import Truth, truth
+from papers.harness import rms
 
 TICK, DELAY, NOISE = 0.04, 0.04, 0.05
 """Interval of the loop, delay and noise of the sensor: s, s, degrees."""
@@ -49,35 +50,24 @@ class Alarm:
 
 @dataclass(frozen=True, eq=False)
 class HeadRun:
-    """One run of a loop.
-
-    Parameters
-    ----------
-    name : str
-        Of the controller.
-    t : (T,) array
-        Ends of the ticks, in seconds.
-    wanted, read, current : (T, 2) array
-        Targets and readings in degrees, currents in A.
-    truth : Truth
-        For scoring.
-    alarms : tuple of Alarm
-        When targets were declared unreachable, the first of each.
-    log : tuple of (int, Event)
-        Axis and event, from the guard.
-    step_seconds : (T,) array
-        Duration of each control step.
-    """
+    """One run of a loop."""
 
     name: str
+    """Of the controller."""
     t: FloatArray
+    """Shape (T,). Ends of the ticks, in seconds."""
     wanted: FloatArray
     read: FloatArray
     current: FloatArray
+    """Shape (T, 2). Targets and readings in degrees, currents in A."""
     truth: Truth
+    """For scoring."""
     alarms: tuple[Alarm, ...]
+    """When targets were declared unreachable, the first of each."""
     log: tuple[tuple[int, Event], ...]
+    """Axis and event, from the guard."""
     step_seconds: FloatArray
+    """Shape (T,). Duration of each control step."""
 
     @cached_property
     def error(self) -> FloatArray:
@@ -101,7 +91,7 @@ class HeadRun:
     @property
     def steady(self) -> float:
         """Root-mean-square error of the first axis in the last 5 s, in degrees."""
-        return float(np.sqrt(np.mean(self.error[self.t > self.t[-1] - STEADY, 0] ** 2)))
+        return rms(self.error[self.t > self.t[-1] - STEADY, 0])
 
     @property
     def violations(self) -> int:

@@ -44,64 +44,46 @@ ROOM = Course(20.0, 26.0, at=BEFORE, duration=RAMPS * PERIOD)
 
 @dataclass(frozen=True)
 class Case:
-    """One experiment: how the heating varies, and what is changed beside it.
+    """One experiment: how the heating varies, and what is changed beside it."""
 
-    Parameters
-    ----------
-    words : str
-        For the report.
-    cooling : Cooling, optional
-        Of the head in which the model is identified and the ramps are driven.
-    step : float
-        Step of the inverse, in V.
-    ambient : float or Course
-        While the ramps are driven, in degrees Celsius; 20 while the model is identified.
-    fastest : float
-        Period of the last ramp in seconds; that of the first is `PERIOD`.
-    """
-
-    words: str
     cooling: Cooling | None = None
+    """Of the head in which the model is identified and the ramps are driven."""
     step: float = STEP
+    """Step of the inverse, in V."""
     ambient: float | Course = 20.0
+    """While the ramps are driven, in degrees Celsius; 20 while the model is identified."""
     fastest: float = PERIOD
+    """Period of the last ramp in seconds; that of the first is `PERIOD`."""
 
 
 CASES = {
-    "varying": Case("varying heating: convection and warming body", Cooling()),
-    "constant": Case("latent heat and resistance alone"),
-    "film": Case("the same, convection by temperature and angle", Cooling(share=0.0)),
-    "faster": Case("latent heat and resistance alone, ramps get faster", fastest=FASTEST),
-    "coarse": Case("varying heating, steps of 0.1 V of the command", Cooling(), COARSE),
-    "room": Case("not the paper's cause: the room warms by 6 K", ambient=ROOM),
+    "varying": Case(Cooling()),
+    "constant": Case(),
+    "film": Case(Cooling(share=0.0)),
+    "faster": Case(fastest=FASTEST),
+    "coarse": Case(Cooling(), COARSE),
+    "room": Case(ambient=ROOM),
 }
-"""The first is the cause that the paper names, on its own inverse."""
+"""The first is the cause that the paper names, on its own inverse; the room that warms is not."""
 NAMED = "varying"
 
 
 @dataclass(frozen=True, eq=False)
 class Ramps:
-    """Ramps in open loop.
-
-    Parameters
-    ----------
-    t, wanted, angle, command : (T,) array
-        Seconds, degrees, degrees as measured, and V.
-    ends : (n + 1,) array
-        Times at which the ramps begin, and the end of the last, in seconds.
-    body : (n,) array
-        Temperature of the body of the head at the end of each ramp, in degrees Celsius.
-    lag : float
-        Identified lag of the heating, in seconds.
-    """
+    """Ramps in open loop."""
 
     t: FloatArray
     wanted: FloatArray
     angle: FloatArray
     command: FloatArray
+    """Shape (T,). Seconds, degrees, degrees as measured, and V."""
     ends: FloatArray
+    """Shape (n + 1,). Times at which the ramps begin, and the end of the last, in seconds."""
     body: FloatArray
+    """Shape (n,). Temperature of the body of the head at the end of each ramp, in degrees Celsius.
+    """
     lag: float
+    """Identified lag of the heating, in seconds."""
 
     @property
     def error(self) -> FloatArray:

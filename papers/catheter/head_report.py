@@ -2,43 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from minorloop.drawing.operators import draw_density
-from minorloop.report import Picture, Report, Table
+from minorloop.report import Table
+from minorloop_head.control.by_camera import AGE
+from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.surroundings import Cooling
 from papers.catheter.head import (
-    CLAIMS,
     DEFAULT,
     IMPOSSIBLE,
     OLD,
     PERIODS,
     RAMP_AT,
     TARGETS,
-    TITLE,
+    HeadStudy,
+    gather,
+    run_study,
 )
-from papers.catheter.head_camera_report import add_camera
-from papers.catheter.head_loop import DISTURBED, HIGHEST, HOTTEST, TICK, HeadRun
-from papers.catheter.head_ramps import CASES, NAMED
-from papers.catheter.head_rivals_report import (
-    STEP,
-    WORDS,
-    ControllerFigure,
-    rivals_table,
-    where_better,
-)
+from papers.catheter.head_camera_report import end_of, highest_steps
+from papers.catheter.head_loop import DISTURBED, HIGHEST, HOTTEST, STEADY, TICK, HeadRun
+from papers.catheter.head_ramps import NAMED, Ramps
+from papers.catheter.head_rivals_report import STEP, WORDS, ControllerFigure, where_better
 from papers.catheter.head_static import CURRENT
-from papers.catheter.paper_sections_report import add_sections
-from papers.catheter.servo_integral_report import add_integral
-from papers.catheter.sight_report import add_sight
-from papers.claims import claim_table, specimens
-from papers.drawing import every_specimen, new_figure
-
-if TYPE_CHECKING:
-    from papers.catheter.head import HeadStudy
+from papers.catheter.picture_sensor import DROPPED
+from papers.drawing import new_figure
+from papers.harness import Study
 
 _COLOURS = {
     "observer": "C0",
@@ -62,81 +54,41 @@ RIVALS = (
 """Figures of the controllers in the table of Fig 10."""
 
 
-def study_report(
-    study: HeadStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
-) -> Report:
-    """Return the report.
+def names(study: HeadStudy, *_: Any) -> dict[str, Any]:
+    """Return what the template names beside figures."""
+    highest, laws = highest_steps(study.camera)
+    return {
+        "drawn": _drawn(study),
+        "interval_ms": 1e3 * TICK,
+        "body_share": Cooling().share,
+        "HIGHEST": HIGHEST,
+        "HOTTEST": HOTTEST,
+        "AGE": AGE,
+        "DROPPED": DROPPED,
+        "STEADY": STEADY,
+        "STEP": STEP,
+        "camera_end": end_of(study.camera),
+        "camera_step": highest,
+        "camera_laws": laws,
+        "where_better": where_better,
+    }
 
-    Parameters
-    ----------
-    study : HeadStudy
-        The first specimen, which is drawn.
-    figures : mapping
-        Over all specimens.
-    runs : sequence of mapping
-        The figures of each specimen.
+
+def holds(*values: float | str) -> str:
+    """Return whether the first value is no larger than the others; of several groups, each of them.
+
+    Groups are apart by ``/``. If some hold only, a statement holds in part.
     """
-    steps, pi = figures["steps"], figures["rivals"]["pi"]
-    report = Report(
-        TITLE,
-        f"The experiments of Boudjabi, Ferreira and Krupa on {specimens(runs)}; figures are drawn "
-        f"for that of seed {study.seed}. Steps of 20 to 40 degrees settle in "
-        f"{steps['settle_s']:.1f} s with the inverse operator and an observer of the heating "
-        f"power, in {pi['settle_s']:.1f} s with PI control without a model.",
-    )
-    _add_overview(report, study, figures, runs)
-    add_sections(report, figures, _drawn(study))
-    _add_static(report, study, figures)
-    _add_inverse(report, study, figures)
-    _add_open_loop(report, study, figures)
-    _add_steps(report, study, figures)
-    _add_disturbed(report, study, figures)
-    _add_circles(report, study, figures)
-    add_camera(report, study.camera, figures, study.runs, study.seed)
-    _add_limits(report, study)
-    _add_planning(report, study, figures)
-    add_sight(report, study.sight, figures, study.seed)
-    add_integral(report, study.integral, figures["integral"], study.seed)
-    return report
-
-
-def _add_overview(
-    report: Report, study: HeadStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
-) -> None:
-    facts, clock = study.facts, figures["realtime"]
-    report.add(
-        "What was found",
-        text=(
-            "The head is a twin, a simulation of heat, phase transformation and springs with no "
-            "Preisach operator in it. Each specimen has its own material, springs and pulleys, "
-            "within 10 % of nominal. Figures are medians over specimens of the worst case of "
-            "each. A step has settled within 2 % of its target, or 0.3 degrees where that is "
-            "more. Angles are scored without the noise of the sensor. Settling, overshoot and "
-            "steady rms are those of pan, the axis that steps; a circle is scored by the distance "
-            'from the wanted point, both axes together. In all tables, "not reached" means that '
-            'it did not happen before the end of a run, and "none" that there was nothing to '
-            "count.",
-            f"One control step of both axes took {clock['step_ms_median']:.2f} ms in the median, "
-            f"and 999 of 1000 steps took at most {clock['step_ms_p999']:.2f} ms. The loop has "
-            f"{1e3 * TICK:.0f} ms. These times depend on the machine that runs the study and on "
-            "what else it does meanwhile, so that no bound is set.",
-            "Three printed formulas of the paper cannot be used as they are. With relays of 0 "
-            "and 1 the density is the mixed derivative of the reversal values, without the "
-            "factor 1/2 that belongs to relays of -1 and +1. The sums of Eqs. (5) and (6) end "
-            "with the last minimum m(n-1), and lack the output of the cold wire. And 1.2 V over "
-            "20 ohm are 60 mA, not the 400 mA of the text; the command of 1.2 V stands for "
-            "400 mA here.",
-        ),
-        table=claim_table(CLAIMS, figures),
-        pictures=every_specimen(CLAIMS, runs, study.seed),
-    )
-    report.add(
-        "The twin",
-        text=f"At nominal parameters 400 mA turn it to {facts['angle_at_400mA_deg']:.0f} degrees "
-        f"at {facts['hottest_C']:.0f} degrees Celsius and {facts['stress_MPa']:.0f} MPa, which is "
-        "more than the 172 MPa that makers advise for long life. It comes 63 % of the way up in "
-        f"{facts['heat_t63_s']:.1f} s and of the way down in {facts['cool_t63_s']:.1f} s.",
-    )
+    groups: list[list[float]] = [[]]
+    for value in values:
+        if isinstance(value, str):
+            groups.append([])
+        else:
+            groups[-1].append(value)
+    held = [all(first <= other for other in others) for first, *others in groups]
+    if all(held):
+        return "holds"
+    return "holds in part" if any(held) else "does not hold here"
 
 
 def _drawn(study: HeadStudy) -> dict[str, dict[str, float]]:
@@ -149,261 +101,10 @@ def _drawn(study: HeadStudy) -> dict[str, dict[str, float]]:
         found[name] = {
             "least": min(settled),
             "most": max(settled),
+            "twice": 2 * min(settled),
             "step_ms": 1e3 * float(np.median(took)),
         }
     return found
-
-
-def _add_static(report: Report, study: HeadStudy, over_all: Mapping[str, Any]) -> None:
-    figures, arbitrary = over_all["static"], over_all["arbitrary"]
-    wire = study.static.wires[0].model
-    report.add(
-        "Figs 2 and 5: the loop, and what the models make of it",
-        text="The paper measures reversal curves on a mesh of 0.1 V. The wire moves over less "
-        "than half of that range, so that most of the mesh is spent where nothing happens. Here "
-        "it is measured on that mesh, and again on few levels placed where it moves, with the "
-        "heating power as the input. There a decaying staircase follows the reversal curves, "
-        f"{study.static.wires[0].steady.u.size} settled holds in all where the mesh has "
-        f"{study.static.paper.u.size}, since the minor loops of a wire depend on more of its past "
-        "than those of an operator do. After commands that no model was fitted to, the rms error "
-        f"is {figures['rms_deg']:.2f} degrees for the operator on power, "
-        f"{figures['mesh_rms_deg']:.2f} for the mesh with its interpolation, and "
-        f"{figures['dots_rms_deg']:.2f} for the same mesh with one relay at each of its points "
-        f"and no interpolation, as in the fibre paper. The heating lag is {wire.lag:.1f} s while "
-        "the wire does not move; the latent heat makes it "
-        f"{wire.lag + wire.latent * _mean_slope(wire):.1f} s on average while it does. Of the "
-        f"random holds, {figures['moving_holds']:.0f} of {study.static.inputs.size} lie between "
-        f"the ends of the stroke; there it errs by {figures['moving_rms_deg']:.2f} degrees rms. "
-        "Fig 5 has an arbitrary input over time. Under one with "
-        f"{arbitrary['minor_loops']:.0f} minor loops of the angle the operator on power "
-        f"with its lag errs by {arbitrary['rms_deg']:.2f} degrees rms, and by "
-        f"{arbitrary['moving_rms_deg']:.2f} in the {arbitrary['moving_share']:.0%} of the time in "
-        "which the wire moves; the mesh behind a linear lag of the command errs by "
-        f"{arbitrary['mesh_rms_deg']:.2f} and {arbitrary['mesh_moving_rms_deg']:.2f}. The angle "
-        "is that of a sensor at the joint.",
-        pictures=[
-            Picture(
-                draw_loops(study),
-                "Fig 2: the major loop with reversal curves, and the density on power. "
-                f"{_sensed(study)}",
-            ),
-            Picture(
-                draw_arbitrary(study),
-                "Fig 5: actual and predicted angle under an arbitrary input. " + _sensed(study),
-            ),
-            Picture(
-                draw_predictions(study),
-                f"Angle after each of the random holds, and errors. {_sensed(study)}",
-            ),
-        ],
-    )
-
-
-def _add_inverse(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -> None:
-    stepping, exact = figures["stepping_inverse"], figures["exact_inverse"]
-    report.add(
-        "Fig 6: the stepping inverse against the exact one",
-        text="The paper raises or lowers the command by 0.1 V until its model has passed the "
-        "target, so that it errs by up to a step; in its chart the wrong output is tested, and "
-        "nothing stops it at the end of the range. Made safe, it errs by "
-        f"{stepping['rms_pct']:.1f} % of the range rms on its own model. The exact inverse "
-        f"{_to_rounding(exact['rms_pct'])}. Driving the wire, {stepping['driven_rms_deg']:.1f} and "
-        f"{exact['driven_rms_deg']:.1f} degrees rms remain.",
-        pictures=[
-            Picture(
-                draw_inverse(study), f"Errors at random targets, model and wire. {_sensed(study)}"
-            )
-        ],
-    )
-
-
-def _add_open_loop(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -> None:
-    ramps, lag = figures["fig8"], figures["fig8"]["lag_s"]
-    own = {key: value for key, value in ramps.items() if not isinstance(value, Mapping)}
-    rows = []
-    for name, case in CASES.items():
-        of = own if name == NAMED else ramps[name]
-        rows.append(
-            (
-                case.words,
-                f"{of['first_rise_deg']:.2f}",
-                f"{of['error_first_ramp_deg']:.2f}",
-                f"{of['error_last_ramp_deg']:.2f}",
-                f"{of['last_fall_deg']:.2f}",
-                f"{of['ratio']:.1f}",
-                f"{_after_start(study, name):.1f}",
-            )
-        )
-    columns = (
-        "case",
-        "first ramp, rising half",
-        "first ramp",
-        "tenth ramp",
-        "tenth ramp, falling half",
-        "tenth over first",
-        f"tenth over second, seed {study.seed}",
-    )
-    share = Cooling().share
-    report.add(
-        "Fig 8: ramps in open loop",
-        text="The paper drives ramps by the inverse of a linear transfer function of the heating "
-        "and by the stepping inverse. The first rising ramp is followed; at the end of the input, "
-        "after a long operation, a significant error is left. It blames strong dynamical effects "
-        "and the variable dynamics of the heating. The same chain drives the twin, whose heating "
-        "varies as that of a wire in a head does: latent heat, resistance of the phases, "
-        "convection that grows with the temperature of the wire and with its bending, and a body "
-        f"of the head that the wire warms, by {own['body_K']:.1f} K after twenty minutes. That "
-        f"{100 * share:.0f} % of the surroundings of a wire are this body is assumed, and with it "
-        "the size of the error; the paper does not give it. The "
-        f"model has none of this, but one lag of {lag:.1f} s of the command. The first ramp begins "
-        "cold, so that the tenth over the first is not 1 without the body either: it is "
-        f"{ramps['constant']['ratio']:.2f} with latent heat and resistance alone and "
-        f"{ramps['film']['ratio']:.2f} with convection, beside {own['ratio']:.2f} with the body. "
-        "The tenth over the second is without the cold start: "
-        f"{_after_start(study, 'constant'):.2f}, {_after_start(study, 'film'):.2f} and "
-        f"{_after_start(study, NAMED):.2f} on the specimen that is drawn. Without a slow variable "
-        "of the heating a wire forgets its state within a ramp, and equal ramps repeat. "
-        "Ramps that get faster can become worse without one. "
-        "A room that warms is not the paper's cause. The steps of the inverse are 0.1 V across the "
-        "20 ohm of the paper, 5 mA; with steps of 0.1 V of the command, 33 mA, the steps are most "
-        "of the error. In closed loop two of the ramps are "
-        f"{own['closed_deg']:.2f} degrees rms off. Errors in degrees rms; medians over all "
-        "specimens but for the last column. Settled holds in open loop are "
-        f"{figures['open_loop']['rms_deg']:.1f} degrees rms off in steady surroundings, and "
-        f"{figures['open_loop_plus_10K']['rms_deg']:.0f} in air that is 10 K warmer than when the "
-        "wire was identified.",
-        table=Table(columns, rows),
-        pictures=[
-            Picture(
-                draw_ramps(study),
-                f"Fig 8: reference and actual angle, errors, body of the head. {_sensed(study)}",
-            )
-        ],
-    )
-
-
-def _after_start(study: HeadStudy, case: str) -> float:
-    """Return the rms error of the tenth ramp over that of the second, which begins warm."""
-    ramps = np.sqrt(np.mean(study.ramps[case].rms ** 2, axis=1))
-    return float(ramps[-1] / ramps[1])
-
-
-def _add_steps(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -> None:
-    report.add(
-        "Fig 10: steps, with the inverse operator and without",
-        text=(
-            "All run at 25 Hz on readings that are 40 ms old with 0.05 degrees of noise, through "
-            "the same guard. The paper's internal model takes the lag to follow the operator; the "
-            "heat in fact precedes it, and what a step needs depends on where in the loop it "
-            "begins. The observer follows the heating power itself and asks the inverse operator "
-            "how much is missing: this is the use of the operator. PI alone must wait for "
-            "its integral to cross the width of the loop. Two more laws are those of other "
-            "authors whom the paper cites: the inverse as feedforward with PI feedback (Ge and "
-            "Jouaneh, 1997), and a reference model whose gains adapt around the inverse (Song and "
-            "Li, 1999).",
-            "The first three figures of a controller are the worst of the steps of "
-            f"{_listed(TARGETS)} degrees. The energy is the integral of the squared current over "
-            f"these steps. Disturbed is the step of {TARGETS[-1]:g} degrees alone, the worst of "
-            "four surroundings; the rows with four other surroundings in the first table are of "
-            "all three steps. Medians over all specimens.",
-            where_better(RIVALS, figures["rivals"], DEFAULT),
-        ),
-        table=rivals_table(RIVALS, figures["rivals"]),
-        pictures=[
-            Picture(
-                draw_steps(study.runs),
-                f"Fig 10: angle and current of three steps. {_sensed(study)}",
-            )
-        ],
-    )
-
-
-def _add_disturbed(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -> None:
-    aged = figures["aged"]
-    report.add(
-        "Other surroundings",
-        text="What the paper leaves open: ambient and convection that are not those of the "
-        "identification, and an ambient that rises by 10 K within 10 s. On wires that have aged "
-        "by a whole life, 10 % less stroke and 5 K, the second half of a staircase is "
-        f"{aged['observer_rms_deg']:.2f} degrees rms off with the observer and "
-        f"{aged['adaptive_rms_deg']:.2f} with the adaptive model: ageing mostly changes the "
-        "bias, which the observer compensates anyway.",
-        pictures=[
-            Picture(
-                draw_disturbed(study),
-                f"Steps in other surroundings, and the rising ambient. {_sensed(study)}",
-            ),
-            Picture(
-                draw_aged(study),
-                f"Aged wires: errors of the observer with and without learning. {_sensed(study)}",
-            ),
-        ],
-    )
-
-
-def _add_circles(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -> None:
-    speeds = ", ".join(
-        f"{figures[key]['rms_deg']:.2f} in {key[7:-1]} s"
-        for key in sorted(
-            (k for k in figures if k.startswith("circle")), key=lambda k: -float(k[7:-1])
-        )
-    )
-    report.add(
-        "Fig 11: circles",
-        text="Both axes at once, 10 degrees about (25, 25). Distance from the wanted point, "
-        f"degrees rms: {speeds}. A wire is heated as fast as the current allows, but cools only "
-        "as fast as the air takes the heat: this limits the speed of a circle.",
-        pictures=[Picture(draw_circles(study), f"Fig 11: pan against tilt. {_sensed(study)}")],
-    )
-
-
-def _add_limits(report: Report, study: HeadStudy) -> None:
-    columns = ("controller", "runs", "highest current, A", "hottest, C", "highest stress, MPa")
-    rows = []
-    for name, words in WORDS.items():
-        own = [run for (_, who), run in study.runs.items() if who == name]
-        rows.append(
-            (
-                words,
-                str(len(own)),
-                f"{max(float(run.current.max()) for run in own):.3f}",
-                f"{max(float(run.truth.hottest.max()) for run in own):.0f}",
-                f"{max(float(run.truth.stress.max()) for run in own) / 1e6:.0f}",
-            )
-        )
-    report.add(
-        "Limits, lost sensors, and targets out of reach",
-        text=f"No run may exceed {HIGHEST} A or {HOTTEST:.0f} degrees Celsius, with a sensor that "
-        "sticks or is lost, and where little cools the wire, as well. At the end of its stroke the "
-        "angle does not tell how hot a wire is; there it is not heated on. The controller cannot "
-        "measure the temperature and uses the higher of two estimates; the score uses the truth of "
-        "the twin. A target that cannot be reached is given up with its cause: flooded without a "
-        "sleeve the wire hardly warms, in air of -10 degrees most specimens do not turn all the "
-        "way.",
-        table=Table(columns, rows),
-        pictures=[
-            Picture(
-                draw_hopeless(study),
-                f"Targets out of reach: angle, current, verdict. {_sensed(study)}",
-            )
-        ],
-    )
-
-
-def _add_planning(report: Report, study: HeadStudy, over_all: Mapping[str, Any]) -> None:
-    figures = over_all["planning"]
-    report.add(
-        "Planning ahead",
-        text="Where targets fall faster than the wire cools, a plan that knows them cools early. "
-        f"Its squared error is {figures['cost_ratio']:.2f} of that of the inverse, target by "
-        f"target, on the model, and {figures['driven_cost_ratio']:.2f} on the wire.",
-        pictures=[
-            Picture(
-                draw_plan(study),
-                f"A planned sequence and the inverse one, driven; seed {study.seed}.",
-            )
-        ],
-    )
 
 
 def draw_loops(study: HeadStudy) -> Any:
@@ -622,22 +323,57 @@ def draw_plan(study: HeadStudy) -> Any:
     return figure
 
 
-def _sensed(study: HeadStudy) -> str:
-    """Return for a caption which sensor gives the angles, and of which specimen."""
-    return f"Sensor at the joint, seed {study.seed}."
-
-
-def _listed(values: Sequence[float]) -> str:
-    """Return numbers as a list in words."""
-    *first, last = (f"{each:g}" for each in values)
-    return f"{', '.join(first)} and {last}"
-
-
-def _to_rounding(rms: float) -> str:
+def to_rounding(rms: float) -> str:
     """Return in words by how much of the range in percent an exact inverse errs."""
     return "is exact to rounding" if rms < _ROUNDING else f"errs by {rms:.2g} %"
 
 
-def _mean_slope(wire: Any) -> float:
+def mean_lag(wire: HeatedWire) -> float:
+    """Return the heating lag of a wire that moves, in seconds, on average over its levels."""
     low, high = wire.operator.range
-    return float((high - low) / np.ptp(wire.operator.levels))
+    return wire.lag + wire.latent * float((high - low) / np.ptp(wire.operator.levels))
+
+
+def after_start(ramps: Ramps) -> float:
+    """Return the rms error of the tenth ramp over that of the second, which begins warm."""
+    whole = np.sqrt(np.mean(ramps.rms**2, axis=1))
+    return float(whole[-1] / whole[1])
+
+
+def circle_speeds(figures: Mapping[str, Any]) -> str:
+    """Return in words the errors of the circles, the slowest first."""
+    periods = sorted((key[7:-1] for key in figures if key.startswith("circle")), key=float)
+    said = (f"{figures[f'circle_{one}s']['rms_deg']:.2f} in {one} s" for one in reversed(periods))
+    return ", ".join(said)
+
+
+def limits_table(study: HeadStudy) -> Table:
+    """Return the highest current, temperature and stress of each controller."""
+    rows = []
+    for name, words in WORDS.items():
+        own = [run for (_, who), run in study.runs.items() if who == name]
+        current, hottest, stress = (
+            max(float(values.max()) for values in each)
+            for each in zip(
+                *((run.current, run.truth.hottest, run.truth.stress) for run in own), strict=True
+            )
+        )
+        rows.append(
+            (words, str(len(own)), f"{current:.3f}", f"{hottest:.0f}", f"{stress / 1e6:.0f}")
+        )
+    columns = ("controller", "runs", "highest current, A", "hottest, C", "highest stress, MPa")
+    return Table(columns, rows)
+
+
+STUDY = Study(
+    "head",
+    "A catheter head on shape-memory wires",
+    run_study,
+    gather,
+    {
+        "integral": "papers.catheter.servo_integral",
+        "rivals": "papers.catheter.camera_rivals",
+        "unreachable": "papers.catheter.unreachable",  # with more cases
+    },
+    page=__name__,
+)

@@ -25,26 +25,17 @@ WORDS = {
 
 @dataclass(frozen=True)
 class ControllerFigure:
-    """A figure of a controller, of which less is better.
-
-    Parameters
-    ----------
-    key : str
-        Name among the figures of a controller.
-    words : str
-        What it is.
-    unit : str
-    digits : int
-        Behind the decimal point.
-    least : float
-        Difference that counts if it is exceeded.
-    """
+    """A figure of a controller, of which less is better."""
 
     key: str
+    """Name among the figures of a controller."""
     words: str
+    """What it is."""
     unit: str
     digits: int = 2
+    """Behind the decimal point."""
     least: float = 0.0
+    """Difference that counts if it is exceeded."""
 
     @property
     def heading(self) -> str:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Levels, uniform_levels
 from minorloop.dynamics.linear import Linear
-from minorloop.identification import Identification, excitation, identify
+from minorloop.identification import Identification, excitation
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 from minorloop_head.control.heating import (
@@ -30,6 +30,8 @@ from minorloop_head.heated_wire import HeatedWire
 from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.head_loop import NOISE, TICK
+from papers.facts import identify_settled
+from papers.harness import rms
 
 COMMAND, CURRENT = 1.2, 0.4
 """Full command in V, and its current in A."""
@@ -98,8 +100,8 @@ class Arbitrary:
         found = {"moving_share": float(np.mean(self.moving)), "minor_loops": self.minor_loops}
         for name, predicted in self.predicted.items():
             prefix, error = "" if name == "power" else f"{name}_", predicted - self.angle
-            found[f"{prefix}rms_deg"] = _rms(error)
-            found[f"{prefix}moving_rms_deg"] = _rms(error[self.moving])
+            found[f"{prefix}rms_deg"] = rms(error)
+            found[f"{prefix}moving_rms_deg"] = rms(error[self.moving])
         return found
 
 
@@ -146,19 +148,19 @@ class Static:
 
     def figures(self) -> dict[str, Any]:
         """Return errors in degrees, and those of inverses in percent of the model's range."""
-        rms = {name: _rms(y - self.settled) for name, y in self.predictions.items()}
+        settled = {name: rms(y - self.settled) for name, y in self.predictions.items()}
         low, high = self.paper.model.range
         stepping, exact = (
-            100 * _rms(y - self.targets) / (high - low) for y in (self.stepping, self.exact)
+            100 * rms(y - self.targets) / (high - low) for y in (self.stepping, self.exact)
         )
-        driven = {name: _rms(y - self.targets) for name, y in self.driven.items()}
+        driven = {name: rms(y - self.targets) for name, y in self.driven.items()}
         return {
             "static": {
-                "rms_deg": rms["power"],
-                "mesh_rms_deg": rms["mesh"],
-                "dots_rms_deg": rms["dots"],
+                "rms_deg": settled["power"],
+                "mesh_rms_deg": settled["mesh"],
+                "dots_rms_deg": settled["dots"],
                 "max_deg": float(np.abs(self.predictions["power"] - self.settled).max()),
-                "moving_rms_deg": _rms((self.predictions["power"] - self.settled)[self.between]),
+                "moving_rms_deg": rms((self.predictions["power"] - self.settled)[self.between]),
                 "moving_holds": int(self.between.sum()),
             },
             "arbitrary": self.arbitrary.figures(),
@@ -239,17 +241,8 @@ def identify_mesh(seed: int, surroundings: Surroundings | None = None) -> Identi
     """Identify the first axis as the paper does: reversal curves on a mesh of commands in V."""
     mesh = uniform_levels(0.0, COMMAND, MESH)
     commands = excitation.reversal_curves(mesh)
-    return identify(
-        commands,
-        _settled(seed, 0, commands * CURRENT / COMMAND, surroundings)[:, 0],
-        levels=mesh,
-        relay="unipolar",
-        diagonal="reversible",
-        prior="none",
-        smoothness=0.0,
-        slope=False,
-        lag=0,
-    )
+    settled = _settled(seed, 0, commands * CURRENT / COMMAND, surroundings)[:, 0]
+    return identify_settled(commands, settled, levels=mesh, relay="unipolar", prior="none")
 
 
 def identify_head(seed: int) -> tuple[tuple[HeatedWire, HeatedWire], FloatArray]:
@@ -299,7 +292,3 @@ def step_record(
 
 def _head(seed: int, axis: int, surroundings: Surroundings | None = None) -> Head:
     return Head(seed, NOISE, 2 * seed + axis, surroundings=surroundings)
-
-
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))

@@ -34,6 +34,7 @@ from minorloop_head.twins.surroundings import Sway
 from minorloop_head.vision.tracking import TRACKED
 from papers.catheter import scoring
 from papers.catheter.head_static import identify_head
+from papers.harness import rms
 
 TICK = 0.04
 APPROACH = 14.0
@@ -46,6 +47,8 @@ START_PX, SETTLED_PX = 43.0, 2.0
 SWAY_SECONDS, SWAY_WAIT = 40.0, 12.0
 SWING, MOTION, MOTION_SECONDS = math.radians(7.0), math.radians(10.0), 20.0
 """Amplitude of the motion under which the tracker is tested, its fastest rate, and its duration."""
+AWAY = (19.0, 27.0)
+"""Deflection at which the hole is in the middle, in degrees."""
 STROKE_SHARE = 0.93
 """Largest share of a wire's identified stroke in a scene, so that every hole can be reached."""
 BLIND = SensorWatch(patience=10_000)
@@ -85,13 +88,13 @@ class ServoRun:
 
     def rms(self, after: float) -> float:
         """Return the root-mean-square distance after a time, in pixels."""
-        return float(np.sqrt(np.mean(self.off[self.t > after] ** 2)))
+        return rms(self.off[self.t > after])
 
     def stabilised_rms(self, after: float) -> float:
         """Return the same in images shifted by what was tracked; NaN if nothing was."""
         if self.left is None:
             return np.nan
-        return float(np.sqrt(np.mean(self.left[self.t > after] ** 2)))
+        return rms(self.left[self.t > after])
 
     @property
     def lost(self) -> float:
@@ -108,6 +111,22 @@ class ServoRun:
         return longest * TICK
 
 
+def within_stroke(
+    control: HeadControl, rng: np.random.Generator, away: tuple[float, float]
+) -> tuple[FloatArray, float]:
+    """Draw a line of sight (2,) that the identified wires reach, and its direction in radians.
+
+    Its deflection is between ``away``, in degrees.
+    """
+    top = [axis.observer.wire.operator.range[1] for axis in control.axes]
+    while True:
+        far, way = np.radians(rng.uniform(*away)), float(rng.uniform(0, 2 * np.pi))
+        aim = far * np.array([np.cos(way), np.sin(way)])
+        own = np.linalg.solve(np.asarray(control.coupling), np.degrees(aim + STRAIGHT))
+        if (own < STROKE_SHARE * np.array(top)).all():
+            return np.asarray(aim), way
+
+
 class Scene:
     """A pipe with one hole, a head before it, and the control of its wires."""
 
@@ -117,7 +136,7 @@ class Scene:
         wires, coupling = wires_of(seed)
         self.control: HeadControl = head_control("observer", wires, coupling=coupling)
         self.blind = head_control("observer", wires, coupling=coupling, sensor=BLIND)
-        aim, way = self._within_stroke(rng)
+        aim, way = within_stroke(self.control, rng, AWAY)
         self.mount = Mount(
             offset=tuple(rng.uniform(-0.4e-3, 0.4e-3, 2)), roll=rng.uniform(-np.pi, np.pi)
         )
@@ -130,16 +149,6 @@ class Scene:
         side = way + np.pi / 2 * rng.choice([-1, 1]) + rng.uniform(-0.6, 0.6)
         start = aim + off * np.array([np.cos(side), np.sin(side)])
         self.start = CONE.clip(start)
-
-    def _within_stroke(self, rng: np.random.Generator) -> tuple[FloatArray, float]:
-        """Draw a line of sight (2,) that the identified wires reach, and its direction."""
-        top = [axis.observer.wire.operator.range[1] for axis in self.control.axes]
-        while True:
-            away, way = np.radians(rng.uniform(19, 27)), float(rng.uniform(0, 2 * np.pi))
-            aim = away * np.array([np.cos(way), np.sin(way)])
-            own = np.linalg.solve(np.asarray(self.control.coupling), np.degrees(aim + STRAIGHT))
-            if (own < STROKE_SHARE * np.array(top)).all():
-                return aim, way
 
     def rig(self, sway: Sway | None = None, *, sensor: bool = True) -> InspectionRig:
         """Return a cold head with its camera; it is assumed to be on the axis of the pipe."""
@@ -227,18 +236,12 @@ def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
 
 @dataclass(frozen=True, eq=False)
 class Swinging(Procedure[CentreState]):
-    """Track a point while the head swings about it.
-
-    Parameters
-    ----------
-    centring : Centring
-        What tracks.
-    aim : (2,) array
-        Middle of the swing, in radians.
-    """
+    """Track a point while the head swings about it."""
 
     centring: Centring
+    """What tracks."""
     aim: FloatArray
+    """Shape (2,). Middle of the swing, in radians."""
 
     def _next(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
         state, request = self.centring.step(state, reading)

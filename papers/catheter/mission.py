@@ -74,75 +74,51 @@ PROMISED = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """Result of a mission.
-
-    Parameters
-    ----------
-    seed : int
-        Of pipe and rig.
-    truth : Bore
-        The pit. For scoring only, as the next two.
-    truth_crack : Crack
-        The crack.
-    truth_water : float
-        Height of the water, in m.
-    log : tuple of LogEntry
-        Its steps.
-    near : Findings, optional
-        Of the near view of the candidate.
-    first, centred : (H, W) arrays, optional
-        Images of the finding when picked, and with the axis sent to it.
-    pixel : (2,) array, optional
-        Of the finding in the first image.
-    picked : (2,) array, optional
-        Phi and z of the candidate in the view that showed it first.
-    found : Hole, optional
-        By the camera, in the near view.
-    pit : PitDepth, optional
-        By the echoes.
-    wall, ring : DepthMap, optional
-        About the pit, and once round the pipe.
-    profile : Profile, optional
-        Of the sweep round the pipe.
-    water : WaterLine, optional
-        Of the same sweep.
-    cracks : tuple of SeenCrack
-        That were seen again in a near view.
-    touch : float
-        Distance from the true centre at which the tool came to the wall, in m; infinite without a
-        contact.
-    off : float
-        Distance of the true centre from the optical axis when centred, in pixels.
-    steps : tuple of LogEntry
-        Those with this pit.
-    reachable : bool
-        Whether the wires truly reach the raster in the water. For scoring only.
-    processor : float
-        Seconds of the processor, identification of the head included.
-    """
+    """Result of a mission."""
 
     seed: int
+    """Of pipe and rig."""
     truth: Bore
+    """The pit. For scoring only, as the next two."""
     truth_crack: Crack
+    """The crack."""
     truth_water: float
+    """Height of the water, in m."""
     log: tuple[LogEntry, ...] = ()
+    """Its steps."""
     near: Findings | None = None
+    """Of the near view of the candidate."""
     first: npt.NDArray[np.uint8] | None = None
-    pixel: FloatArray | None = None
     centred: npt.NDArray[np.uint8] | None = None
+    """Shape (H, W). Images of the finding when picked, and with the axis sent to it."""
+    pixel: FloatArray | None = None
+    """Shape (2,). Of the finding in the first image."""
     picked: FloatArray | None = None
+    """Shape (2,). Phi and z of the candidate in the view that showed it first."""
     found: Hole | None = None
+    """By the camera, in the near view."""
     pit: PitDepth | None = None
+    """By the echoes."""
     wall: DepthMap | None = None
     ring: DepthMap | None = None
+    """About the pit, and once round the pipe."""
     profile: Profile | None = None
+    """Of the sweep round the pipe."""
     water: WaterLine | None = None
+    """Of the same sweep."""
     cracks: tuple[SeenCrack, ...] = ()
+    """That were seen again in a near view."""
     touch: float = np.nan
+    """Distance from the true centre at which the tool came to the wall, in m; infinite without a
+    contact."""
     off: float = np.nan
+    """Distance of the true centre from the optical axis when centred, in pixels."""
     steps: tuple[LogEntry, ...] = ()
+    """Those with this pit."""
     reachable: bool = True
+    """Whether the wires truly reach the raster in the water. For scoring only."""
     processor: float = np.nan
+    """Seconds of the processor, identification of the head included."""
 
     @property
     def failed(self) -> tuple[str, ...]:

@@ -37,33 +37,22 @@ MOST = 3
 
 @dataclass(frozen=True, eq=False)
 class SeenCrack:
-    """A crack that a mission reports.
-
-    Parameters
-    ----------
-    traced : TracedCrack
-        In the near view.
-    course : TracedCrack
-        In the view that shows it longest.
-    widest : (2,) array
-        Phi and z of the scan.
-    width : float
-        There, in metres.
-    found : CrackDepth
-        By the echoes.
-    photo : Photo
-        The near view.
-    wall : DepthMap
-        The wall about it.
-    """
+    """A crack that a mission reports."""
 
     traced: TracedCrack
+    """In the near view."""
     course: TracedCrack
+    """In the view that shows it longest."""
     widest: FloatArray
+    """Shape (2,). Phi and z of the scan."""
     width: float
+    """There, in metres."""
     found: CrackDepth
+    """By the echoes."""
     photo: Photo
+    """The near view."""
     wall: DepthMap
+    """The wall about it."""
 
     @property
     def finding(self) -> Finding:

@@ -49,7 +49,9 @@ def save_mission(mission: Mission, folder: Path) -> list[Path]:
 
 
 def draw_images(mission: Mission) -> Any:
-    """Draw the picked point as first seen, close up, and with the axis sent to it."""
+    """Draw the picked point as first seen, close up, and with the axis sent to it; None of none."""
+    if mission.first is None:
+        return None
     figure, axes = new_figure(1, 3, height=3.0)
     pictures = (
         (mission.first, mission.pixel, "picked", None),

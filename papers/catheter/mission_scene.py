@@ -37,29 +37,19 @@ CRACKED, CLEAR = (18e-3, 31e-3), 3e-3
 
 @dataclass(frozen=True, eq=False)
 class MissionTruth:
-    """Truth of a scene. For scoring only.
-
-    Parameters
-    ----------
-    bore : Bore
-        The pit.
-    crack : Crack
-    pipe : Pipe
-        Without water.
-    water : Filling
-        Of the flooded pipe.
-    plant : Rig
-        Head and catheter.
-    offset : (float, float)
-        Of the pivot of the head off the axis of the pipe, in metres.
-    """
+    """Truth of a scene. For scoring only."""
 
     bore: Bore
+    """The pit."""
     crack: Crack
     pipe: Pipe
+    """Without water."""
     water: Filling
+    """Of the flooded pipe."""
     plant: Rig
+    """Head and catheter."""
     offset: tuple[float, float]
+    """Of the pivot of the head off the axis of the pipe, in metres."""
 
 
 def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig, MissionTruth]:

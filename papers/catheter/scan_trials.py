@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import PitDepth, measure_pit
 from minorloop_head.vision.calibrated_camera import Image
 from papers.catheter import scoring
+from papers.harness import mean, median
 
 KINDS = ("pit", "dished", "dented", "hole", "mark", "dry")
 GYROSCOPE_NOISE = math.radians(0.05)
@@ -63,32 +64,44 @@ _ROLL_SD, _ADVANCE_SD = 5e-3, 0.05e-3
 """Standard deviations of the error of the known mount, in radians and metres."""
 
 
-@dataclass(eq=False)
-class ScanSite:
-    """A place of a pipe: what is known of it, and its truth.
-
-    Parameters
-    ----------
-    probe : CalibratedProbe
-        As calibrated.
-    centre : (float, float)
-        Phi and z of the mouth by the camera.
-    diameter : float
-        By the camera, in metres.
-    truth : Bore
-        For scoring only.
-    dry : bool
-        Whether there is no water.
-    strayed : (float, float)
-        Known minus true roll and advance of the mount. For scoring only.
-    """
+@dataclass(eq=False, kw_only=True)
+class Scanned:
+    """A probe before a place of a pipe, and its truth."""
 
     probe: CalibratedProbe
+    """As calibrated."""
     centre: tuple[float, float]
+    """Phi and z of the place by the camera."""
+    twin: Ultrasound
+    """Of the probe."""
+    pipe: Pipe
+    """With water, if any."""
+    mount: Mount
+    """True mount. For scoring only."""
+    rng: np.random.Generator
+    """Of the sway, of the noise of the angles, and of the picture."""
+    pose: str = "camera"
+    """One of "camera", "gyroscope", "joints". What gives the pose of a burst."""
+    specimen: int = 0
+    """Seed of camera and wall."""
+
+
+@dataclass(eq=False)
+class ScanSite:
+    """A place of a pipe: what is known of it, and its truth."""
+
+    probe: CalibratedProbe
+    """As calibrated."""
+    centre: tuple[float, float]
+    """Phi and z of the mouth by the camera."""
     diameter: float
+    """By the camera, in metres."""
     truth: Bore
+    """For scoring only."""
     dry: bool
+    """Whether there is no water."""
     strayed: tuple[float, float] = (0.0, 0.0)
+    """Known minus true roll and advance of the mount. For scoring only."""
 
     @property
     def depth(self) -> float:
@@ -97,34 +110,10 @@ class ScanSite:
 
 
 @dataclass(eq=False, kw_only=True)
-class ScanTrial(ScanSite):
-    """A place with a probe before it.
+class ScanTrial(ScanSite, Scanned):
+    """A place with a probe before it, and the noise, gain and temperature of its twin."""
 
-    Parameters
-    ----------
-    twin : Ultrasound
-        Of the probe.
-    pipe : Pipe
-        With water, if any.
-    mount : Mount
-        True mount. For scoring only.
-    settings : dict
-        Noise, gain and temperature of the twin.
-    rng : numpy Generator
-        Of the sway, of the noise of the angles, and of the picture.
-    pose : {"camera", "gyroscope", "joints"}
-        What gives the pose of a burst.
-    specimen : int
-        Seed of camera and wall.
-    """
-
-    twin: Ultrasound
-    pipe: Pipe
-    mount: Mount
     settings: dict[str, Any]
-    rng: np.random.Generator
-    pose: str = "camera"
-    specimen: int = 0
 
     @property
     def site(self) -> ScanSite:
@@ -268,22 +257,6 @@ def strayed(
     return replace(probe, mount=known), (turned, moved)
 
 
-class Scanned(Protocol):
-    """What a scan needs: probe and place as known; pipe, twin of the probe, true mount and noise.
-
-    ``pose`` is one of the ``POSES``; ``specimen`` is the seed of camera and wall.
-    """
-
-    probe: CalibratedProbe
-    centre: tuple[float, float]
-    twin: Ultrasound
-    pipe: Pipe
-    mount: Mount
-    rng: np.random.Generator
-    pose: str
-    specimen: int
-
-
 def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
     """Scan a raster by the procedure of mission and console, while flow sways the head.
 
@@ -406,27 +379,18 @@ def _calibration(probe: CalibratedProbe) -> HeadCalibration:
 
 @dataclass(frozen=True, eq=False)
 class ScoredScan:
-    """One scan with its truth.
-
-    Parameters
-    ----------
-    site : ScanSite
-        Where.
-    found : PitDepth
-        The estimate.
-    seconds : float
-        Processor time of ``measure_pit``.
-    wall : DepthMap
-        Fused.
-    modality : str
-        By the first burst.
-    """
+    """One scan with its truth."""
 
     site: ScanSite
+    """Where."""
     found: PitDepth
+    """The estimate."""
     seconds: float
+    """Processor time of ``measure_pit``."""
     wall: DepthMap
+    """Fused."""
     modality: str
+    """By the first burst."""
 
 
 def run_trial(trial: ScanTrial) -> ScoredScan:
@@ -451,13 +415,13 @@ def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     runs = list(scored)
     errors = np.array([1e6 * _error(run) for run in runs if run.found.measured])
     return {
-        "bias_um": float(errors.mean()) if errors.size else math.nan,
+        "bias_um": mean(errors),
         "sd_um": float(errors.std(ddof=1)) if errors.size > 1 else math.nan,
         "worst_um": float(np.abs(errors).max()) if errors.size else math.nan,
         "measured_fraction": errors.size / max(len(runs), 1),
         "measured": errors.size,
         "scans": len(runs),
-        "seconds": float(np.median([run.seconds for run in runs])) if runs else math.nan,
+        "seconds": median([run.seconds for run in runs]),
     }
 
 
@@ -486,8 +450,8 @@ def band_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     depths = np.array([abs(1e3 * _error(run)) for run in runs])
     bands = np.array([1e3 * PER_DEVIATION * run.found.depth_sd for run in runs])
     return {
-        "coverage": float((depths <= bands).mean()) if runs else math.nan,
-        "band_mm": float(np.median(bands)) if runs else math.nan,
+        "coverage": mean(depths <= bands),
+        "band_mm": median(bands),
         "scans": len(runs),
     }
 

@@ -30,21 +30,14 @@ _SETTLED = 60.0
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True course of a run.
-
-    Parameters
-    ----------
-    angle : (T, axes) array
-        Angles without noise and delay, in degrees, at the end of every tick.
-    hottest : (axes,) array
-        Highest temperature of each wire, in degrees Celsius.
-    stress : (axes,) array
-        Highest stress of each wire, in Pa.
-    """
+    """True course of a run."""
 
     angle: FloatArray
+    """Shape (T, axes). Angles without noise and delay, in degrees, at the end of every tick."""
     hottest: FloatArray
+    """Shape (axes,). Highest temperature of each wire, in degrees Celsius."""
     stress: FloatArray
+    """Shape (axes,). Highest stress of each wire, in Pa."""
 
 
 def truth(twin: HeatedWires) -> Truth:

@@ -26,9 +26,9 @@ from papers.catheter.inspection_servo import (
     run_servo,
     watched,
 )
-from papers.claims import Claim
+from papers.drawing import new_figure
+from papers.harness import Study
 
-TITLE = "The integral of Eq. (10)"
 CASES: Mapping[str, tuple[Sway | None, float]] = {
     "still": (None, SERVO),
     "drift": (Sway(amplitude=math.radians(2.0), pan=0.01, tilt=0.008), SERVO),
@@ -41,40 +41,10 @@ BEGUN = 8.0
 PRINTED_SECONDS, PRINTED_END = 12.0, 4.0
 """Duration of the run with the printed sign, and its end that is scored, in seconds."""
 
-CLAIMS = (
-    Claim(
-        "point held by the camera, sway: rms with the integral over without",
-        "integral.sway_ratio",
-        "attenuates errors (Eq 10)",
-        most=0.8,
-    ),
-    Claim(
-        "the same, base at rest: mean offset with the integral [px of 320]",
-        "integral.offset_px",
-        "attenuates errors (Eq 10)",
-        most=0.3,
-    ),
-    Claim("the same without [px of 320]", "integral.without_offset_px", "-"),
-    Claim("the same, rms with the integral [px of 320]", "integral.still_px", "-"),
-    Claim("the same, rms without [px of 320]", "integral.without_still_px", "-"),
-    Claim("base turns slowly, with the integral: rms [px of 320]", "integral.drift_px", "-"),
-    Claim("the same without [px of 320]", "integral.without_drift_px", "-"),
-    Claim(
-        "integral with the printed sign: rms after 8 s [px of 320]",
-        "integral.printed_px",
-        "printed",
-    ),
-)
-
 
 @dataclass(frozen=True, eq=False)
 class IntegralStudy:
-    """Runs of one specimen by name: each case with the integral and without, and the printed sign.
-
-    Parameters
-    ----------
-    runs : mapping of str to ServoRun
-    """
+    """Runs of one specimen by name: cases with the integral and without, and the printed sign."""
 
     runs: Mapping[str, ServoRun]
 
@@ -142,3 +112,25 @@ def run_printed(scene: Scene) -> ServoRun:
         by_image=True,
     )
     return watched(scene, rig, centring).run("printed sign")
+
+
+def draw_integral(study: IntegralStudy) -> Any:
+    """Draw distances against time by the camera alone: still, drifting and swayed base."""
+    figure, axes = new_figure(1, 3, height=3.6, sharey=True)
+    cases = {"still": "still base", "drift": "base turns slowly", "sway": "sway of 1 degree"}
+    for one, (case, title) in zip(axes, cases.items(), strict=True):
+        for suffix, words, colour in (
+            (WITHOUT, "without", "C3"),
+            ("", "with the integral", "C0"),
+        ):
+            run = study.runs[f"{case}{suffix}"]
+            one.plot(run.t, run.off, color=colour, lw=0.9, label=words)
+        one.set(xlabel="time [s]", title=title, yscale="log")
+    printed = study.runs[PRINTED]
+    axes[0].plot(printed.t, printed.off, color="C7", lw=0.9, label="printed sign")
+    axes[0].set_ylabel("off the middle [px of 320]")
+    axes[0].legend(frameon=False)
+    return figure
+
+
+STUDY = Study("integral", "The integral of Eq. (10)", run_study)

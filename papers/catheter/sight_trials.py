@@ -32,8 +32,7 @@ from minorloop_head.twins.rig import Rig, SimulatedTip
 from minorloop_head.vision.reflectance_map import LitFrame
 from minorloop_head.vision.tracking import TRACKED
 from papers.catheter import scoring
-from papers.catheter.inspection_servo import APPROACH, Scene, Swinging
-from papers.catheter.touch_trials import within_stroke
+from papers.catheter.inspection_servo import APPROACH, Scene, Swinging, within_stroke
 
 CLICK = 5.0
 """Rms distance in pixels of 640 between a click and what it is meant for."""
@@ -79,25 +78,16 @@ class MarkedFrame:
 
 @dataclass(frozen=True, eq=False)
 class Insertion:
-    """Fig 14: three pictures while the head is inserted, three while it turns, and the truth.
-
-    Parameters
-    ----------
-    inserted, turned : tuple of MarkedFrame
-    told_apart : int
-        Pictures of the insertion in which the strongest finding is the hole.
-    reflections : int
-        Findings that are the reflection.
-    error : (T,) array
-        Of the tracked point while the head turns, in pixels.
-    tracked : (T,) array of bool
-    """
+    """Fig 14: three pictures while the head is inserted, three while it turns, and the truth."""
 
     inserted: tuple[MarkedFrame, ...]
     turned: tuple[MarkedFrame, ...]
     told_apart: int
+    """Pictures of the insertion in which the strongest finding is the hole."""
     reflections: int
+    """Findings that are the reflection."""
     error: FloatArray
+    """Shape (T,). Of the tracked point while the head turns, in pixels."""
     tracked: BoolArray
 
 
@@ -153,7 +143,7 @@ def run_insertion(seed: int, control: HeadControl) -> Insertion:
     control : HeadControl
     """
     rng = np.random.default_rng([seed, 72])
-    aim = within_stroke(control, rng, AWAY)
+    aim, _ = within_stroke(control, rng, AWAY)
     mount = Mount(
         offset=tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()), roll=float(rng.uniform(-3, 3))
     )

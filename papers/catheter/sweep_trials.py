@@ -7,7 +7,7 @@ errors, and the catheter as its sensors read it. The sweep is the procedure of a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,7 @@ from papers.catheter import scoring
 from papers.catheter.crack_scenes import FINE, fine_course
 from papers.catheter.pipe_map import PipeMap, pipe_map
 from papers.catheter.scan_trials import GYROSCOPE_NOISE
+from papers.harness import Study, mean, median
 
 PITS = 3
 """Pits in the swept part of a pipe: 0.8 to 1.5 mm wide and 0.3 to 1 mm deep."""
@@ -64,53 +65,34 @@ which they show the swept part."""
 
 @dataclass(eq=False, kw_only=True)
 class SweepTrial:
-    """A partly flooded pipe and the head in it.
-
-    Parameters
-    ----------
-    calibration : HeadCalibration
-        As calibrated.
-    tip : SimulatedTip
-        With camera and probe.
-    catheter : Catheter
-    rng : numpy Generator
-        Of the noise of joints and gyroscope, and of the sway.
-    pipe : Pipe
-        For scoring only.
-    level : float
-        Height of the water in metres. For scoring only.
-    """
+    """A partly flooded pipe and the head in it."""
 
     calibration: HeadCalibration
+    """As calibrated."""
     tip: SimulatedTip
+    """With camera and probe."""
     catheter: Catheter
     rng: np.random.Generator
+    """Of the noise of joints and gyroscope, and of the sway."""
     pipe: Pipe
+    """For scoring only."""
     level: float
+    """Height of the water in metres. For scoring only."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredSweep:
-    """One sweep with its truth.
-
-    Parameters
-    ----------
-    scan : CScan
-    fused : PipeMap
-        With the pictures of the drained part.
-    pipe : Pipe
-        For scoring only.
-    level : float
-        Height of the water in metres. For scoring only.
-    seconds : float
-        Of the head, from the first line to the last.
-    """
+    """One sweep with its truth."""
 
     scan: CScan
     fused: PipeMap
+    """With the pictures of the drained part."""
     pipe: Pipe
+    """For scoring only."""
     level: float
+    """Height of the water in metres. For scoring only."""
     seconds: float
+    """Of the head, from the first line to the last."""
 
 
 def draw_sweep(seed: int, pits: int = PITS) -> SweepTrial:
@@ -310,10 +292,7 @@ def map_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
         for name, source in (("camera", CAMERA), ("echoes", ECHOES), ("both", BOTH))
     }
     every["map"] = np.concatenate(list(every.values()))
-    return {
-        f"{name}_coverage": float(each.mean()) if each.size else math.nan
-        for name, each in every.items()
-    }
+    return {f"{name}_coverage": mean(each) for name, each in every.items()}
 
 
 def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
@@ -348,16 +327,27 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
         "area_cm2": area,
         "seconds_per_cm2": sum(run.seconds for run in runs) / area,
         "gap_share": gaps / (mapped + gaps),
-        "depth_bias_um": float(errors.mean()) if hits else math.nan,
+        "depth_bias_um": mean(errors),
         "depth_sd_um": float(errors.std(ddof=1)) if len(hits) > 1 else math.nan,
-        "coverage": float((np.abs(errors) <= bands).mean()) if hits else math.nan,
-        "size_ratio": float(np.median([find.diameter / bore.diameter for find, bore in hits]))
-        if hits
-        else math.nan,
+        "coverage": mean(np.abs(errors) <= bands),
+        "size_ratio": median([find.diameter / bore.diameter for find, bore in hits]),
         "place_mm": float(np.quantile(off, 0.9)) if hits else math.nan,
-        "crack_recall": float(np.mean(cracks)) if cracks else math.nan,
+        "crack_recall": mean(cracks),
         "cracks": len(cracks),
         "cut": len(every) - len(finds),
         "water_mm": max(1e3 * abs(run.scan.water.height - run.level) for run in runs),
         **map_figures(runs),
     }
+
+
+def run_study(seed: int) -> dict[str, ScoredSweep]:
+    """Sweep one pipe, with pipe, water, probe and noise by seed; return what is gathered."""
+    return {"sweep": run_sweep(seed)}
+
+
+def gather(runs: Sequence[Mapping[str, ScoredSweep]]) -> dict[str, dict[str, float]]:
+    """Return the figures over the sweeps of several pipes."""
+    return {"cscan": c_scan_figures([run["sweep"] for run in runs])}
+
+
+STUDY = Study("sweeps", "Sweeps of half-flooded pipes", run_study, gather)

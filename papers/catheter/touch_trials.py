@@ -17,7 +17,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop_head.control.head import HeadControl
 from minorloop_head.geometry import Mount, wall_distance, wrapped
-from minorloop_head.procedures.calibration import STRAIGHT, HeadCalibration
+from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.mark import TOUCHED, Marking
 from minorloop_head.procedures.rig import InspectionRig
 from minorloop_head.procedures.steps import bring_in_reach
@@ -27,6 +27,7 @@ from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore, Pipe
 from minorloop_head.twins.rig import Rig, SimulatedTip
 from papers.catheter import scoring
+from papers.catheter.inspection_servo import within_stroke
 
 WITHIN = 0.3e-3
 """Distance in metres from where it was wanted within which a touch counts, as the issue bounds it:
@@ -36,8 +37,6 @@ BESIDE = 1.2e-3
 """Distance in metres of a mark from the middle of the hole, in which there is no wall to mark."""
 OFF_PLACE = 0.1e-3
 """Standard deviation of the place of the hole as it is known before, in metres."""
-STROKE_SHARE = 0.93
-"""Largest share of a wire's identified stroke in a scene, so that every place can be reached."""
 AWAY = (19.0, 26.0)
 """Deflection at which the tool meets the place, in degrees."""
 _DARKER = 0.8
@@ -47,31 +46,21 @@ _TICK = 0.04
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """One touch.
-
-    Parameters
-    ----------
-    verdict : str
-        Of the procedure.
-    off : float
-        Distance of the mark from where it was wanted, in metres; infinite without a mark.
-    said : float
-        Distance between the mark and where the procedure says that it touched, in metres.
-    before, after : (height, width) arrays of uint8
-        Pictures before and after the touch.
-    pixel : (2,) array
-        True pixel of the mark in the picture after it.
-    seen : float
-        Grey level of the mark over that of the wall around it; NaN if it is not in view.
-    """
+    """One touch."""
 
     verdict: str
+    """Of the procedure."""
     off: float
+    """Distance of the mark from where it was wanted, in metres; infinite without a mark."""
     said: float
+    """Distance between the mark and where the procedure says that it touched, in metres."""
     before: npt.NDArray[np.uint8]
     after: npt.NDArray[np.uint8]
+    """Shape (height, width). Pictures before and after the touch."""
     pixel: FloatArray
+    """Shape (2,). True pixel of the mark in the picture after it."""
     seen: float
+    """Grey level of the mark over that of the wall around it; NaN if it is not in view."""
 
 
 def run_touch(seed: int, number: int, control: HeadControl) -> Touch:
@@ -88,7 +77,7 @@ def run_touch(seed: int, number: int, control: HeadControl) -> Touch:
     rng = np.random.default_rng([seed, 62, number])
     x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
     mount = Mount(offset=(x, y), roll=float(rng.uniform(-np.pi, np.pi)))
-    aim = within_stroke(control, rng)
+    aim, _ = within_stroke(control, rng, AWAY)
     tip = SimulatedTip(Pipe.draw(seed), mount=mount, specimen=seed, seed=seed + number)
     pan, tilt = aim.tolist()
     phi, z, _ = scoring.true_tool(tip).meet(mount, pan, tilt, tip.pipe.radius)
@@ -177,16 +166,3 @@ def touch_figures(touches: Sequence[Touch]) -> dict[str, Any]:
         "mark_seen": float(np.mean([touch.seen < _DARKER for touch in touches])),
         "said_mm_p90": 1e3 * float(np.quantile(said, 0.9, method="higher")),
     }
-
-
-def within_stroke(
-    control: HeadControl, rng: np.random.Generator, away: tuple[float, float] = AWAY
-) -> FloatArray:
-    """Draw angles (2,) that the identified wires reach, at a deflection ``away`` in degrees."""
-    top = [axis.observer.wire.operator.range[1] for axis in control.axes]
-    while True:
-        far, way = np.radians(rng.uniform(*away)), float(rng.uniform(0, 2 * np.pi))
-        aim = far * np.array([np.cos(way), np.sin(way)])
-        own = np.linalg.solve(np.asarray(control.coupling), np.degrees(aim + STRAIGHT))
-        if (own < STROKE_SHARE * np.array(top)).all():
-            return np.asarray(aim)

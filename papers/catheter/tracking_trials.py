@@ -61,29 +61,20 @@ _SPREAD = 120.0
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """Pictures of a wall, what the head measured with them, and the truth.
-
-    Parameters
-    ----------
-    wall : str
-        Its kind.
-    images : (T, height, width) array of uint8
-    angles : (T, 2) array
-        Pan and tilt as the joints measured them.
-    camera : CalibratedCamera
-        As it is known.
-    picked : (P, 2) array
-        Pixels of the first frame, the hole first.
-    true : (T, P, 2) array
-        True pixels of what they show. For scoring only.
-    """
+    """Pictures of a wall, what the head measured with them, and the truth."""
 
     wall: str
+    """Its kind."""
     images: np.ndarray
+    """Shape (T, height, width)."""
     angles: FloatArray
+    """Shape (T, 2). Pan and tilt as the joints measured them."""
     camera: CalibratedCamera
+    """As it is known."""
     picked: FloatArray
+    """Shape (P, 2). Pixels of the first frame, the hole first."""
     true: FloatArray
+    """Shape (T, P, 2). True pixels of what they show. For scoring only."""
 
 
 @dataclass(frozen=True, eq=False)

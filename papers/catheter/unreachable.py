@@ -20,9 +20,8 @@ from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.head_loop import Alarm, constant, run_loop
 from papers.catheter.head_static import CURRENT, HOLD, identify_head
 from papers.catheter.scoring import truth
-from papers.claims import Claim
+from papers.harness import Study, mean, median
 
-TITLE = "Targets about the reach of a head"
 BOTH: Reason = "colder surroundings or stronger cooling"
 """What the guard says where the readings do not tell the two causes apart."""
 CLEARLY = 5.0
@@ -37,32 +36,6 @@ BEYOND, WITHIN = (1.5, 8.0), (0.5, 3.0)
 of the guard, 1 degree."""
 _STILL_AIR = 75.0
 """Convection at identification in W/(m^2 K), that of the simulated wires."""
-
-CLAIMS = (
-    Claim("targets out of reach by more than 5 degrees", "unreachable.cases", "-"),
-    Claim("the same: found", "unreachable.detected", "left open", least=0.98, percent=True),
-    Claim("the same: after, at most [s]", "unreachable.after_max_s", "left open"),
-    Claim("targets out of reach by less", "unreachable.near_cases", "-"),
-    Claim("the same: found", "unreachable.near_detected", "left open", percent=True),
-    Claim("targets within reach", "unreachable.reachable_cases", "-"),
-    Claim("the same: false alarms", "unreachable.false_alarms", "left open", most=0),
-    Claim("cause right, where one is named", "unreachable.cause_right", "left open", percent=True),
-    Claim(
-        "targets given up: both causes named",
-        "unreachable.cause_open",
-        "left open",
-        percent=True,
-        count="unreachable.given_up",
-    ),
-    Claim(
-        "the same: true reach within the stated one",
-        "unreachable.within_band",
-        "left open",
-        percent=True,
-        count="unreachable.given_up",
-    ),
-    Claim("seconds for a specimen", "seconds", "-"),
-)
 
 
 @dataclass(frozen=True)
@@ -84,20 +57,7 @@ class ImpossibleTarget:
         return self.target - self.reach
 
 
-@dataclass(frozen=True, eq=False)
-class UnreachableStudy:
-    """Results of one specimen."""
-
-    seed: int
-    cases: tuple[ImpossibleTarget, ...]
-    seconds: float
-
-    def figures(self) -> dict[str, Any]:
-        """Return the numbers by the name under which they are printed."""
-        return {"cases": self.cases, "seconds": self.seconds}
-
-
-def run_study(seed: int) -> UnreachableStudy:
+def run_study(seed: int) -> dict[str, Any]:
     """Run the targets of one specimen.
 
     Parameters
@@ -133,7 +93,7 @@ def run_study(seed: int) -> UnreachableStudy:
             cases.append(
                 ImpossibleTarget(cause, target, reach, alarms[0] if alarms else None, others)
             )
-    return UnreachableStudy(seed, tuple(cases), time.perf_counter() - began)
+    return {"cases": tuple(cases), "seconds": time.perf_counter() - began}
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -147,19 +107,19 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "unreachable": {
             "cases": len(clear),
-            "detected": _share([case.alarm is not None for case in clear]),
+            "detected": mean([case.alarm is not None for case in clear]),
             "after_max_s": max((c.alarm.t for c in clear if c.alarm is not None), default=np.nan),
             "near_cases": len(near),
-            "near_detected": _share([case.alarm is not None for case in near]),
+            "near_detected": mean([case.alarm is not None for case in near]),
             "reachable_cases": len(within),
             "false_alarms": sum(case.alarm is not None for case in within)
             + sum(case.others for case in cases),
             "given_up": len(said),
-            "cause_right": _share([right for right in causes if right is not None]),
-            "cause_open": _share([right is None for right in causes]),
-            "within_band": _share([_covers(alarm.verdict, case.reach) for case, alarm in said]),
+            "cause_right": mean([right for right in causes if right is not None]),
+            "cause_open": mean([right is None for right in causes]),
+            "within_band": mean([_covers(alarm.verdict, case.reach) for case, alarm in said]),
         },
-        "seconds": float(np.median([run["seconds"] for run in runs])),
+        "seconds": median([run["seconds"] for run in runs]),
     }
 
 
@@ -182,5 +142,4 @@ def _covers(verdict: Unreachable, reach: float) -> bool:
     return bool(verdict.least - 0.3 <= reach <= verdict.most + 0.3)
 
 
-def _share(true: Sequence[bool]) -> float:
-    return float(np.mean(true)) if true else float("nan")
+STUDY = Study("unreachable", "Targets about the reach of a head", run_study, gather)

@@ -2,8 +2,11 @@
 
 from types import SimpleNamespace
 
-TITLE, CLAIMS = "A study", ()
+from papers.harness import Study
 
 
 def run_study(seed):
     return SimpleNamespace(figures=lambda: {"steady": {"square": float(seed**2)}})
+
+
+STUDY = Study("made", "A study", run_study)

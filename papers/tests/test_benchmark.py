@@ -3,7 +3,6 @@ import pytest
 
 from minorloop.twins import bouc_wen
 from papers import benchmark
-from papers.benchmark_report import published_table, study_report
 from papers.claims import claim_table
 
 
@@ -32,14 +31,14 @@ def test_the_law_and_the_free_slopes_meet_their_bounds(study):
 
 def test_the_report_has_our_rows_among_the_published(study):
     figures = study.figures()
-    rows = published_table(figures).rows
+    rows = benchmark.published_table(figures).rows
     errors = [float(row[1]) for row in rows]
     assert errors == sorted(errors, reverse=True)
     assert {row[3] for row in rows} > {"ours", "Forgione and Piga, 2021"}
-    html = study_report(study, figures, [figures]).html()
+    html = benchmark.STUDY.report(study, figures, [figures]).html()
     assert html.count("<img") == 3
     assert "The law that was found" in html
-    assert len(claim_table(benchmark.CLAIMS, figures).rows) == len(benchmark.CLAIMS)
+    assert len(claim_table(benchmark.STUDY.claims, figures).rows) == len(benchmark.STUDY.claims)
 
 
 def test_the_start_is_half_off_in_every_parameter():

@@ -1,7 +1,6 @@
-from multiprocessing import active_children
+import math
 
-import worker_tasks
-from papers.claims import Claim, cell, claim_table, for_each, medians
+from papers.claims import Claim, cell, claim_table, claims_of
 
 FIGURES = {"a": {"b": 0.02}, "bad": False}
 
@@ -73,24 +72,11 @@ def test_of_too_few_nothing_is_said():
     assert spread.row({"spread": float("nan"), "scans": 1})[-1] == "too few"
 
 
-def test_medians_over_specimens():
-    runs = [{"x": value, "y": {"z": [value, 1]}, "any": value > 2} for value in (1, 3, 2)]
-    assert medians(runs) == {"x": 2.0, "y": {"z": [2.0, 1.0]}, "any": True}
-
-
-def test_one_specimen_needs_no_other_process():
-    assert list(for_each(lambda seed: seed * 2, 1, 5)) == [10]
-
-
-def test_results_that_need_no_order_come_as_they_are_ready():
-    results = for_each(worker_tasks.endless_but_the_second, 2, 0, ordered=False)
-    assert next(results) == 1
-    results.close()
-
-
-def test_specimens_that_are_still_computed_end_with_the_iterator():
-    before = set(active_children())
-    results = for_each(worker_tasks.endless_but_the_first, 2, 0)
-    assert next(results) == 0
-    results.close()
-    assert set(active_children()) == before
+def test_rows_of_the_file_have_bounds_and_those_of_parts():
+    claims = {claim.key: claim for claim in claims_of("inspection")}
+    assert list(claims) == list(dict.fromkeys(claims))
+    assert claims["depth.bias_um"] in claims_of("scans")
+    recall = claims["cracks.recall_100um"]
+    assert (recall.least, recall.most, recall.percent) == (0.95, math.inf, True)
+    assert (recall.count, recall.enough, recall.bound) == ("cracks.scenes_100um", 20, "ours")
+    assert {claim.bound for claim in claims_of("head")} == {"ours", "the paper's"}

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from papers import design
+from papers import design, design_report
 from papers.claims import claim_table, figure
-from papers.design_report import study_report
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +39,15 @@ def test_shares_and_means_are_gathered(study):
     assert found["rough"]["mean_28"] == pytest.approx((figures["rough"]["holdout_28"] + 0.5) / 2)
     assert found["rough"]["better"] in (0.0, 0.5)
     assert found["ipmc"]["beats_baseline_at_12"] == 1.0
-    rows = claim_table(design.CLAIMS, found).rows
-    assert len(rows) == len(design.CLAIMS)
-    for claim in design.CLAIMS:
+    rows = claim_table(design_report.STUDY.claims, found).rows
+    assert len(rows) == len(design_report.STUDY.claims)
+    for claim in design_report.STUDY.claims:
         assert np.isfinite(figure(found, claim.key))
 
 
 def test_the_report_has_the_curves_and_the_bands(study):
     figures = study.figures()
-    html = study_report(study, design.gather([figures]), [figures]).html()
+    html = design_report.STUDY.report(study, design.gather([figures]), [figures]).html()
     assert html.count("<img") == 3
     assert "Bands after twelve holds" in html
 

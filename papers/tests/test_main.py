@@ -5,7 +5,6 @@ import re
 import signal
 import sys
 from contextlib import nullcontext
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +12,8 @@ import pytest
 
 from minorloop.errors import SignalError
 from papers import __main__ as study
-from papers import claims, fibre
+from papers import harness
+from papers.harness import Study, study_of
 
 
 def test_prints_claim_run_and_verdict_and_writes_the_report(run):
@@ -24,7 +24,7 @@ def test_prints_claim_run_and_verdict_and_writes_the_report(run):
     assert "verdict" in out
     assert "met" in out
     assert {file.name for file in Path("made").iterdir()} == {"figures.json", "report.html"}
-    assert fibre.TITLE in Path("made/report.html").read_text()
+    assert study_of(study.STUDIES["fibre"]).title in Path("made/report.html").read_text()
     found = json.loads(Path("made/figures.json").read_text())
     assert found["steady"]["curves_nrmse"] > 0
     assert (found["specimens"], found["seed"]) == (1, 1)
@@ -43,12 +43,11 @@ def test_figures_of_several_specimens_are_medians(run, monkeypatch):
 class Specimen:
     """Of a study that ends the program from outside while it runs a specimen, or fails with one."""
 
-    TITLE, CLAIMS = "A study", ()
-
     def __init__(self, ends, fails=None):
         self.ends, self.fails = ends, fails
+        self.STUDY = Study("made", "A study", self.run)
 
-    def run_study(self, seed):
+    def run(self, seed):
         if seed == self.fails:
             raise SignalError("no lag")
         if seed == self.ends:
@@ -71,7 +70,7 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
     made = Specimen(ends)
     monkeypatch.setitem(sys.modules, "made_study", made)
     monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
-    monkeypatch.setattr(claims, "begun", one_by_one)
+    monkeypatch.setattr(harness, "begun", one_by_one)
     status, out, err = run("made --specimens 4 --seed 7 --out made")
     assert (status, out) == (130, "")
     lines = [f"specimen {k + 1} of 4, seed {7 + k}: 0 s" for k in range(done)]
@@ -87,7 +86,7 @@ def test_what_is_done_is_kept_after_a_signal(run, monkeypatch, ends, done, kept)
 def test_a_specimen_that_cannot_be_done_is_named_and_the_others_are_kept(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "made_study", Specimen(None, fails=8))
     monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
-    monkeypatch.setattr(claims, "begun", one_by_one)
+    monkeypatch.setattr(harness, "begun", one_by_one)
     status, out, err = run("made --specimens 4 --seed 7 --out made")
     assert (status, out) == (2, "")
     kept = f"1 of 4 specimens are done; their figures are in {Path('made', 'unfinished.json')}"
@@ -112,7 +111,11 @@ def test_refuses_in_one_line(line, says, refused):
 
 
 def test_a_part_of_a_study_keeps_its_figures_and_has_no_report(run, monkeypatch):
-    monkeypatch.setitem(sys.modules, "made_study", SimpleNamespace(PARTS={"half": "made_part"}))
+    monkeypatch.setitem(
+        sys.modules,
+        "made_study",
+        SimpleNamespace(STUDY=Study("made", "A study", print, parts={"half": "made_part"})),
+    )
     monkeypatch.setitem(sys.modules, "made_part", Specimen(None))
     monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
     status, _, _ = run("made --only half --seed 7 --out made")
@@ -122,18 +125,19 @@ def test_a_part_of_a_study_keeps_its_figures_and_has_no_report(run, monkeypatch)
     assert json.loads(file.read_text())["seed_of"] == 7
 
 
-def test_the_parts_of_a_specimen_that_are_done_are_said_where_a_study_tells_them():
-    class Parted:
-        def run_study(self, seed, told=print):
-            told("servo: 7 s")
+def test_the_parts_of_a_specimen_that_are_done_are_said_where_a_study_tells_them(run, monkeypatch):
+    def parted(seed, told):
+        told("servo: 7 s")
+        return SimpleNamespace(figures=dict)
 
-    said = []
-    options = study._telling(Parted(), 3, lambda line, kept: said.append((line, kept)))
-    Parted().run_study(3, **options)
-    assert said == [("seed 3, servo: 7 s", True)]
-    assert study._telling(fibre, 3, print) == {}
+    made = SimpleNamespace(STUDY=Study("made", "A study", parted))
+    monkeypatch.setitem(sys.modules, "made_study", made)
+    monkeypatch.setattr(study, "_module_of", lambda name: "made_study")
+    assert "seed 3, servo: 7 s" in run("made --seed 3")[2].splitlines()
 
 
-def test_every_study_can_be_imported():
-    for point in entry_points(group=study.STUDIES):
-        assert {claim.key for claim in point.load().CLAIMS}
+def test_every_study_has_claims_and_so_have_its_parts():
+    for module in study.STUDIES.values():
+        whole = study_of(module)
+        for each in (whole, *map(study_of, whole.parts.values())):
+            assert {claim.key for claim in each.claims}

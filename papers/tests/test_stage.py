@@ -2,7 +2,6 @@ import pytest
 
 from papers import stage
 from papers.claims import claim_table
-from papers.stage_report import study_report
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +36,9 @@ def test_the_report_has_every_claim(study):
     figures = study.figures()
     for name in ("dynamics", "without_time"):
         figures[name] = {f"hz_{one}": 0.001 for one in EVERY} | figures[name]
-    html = study_report(study, figures, [figures, figures]).html()
+    html = stage.STUDY.report(study, figures, [figures, figures]).html()
     assert html.count("<img") == 3
-    assert len(claim_table(stage.CLAIMS, figures).rows) == len(stage.CLAIMS)
+    assert len(claim_table(stage.STUDY.claims, figures).rows) == len(stage.STUDY.claims)
 
 
 def test_targets_begin_at_rest_and_stay_within_the_travel():

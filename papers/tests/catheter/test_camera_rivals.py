@@ -36,7 +36,7 @@ def by_sensors(monkeypatch):
 
 
 def test_all_controllers_with_readings_have_the_same_runs(by_sensors):
-    found = camera_rivals.run_study(SEED).figures()
+    found = camera_rivals.run_study(SEED)
     assert set(found["rivals"]) == set(LAWS) - {"feedforward"}
     of = [
         {(target, around) for law, target, around in by_sensors if law == each}
@@ -47,5 +47,5 @@ def test_all_controllers_with_readings_have_the_same_runs(by_sensors):
     own = [each["energy_A2s"] for each in found["rivals"].values()]
     assert 0.0 < min(own) < max(own)
     assert {each["circle_rms_mm"] for each in found["rivals"].values()} == {30.0}
-    table = claim_table(camera_rivals.CLAIMS, found)
-    assert len(table.rows) == len(camera_rivals.CLAIMS)
+    table = claim_table(camera_rivals.STUDY.claims, found)
+    assert len(table.rows) == len(camera_rivals.STUDY.claims)

@@ -12,9 +12,9 @@ from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.pipe import Crack, Pipe
 from minorloop_head.vision.cracks import TracedCrack
 from papers.catheter import crack_trials
-from papers.catheter.crack_report import crack_pictures, crack_table, crack_words
 from papers.catheter.crack_scenes import FINE, draw_crack_view, fine_course
 from papers.catheter.crack_trials import CrackOutcome, crack_figures, score_cracks
+from papers.catheter.detection_report import crack_table, draw_walls, verdict_words
 
 
 def outcome(width, *, found=True, false=0, scan="", depth=math.nan):
@@ -85,8 +85,8 @@ def test_figures_count_by_width_and_give_intervals():
     assert bands["width_band_um"] == pytest.approx(3.0 * PER_DEVIATION)
     assert found["depth_error_mm"] == pytest.approx(0.02)
     assert len(crack_table(found).rows) == 2
-    assert "measured 1, no floor echo 1" in crack_words(found)
-    assert crack_pictures(outcomes[::2]) == []
+    assert verdict_words(found) == "measured 1, no floor echo 1"
+    assert draw_walls([]) is None
 
 
 class Search:

@@ -83,7 +83,7 @@ def figures(study):
 
 
 def test_one_specimen_meets_the_claims(figures):
-    rows = claim_table(head.CLAIMS, figures).rows
+    rows = claim_table(head_report.STUDY.claims, figures).rows
     short = [row[0] for row in rows if row[-1] == "not met"]
     # What an angle by the camera is off when the head stands still is the error of its calibration.
     assert set(short) <= {"camera alone, the same steps: steady rms [deg]"}
@@ -131,7 +131,7 @@ def test_a_plan_is_better_on_the_wire_too(figures):
 
 
 def test_the_report_has_every_figure(study, figures):
-    page = head_report.study_report(study, figures, [figures, figures]).html()
+    page = head_report.STUDY.report(study, figures, [figures, figures]).html()
     for number in (2, 5, 6, 8, 10, 11):
         assert f"Fig {number}" in page
     assert page.count("<img") >= 11
@@ -142,7 +142,7 @@ def test_the_report_has_every_figure(study, figures):
 
 def test_times_of_the_machine_are_figures_without_a_claim(figures):
     assert figures["realtime"]["step_ms_median"] > 0.0
-    assert not any("realtime" in claim.key for claim in head.CLAIMS)
+    assert not any("realtime" in claim.key for claim in head_report.STUDY.claims)
 
 
 def test_medians_add_up_what_must_never_happen(study):

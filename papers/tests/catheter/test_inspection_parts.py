@@ -560,11 +560,13 @@ def test_everything_is_gathered_and_reported(mission):
     )  # fmt: skip
     runs = [study.figures()] * 2
     found = inspection.gather(runs)
-    assert len(claim_table(inspection.CLAIMS, found).rows) == len(inspection.CLAIMS)
+    assert len(claim_table(inspection_report.STUDY.claims, found).rows) == len(
+        inspection_report.STUDY.claims
+    )
     assert found["modality"]["wrong"] == 0
-    alone = scans.gather([scans.ScanStudy(kinds).figures()] * 2)
+    alone = scans.gather([{"scored": kinds}] * 2)
     assert all(found[name] == alone[name] for name in ("depth", "fusion", "modality"))
-    assert all(figure(alone, claim.key) is not None for claim in scans.CLAIMS)
+    assert all(figure(alone, claim.key) is not None for claim in scans.STUDY.claims)
     assert found["cracks"]["recall_100um"] == found["cracks"]["recall_50um"] == 1.0
     assert figure(found, "mission.measured") == figure(found, "mission.cracks_found") == 1.0
     assert figure(found, "mission.false_cracks") == 0
@@ -572,7 +574,7 @@ def test_everything_is_gathered_and_reported(mission):
     assert figure(found, "cscan.depth_bias_um") == pytest.approx(-10.0)
     assert figure(found, "cscan.false_per_cm2") == pytest.approx(1 / 0.05)
     assert figure(found, "cscan.seconds_per_cm2") == pytest.approx(60 / 0.05)
-    page = inspection_report.study_report(study, found, runs).html()
+    page = inspection_report.STUDY.report(study, found, runs).html()
     assert found["detection"]["plain_edge_px_p90"] == 0.3
     assert page.count("<img") == 9
     assert "Fig 14" in page

@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
 
-from minorloop.report import Report
 from papers.catheter import servo_integral
 from papers.catheter.inspection_servo import Scene, run_servo
 from papers.catheter.servo_integral import IntegralStudy
-from papers.catheter.servo_integral_report import add_integral
 from papers.claims import claim_table
 from servo_runs import held_points
 
@@ -16,16 +14,13 @@ def test_figures_compare_runs_with_the_integral_and_without():
     assert found["offset_px"] == pytest.approx(0.1)
     assert found["without_drift_px"] == pytest.approx(0.4)
     assert found["printed_px"] == pytest.approx(90.0)
-    rows = claim_table(servo_integral.CLAIMS, {"integral": found}).rows
+    rows = claim_table(servo_integral.STUDY.claims, {"integral": found}).rows
     assert [row[-1] for row in rows if row[-1] != "-"][:2] == ["met", "met"]
 
 
-def test_the_report_has_both_columns_and_a_figure():
-    study, report = IntegralStudy(held_points()), Report("x", "y")
-    add_integral(report, study, study.figures()["integral"], 5)
-    page = report.html()
-    assert page.count("<img") == 1
-    assert "0.40" in page
+def test_every_case_is_drawn_with_the_integral_and_without():
+    axes = servo_integral.draw_integral(IntegralStudy(held_points())).axes
+    assert [len(one.lines) for one in axes] == [3, 2, 2]
 
 
 @pytest.fixture

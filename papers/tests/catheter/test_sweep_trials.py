@@ -10,7 +10,7 @@ from minorloop_head.procedures.sweep_map import draw_pipe_map, finds_table
 from minorloop_head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, Patch, unseen_map
 from minorloop_head.twins.pipe import Crack, Dent
 from minorloop_head.ultrasound.c_scan import CRACK, CUT, PIT, c_scan
-from papers.catheter import sweep_trials, sweeps
+from papers.catheter import sweep_trials
 from papers.catheter.pipe_map import pipe_map
 from papers.catheter.sweep_trials import (
     ScoredSweep,
@@ -53,8 +53,8 @@ def test_a_pit_is_found_while_the_head_sways_and_the_catheter_sticks(run):
 
 
 def test_sweeps_alone_have_the_figures_of_the_whole_study(run):
-    found = sweeps.gather([sweeps.SweepStudy(run[0]).figures()] * 2)
-    assert all(figure(found, claim.key) is not None for claim in sweeps.CLAIMS)
+    found = sweep_trials.gather([{"sweep": run[0]}] * 2)
+    assert all(figure(found, claim.key) is not None for claim in sweep_trials.STUDY.claims)
     assert found["cscan"]["pits"] == 2
 
 

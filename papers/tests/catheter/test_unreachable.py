@@ -42,8 +42,8 @@ def test_nothing_found_gives_no_number():
 
 
 def test_one_specimen_is_found_out_of_reach_and_not_within_it():
-    figures = gather([unreachable.run_study(1000).figures()])
+    figures = gather([unreachable.run_study(1000)])
     assert figures["unreachable"]["detected"] == 1.0
     assert figures["unreachable"]["false_alarms"] == 0
     assert figures["unreachable"]["cause_right"] == 1.0
-    assert len(claim_table(unreachable.CLAIMS, figures).rows) == len(unreachable.CLAIMS)
+    assert len(claim_table(unreachable.STUDY.claims, figures).rows) == len(unreachable.STUDY.claims)
