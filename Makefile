@@ -24,10 +24,10 @@ BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo docs pages console screenshots studies test expected compare torture check bench judge figures format lock wheel smoke fuzz clean
+.PHONY: help setup demo docs pages console screenshots studies test test-all expected compare torture check bench judge figures format lock wheel smoke fuzz clean
 
 help: ## list these targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
 
 setup: $(STAMP) ## create .venv with the locked versions and this project in it
 
@@ -41,7 +41,7 @@ console: setup $(BUILT) ## steer a simulated catheter head, and identify models,
 	$(BIN)/minorloop console
 
 screenshots: setup $(PAGES) ## take the pictures of the pages for the README anew; needs chromium
-	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 packages/minorloop/tests/page/test_pages.py packages/minorloop-head/tests/console/test_pages.py
+	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 -m "" packages/minorloop/tests/page/test_pages.py packages/minorloop-head/tests/console/test_pages.py
 
 studies: setup ## the papers on 20 simulated specimens, the design study on 10; reports in studies/
 	rm -rf studies
@@ -55,6 +55,9 @@ studies: setup ## the papers on 20 simulated specimens, the design study on 10; 
 
 test: setup $(BUILT) ## run the tests; those in a browser where there is one
 	$(BIN)/python -m pytest
+
+test-all: setup $(BUILT) ## run the whole tours in a browser and whole studies too
+	$(BIN)/python -m pytest -m ""
 
 expected: setup $(BUILT) ## write the figures that every part is expected to give; CASES="models bench" for some
 	PYTHONPATH=$(TESTS) $(BIN)/python -m expected write $(CASES)

@@ -82,6 +82,7 @@ def figures(study):
     return head.gather([study.figures()])
 
 
+@pytest.mark.whole
 def test_one_specimen_meets_the_claims(figures):
     rows = claim_table(head_report.STUDY.claims, figures).rows
     short = [row[0] for row in rows if row[-1] == "not met"]
@@ -90,6 +91,7 @@ def test_one_specimen_meets_the_claims(figures):
     assert figures["camera"]["steps"]["steady_rms_deg"] < 0.3
 
 
+@pytest.mark.whole
 def test_no_limit_was_exceeded_and_no_alarm_was_false(figures):
     assert figures["limits"]["violations"] == 0
     assert figures["limits"]["hottest_C"] <= 150.0
@@ -116,20 +118,24 @@ def test_an_alarm_is_false_only_where_the_target_is_within_the_true_reach():
     assert found["after_s"] == 9.0
 
 
+@pytest.mark.whole
 def test_the_inverse_operator_makes_control_better(figures):
     assert figures["steps"]["settle_s"] < 0.6 * figures["rivals"]["pi"]["settle_s"]
     assert figures["open_loop_plus_10K"]["rms_deg"] > 3 * figures["open_loop"]["rms_deg"]
 
 
+@pytest.mark.whole
 def test_levels_where_the_wire_moves_beat_the_mesh_and_the_mesh_the_dots(figures):
     static = figures["static"]
     assert static["rms_deg"] < static["mesh_rms_deg"] < static["dots_rms_deg"]
 
 
+@pytest.mark.whole
 def test_a_plan_is_better_on_the_wire_too(figures):
     assert figures["planning"]["driven_cost_ratio"] < 0.9
 
 
+@pytest.mark.whole
 def test_the_report_has_every_figure(study, figures):
     page = head_report.STUDY.report(study, figures, [figures, figures]).html()
     for number in (2, 5, 6, 8, 10, 11):
@@ -140,11 +146,13 @@ def test_the_report_has_every_figure(study, figures):
     assert not re.search(r"<td[^>]*>(nan|inf)</td>", page)
 
 
+@pytest.mark.whole
 def test_times_of_the_machine_are_figures_without_a_claim(figures):
     assert figures["realtime"]["step_ms_median"] > 0.0
     assert not any("realtime" in claim.key for claim in head_report.STUDY.claims)
 
 
+@pytest.mark.whole
 def test_medians_add_up_what_must_never_happen(study):
     one = study.figures()
     other = study.figures()

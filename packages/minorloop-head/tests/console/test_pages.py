@@ -120,6 +120,7 @@ def operating(browser, address, **options):
         operator.release()
 
 
+@pytest.mark.whole
 def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
     with operating(browser, address) as operator:
         page = operator.page
@@ -168,6 +169,7 @@ def downloaded(page, path):
     return json.loads(Path(waiting.value.path()).read_text())
 
 
+@pytest.mark.whole
 def test_the_mouse_looks_picks_and_clutches(browser, address):
     with operating(browser, address) as operator:
         page = operator.take().page
@@ -216,6 +218,7 @@ def test_one_steers_and_the_others_watch(browser, address):
         pilot.state = lambda name: "no"
 
 
+@pytest.mark.whole
 def test_a_phone_steers_by_its_orientation(browser, address):
     size = (390, 844)
     with operating(browser, address, size=size, has_touch=True, is_mobile=True) as operator:
@@ -246,6 +249,7 @@ def test_a_phone_steers_by_its_orientation(browser, address):
         shoot(page, "phone")
 
 
+@pytest.mark.whole
 def test_a_headset_steers_and_its_loss_holds(browser, address):
     if not IWER.is_file():
         missing("the headset's emulator is not there; run 'make pages', which needs node")
@@ -261,6 +265,7 @@ def test_a_headset_steers_and_its_loss_holds(browser, address):
         operator.in_mode("HOLD")
 
 
+@pytest.mark.whole
 def test_a_gamepad_steers(browser, address):
     with operating(browser, address, script=GAMEPAD) as operator:
         page = operator.take().page
@@ -273,6 +278,7 @@ def test_a_gamepad_steers(browser, address):
         operator.in_mode("HOLD")
 
 
+@pytest.mark.whole
 def test_a_session_is_recorded_and_replayed(browser, address):
     with operating(browser, address) as operator:
         page = operator.take().page
@@ -295,6 +301,7 @@ def test_a_session_is_recorded_and_replayed(browser, address):
         assert page.is_disabled("#take")
 
 
+@pytest.mark.whole
 def test_the_pages_keep_to_their_own_policy(browser, address):
     with operating(browser, address, bypass_csp=False) as operator:
         operator.page.wait_for_selector("body[data-mode=HOLD]")
