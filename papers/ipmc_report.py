@@ -15,7 +15,7 @@ from papers.short_holds import SHORT, ShortHolds
 _ORDER = ("Preisach", "plays", "quadratic")
 
 
-def names(study: IpmcStudy) -> dict[str, Any]:
+def names(study: IpmcStudy, *_: Any) -> dict[str, Any]:
     """Return spreads of gains and phases of the specimen that is drawn."""
     return {
         "spread": study.response.gain_spread(high=HALF_HERTZ),
