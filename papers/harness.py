@@ -182,8 +182,8 @@ class Specimens:
         now(f"specimen {done} of {self._wanted}, seed {seed}: {seconds:.0f} s", kept=True)
         if done < self._wanted:
             if self._file is not None:
-                begun = {"unfinished": True, "specimens": done, "of": self._wanted}
-                content = {**self.gathered, **begun, "seed": self._seed}
+                so_far = {"unfinished": True, "specimens": done, "of": self._wanted}
+                content = {**self.gathered, **so_far, "seed": self._seed}
                 write_atomically(self._file, self._text(content))
             now(f"specimen {done + 1} of {self._wanted}")
         elif self._file is not None:

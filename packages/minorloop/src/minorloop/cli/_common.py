@@ -11,10 +11,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
-from typer.core import TyperCommand
 
 from minorloop.cli._compilation import compilation_said
 from minorloop.cli._completion import addresses, one_of
@@ -86,22 +85,6 @@ def _positive(param: typer.CallbackParam, value: float | None) -> float | None:
 def plain(help: str) -> str:
     """Return a help text whose square brackets, as of units, are shown and not taken as markup."""
     return help.replace("[", r"\[")
-
-
-class LateHelp(TyperCommand):
-    """A verb whose options have a help text that is looked up when it is shown.
-
-    ``late`` of a subclass maps the name of an option or argument to a function that returns the
-    text. So a command that prints no help does not read the entry points of installed packages.
-    """
-
-    late: ClassVar[Mapping[str, Callable[[], str]]] = {}
-
-    def get_help(self, ctx: Any) -> str:
-        for parameter in self.params:
-            if parameter.name in self.late:
-                parameter.help = self.late[parameter.name]()  # type: ignore[attr-defined]
-        return super().get_help(ctx)
 
 
 DataFile = Annotated[

@@ -81,9 +81,8 @@ def _check_pair(certificate: Path, key: Path) -> None:
 
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
-        context.load_cert_chain(
-            certificate, key, password=""
-        )  # without a password, openssl would ask for one
+        # Without a password openssl would ask for one.
+        context.load_cert_chain(certificate, key, password="")
     except (OSError, ValueError) as error:  # errors of ssl are OSErrors
         reason = getattr(error, "reason", None) or error
         raise ParameterError(

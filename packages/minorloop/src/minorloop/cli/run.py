@@ -6,9 +6,10 @@ import shlex
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from minorloop.cli import _adaptive, _common, _conversion, _sines
 from minorloop.cli._run_progress import watching
@@ -28,16 +29,16 @@ SLOW = 1.2
 _ADAPTIVE = ("holds", "hours", "hold", "low", "high", "step", "least_gain", "levels")
 
 
-def _actuator_help() -> str:
-    from minorloop.connect import addresses
-
-    return f"Its address: {', '.join(addresses())}."
-
-
-class RunCommand(_common.LateHelp):
+class RunCommand(TyperCommand):
     """``minorloop run``; its help lists the addresses that exist."""
 
-    late: ClassVar = {"actuator": _actuator_help}
+    def get_help(self, ctx: Any) -> str:
+        """Return the help with the addresses."""
+        from minorloop.connect import addresses
+
+        (actuator,) = (each for each in self.params if each.name == "actuator")
+        actuator.help = f"Its address: {', '.join(addresses())}."  # type: ignore[attr-defined]
+        return super().get_help(ctx)
 
 
 COMMAND = RunCommand
