@@ -84,12 +84,6 @@ def test_readings_are_converted_by_a_table_that_the_store_keeps(run, answer):
     assert "more than the model in saturation" in run("resume --store d.sqlite")[2]
 
 
-def test_a_linear_conversion_gives_the_output_of_the_model(run):
-    line = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
-    linear = f"{line} --linear -9.5,285 --name curvature --unit 1/m"
-    assert "in curvature [1/m]" in run(linear)[1]
-
-
 def test_a_table_that_ends_too_early_says_what_it_covers(run):
     Path("table.csv").write_text("distance [mm],curvature [1/m]\n0,1\n5,3\n")
     line = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
@@ -99,25 +93,8 @@ def test_a_table_that_ends_too_early_says_what_it_covers(run):
     assert "covers the table, 0 to 5: check its numbers" in err
 
 
-@pytest.mark.parametrize(
-    ("option", "said"),
-    [
-        ("--linear 0,3", "--linear is '0,3', whose gain is 0"),
-        ("--hold -3", "--hold is -3; give a positive number of seconds"),
-    ],
-)
-def test_options_that_cannot_be_are_refused_by_their_names(option, said, refused):
-    assert said in refused(f"{DRIVE.replace('--hold 60', '')} {option}")
-
-
 def test_a_model_of_another_actuator_is_refused(refused):
     assert "identify a model in um" in refused(DRIVE.replace("ipmc", "fibre"))
-
-
-def test_a_store_that_exists_is_not_replaced(refused):
-    Path("d.sqlite").write_text("kept")
-    assert "d.sqlite exists already; continue it with minorloop resume" in refused(DRIVE)
-    assert Path("d.sqlite").read_text() == "kept"
 
 
 def test_a_sensor_that_cannot_be_that_of_the_model_stops_before_the_first_target(run, answer):
@@ -145,13 +122,6 @@ def test_missed_targets_are_named_and_give_another_status(run):
     status, out, _ = run(DRIVE.replace("--hold 60", "--hold 5"))
     assert status == 1
     assert "targets ended off by more than 0.864" in " ".join(out.split())
-
-
-@pytest.mark.parametrize("hold", ["-1", "0", "inf"])
-def test_a_plan_needs_a_hold_that_is_a_time(hold, refused):
-    said = refused(f"invert strip.json wanted.csv --target curvature --hold {hold} --save in.csv")
-    assert "--hold" in said
-    assert not Path("in.csv").exists()
 
 
 @pytest.fixture

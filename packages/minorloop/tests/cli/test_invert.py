@@ -5,7 +5,6 @@ import pytest
 
 from minorloop import modelfile
 from minorloop.lab.columns import read_columns
-from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
@@ -74,12 +73,6 @@ def test_only_the_first_of_many_are_shown(run):
     assert "100 of 100 targets are out of reach" in out
 
 
-def test_rounding_error_is_not_shown(run):
-    modelfile.save(PrandtlIshlinskii([0.0], [1.0]), "line.json")
-    Path("zero.csv").write_text("y\n1\n1e-17\n")
-    assert run("invert line.json zero.csv --target y")[1].count("1e-17") == 1
-
-
 @pytest.mark.parametrize(
     ("other", "says"),
     [
@@ -94,39 +87,6 @@ def test_refuses_models_without_an_inverse(other, says, clip, refused, model):
     line = f"invert other.json targets.csv --target length {clip} --save in.csv"
     assert says in refused(line)
     assert not Path("in.csv").exists()
-
-
-def test_every_model_with_an_inverse_is_inverted(answer):
-    for name, other in (
-        ("polynomial", Polynomial([0.0, 1.0], -3.0, 3.0)),
-        ("plays", PrandtlIshlinskii([0.0, 0.5], [1.0, 0.5])),
-    ):
-        modelfile.save(other, f"{name}.json")
-        found = answer(f"invert {name}.json targets.csv --target length")
-        np.testing.assert_allclose(found["y"], WANTED, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ("--start odd", "start is 'odd'"),
-        ("--target reach", "has no column 'reach', it has 'length [um]'"),
-        ("--save missing/in.csv", "folder missing does not exist"),
-        ("--save far.csv", "or --force to replace it"),
-        ("--save targets.csv --force", "targets.csv is an input"),
-        ("--save model.json --force", "model.json is an input"),
-    ],
-)
-def test_refuses_unusable_options(options, says, refused):
-    before = {path: path.read_bytes() for path in Path().iterdir()}
-    assert says in refused(f"{INVERT} {options}")
-    assert {path: path.read_bytes() for path in Path().iterdir()} == before
-
-
-@pytest.mark.parametrize("cell", ["", "nan", "inf", "far"])
-def test_targets_have_no_gaps(cell, refused):
-    Path("gap.csv").write_text(f"length,other\n1,2\n{cell},3\n")
-    assert "in row 3" in refused("invert model.json gap.csv --target length")
 
 
 def test_another_prefix_is_converted_and_another_unit_refused(run, answer, refused):

@@ -39,10 +39,6 @@ def test_the_written_plan_can_be_read_back(run):
     )
 
 
-def test_short_holds_are_given_in_seconds(run):
-    assert "11 holds of 0.01 s, 0.11 s in all" in run(f"{PLAN} --hold 0.01")[1]
-
-
 def test_reports_plans_that_do_not_determine_the_plane(run):
     out = run("plan staircase --low 0 --high 1 --levels 9")[1]
     assert "does not determine the plane" in out
@@ -62,23 +58,12 @@ def test_large_plans_are_not_ranked(monkeypatch, run, answer):
     [
         ("plan spiral --low 0 --high 1", "no plan 'spiral'; give one of decaying, reversal"),
         ("plan decaying --low 1 --high 0", "levels from 1.0 to 0.0; give finite low < high"),
-        ("plan decaying --low 1 --high 1", "give finite low < high"),
-        ("plan decaying --low nan --high 1", "levels from nan to 1.0"),
-        ("plan decaying --low 0 --high inf", "levels from 0.0 to inf"),
-        ("plan decaying --low=-1e308 --high 1e308", "more than a float can hold"),
         ("plan decaying --low zero --high 1", "'--low': 'zero' is not a number"),
         ("plan decaying --high 1", "Missing option '--low'"),
-        (f"{PLAN} --levels 0", "0 bands; give a whole number of at least 1"),
-        (f"{PLAN} --levels -4", "-4 bands"),
         (f"{PLAN} --levels 99999", "levels are 99999 bands"),
         (f"{PLAN} --levels 1e3", "'1e3' is not a whole number"),
-        (f"{PLAN} --hold 0", "--hold is 0; give a positive number of seconds"),
-        (f"{PLAN} --hold -1", "--hold is -1;"),
-        (f"{PLAN} --hold nan", "--hold is nan"),
-        (f"{PLAN} --hold inf", "--hold is inf"),
         (f"{PLAN} --input 'hold [s]'", "the header of hold times; give another name"),
         (f"{PLAN} --input 'u\x1b[2J [V]'", "--input is 'u\\x1b[2J [V]', which has the character"),
-        (f"{PLAN} --save missing/plan.csv", "folder missing does not exist"),
         (f"{PLAN} --save good.csv", "or --force to replace it"),
     ],
 )

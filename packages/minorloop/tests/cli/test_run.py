@@ -54,21 +54,12 @@ def test_readings_are_converted_as_by_reduce_and_resume_continues_so(run, answer
     ("line", "says"),
     [
         (f"{RUN} --laser 30,15 --linear 2 --store a", "--laser and --linear are given"),
-        (f"{RUN} --store good.csv", "good.csv exists already"),
-        (f"{RUN} --store plan.csv", "plan.csv exists already"),
-        (f"{RUN} --store no/runs.sqlite", "the folder no does not exist"),
-        (f"{RUN.replace('plan.csv', 'good.csv')} --store a", "has no column 'hold [s]'"),
         (f"{RUN.replace('ipmc', 'moon')} --store a", "nothing at address 'twin:moon'"),
         (f"{RUN.replace('ipmc', 'fibre')} --store a", "voltage -1.2 V is beyond the limits"),
-        (f"{RUN} --tolerance 0 --store a", "tolerance is 0"),
-        (f"{RUN} --shortest 31 --store a", "31 s at least and 30 s at most"),
         ("resume --store good.csv", "it is not an experiment store, or damaged; run makes a"),
-        ("resume --store none", "none does not exist"),
         ("runs list --store .", "there is no experiment store in ."),
         ("runs sing --store a", "there is no action 'sing'"),
-        (f"{RUN} --store {'a' * 251}", "give a shorter name"),
         ("runs list --store a --save b", "--save is for export"),
-        ("identify good.csv --input voltage", "--output is missing"),
     ],
 )
 def test_refuses_in_one_line(line, says, refused):

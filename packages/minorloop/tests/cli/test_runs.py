@@ -1,4 +1,3 @@
-import math
 from pathlib import Path
 
 import pytest
@@ -79,18 +78,6 @@ def test_a_run_is_followed_until_it_ends(run, monkeypatch):
     assert [line.split()[0] for line in followed] == ["0", "4", "8", "11"]
     assert "killed" in out
     assert not Path("runs.sqlite-wal").exists()
-
-
-def test_the_time_left_of_a_run_follows_from_its_pace(run, answer):
-    run(f"{RUN} --store whole.sqlite")
-    with Store.open("whole.sqlite") as store:
-        longest = store.plan.longest
-        assert runs.time_left(store.plan, 0, 4, 20.0) == pytest.approx(
-            20.0 * longest[4:].sum() / longest[:4].sum()
-        )
-        assert math.isnan(runs.time_left(store.plan, 4, 4, 20.0))
-    assert runs.said_left(math.nan) == runs.said_left(0.5) == ""
-    assert runs.said_left(120.0) == "2 min left"
 
 
 def test_where_most_holds_were_extrapolated_it_says_how_long_they_should_be(run, answer):

@@ -78,17 +78,6 @@ def test_groups_have_their_errors(other, answer):
     assert small < 0.1
 
 
-def test_units_with_another_prefix_give_the_same(other, answer, refused):
-    expected = answer(f"{SCORE} {CURVES}")
-    scaled = other * [1e3, 1e3, 1e-3, 1]
-    write("scaled.csv", scaled, "time [ms],voltage [mV],length [mm],curve")
-    found = answer(f"score model.json scaled.csv --time time {CURVES}")
-    for name in ("nrmse", "rmse", "gain"):
-        assert found[name] == pytest.approx(expected[name])
-    write("amperes.csv", other, "time [s],voltage [A],length [um],curve")
-    assert "is in A and the model in V" in refused("score model.json amperes.csv")
-
-
 def test_inputs_beyond_the_levels_are_counted(other, answer):
     rows = other.copy()
     rows[:24, 1] = 1.5
