@@ -82,13 +82,3 @@ def test_a_fit_that_did_not_converge_says_so(monkeypatch):
     assert not found.converged
     assert any("did not converge" in text for text in found.advice)
     assert "not converged" in str(found)
-
-
-def test_the_optimality_is_computed_from_the_rows(monkeypatch):
-    def off(self, found, rows):
-        return active_set.BoundedSolution(found.z + 1e-3, 0.0, 1)
-
-    monkeypatch.setattr(active_set._Solver, "refined", off)
-    fit = a_problem().fit(1e-4)
-    assert fit.kkt > active_set.ACCEPTABLE
-    assert not fit.converged

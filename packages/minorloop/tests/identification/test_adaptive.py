@@ -68,16 +68,6 @@ def test_a_repeated_reading_is_accepted_flagged_and_widens_the_bands():
     assert sd.min() > 2.0  # It read 3.0 too much.
 
 
-@pytest.mark.parametrize("at", [12, 14])
-def test_an_outlier_in_the_validation_is_repeated(done, at):
-    chooser, u, y = done
-    y = [*y[:at], y[at] + 5.0]
-    assert chooser.choose(u[: at + 1], y) == u[at]
-    u, y = [*u[: at + 1], u[at]], [*y, done[2][at]]
-    assert chooser.roles(u, y)[at:] == ["outlier", "validation"]
-    assert chooser.validation(u, y).nrmse < 0.02
-
-
 @pytest.mark.parametrize("at", [2, 8, 13])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_missing_reading_is_measured_again(done, at, bad):
@@ -104,29 +94,6 @@ def test_an_early_outlier_is_left_out_and_replaced():
     assert roles.count("validation") == VALIDATION
 
 
-def test_the_score_is_relative_to_what_is_no_outlier():
-    chooser = Adaptive(-1.0, 1.0, holds=12)
-    u, y = [], []
-    while (level := chooser.choose(u, y)) is not None:
-        u.append(level)
-        y.append(1e6 if len(u) == 9 else level)
-    assert chooser.roles(u, y)[8] == "outlier"
-    assert chooser.validation(u, y).scale < 2.1
-
-
-@pytest.mark.parametrize("holds", [12, 16])
-@pytest.mark.parametrize("plant", [lambda u: -u, lambda u: u * u])
-def test_an_output_that_no_weights_follow_gets_wide_bands_and_a_validation(plant, holds):
-    chooser = Adaptive(-1.0, 1.0, holds=holds)
-    u, y = [], []
-    while len(u) < chooser.most and (level := chooser.choose(u, y)) is not None:
-        u.append(level)
-        y.append(plant(level))
-    assert chooser.roles(u, y).count("validation") == VALIDATION
-    grid = np.r_[-1.0, np.random.default_rng(0).uniform(-1, 1, 30)]
-    assert chooser.identification(u, y).predict(grid, bands=0.9).covers(plant(grid)) > 0.8
-
-
 @pytest.mark.parametrize("surprising", ["always", "never"])
 def test_never_spends_the_validation(surprising, monkeypatch):
     """Whatever is repeated, and however that ends."""
@@ -149,14 +116,6 @@ def test_a_validation_far_outside_is_not_to_be_trusted(done):
     assert not score.trusted
 
 
-def test_noise_is_learnt_from_the_first_holds():
-    chooser = Adaptive(-1.0, 1.0)
-    chooser.learn_noise([0.1, np.nan, 0.3, 0.2, 50.0])
-    assert chooser.noise == pytest.approx(0.2)
-    chooser.learn_noise([np.nan])
-    assert chooser.noise == pytest.approx(0.2)
-
-
 def test_stops_early_where_holds_gain_too_little():
     chooser = Adaptive(-1.2, 1.2, holds=40, least_gain=0.05)
     u, y = experiment(chooser, 2)
@@ -168,17 +127,6 @@ def test_stops_early_where_holds_gain_too_little():
 def test_keeps_to_the_step():
     u, _ = experiment(Adaptive(-1.2, 1.2, holds=6, step=0.5))
     assert np.abs(np.diff(u)).max() <= 0.5 * (1 + 1e-12)
-
-
-def test_a_run_stopped_after_three_holds_gives_a_model_with_wide_bands(done):
-    chooser, u, y = done
-    early = Adaptive(-1.2, 1.2).identification(u[:3], y[:3])
-    late = chooser.identification(u, y)
-    grid = np.linspace(-1.2, 1.2, 30)
-    assert np.mean(early.predict(grid, bands=0.9).sd) > 3 * np.mean(
-        late.predict(grid, bands=0.9).sd
-    )
-    assert Adaptive(-1.2, 1.2).validation(u[:3], y[:3]) is None
 
 
 @pytest.mark.parametrize(

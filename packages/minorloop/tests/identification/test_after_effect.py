@@ -239,15 +239,6 @@ def test_a_change_within_a_gap_is_a_warning():
     assert "changes in 1 gap of the times, first from" in found.warnings[0]
 
 
-def test_rows_of_a_slow_rate_are_no_gaps():
-    place = np.arange(1, 41) / 40
-    loops = -np.concatenate([amplitude * np.cos(2 * np.pi * place) for amplitude in (1, 0.7, 0.4)])
-    u = np.tile(loops, 2)
-    t = np.cumsum(np.repeat([0.25, 0.01], loops.size))
-    found = identify_after_effect(t, u, u, levels=4, creep="none", rate=True)
-    assert not found.warnings
-
-
 def test_pauses_of_a_rock_that_were_not_fitted_are_predicted_better_with_time(shared_data):
     """Every fifth first-order reversal curve, on a coarse plane."""
     levels = 65.5 * np.sinh(2.5 * np.linspace(-1, 1, 17)) / np.sinh(2.5)

@@ -3,13 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop.connect import connect
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification.arx import arx, chosen, step_response
+from minorloop.identification.arx import arx, step_response
 from minorloop.identification.linear_fit import TriedEquation
 from minorloop.identification.output_error import Coefficients, Structure
-from minorloop.lab.records import Record
 
 LAGS = Linear.lags(27.0, 6.0)
 
@@ -105,58 +103,6 @@ def candidate(kind, free_run, bic, na=1):
     return TriedEquation(Structure(na, 1, 1), found, kind, bic, free_run, free_run)
 
 
-@pytest.mark.parametrize(
-    ("oscillation", "taken"), [(0.0098, "plain"), (0.0090, "oscillatory"), (0.02, "plain")]
-)
-def test_oscillation_must_pay(oscillation, taken):
-    pair = [candidate("plain", 0.01, 0.0), candidate("oscillatory", oscillation, -100.0)]
-    assert chosen(pair).kind == taken
-
-
-def test_the_criterion_decides_among_those_that_simulate_alike():
-    alike = [candidate("plain", 0.0100, 5.0, 3), candidate("plain", 0.0103, 1.0, 2)]
-    worse = candidate("plain", 0.02, -50.0)
-    assert chosen([*alike, worse]) is alike[1]
-
-
-@pytest.fixture(scope="module")
-def holds():
-    """A fibre, conditioned at its lowest voltage, then taken up and down."""
-    fibre = connect("twin:fibre")
-    fibre.apply(0.2, 300.0, 300.0)
-    volts = (0.40, 0.45, 0.50, 0.45)
-    return [fibre.apply(v, 600.0 if k == 0 else 300.0, 1.0) for k, v in enumerate(volts)]
-
-
-def joined(records):
-    record = Record.joined(records)
-    return record.t, record.u, record.y
-
-
-def test_the_step_of_a_fibre_runs_free_on_the_next_one(holds):
-    fit = arx(*joined(holds[:2]))
-    t, _, y = joined(holds[1:3])
-    since = t[300:] - t[299]
-    share = (y[300:] - y[299]) / (y[-1] - y[299])
-    error = np.sqrt(np.mean((fit.model.step_response(since) - share) ** 2))
-    assert error <= 0.02
-    assert fit.nrmse <= 1e-3
-    assert abs(fit.model.dc_gain - 1) <= 1e-9
-    # The creep of the fibre has 90 s, and its diffusion 10 s.
-    assert farthest(fit, [90.0, 10.0]) <= 0.1
-
-
-def test_rising_and_falling_apart(holds):
-    both = step_response(*joined(holds))
-    t63 = [np.argmax(model.step_response(np.arange(300.0)) >= 0.63) for model in both.models]
-    assert 20 <= t63[0] <= 30
-    assert 30 <= t63[1] <= 45
-    assert both.rising.stretches[0].y[-1] == pytest.approx(1, abs=0.05)
-    only_up = step_response(*joined(holds[:3]))
-    assert only_up.falling is None
-    assert only_up.models[0] is only_up.models[1]
-
-
 def test_refuses_what_it_cannot_fit():
     t, u, y = step()
     with pytest.raises(SignalError, match="lower highest_order"):
@@ -188,9 +134,3 @@ def test_refuses_numbers_whose_squares_are_none(function, which, scale):
 def test_refuses_options_out_of_range(options):
     with pytest.raises(ParameterError, match="give a whole number"):
         arx(*step(), **options)
-
-
-@pytest.mark.parametrize("record", [[[0, 1]] * 3, [[0.0, 1, 2, 3], [0, 1, 1, 1], [0, 1, 1, 1]]])
-def test_a_step_without_its_rest_is_refused(record):
-    with pytest.raises(SignalError, match="include the hold before the step"):
-        arx(*record)

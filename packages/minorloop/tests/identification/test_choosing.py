@@ -106,25 +106,6 @@ def reversal_curves():
     return u, label
 
 
-def test_each_step_is_announced():
-    said = []
-    u = np.tile(np.sin(np.linspace(0, 9, 60)), 3)
-    group = np.repeat(range(3), 60)
-    identify(u, u**3, **AUTO, groups=group, prior="none", smoothness=0.0, progress=said.append)
-    assert said[0] == "comparing lags"
-    assert "comparing structures, 3 of 3: reversible diagonal" in said
-    assert "fitting 325 cells to 180 samples" in said
-    assert said[-1] == "leaving out groups, fit 3 of 3"
-
-
-def test_the_search_for_the_weights_is_announced():
-    said = []
-    identify(*a_record(50), levels=5, smoothness=0.0, progress=said.append)
-    assert said[0] == "fitting 15 cells to 50 samples"
-    assert said[1] == "solving for 15 weights, smoothness 0"
-    assert any(stage.endswith(" of 16 unknowns are not zero") for stage in said)
-
-
 def test_few_samples_are_not_compared():
     u, y = record("staircase")
     assert identify(u, y, **{**AUTO, "levels": 4}).choices == ()

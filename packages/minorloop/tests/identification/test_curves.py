@@ -3,7 +3,7 @@ import pytest
 
 from fixed_options import identify
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification.curves import Curves, as_curves
+from minorloop.identification.curves import Curves
 from minorloop.operators.memory import Memory
 from plane_records import LEVELS, a_plane
 
@@ -89,16 +89,3 @@ def test_driven_inputs_put_the_reset_before_each_later_curve():
 def test_refuses(options, error, says):
     with pytest.raises(error, match=says):
         identify(*curves_of("negative"), levels=5, **options)
-
-
-def test_labels_may_be_text():
-    labels = np.where(LABELS < 2, "up", "down")
-    curves = as_curves(labels, 480, "negative", None)
-    assert curves.begins.tolist() == [0, 240]
-    assert (curves.name(0), curves.name(1)) == ("up", "down")
-    assert curves.parts(480) == [(0, 240), (240, 480)]
-
-
-def test_whole_numbers_as_labels_have_no_decimal_point():
-    assert as_curves([1.0, 1.0, 2.5], 3, "negative", None).names == ("1", "2.5")
-    assert Curves.whole("negative").name(0) == "0"

@@ -43,12 +43,6 @@ def test_minor_loops_of_other_planes_with_the_loop_lie_in_the_bands():
     assert np.mean(wide) < 0.25
 
 
-def test_no_band_of_the_major_loop_is_wider_than_the_worst(found):
-    for amplitude in (217 / 2, 217):
-        widths = found.predict(found.loop(amplitude), bands=0.9).half_width
-        assert widths.max() <= found.worst_half_width * (1 + 1e-9)
-
-
 def test_it_does_not_depend_on_units(found):
     other = from_loop(12.8e3, 0.58e-6, 1.5e-6, 217e3)
     np.testing.assert_allclose(other.model.levels, 1e3 * found.model.levels, rtol=1e-12)
@@ -149,11 +143,3 @@ def test_square_loops_of_relays_lie_in_the_bands(name):
         covered.append(found.covers(_outputs(up, down, u)))
     assert min(covered) > 0.75
     assert np.mean(covered) > 0.8
-
-
-def test_it_does_not_claim_most_where_the_loop_says_least():
-    square = from_loop(1.0, 0.99993, 1.0)
-    assert len(square.ridges) >= 24
-    assert square.half_width > 0.1
-    assert square.worst_half_width > 0.3
-    assert f"{square.worst_half_width:.0%} at worst" in square.warnings[0]

@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 
-from minorloop.dynamics.cascade import Cascade
-from minorloop.dynamics.linear import Linear
 from minorloop.identification.dynamic_parts import DynamicRecord, Dynamics
 from minorloop.operators.preisach import Preisach
 
@@ -60,14 +58,3 @@ def test_a_start_up_ends_when_the_input_has_been_near_both_ends():
     assert (later.pieces[: RECORD.startup] == -1).all()
     slow = DynamicRecord.of(T, T, T, {})  # most rows would count as one
     assert slow.startup == 0
-
-
-def test_a_pole_within_half_a_sample_is_not_plausible():
-    assert Dynamics(STEP, 0.0, (), (float(np.log(0.6 * STEP)),)).plausible
-    assert not Dynamics(STEP, 0.0, (float(np.log(0.4 * STEP)),), ()).plausible
-
-
-def test_without_poles_a_cascade_is_the_operator():
-    model = Dynamics(STEP, 0.0).cascade(PLANE)
-    assert isinstance(model, Cascade)
-    assert model.linear == Linear.lags()

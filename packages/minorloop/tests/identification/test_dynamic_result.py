@@ -25,19 +25,6 @@ def result(linear, first="operator", creep=None, off=0.0):
     return DynamicIdentification(model, static, T, U, y, fitted, ~fitted, (CHOSEN,))
 
 
-def test_rows_say_what_the_dynamics_are():
-    omega = 2 * np.pi * 4
-    oscillating = Linear([omega**2], [1, 0.2 * omega, omega**2], delay=0.03)
-    found = result(oscillating, creep=Creep([0.1, 1.0], [0.1, 0.2], 0.7))
-    rows = dict(found.rows)
-    assert rows["order"] == "operator, then dynamics"
-    assert rows["dead time"] == "0.03 s"
-    assert rows["resonance"] == "4 Hz"
-    assert rows["damping ratio"] == "0.1"
-    assert rows["creep"] == "30.0% of the output, within 0.1 s to 1 s"
-    assert dict(result(Linear.lags(0.2), "linear").rows)["order"] == "dynamics, then operator"
-
-
 @pytest.mark.parametrize("near", [True, False])
 def test_the_runner_up_is_shown_and_may_be_too_close_to_call(near):
     contains = TriedDynamics(2, 0, 0.0, True, 0.001)
@@ -49,10 +36,6 @@ def test_the_runner_up_is_shown_and_may_be_too_close_to_call(near):
     assert any("too close to call" in text for text in found.advice) == near
 
 
-def test_without_another_structure_there_is_no_runner_up():
-    assert result(Linear.lags(0.2), "linear").runner_up is None
-
-
 def test_time_constants_of_both_sides_are_shown():
     found = result(Linear.lags(0.3))
     model = replace(found.model, ahead=Linear.lags(0.004))
@@ -61,23 +44,6 @@ def test_time_constants_of_both_sides_are_shown():
     assert rows["order"] == "dynamics, operator, dynamics"
     assert (rows["time constants before"], rows["time constants behind"]) == ("0.004 s", "0.3 s")
     assert any("the fastest time constant is 0.004 s" in text for text in found.advice)
-
-
-def test_a_start_up_that_no_other_row_is_like_is_named():
-    found = replace(result(Linear.lags(0.2)), startup=30)
-    assert any("skip=30 (--skip 30)" in text for text in found.advice)
-    found = replace(found, startup_fitted=False)
-    assert any("the first 30 rows are not fitted" in text for text in found.advice)
-
-
-def test_errors_are_those_of_the_whole_model():
-    found = result(Linear.lags(0.1), off=0.1)
-    off = 0.1 * np.sin(50 * T)
-    for rows, value in ((found.fitted, found.nrmse), (found.held_out, found.holdout_nrmse)):
-        assert value == pytest.approx(np.sqrt(np.mean(off[rows] ** 2)) / np.ptp(found.y[rows]))
-    assert found.scores["nrmse_train"] == found.nrmse
-    assert found.scores["nrmse_holdout"] == found.holdout_nrmse
-    assert found.scores["worst_holdout"] == found.holdout_accuracy.worst
 
 
 def test_advice_has_the_errors_of_the_whole_model():

@@ -141,19 +141,6 @@ def test_a_virgin_start_is_not_fitted():
     assert given.fitted.all()
 
 
-def test_the_structure_of_the_plane_is_chosen_by_the_error_of_the_whole_model():
-    """The record without dynamics has ten times the noise, which hides the diagonal."""
-    t = np.arange(0, 1, 1 / RATE)
-    wave = 50 - 50 * np.cos(2 * np.pi * (2 + 8 * t) * t) * (1 - 0.8 * t)
-    u = np.concatenate([np.zeros(40), wave])
-    y = measured(u, LAGS, noise=4 * NOISE)
-    found = ml.identify_dynamics(
-        time_of(u), u, y, first="operator", poles=2, creep=False, levels=25
-    )
-    assert found.model.operator.diagonal == "reversible"
-    assert [choice.name for choice in found.static.choices] == ["structure"]
-
-
 def test_finds_dynamics_before_the_operator():
     u = np.repeat(np.random.default_rng(1001).uniform(0, 100, 50), 40)
     u[:40] = 0.0
@@ -192,26 +179,6 @@ def test_finds_creep():
     assert "creep  " in str(found)
 
 
-def test_a_record_without_dynamics_has_none():
-    u = sweeps((5.0,))
-    found = ml.identify_dynamics(time_of(u), u, measured(u, Linear.lags()), **COARSE)
-    assert not found.dynamic
-    assert "no better than with the operator alone" in found.advice[-1]
-    static = ml.identify(u, measured(u, Linear.lags()), **COARSE, slope=False, lag=0)
-    np.testing.assert_allclose(found.nrmse, static.nrmse, rtol=1e-3)
-
-
-def test_gaps_are_no_outputs():
-    u = sweeps((5.0, 20.0))
-    y = measured(u, LAGS)
-    y[300:340] = np.nan
-    y[600] = 1e12
-    found = ml.identify_dynamics(time_of(u), u, y, first="operator", poles=1, creep=False, **COARSE)
-    np.testing.assert_allclose(found.model.linear.time_constants, [6.7e-3], rtol=0.1)
-    assert not found.fitted[[*range(300, 340), 600]].any()
-    assert "a reading is a code of the instrument" in found.advice[0]
-
-
 def test_with_the_prior_it_has_bands():
     u = sweeps((20.0,))[:120]
     found = ml.identify_dynamics(
@@ -225,14 +192,6 @@ def test_with_the_prior_it_has_bands():
         prior="gaussian",
     )
     assert found.static.posterior is not None
-
-
-def test_a_model_file_keeps_it(tmp_path):
-    found = stage()
-    ml.save(found, tmp_path / "m.json", input="voltage [V]", output="position [um]")
-    model, u = ml.load(tmp_path / "m.json"), sweeps((10.0,))
-    np.testing.assert_array_equal(model.simulate(time_of(u), u), found.predict(time_of(u), u))
-    assert model.noise == pytest.approx(found.nrmse, rel=0.01)
 
 
 @pytest.mark.parametrize(

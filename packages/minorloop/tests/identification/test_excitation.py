@@ -15,17 +15,6 @@ def test_decaying_staircase_is_as_long_as_there_are_unknowns(bands):
     assert (u[0], u[bands]) == (0, bands)
 
 
-def test_reversal_curves_come_down_from_every_level():
-    u = excitation.reversal_curves([0, 1, 2, 3])
-    assert u.tolist() == [0, 1, 0, 2, 1, 0, 3, 2, 1, 0]
-    assert excitation.reversal_curves(LEVELS).size == 66
-
-
-def test_loops():
-    assert excitation.staircase([0, 1, 2]).tolist() == [0, 1, 2, 1, 0]
-    assert excitation.major_loop([0, 1, 2]).tolist() == [0, 1, 2, 1, 0, 1, 2]
-
-
 @pytest.mark.parametrize(("bands", "condition"), [(4, None), (10, 73), (12, 106), (20, 300)])
 def test_decaying_staircases_determine_everything(bands, condition):
     grid = np.linspace(0, 1, bands + 1)
@@ -63,12 +52,6 @@ def test_what_other_inputs_determine(u, rank):
     assert found.rank == rank
     assert found.sufficient == (rank == 56)
     assert f"rank {rank} of 56" in str(found)
-
-
-def test_draws_itself(tmp_path):
-    found = excitation.report(excitation.major_loop(LEVELS), LEVELS)
-    found.plot().savefig(tmp_path / "cells.png")
-    assert found.excited_fraction == pytest.approx(19 / 55)
 
 
 def test_refuses_what_is_no_sequence():

@@ -4,7 +4,6 @@ import pytest
 from fixed_options import identify
 from minorloop.errors import SignalError
 from minorloop.identification import excitation
-from minorloop.lab.columns import read_columns
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
@@ -62,16 +61,6 @@ def test_signed_weights_fit_a_butterfly():
     assert "cannot be inverted" in " ".join(signed.advice)
 
 
-def test_piezo_minor_loops_are_predicted(shared_data):
-    columns = read_columns(
-        shared_data / "piezo_micromanipulator_minor_loops.csv", ["input_V", "displacement_um"]
-    )
-    u, y = (column[200:7000] for column in columns.values())
-    found = identify(u, y, levels=25, lag="auto", holdout=2500 / 6800)
-    assert found.holdout_nrmse <= 0.008
-    assert found.holdout_nrmse < found.baseline_nrmse
-
-
 @pytest.mark.parametrize(
     ("rows", "options"),
     [(400, {"prior": "none"}), (400, {"smoothness": 1e-6}), (90, {"prior": "gaussian"})],
@@ -87,16 +76,6 @@ def test_outputs_count_by_their_standard_deviations(rows, options):
     errors = [np.sqrt(np.mean((found.prediction - y) ** 2)) for found in (alike, weighted)]
     assert errors[1] < 0.5 * errors[0]
     assert weighted.samples == u.size
-
-
-def test_the_error_of_the_model_adds_to_the_noise_of_the_outputs():
-    u = np.tile(np.append(np.linspace(-1, 1, 60), np.linspace(1, -1, 60)), 6)
-    y = u + 0.2 * np.sin(40 * u)  # which three bands cannot follow
-    sd = np.full(u.size, 1e-3)
-    sd[: u.size // 2] = 1e-5
-    options = {"levels": 3, "prior": "none", "smoothness": 0.0}
-    found, alike = identify(u, y, noise=sd, **options), identify(u, y, **options)
-    np.testing.assert_allclose(found.prediction, alike.prediction, atol=1e-4)
 
 
 def test_equal_standard_deviations_are_as_good_as_none_and_missing_ones_as_the_greatest():

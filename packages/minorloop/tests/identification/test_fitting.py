@@ -19,11 +19,6 @@ def steep(seed):
     return u, y
 
 
-@pytest.mark.parametrize("seed", [1005, 1008, 1035])
-def test_good_points_of_a_steep_branch_are_not_set_aside(seed):
-    assert identify(*steep(seed), levels=8).suspects == ()
-
-
 @pytest.mark.parametrize("curve", [np.exp, np.copy])
 def test_samples_of_a_curve_without_memory_are_no_outliers(curve):
     u = np.linspace(-1, 1, 150)

@@ -3,13 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fixed_options import identify
-from minorloop.arrays import uniform_levels
-from minorloop.connect import connect
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification import excitation
 from minorloop.identification.frequency import (
     FrequencyResponse,
     Preamble,
@@ -92,10 +88,6 @@ def test_describing_function_of_a_cubic_and_a_line():
     )
 
 
-def test_describing_function_of_a_plane_lags():
-    assert np.degrees(np.angle(describing_function(PLANE, 0.7))) < -3
-
-
 def test_a_linear_plant_has_the_gains_of_its_transfer_function():
     found = measured(Polynomial([0.0, 2.0], -5, 5), frequencies=[0.05, 0.3, 1.0, 4.0])
     wanted = 2 * G.response(found.frequencies)
@@ -128,21 +120,6 @@ def test_phases_are_compared_across_half_a_turn():
     np.testing.assert_allclose(found.phase_spread(), [2.0, 2.0])
 
 
-def test_slowly_the_plant_is_its_describing_function():
-    slow = Linear.lags(1e-3)
-    found = frequency_response(
-        driving(PLANE, system=slow), [0.1], [0.6], preamble=PREAMBLE, settling=1.0, bias=0.1
-    )
-    memory = PLANE.step("negative", -1.0)[1]
-    wanted = describing_function(PLANE, 0.6, 0.1, start=memory)
-    np.testing.assert_allclose(found.plant[0, 0], wanted, rtol=5e-3)
-
-
-def test_a_preamble_that_saturates_makes_the_start_irrelevant():
-    ends = [measured(PLANE, PLANE, [0.3], [0.5], start=end) for end in ("negative", "positive")]
-    np.testing.assert_array_equal(ends[0].after, ends[1].after)
-
-
 def test_advice_names_a_plant_that_has_not_settled():
     slow = Linear.lags(30.0)
     found = frequency_response(
@@ -150,55 +127,6 @@ def test_advice_names_a_plant_that_has_not_settled():
     )
     assert "increase the settling time" in found.advice[0]
     assert "advice" in str(found)
-
-
-@pytest.fixture(scope="module")
-def strip_response():
-    """An ionic polymer strip, behind a plane from a decaying staircase of the same strip."""
-    grid = uniform_levels(-1.2, 1.2, 10)
-    u = excitation.decaying_staircase(grid)
-    strip = connect("twin:ipmc")
-    y = np.array([strip.apply(value, 200.0, 200.0).y[-1] for value in u])
-    model = identify(u, y, levels=grid, smoothness=0.0, diagonal="reversible").model
-    found = frequency_response(
-        lambda t, u: connect("twin:ipmc").drive(t, u),
-        [0.01, 0.025, 0.05, 0.1, 0.2, 0.5, 1.0],
-        [0.7, 1.0],
-        preamble=Preamble(-1.2, 200.0),
-        settling=150.0,
-        operator=model,
-    )
-    return model, found
-
-
-def test_a_strip_comes_together_behind_its_operator(strip_response):
-    _, found = strip_response
-    spread = found.gain_spread(high=0.5)
-    assert 0.5 <= spread.before <= 2.0
-    assert spread.ratio <= 0.2
-    assert max(found.phase_spread(high=0.5)) <= 5
-    # At 1 Hz the amplitudes no longer agree: the strip is no operator with a linear part.
-    assert found.gain_spread(1.0, 1.0).ratio > 0.3
-
-
-def test_the_inverse_of_the_cascade_leads_a_strip_closer_than_that_of_the_operator(strip_response):
-    model, found = strip_response
-    cascade = Cascade(model, found.fit().model)
-    t = np.arange(0.0, 80.0, 0.05)
-    start = model.step("negative", -1.2)[1]
-    rest, memory = model.step(start, 0.0)
-    targets = rest + 4.0 * np.minimum(t / 20, 1) * np.sin(2 * np.pi * t / 40.0)
-    errors = []
-    for u in (
-        model.invert(targets, memory).u,
-        cascade.invert(t, targets, start, before=0.0, unreachable="clip").u,
-    ):
-        strip = connect("twin:ipmc")
-        strip.apply(-1.2, 400.0, 400.0)
-        strip.apply(0.0, 400.0, 400.0)
-        y = strip.drive(t, np.clip(u, -1.2, 1.2)).y
-        errors.append(np.sqrt(np.mean((y - targets)[800:] ** 2)))
-    assert errors[1] < 0.5 * errors[0]
 
 
 @pytest.mark.parametrize(
@@ -257,8 +185,3 @@ def test_prints_and_draws():
     assert str(found).count("\n") == 5
     assert len(found.plot().axes) == 4
     assert len(measured(PLANE, frequencies=[1.0]).plot().axes) == 2
-
-
-def test_no_amplitude_is_refused():
-    with pytest.raises(ParameterError, match="amplitude is"):
-        describing_function(Preisach([0, 1], [[1]]), [])

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
 from minorloop import Preisach
 from minorloop.identification import heavy_tails, prior_system
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
@@ -12,28 +11,9 @@ from minorloop.identification.prior import Hyperparameters, PlanePrior
 LEVELS = np.linspace(-1, 1, 11)
 
 
-def rms(model, other, u):
-    return float(np.sqrt(np.mean((model.simulate(u) - other.simulate(u)) ** 2)))
-
-
 def evidence_of(u, y, levels=LEVELS):
     matrix = DesignMatrix(PlaneSpec(levels), u, np.ones(u.size, dtype=bool), "negative")
     return Evidence.of_many(matrix, y, np.ones(u.size)), matrix.dense()
-
-
-@pytest.mark.parametrize("seed", [1002, 1006])
-def test_a_few_relays_are_found_as_well_as_without_prior(seed):
-    rng = np.random.default_rng(seed)
-    weights = np.zeros((10, 10))
-    weights[[2, 5, 9], [1, 3, 6]] = 1, 2, 3
-    plant = Preisach(LEVELS, weights)
-    u = np.append([-1, 1], rng.uniform(-1, 1, 148))
-    y = plant.simulate(u) + 0.036 * rng.normal(size=u.size)
-    others = rng.uniform(-1, 1, 1000)
-    found = identify(u, y, levels=LEVELS)
-    plain = identify(u, y, levels=LEVELS, smoothness=0.0)
-    assert found.posterior is not None
-    assert rms(found.model, plant, others) <= 1.1 * rms(plain.model, plant, others)
 
 
 def test_the_posterior_is_that_of_the_covariance_of_the_outputs():

@@ -3,7 +3,7 @@ import pytest
 
 from fixed_options import identify
 from minorloop.identification.curves import Curves
-from minorloop.identification.jumps import Jump, find_jumps, with_jumps
+from minorloop.identification.jumps import find_jumps
 from minorloop.identification.scores import score_rows
 from minorloop.operators.relays import RelayModel
 from plane_records import a_plane
@@ -61,16 +61,6 @@ def test_jumps_within_given_narrow_bands_count_and_these_thresholds_stay():
     assert np.sqrt(np.mean((found.predict(other) - wanted) ** 2)) < 0.01 * np.ptp(wanted)
 
 
-def test_smooth_outputs_have_no_jumps():
-    u, _ = a_record()
-    smooth = 0.04 * a_plane().simulate(u)
-    assert jumps_of(u, smooth) == ()
-    assert jumps_of(u, np.round(40 * smooth) / 40) == ()
-    assert jumps_of(u, smooth + 0.05 * np.random.default_rng(1000).normal(size=u.size)) == ()
-    steep = np.tanh(30 * u)
-    assert jumps_of(u, steep) == ()
-
-
 def test_held_inputs_of_a_smooth_plant_have_no_jumps_and_those_of_relays_have_theirs():
     up = np.concatenate([np.linspace(-1, 1, 61), np.linspace(1, -1, 61)])
     steep = np.tile(np.tanh(2 * up), 4)
@@ -100,14 +90,3 @@ def test_jumps_closer_to_each_other_than_a_band_are_told_apart():
     y = 0.04 * a_plane().simulate(u) + RelayModel(levels, np.diag([0.3, 0.4], -2)).simulate(u)
     for threshold, one in zip([0.31, 0.34, -0.6, -0.57], jumps_of(u, y), strict=True):
         assert one.low <= threshold <= one.high
-
-
-def test_levels_near_a_jump_make_room_for_it():
-    jump = Jump(0.0, 0.001, True, 3)
-    levels = with_jumps(np.linspace(-1, 1, 11), [jump])
-    np.testing.assert_allclose(
-        levels, [-1, -0.8, -0.6, -0.4, -0.2, 0, 0.001, 0.2, 0.4, 0.6, 0.8, 1]
-    )
-    ends = with_jumps(np.linspace(0, 1, 3), [Jump(0.99, 1.0, False, 3)])
-    np.testing.assert_allclose(ends, [0, 0.5, 0.99, 1])
-    assert str(jump) == "0.0005 rising"

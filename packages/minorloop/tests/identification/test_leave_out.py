@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -7,7 +5,6 @@ from fixed_options import identify
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
 from minorloop.identification.leave_out import left_out
-from minorloop.lab.columns import read_columns
 from plane_records import a_plane
 
 LABELS = np.repeat(np.arange(10), 40)
@@ -76,39 +73,6 @@ def test_bands_hold_between_levels_that_no_group_was_measured_at():
     assert np.mean(shares) >= 0.85
 
 
-def test_bands_without_groups_are_too_narrow_for_other_groups():
-    u, y = specimens(scatter=0.1)
-    seen, other = (np.arange(u.size) % 40 < 8) & (LABELS < 8), LABELS >= 8
-    options = {"levels": 4, "prior": "gaussian", "curves": LABELS[seen]}
-    grouped = identify(u[seen], y[seen], **options)
-    alone = replace(grouped, groups=None, left_out=None)
-    shares = [inside(one, u[other], y[other], LABELS[other]).mean() for one in (alone, grouped)]
-    assert shares[0] < 0.9 <= shares[1]
-
-
-def test_each_group_is_predicted_by_a_fit_to_the_others():
-    u, y = specimens()
-    found = identify(u, y, levels=5, curves=LABELS, smoothness=0.0)
-    out = LABELS == 3
-    others = identify(
-        u[~out], y[~out], levels=found.model.levels, curves=LABELS[~out], smoothness=0.0
-    )
-    np.testing.assert_allclose(found.left_out[out], others.predict(u[out]), atol=1e-6)
-    assert found.nrmse < found.groups_nrmse < 0.1
-    assert "error on left-out groups" in str(found)
-
-
-def test_reversal_curves_of_a_magnet_lie_in_their_bands(shared_data):
-    columns = read_columns(
-        shared_data / "forc_feco_nanowires.csv", ["curve", "field_Oe", "moment_emu"]
-    )
-    curve, u, y = columns.values()
-    drift = np.append(True, np.diff(curve) != 0)  # the first row of each is a drift calibration
-    used = ~drift & (curve % 4 == 0)
-    options = {"levels": 20, "spacing": "adaptive", "start_of_curve": "positive"}
-    assert 0.85 <= covered(u[used], y[used], curve[used], 3, **options) <= 0.95
-
-
 def test_a_left_out_group_is_predicted_by_a_fit_that_has_not_seen_it():
     labels = np.repeat(np.arange(5), 40)
     amplitude = np.linspace(1.0, 0.2, 5)[labels]
@@ -157,15 +121,3 @@ def test_samples_of_no_fold_are_in_all_fits():
     predicted = left_out(record, found, 0, np.where(LABELS < 5, -1, LABELS % 2), said.append)
     assert said == ["leaving out groups, fit 1 of 2", "leaving out groups, fit 2 of 2"]
     np.testing.assert_array_equal(np.isnan(predicted), LABELS < 5)
-
-
-def test_a_condensed_record_with_a_prior_has_the_scatter_of_its_groups():
-    rng = np.random.default_rng(1000)
-    labels = np.repeat(np.arange(4), 6000)
-    phase = np.linspace(0, 6 * np.pi, 6000)
-    u = np.tile(-1.2 * np.cos(phase) * np.linspace(1, 0.2, phase.size), 4)
-    y = np.concatenate([a_plane().simulate(u[labels == k]) for k in range(4)])
-    y = y * (1 + 0.03 * rng.normal(size=4))[labels] + 0.01 * rng.normal(size=y.size)
-    found = identify(u, y, levels=4, curves=labels, prior="gaussian")
-    assert found.grouped
-    assert inside(found, u, y, labels).mean() > 0.7

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from minorloop.identification.mean_period import larger_beginning, mean_period
+from minorloop.identification.mean_period import mean_period
 
 PERIOD = 400
 PLACE = np.arange(PERIOD)
@@ -47,26 +47,9 @@ def test_a_first_period_that_has_not_settled_is_left_out(turns):
         assert found.noise == pytest.approx(1 / np.sqrt(turns - 1), rel=0.2)
 
 
-def test_two_periods_that_have_not_settled_are_left_out():
-    assert mean_period(*record(6, fading=100.0, decay=200.0), PERIOD).unsettled == 2
-
-
-def test_without_noise_all_that_repeat_to_rounding_count():
-    u, y = record(4, noise=0.0)
-    found = mean_period(u, y * (1 + 1e-15 * np.arange(y.size)), PERIOD)
-    assert found.unsettled == 0
-
-
 def test_what_was_not_measured_is_no_difference():
     u, y = record(4, fading=100.0)
     y[:PERIOD] = np.nan
     assert mean_period(u, y, PERIOD).unsettled == 0
     y[PERIOD : 2 * PERIOD : 7] = np.nan
     assert np.isfinite(mean_period(u, y, PERIOD).y).all()
-
-
-def test_errors_that_are_larger_at_the_beginning():
-    errors = np.random.default_rng(1000).normal(size=1000)
-    assert larger_beginning(errors) == 0
-    errors[:50] *= 6
-    assert larger_beginning(errors) == pytest.approx(4.3, rel=0.2)

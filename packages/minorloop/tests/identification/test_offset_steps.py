@@ -38,12 +38,6 @@ def test_a_raw_log_has_no_step(seed):
     assert identify(levels, y).residual.step is None
 
 
-def test_a_drift_is_no_step():
-    u, y = moved(300)
-    found = identify(u, y + 0.03 * np.ptp(y) * np.linspace(0, 1, 300)).residual
-    assert found.step is None
-
-
 SHAPES = {
     "decaying": lambda share: 1 - 0.9 * share,
     "swelling": lambda share: 0.1 + 0.9 * share,
@@ -57,19 +51,6 @@ def loops(shape, rows=400, noise=0.0005, seed=1000):
     u = 50 - 50 * np.cos(16 * np.pi * share) * SHAPES[shape](share)
     y = PLAYS.simulate(u)
     return u, y / np.ptp(y) + noise * np.random.default_rng(seed).normal(size=rows)
-
-
-@pytest.mark.parametrize(
-    ("shape", "startup"),
-    [*((shape, 0) for shape in SHAPES), ("decaying", 15), ("swelling", 15)],
-)
-def test_a_drift_that_the_fit_absorbs_is_found_also_beside_a_startup(shape, startup):
-    u, y = loops(shape)
-    y[:startup] += 0.3 * np.exp(-np.arange(startup) / 5)
-    found = identify(u, y + 0.05 * np.linspace(0, 1, y.size))
-    assert found.residual.drift == pytest.approx(0.05, abs=0.015)
-    assert any("drifts by" in line for line in found.advice)
-    assert identify(u, y).residual.drift == 0
 
 
 @pytest.mark.parametrize("shape", SHAPES)

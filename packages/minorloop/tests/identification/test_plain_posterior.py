@@ -1,10 +1,7 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from fixed_options import identify
-from long_branches import a_record_with_long_branches
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.operators.preisach import Preisach
@@ -28,44 +25,6 @@ def test_bands_of_many_random_samples_cover_held_out_ones(smoothness):
     found = identify(u, y, levels=model.levels, holdout=1 / 3, prior="none", smoothness=smoothness)
     assert found.posterior is None
     assert 0.85 <= covered(found) <= 0.95
-
-
-def test_bands_of_long_branches_cover_held_out_ones_and_are_little_wider_than_their_posterior():
-    shares, widths = [], []
-    for seed in range(1000, 1006):
-        model, u, y = a_record_with_long_branches(seed, each=40)
-        found = identify(u, y, levels=model.levels, holdout=1 / 3, prior="none")
-        shares.append(covered(found))
-        samples = np.flatnonzero(found.held_out)
-        alone = replace(found.band_model, error=None)
-        parts = found.curves, samples, 0.9
-        widths.append(found.deviation(samples) / alone.deviation(model, u, *parts))
-    assert np.mean(shares) >= 0.85
-    assert np.mean(widths) <= 1.3
-
-
-def test_bands_are_wide_where_nothing_was_measured():
-    model = a_plane(12)
-    low, high = model.levels[[0, -1]]
-    small = np.interp(
-        np.arange(600) / 20, np.arange(31), low + (high - low) * 0.3 * (np.arange(31) % 2)
-    )
-    y = model.simulate(small) + 1e-3 * np.random.default_rng(1000).normal(size=small.size)
-    found = identify(small, y, levels=model.levels, prior="none")
-    sd = found.predict([low, low + 0.2 * (high - low), high], bands=0.9).sd
-    assert sd[2] > 5 * sd[1]
-
-
-def test_few_samples_that_are_reproduced_have_bands_of_their_noise():
-    rng = np.random.default_rng(1000)
-    model = a_plane(12)
-    u = rng.uniform(*model.levels[[0, -1]], 60)
-    y = model.simulate(u)
-    noise = 0.05 * np.ptp(y)
-    found = identify(
-        u, y + noise * rng.normal(size=60), levels=model.levels, prior="none", smoothness=0.0
-    )
-    assert found.band_sd > 0.5 * noise
 
 
 @pytest.mark.parametrize("given", ["one", "each", "none"])
@@ -105,11 +64,6 @@ def test_an_exact_fit_to_readings_without_noise_has_narrow_bands():
     y = model.simulate(u)
     found = identify(u, y, levels=6, diagonal="reversible", noise=0.0)
     assert found.band_sd < 1e-3 * np.ptp(y)
-
-
-def test_three_samples_that_determine_nothing_have_wide_bands():
-    found = identify([0.0, 1.0, 0.5], [0.0, 1.0, 0.7], prior="none")
-    assert found.predict([0.0, 1.0], bands=0.9).sd[1] > 1e-3
 
 
 @pytest.mark.parametrize("prior", ["gaussian", "none"])

@@ -72,32 +72,12 @@ def test_uneven_rows_are_used_as_they_are_where_the_output_has_no_lag(tables):
     assert any("samples are uneven" in said for said in found.advice)
 
 
-def test_a_lag_in_seconds_is_that_of_the_model_file(tables, tmp_path):
-    record = ml.read(tables["late"].file, **tables["late"].columns)
-    found = ml.identify(record, levels=8, lag="30 ms")
-    assert (found.lag, found.lag_of_model, found.lag_seconds) == (0, 3, 0.03)
-    ml.save(found, tmp_path / "late.json")
-    assert ml.modelfile.read(tmp_path / "late.json").lag == 3
-    assert found.nrmse < 0.6 * ml.identify(record, levels=8, lag=0).nrmse
-
-
 def test_a_record_of_arrays_has_its_times_checked():
     t = np.delete(0.01 * np.arange(400), slice(100, 200))
     u = np.sin(7 * t)
     found = ml.identify(Record(t, u, u + 0.1 * u**2), levels=4, lag=0)
     assert any("1 gap in column 'time [s]'" in said for said in found.advice)
     assert found.samples < 300
-
-
-def test_rows_are_chosen_when_a_record_is_read(tables):
-    table = tables["late"]
-    record = ml.read(table.file, **table.columns, rows=slice(100, 600))
-    found = ml.identify(record, levels=8)
-    assert found.u.size == 500
-    np.testing.assert_allclose(found.t, 0.01 * np.arange(100, 600))
-    assert found.of_record.first == 100
-    with pytest.raises(ParameterError, match="rows 700 to 800 are given, and there are 780"):
-        record.only(700, 800)
 
 
 def test_what_cannot_be_is_refused(tables):

@@ -12,7 +12,6 @@ from minorloop.identification import (
     prior_fit,
     prior_system,
 )
-from minorloop.identification.design import design
 from minorloop.identification.posterior import DensePosterior, SparsePosterior
 from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.preisach import Preisach
@@ -32,13 +31,6 @@ def sparse(monkeypatch):
 def measured(u, noise=0.0, specimen=1, seed=0):
     twin = connect("twin:ipmc", specimen=specimen, noise=noise, seed=seed)
     return hold_each(twin, u, 200.0, 200.0)[1]
-
-
-def test_weights_are_not_negative_and_the_model_is_monotone():
-    found = identify(SEQUENCE, measured(SEQUENCE, 0.5), levels=LEVELS, prior="gaussian")
-    assert (found.model.weights >= 0).all()
-    assert found.kkt < 1e-8
-    found.model.invert([0.0])
 
 
 def test_twelve_holds_predict_better_than_without_the_prior():
@@ -75,15 +67,6 @@ def test_more_measurements_narrow_the_bands():
     assert widths[0] > widths[1] > widths[2]
 
 
-def test_three_holds_give_a_model_with_wide_bands():
-    u = SEQUENCE[:3]
-    fit = identify(u, measured(u), levels=LEVELS, diagonal="reversible")
-    unseen = np.append(-1.2, np.random.default_rng(3).uniform(-1.2, 1.2, 40))
-    shown = fit.predict(unseen, bands=0.9)
-    assert np.mean(shown.sd) > 0.02 * np.ptp(measured(u))
-    assert shown.covers(measured(unseen)) >= 0.8
-
-
 @pytest.mark.parametrize("place", [5, 9, 30])
 def test_an_outlier_is_left_out_and_named(place):
     stairs = excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
@@ -94,14 +77,6 @@ def test_an_outlier_is_left_out_and_named(place):
     assert f"sample {place} " in fit.advice[0]
     assert "repeat it" in fit.advice[0]
     assert not fit.fitted[place]
-
-
-def test_no_sound_reading_is_left_out():
-    for specimen in range(3):
-        stairs = excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
-        y = measured(stairs, 0.1, specimen, specimen)
-        fit = identify(stairs, y, levels=LEVELS, prior="gaussian", diagonal="reversible")
-        assert fit.suspects == ()
 
 
 def test_many_samples_are_summed_and_agree_with_few():
@@ -149,25 +124,6 @@ def test_auto_takes_the_prior_for_few_samples_only_where_it_is_slow(monkeypatch)
     assert identify(u[:30], y[:30], levels=5, prior="none").posterior is None
 
 
-def test_auto_takes_the_prior_for_many_samples_that_leave_much_of_the_plane_open():
-    u = np.linspace(1, 0.5, 400) * np.cos(np.linspace(0, 20, 400))
-    y = Preisach(np.linspace(-1, 1, 11), np.tril(np.ones((10, 10)))).simulate(u)
-    y += 0.05 * np.random.default_rng(0).normal(size=u.size)
-    found = identify(u, y, levels=10)
-    assert found.samples > 3 * found.unknowns
-    assert found.excited_fraction < 0.9
-    assert found.posterior is not None
-
-
-@pytest.mark.parametrize("samples", [60, 400])
-def test_samples_without_noise_that_determine_the_plane_are_fitted_without_the_prior(samples):
-    model = Preisach(np.linspace(0, 1, 6), np.tril(np.random.default_rng(1).uniform(size=(5, 5))))
-    u = np.random.default_rng(0).uniform(0, 1, samples)
-    found = identify(u, model.simulate(u), levels=model.levels)
-    assert found.posterior is None
-    np.testing.assert_allclose(found.model.weights, model.weights, atol=1e-10)
-
-
 def test_data_that_determine_the_plane_are_reproduced():
     rng = np.random.default_rng(1)
     levels = np.linspace(0, 1, 11)
@@ -194,35 +150,6 @@ def test_data_that_determine_the_plane_are_reproduced():
 def test_refuses(options, says):
     with pytest.raises(ParameterError, match=says):
         identify(SEQUENCE, measured(SEQUENCE), **options)
-
-
-@pytest.mark.parametrize("noise", [1.0, 3.0])
-def test_bands_hold_for_a_sensor_far_worse_than_usual(noise):
-    levels = np.linspace(-1.2, 1.2, 21)
-    u = design(levels, 12)
-    plant = Preisach(levels, np.tril(np.ones((20, 20))) / 21)
-    covered = []
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        y = plant.simulate(u) + noise * rng.standard_normal(u.size)
-        fit = identify(u, y, levels=levels, diagonal="reversible", prior="gaussian")
-        grid = np.r_[-1.2, rng.uniform(-1.2, 1.2, 20)]
-        covered.append(fit.predict(grid, bands=0.9).covers(plant.simulate(grid)))
-    assert np.mean(covered) > 0.75
-
-
-def test_hyperparameters_of_few_samples_on_a_fine_plane_are_searched_on_a_coarse_one(monkeypatch):
-    searched, search = [], prior_fit.search
-
-    def seen(evidence, *args):
-        searched.append(evidence.spec.bands)
-        return search(evidence, *args)
-
-    monkeypatch.setattr(prior_fit, "search", seen)
-    u = np.linspace(0, 1, 7) ** 2 * np.array([1, 0, 1, 0, 1, 0, 1])
-    fit = identify(u, u, levels=24, prior="gaussian")
-    assert set(searched) == {12}
-    assert fit.posterior.spec.bands == 24
 
 
 @pytest.mark.parametrize("options", [{}, {"slope": True}, {"offset": False}, {"signed": True}])

@@ -30,13 +30,6 @@ def test_refuses_unusable_records(u, y, says):
         identify(u, y)
 
 
-def test_what_is_held_out_of_a_record_of_codes_says_how_many_were_left_out():
-    y = np.full(20, 9.9e37)
-    y[[2, 5, 9]] = 1.0, 2.0, 3.0
-    with pytest.raises(ParameterError, match="2 of 3 measured samples to fit, 17 codes of the"):
-        identify(np.arange(20.0), y, holdout=0.2)
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -65,21 +58,9 @@ def test_refuses_options_out_of_range(options):
         identify(*a_record(100), **options)
 
 
-def test_outputs_too_small_to_square_are_refused():
-    u, y = a_record(50)
-    with pytest.raises(SignalError, match=r"the output changes by .* only; scale it"):
-        identify(u, y * 1e-170)
-
-
 def test_inputs_one_rounding_apart_are_refused_in_the_words_of_the_record():
     u = np.where(np.arange(30) % 2, 1.0, np.nextafter(1.0, 2.0))
     with pytest.raises(
         SignalError, match=r"input changes by 2\.22045e-16 only, about 1, .* 25 bands"
     ):
         identify(u, u)
-
-
-def test_outputs_of_a_huge_scale_are_told_to_be_scaled():
-    u = np.linspace(0, 1, 30)
-    with pytest.raises(SignalError, match=r"or scale what was measured to below 9e\+36"):
-        identify(u, 1e100 * (1 + u))

@@ -72,13 +72,6 @@ def test_the_model_stays_on_inputs_that_hardly_excite_it():
     assert recursion.excitation(state) < 1e-9
 
 
-def test_a_staircase_excites_and_a_loop_does_not():
-    stairs = followed(a_model(), np.tile(excitation.decaying_staircase(LEVELS), 6))
-    loop = followed(a_model(), np.tile(excitation.major_loop(LEVELS), 10))
-    assert stairs[0].excitation(stairs[1]) > 1e-3
-    assert loop[0].excitation(loop[1]) < 1e-9
-
-
 @pytest.mark.parametrize(
     ("sample", "why"),
     [

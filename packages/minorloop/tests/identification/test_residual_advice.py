@@ -3,11 +3,8 @@ import pytest
 
 from fault_records import record, sine
 from fixed_options import identify
-from minorloop.identification.curves import Curves
-from minorloop.lab.columns import read_columns
 from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
-from plane_records import LEVELS, a_record
 
 
 def advice(u, y, **options):
@@ -32,13 +29,6 @@ def test_a_sound_record_has_neither_startup_nor_drift(shape):
     said = advice(*record(shape))
     assert "start-up" not in said
     assert "drifts" not in said
-
-
-def test_a_drift_is_named_with_its_size():
-    u, y = record()
-    said = advice(u, y + np.linspace(0, 0.1 * np.ptp(y), y.size), holdout=0.0)
-    assert "the output drifts by" in said
-    assert "warm up" in said
 
 
 def test_a_shift_of_the_sensor_is_named_with_its_row_and_size():
@@ -74,20 +64,6 @@ def test_groups_that_differ_are_named_and_not_taken_for_rate_or_creep():
     assert "drifts" not in said
 
 
-def test_curves_too_short_for_a_gain_have_an_offset_only():
-    rng = np.random.default_rng(1000)
-    curve = np.repeat(np.arange(16), 5)
-    u = np.linspace(-1, 0.6, 16)[curve] + np.tile(np.linspace(0, 0.4, 5), 16)
-    magnet = Preisach.from_density(np.linspace(-1, 1, 31), GaussianDensity(0.3, 0.3, 0.3))
-    y = Curves(np.arange(0, 80, 5), "negative").simulate(magnet, u)
-    y += np.ptp(y) * (0.02 * rng.normal(size=16)[curve] + 1e-3 * rng.normal(size=80))
-    found = identify(u, y, levels=5, curves=curve, prior="none")
-    assert 0.01 < found.residual.groups.offset < 0.1
-    said = " ".join(found.advice)
-    assert "% of range, which are" in said
-    assert "and gains" not in said
-
-
 def test_an_error_that_grows_with_the_loop_or_the_rate_is_named():
     noise = np.random.default_rng(0).normal(size=1000)
     u = sine()
@@ -99,24 +75,6 @@ def test_an_error_that_grows_with_the_loop_or_the_rate_is_named():
     u = sizes * np.tile(once, 9)
     y = u + 0.1 * sizes**2 * noise[: u.size]
     assert "at large loops" in advice(u, y, slope=True, prior="none", holdout=0.0)
-
-
-def test_a_residual_that_is_no_noise_is_named():
-    u, y = record(noise=0.0)
-    wave = 0.03 * np.ptp(y) * np.sin(np.arange(y.size) / 15)
-    assert "autocorrelation" in advice(u, y + wave, holdout=0.0)
-    u, y = a_record(600, noise=0.02)
-    assert "autocorrelation" not in advice(u, y, levels=LEVELS)
-
-
-def test_the_startup_of_the_piezo_stage_is_named(shared_data):
-    columns = read_columns(
-        shared_data / "piezo_micromanipulator_minor_loops.csv", ["input_V", "displacement_um"]
-    )
-    found = identify(*columns.values(), lag=3)
-    assert found.residual.startup.share > 0.8
-    assert "start-up" in found.advice[0]
-    assert found.residual.step is None
 
 
 @pytest.mark.parametrize("start", [None, "positive", "demagnetised"])

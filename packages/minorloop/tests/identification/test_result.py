@@ -39,13 +39,6 @@ def test_a_model_without_the_prior_has_bands():
     assert plain.band_sd == pytest.approx(plain.predict(U, bands=0.9).sd.mean())
 
 
-def test_the_record_is_drawn_with_bands_between_the_samples(fit):
-    record = fit.plot().axes[2]
-    assert record.get_title() == "Record"
-    across = record.collections[0].get_paths()[0].vertices[:, 0]
-    assert len(np.unique(across)) > 5 * U.size
-
-
 def test_draws_itself(tmp_path):
     u, y = a_record()
     identify(u, y, levels=5, holdout=0.3).plot().savefig(tmp_path / "fit.png")
@@ -58,13 +51,3 @@ def test_bands_of_groups_are_those_of_an_inversion_too():
     inverse = found.invert([3.0, 4.0])
     np.testing.assert_allclose(inverse.sd, found.predict(inverse.u, bands=0.9).sd)
     assert (found.deviation(np.arange(300)) > 0).all()
-
-
-def test_curves_and_a_startup_are_drawn():
-    u, y = a_record(300)
-    y[:5] += 3 * np.ptp(y)
-    found = identify(u, y, levels=5, curves=np.arange(300) // 100, prior="none")
-    loop, _, _, residual = found.plot().axes[:4]
-    assert np.isnan(loop.lines[1].get_xdata()).sum() == 2  # no line from curve to curve
-    assert residual.get_ylim()[1] < 100
-    assert "start-up" in residual.get_legend().get_texts()[-1].get_text()

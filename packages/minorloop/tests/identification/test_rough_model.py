@@ -1,12 +1,10 @@
 import numpy as np
-import pytest
 
 from fault_records import record
 from minorloop.identification.curves import Curves
 from minorloop.identification.rough_model import (
     RoughRecord,
     chebyshev_sums,
-    few,
     least_error,
     spread,
 )
@@ -38,10 +36,3 @@ def test_plays_begin_anew_with_each_curve():
     curves = Curves(np.array([0, 3]), "negative")
     basis = RoughRecord.of(u, u, np.ones(6, dtype=bool), curves, 0).basis
     np.testing.assert_array_equal(basis.plays[:3], basis.plays[3:])
-
-
-def test_spread_and_few():
-    values = np.random.default_rng(0).normal(size=20_000)
-    assert spread(values) == pytest.approx(1, abs=0.02)
-    assert few(np.arange(10_000)).size == 800
-    assert few(np.arange(10)).size == 10

@@ -23,11 +23,6 @@ def test_rows_say_what_the_scores_are(found):
     assert dict(score_rows(found, rank="4"))["rank"] == "4"
 
 
-def test_an_identification_prints_its_scores(found):
-    for label, value in score_rows(found):
-        assert f"{label:<24} {value}" in str(found)
-
-
 def test_each_curve_has_a_row_and_of_many_those_with_the_largest_errors():
     u = np.tile([0.0, 1.0, 0.3, 0.7], 12)
     error = np.repeat(np.arange(12) % 5, 4) * np.tile([0.0, 0.1, 0.1, -0.1], 12)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fault_records import INPUTS, SIZE, kinds, plant, record, sine
+from fault_records import INPUTS, kinds, record
 from fixed_options import identify
 from minorloop.errors import SignalError
 from minorloop.identification.curves import Curves
@@ -13,13 +13,6 @@ from minorloop.operators.relays import RelayModel
 @pytest.mark.parametrize("shape", INPUTS)
 def test_no_fault_is_found_in_a_sound_record(shape, unit):
     assert kinds(*record(shape, unit)) == []
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_no_fault_is_found_in_a_coarsely_quantised_record_that_saturates(noise):
-    u, y = record(noise=noise)
-    coarse = np.round(np.tanh(4 * y) * 100) / 100
-    assert kinds(u, coarse) == []
 
 
 @pytest.mark.parametrize("ranges", [-30, 0.8, 5, 1000])
@@ -37,11 +30,6 @@ def test_a_first_reading_that_the_rough_model_misses_is_no_outlier():
     u, y = record("sine")
     y[0] -= 0.3 * np.ptp(y)
     assert kinds(u, y) == []
-
-
-def test_an_output_that_follows_its_input_far_out_is_no_outlier():
-    u = np.r_[0.3 + 0.02 * np.sin(np.arange(300) / 5), np.linspace(0.3, 1, 3), 0.3]
-    assert "outlier" not in kinds(u, plant(u))
 
 
 @pytest.mark.parametrize("each", [5, 8, 12])
@@ -75,10 +63,6 @@ def test_an_overload_code_is_no_input():
         identify(u, y, levels=8)
 
 
-def test_a_record_of_little_is_not_screened():
-    assert kinds(np.arange(8.0), np.arange(8.0) ** 9) == []
-
-
 @pytest.mark.parametrize("code", [-9999.0, 999.99])
 def test_a_sentinel_among_the_inputs_is_named(code):
     u, y = record()
@@ -106,14 +90,6 @@ def test_errors_as_they_are_printed_above_a_tenth_are_a_warning(holdout):
     assert f"{found.nrmse:.3%} of range" in str(found)
     if found.holdout_nrmse is not None and found.holdout_nrmse > 0.1:
         assert f"held-out data is {found.holdout_nrmse:.3%} of range" in warning
-
-
-def test_a_small_range_that_was_held_out_does_not_hide_its_error():
-    u = np.r_[sine(), 0.5 + 0.05 * np.sin(np.arange(100) / 8)]
-    y = plant(u) + 0.03 * np.sin(np.arange(u.size)) * (np.arange(u.size) >= SIZE)
-    found = identify(u, y, levels=8, holdout=0.2)
-    assert found.nrmse < 0.1 < found.holdout_nrmse
-    assert any(f"is {found.holdout_nrmse:.3%} of range" in text for text in found.warnings)
 
 
 def test_a_polynomial_is_not_both_better_and_nearly_as_good():

@@ -1,9 +1,6 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from minorloop.connect import connect
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
@@ -14,13 +11,9 @@ from minorloop.identification.sine_response import (
     sine_response,
     unsaturated,
 )
-from minorloop.lab.sine_run import MeasuredSine, measured_sines, run_sines, sine_design
+from minorloop.lab.sine_run import MeasuredSine
 from minorloop.lab.sines import SinePlan
-from minorloop.lab.store import Setup, Store
-from minorloop.operators.polynomial import Polynomial
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
-from minorloop.operators.relays import RelayModel
 
 G = Linear.from_poles([-20.0, -1.5], [-1.0])
 PLANE = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(0, 1, (8, 8))))
@@ -59,12 +52,6 @@ def test_behind_the_operator_gains_are_those_of_the_linear_system(sines):
     assert response.advice == ()
 
 
-def test_without_an_operator_there_are_gains_before_it_only(sines):
-    response, _ = sine_response([measured_periods(one) for one in sines])
-    assert response.after is None
-    assert np.isfinite(response.plant).all()
-
-
 @pytest.mark.parametrize("rows_between", [True, False])
 def test_a_log_gives_the_gains_of_its_last_whole_periods(sines, rows_between):
     parts, end = [], 0.0
@@ -96,28 +83,6 @@ def test_held_inputs_are_corrected_for_their_delay():
     assert abs(plain.gains()[0] / system.response([1.0])[0] - 1) > 0.1
 
 
-class Streamed:
-    """A twin to which inputs can only be given tick by tick."""
-
-    def __init__(self, twin):
-        self.apply, self.exchange, self.safe = twin.apply, twin.exchange, twin.safe
-        self.inputs, self.outputs, self.tick = twin.inputs, twin.outputs, twin.tick
-
-
-def test_a_strip_gives_the_same_tick_by_tick_as_by_waveform(tmp_path):
-    plan = SinePlan.grid([0.5, 1.0], [0.7], preamble=-1.2, hold=5.0, tick=0.05, input="voltage [V]")
-    gains = []
-    for name, kind in (("waveform", lambda twin: twin), ("ticks", Streamed)):
-        strip = kind(connect("twin:ipmc", specimen=1000, tick=0.05, substeps=8))
-        setup = Setup("", "voltage [V]", "curvature [1/m]", design=sine_design(plan, strip))
-        with Store.create(tmp_path / name, plan.holds(), setup) as store:
-            run_sines(strip, store)
-            response, _ = sine_response([measured_periods(one) for one in measured_sines(store)])
-        gains.append(response.plant)
-    assert [sine.samples for sine in plan] == [40, 20]
-    np.testing.assert_allclose(gains[1] / gains[0], 1.0, atol=0.03)
-
-
 def test_frequencies_without_every_amplitude_are_left_out(sines):
     response, notes = sine_response([measured_periods(one) for one in sines[:3]])
     assert response.frequencies.tolist() == [0.1]
@@ -140,22 +105,6 @@ def test_gaps_in_the_output_are_found(sines):
     lost = MeasuredSine(one.sine, one.u, np.where(one.u > 0.39, np.nan, one.y), held=False)
     with pytest.raises(SignalError, match="has gaps in its output"):
         sine_response([measured_periods(lost)])
-
-
-@pytest.mark.parametrize("preamble", [-1.0, 1.0])
-@pytest.mark.parametrize(
-    "operator",
-    [
-        PrandtlIshlinskii([0.0, 0.1], [1.0, 0.5]),
-        Polynomial([0.0, 2.0], -1.0, 1.0),
-        RelayModel([-0.2, 0.2], [[0.0, 0.0], [1.0, 0.0]]),
-    ],
-    ids=lambda operator: type(operator).__name__,
-)
-def test_every_kind_of_model_is_an_operator(sines, operator, preamble):
-    sine = replace(sines[0].sine, preamble=preamble)
-    one = MeasuredSine(sine, sines[0].u, sines[0].y, held=False)
-    assert np.isfinite(measured_periods(one, operator).gains()).all()
 
 
 def test_different_offsets_are_noted(sines):

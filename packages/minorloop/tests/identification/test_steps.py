@@ -3,7 +3,7 @@ import pytest
 
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification.steps import as_sampled, steps_in, whole
+from minorloop.identification.steps import as_sampled, steps_in
 
 VALUES = (0.2, 0.7, 0.7, 0.4)
 LAG = Linear.lags(4.0)
@@ -25,13 +25,6 @@ def test_each_reading_means_the_same():
     np.testing.assert_array_equal(end.changes, [79, 239])
 
 
-def test_the_whole_record_begins_at_rest():
-    stretch = whole(as_sampled(record(), "end"))
-    assert stretch.u[0] == 0
-    np.testing.assert_allclose(stretch.y[: np.argmax(stretch.u > 0) + 1], 0, atol=1e-12)
-    np.testing.assert_allclose(np.ptp(stretch.y), 1.5, rtol=1e-4)
-
-
 def test_steps_are_scaled_to_one():
     up, down = steps_in(as_sampled(record(), "end"))
     assert up.rising
@@ -41,12 +34,6 @@ def test_steps_are_scaled_to_one():
         since = 0.5 * np.arange(step.stretch.u.size - first)
         np.testing.assert_allclose(step.stretch.y[first:], LAG.step_response(since), atol=2e-4)
         np.testing.assert_allclose(step.stretch.y[:first], 0, atol=1e-4)
-
-
-def test_rising_is_said_of_the_output():
-    up, down = steps_in(as_sampled(record(gain=-3.0), "end"))
-    assert not up.rising
-    assert down.rising
 
 
 def test_a_step_without_response_is_left_out():

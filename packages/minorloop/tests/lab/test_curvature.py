@@ -26,34 +26,12 @@ def test_the_laser_meets_the_arc_of_a_circle(kappa):
     assert np.hypot(x - 1 / kappa, H0) == pytest.approx(1 / abs(kappa), rel=1e-9)
 
 
-def test_a_strip_of_curvature_nine():
-    assert D0 - displacement_from_curvature(9.0, D0, H0) == pytest.approx(1.017e-3, abs=1e-6)
-    assert curvature_from_displacement(D0 - 1.017e-3, D0, H0) == pytest.approx(9.0, abs=5e-3)
-
-
 def test_a_straight_strip_has_no_curvature_and_no_singularity():
     assert curvature_from_displacement(D0, D0, H0) == 0
     assert displacement_from_curvature(0.0, D0, H0) == D0
     tiny = 1e-9
     assert D0 - displacement_from_curvature(tiny, D0, H0) == pytest.approx(0, abs=1e-12)
     assert curvature_from_displacement(D0 - 1e-12, D0, H0) > 0
-
-
-def test_nearer_to_the_laser_is_positive():
-    assert curvature_from_displacement(D0 - 1e-3, D0, H0) > 0
-    assert curvature_from_displacement(D0 + 1e-3, D0, H0) < 0
-
-
-def test_keeps_the_shape():
-    d = np.full((2, 3), 0.049)
-    assert curvature_from_displacement(d, D0, H0).shape == (2, 3)
-    assert displacement_from_curvature(d, D0, H0).shape == (2, 3)
-    assert curvature_uncertainty(d, D0, H0, sd_d=1e-6).shape == (2, 3)
-
-
-@pytest.mark.parametrize(("h0", "expected"), [(0.015, 0.0089), (0.010, 0.020)])
-def test_a_micrometre_of_laser_noise(h0, expected):
-    assert curvature_uncertainty(D0, D0, h0, sd_d=1e-6) == pytest.approx(expected, rel=0.01)
 
 
 @given(st.floats(-0.008, 0.008))
@@ -72,17 +50,6 @@ def test_independent_errors_add_in_squares():
     d, each = D0 - 2e-3, {"sd_d": 2e-6, "sd_d0": 3e-5, "sd_h0": 1e-4}
     alone = [curvature_uncertainty(d, D0, H0, **{name: sd}) for name, sd in each.items()]
     assert curvature_uncertainty(d, D0, H0, **each) == pytest.approx(np.linalg.norm(alone))
-
-
-def test_predicts_the_scatter_of_simulated_measurements():
-    rng = np.random.default_rng(1)
-    d, d0, h0 = (
-        mean + sd * rng.standard_normal(40_000)
-        for mean, sd in ((D0 - 2e-3, 1e-6), (D0, 1e-5), (H0, 5e-5))
-    )
-    scatter = np.std([curvature_from_displacement(*one) for one in zip(d, d0, h0, strict=True)])
-    sd = curvature_uncertainty(D0 - 2e-3, D0, H0, sd_d=1e-6, sd_d0=1e-5, sd_h0=5e-5)
-    assert scatter == pytest.approx(sd, rel=0.02)
 
 
 @pytest.mark.parametrize(

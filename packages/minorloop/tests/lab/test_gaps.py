@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from fixed_options import identify
 from minorloop.identification.excitation import decaying_staircase
-from minorloop.lab.gaps import between, bridged, known_memory, with_lost_rows
+from minorloop.lab.gaps import bridged, known_memory, with_lost_rows
 from minorloop.lab.logs import Log
 from minorloop.lab.records import Record
 from minorloop.lab.timebase import check_times
@@ -49,12 +49,6 @@ def test_a_jump_in_a_gap_is_not_crossed_and_a_rest_is():
     assert not bridged(*_cut(steps, 245, 10)).known.any()
     assert _one_way(steps, 345, 30)
     assert not bridged(*_cut(steps, 250, 250)).known.any()  # a whole hold
-
-
-def test_a_tooth_in_a_gap_is_not_crossed():
-    """A triangle whose two turns are in the gap goes on with the same slope."""
-    u = np.abs((0.1 * np.arange(1000.0)) % 2 - 1)
-    assert not bridged(*_cut(u, 505, 20)).known.any()
 
 
 @pytest.mark.parametrize("fading", [0.0, 0.6])
@@ -113,17 +107,6 @@ def test_what_is_said_names_turned_and_crossed_gaps():
     assert "after 1 of 3 gaps the memory is unknown" in said
     assert "in 1 of 3 gaps the input turned: its extreme is estimated from both sides, to" in said
     assert said.endswith("in 1 other the input cannot have turned and the memory continues")
-
-
-def test_inputs_between_lie_on_the_curve():
-    t, u, gaps = _cut(SINE, 330, 20)
-    found = between(t, u, T, bridged(t, u, gaps))
-    inside = np.isfinite(found)
-    assert np.flatnonzero(inside).tolist() == list(range(330, 350))
-    line = np.interp(T, t, u)
-    wrong = np.abs(found - SINE)[inside].max()
-    assert wrong < 0.5 * np.abs(line - SINE)[inside].max()
-    assert ((found[inside] < u[329]) == (found[inside] > u[330])).all()
 
 
 class TestMemory:

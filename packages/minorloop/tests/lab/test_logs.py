@@ -84,16 +84,6 @@ def test_a_column_cannot_be_used_twice_or_have_another_unit(file):
         read_log(file, input="u", output="time", time="y")
 
 
-def test_labels_are_read_with_the_rest(tmp_path):
-    file = tmp_path / "log.csv"
-    file.write_text("t [s],u,y,run,wire\n0,1,2,1,a\n1,2,,1,b\n2,3,4,2,7\n")
-    for groups in ("wire", "run"):
-        log = read_log(file, input="u", output="y", time="t", curves="run", groups=groups)
-        np.testing.assert_array_equal(log.record.y, [2, np.nan, 4])
-        np.testing.assert_array_equal(log.curves, [1.0, 1.0, 2.0])
-        assert log.groups.tolist() == (["a", "b", "7"] if groups == "wire" else [1.0, 1.0, 2.0])
-
-
 def test_a_file_in_another_encoding_is_read_and_said(tmp_path):
     file = tmp_path / "log.csv"
     rows = "".join(f"{k},{k % 7},{k}\n" for k in range(20))

@@ -37,12 +37,6 @@ def test_reads_names_units_and_numbers(table):
     assert str(record) == "3 samples of voltage [V], curvature [1/m]"
 
 
-def test_without_time_the_samples_are_numbered(table):
-    record = Record.from_csv(table(PLAIN), input="voltage", output="curvature")
-    np.testing.assert_array_equal(record.t, [0, 1, 2])
-    assert not record.timed
-
-
 @pytest.mark.parametrize(
     ("unit", "last"), [("ms", 0.002), ("us", 2e-6), ("min", 120), ("h", 7200), ("s", 2)]
 )
@@ -102,18 +96,6 @@ def test_a_frame_may_number_its_columns():
 def test_a_frame_with_unusable_numbers_is_refused(column, complaint):
     with pytest.raises(RecordError, match=f"column 'u' of the frame.*{complaint}"):
         Record.from_frame({"u": column, "y": [1, 2]}, input="u", output="y")
-
-
-def test_a_frame_without_the_column_is_answered_with_the_columns():
-    with pytest.raises(RecordError, match="the frame has no column 'z', it has 'u', 'y'"):
-        Record.from_frame({"u": [1], "y": [1]}, input="u", output="z")
-
-
-def test_gaps_of_a_frame_are_legal_only_where_asked():
-    frame = {"u": [1, 2], "y": [1, np.nan]}
-    assert np.isnan(Record.from_frame(frame, input="u", output="y", gaps=True).y[1])
-    with pytest.raises(RecordError, match="'y' of the frame has nan"):
-        Record.from_frame(frame, input="u", output="y")
 
 
 def test_a_record_owns_its_numbers_and_does_not_change():

@@ -172,22 +172,6 @@ def test_a_saturated_sensor_is_noticed(long):
     assert 0 < np.isnan(found.record().y).sum() < LEVELS.size
 
 
-def test_a_sensor_that_is_saturated_for_most_of_a_log_is_noticed_too(long):
-    log, _ = long
-    low, high = np.quantile(log.y, [0.3, 0.6])
-    clipped = Record(log.t, log.u, np.clip(log.y, low, high), log.inputs, log.outputs)
-    found = reduce(clipped, conversion=LASER)
-    assert sum("the sensor is saturated" in note for note in found.notes) == 2
-    assert np.isnan(found.record().y).mean() > 0.3
-
-
-def test_a_step_next_to_nothing_is_no_resolution():
-    u = np.repeat([0.0, 1.0, 0.0], 8)
-    y = np.resize([0.0, 1.0, 2.2e-311], u.size)
-    found = reduce(Record(np.arange(u.size), u, y, "u", "distance [mm]"))
-    assert not any("resolution" in note for note in found.notes)
-
-
 def staircase_log(count, chance=1000):
     """A log with holds of so many samples at 12 inputs, whose outputs settle at once."""
     rng, levels = np.random.default_rng(chance), 6.0 * (np.arange(12) - 6) * (-1.0) ** np.arange(12)
@@ -263,12 +247,6 @@ def test_after_a_break_outputs_wait_until_the_memory_is_known():
     assert "3 of 8 holds came after a break in time" in found.notes[0]
 
 
-def test_a_wrong_geometry_is_one_sentence(long):
-    log, _ = long
-    with pytest.raises(RecordError, match=r"none of the 11 holds .* cannot be converted, first .*"):
-        reduce(log, conversion=LaserCurvature(200.0, 15.0))
-
-
 def test_what_is_no_record_or_too_large_is_refused(long):
     with pytest.raises(ParameterError, match="record is 3; give a Record"):
         reduce(3)
@@ -276,19 +254,6 @@ def test_what_is_no_record_or_too_large_is_refused(long):
     for u, y in ((1e307 * log.u, log.y), (log.u, 4e307 * np.sin(log.t))):
         with pytest.raises(SignalError, match=r"put reaches .*e\+307; scale it to below 1e\+150"):
             reduce(Record(log.t, u, y))
-
-
-def test_times_that_stand_still_are_refused(long):
-    log, _ = long
-    still = Record(0 * log.t, log.u, log.y, "voltage [V]", "distance [mm]")
-    with pytest.raises(RecordError, match="the times stand still at 0; give those of the samples"):
-        reduce(still, conversion=LASER)
-
-
-def test_a_log_without_holds_is_refused():
-    t = np.arange(3000.0)
-    with pytest.raises(RecordError, match=r"holds found in 3000 samples of input, with"):
-        reduce(Record(t, np.sin(t / 100), np.sin(t / 100)))
 
 
 @pytest.mark.parametrize(

@@ -87,27 +87,6 @@ def test_every_level_becomes_a_point_with_its_trace(store, twin):
         assert abs(point.value - y[-1]) < 1.0
 
 
-def test_a_settled_level_is_left_early_and_a_moving_one_is_not(store):
-    plan = Plan([1.0, 1.0, -1.0], 40.0, sample_interval=0.5, input="voltage [V]")
-    with Store.create(store.path.with_name("bench.sqlite"), plan, SETUP) as other:
-        run(Bench(), plan, other)
-        held = [point.held for point in other.points()]
-        assert all(10.0 <= seconds < 40.0 for seconds in held)
-        np.testing.assert_allclose([p.value for p in other.points()], [1, 1, -1], atol=0.01)
-
-
-def test_a_hold_that_never_settles_is_a_verdict_and_the_run_goes_on(tmp_path):
-    class Drifting(Bench):
-        def apply(self, u, duration, sample_interval):
-            record = super().apply(u, duration, sample_interval)
-            return Record(record.t, record.u, record.t * 1.0, "voltage [V]", "curvature [1/m]")
-
-    with Store.create(tmp_path / "drift.sqlite", PLAN, SETUP) as store:
-        run(Drifting(), PLAN, store)
-        assert {point.verdict for point in store.points()} == {"unsettled"}
-        assert {point.held for point in store.points()} == {40.0}
-
-
 def test_an_output_that_is_not_measured_is_a_verdict_too(tmp_path):
     class Blind(Bench):
         def apply(self, u, duration, sample_interval):
@@ -339,20 +318,6 @@ def _choose(points):
     if len(points) >= 6:
         return None
     return float(np.clip(points[-1].input + 0.3 * (points[-1].value < 0.4) - 0.1, -1.2, 1.2))
-
-
-def test_open_levels_are_chosen_from_the_points_so_far(tmp_path, twin):
-    with Store.create(tmp_path / "open.sqlite", OPEN, SETUP) as store:
-        run(twin, OPEN, store, choose=_choose)
-        points = store.points()
-        assert len(points) == 6
-        assert store.finished
-        for k in range(1, 6):
-            assert points[k].input == _choose(points[:k])
-        whole = _rows(store)
-    with Store.open(tmp_path / "open.sqlite") as again:
-        assert again.finished
-        assert _rows(again) == whole
 
 
 def test_a_chosen_level_beyond_the_limits_is_refused_and_the_points_are_kept(tmp_path):

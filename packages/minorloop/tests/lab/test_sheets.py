@@ -33,13 +33,6 @@ def test_a_column_without_a_unit_takes_the_one_that_is_given(tmp_path):
     assert str(Record.from_csv(file, input="u [V]", output="d").input) == "u [V]"
 
 
-def test_a_matrix_gives_numbered_columns(tmp_path):
-    file = tmp_path / "run.MAT"
-    savemat(file, {"data": np.arange(20.0).reshape(10, 2)}, appendmat=False)
-    assert read_headers(file) == ["data_1", "data_2"]
-    np.testing.assert_array_equal(read_columns(file, ["data_2"])["data_2"], np.arange(1.0, 20, 2))
-
-
 @pytest.mark.parametrize(
     ("content", "message"), [(b"MATLAB 7.3 no more", "is not a MATLAB file"), (b"", "MATLAB file")]
 )

@@ -317,13 +317,6 @@ class TestRefusals:
         assert (tmp_path / "a").read_bytes() == content
         assert _folder_is_clean(tmp_path, "a")
 
-    def test_a_database_of_somebody_else(self, tmp_path):
-        with sqlite3.connect(tmp_path / "a") as other:
-            other.execute("CREATE TABLE point (id INTEGER)")
-        other.close()
-        with pytest.raises(StoreError, match="a database, but not an experiment store"):
-            Store.open(tmp_path / "a")
-
     @pytest.mark.parametrize(
         ("path", "says"),
         [
@@ -529,12 +522,6 @@ class TestOneWriterAndManyReaders:
                 assert "another process has it open" in says
             store.add(_point(3), *_trace(3))
 
-    def test_many_may_read(self, tmp_path):
-        path = _filled(tmp_path / "a")
-        with Store.open(path) as store, _other_process(path, "read") as says, Store.open(path):
-            assert says == "opened"
-            assert not store.running
-
     def test_a_writer_does_not_wait_for_readers(self, tmp_path):
         path = _filled(tmp_path / "a")
         with Store.open(path, write=True) as store:
@@ -634,16 +621,6 @@ class TestDamage:
                 path.write_bytes(damaged)
                 assert not self._survives(path, expected)
 
-    def test_any_piece_overwritten(self, tmp_path):
-        path = _filled(tmp_path / "a")
-        expected, whole = _content(path), path.read_bytes()
-        chance = np.random.default_rng(1)
-        for _ in range(150):
-            begin, length = int(chance.integers(len(whole))), int(chance.integers(1, 3000))
-            filling = chance.bytes(length) if chance.random() < 0.5 else bytes(length)
-            path.write_bytes((whole[:begin] + filling + whole[begin + length :])[: len(whole)])
-            self._survives(path, expected)
-
     def test_a_piece_cut_off(self, tmp_path):
         path = _filled(tmp_path / "a")
         expected, whole = _content(path), path.read_bytes()
@@ -703,22 +680,6 @@ def _files_no_longer_than(size):
 
 
 class TestFullDisk:
-    def test_a_point_that_does_not_fit_leaves_the_store_as_it_was(self, tmp_path):
-        path = _filled(tmp_path / "a")
-        with Store.open(path, write=True) as store:
-            (pages,) = store._connection.execute("PRAGMA page_count").fetchone()
-            store._connection.execute(f"PRAGMA max_page_count = {pages + 2}")
-            with pytest.raises(
-                StoreError, match="the disk is full; make room; its points are kept"
-            ):
-                store.add(_point(3), *_trace(3, samples=20_000))
-            assert len(store) == 3
-            store._connection.execute(f"PRAGMA max_page_count = {pages + 200}")
-            store.add(_point(3), *_trace(3, samples=20_000))
-        with Store.open(path) as store:
-            assert len(store) == 4
-            assert store.trace(3)[0].size == 20_000
-
     @pytest.mark.parametrize("room", [0, 4096, 100_000])
     def test_a_disk_that_takes_no_more(self, tmp_path, room):
         path = _filled(tmp_path / "a")
@@ -795,18 +756,6 @@ class TestKilled:
                     for k in range(found):
                         np.testing.assert_array_equal(store.trace(k)[1], np.full(60_000, float(k)))
             settled = found
-
-    def test_what_a_killed_process_wrote_is_read_and_it_does_not_run(self, tmp_path):
-        path = tmp_path / "a"
-        Store.create(path, Plan(np.arange(10_000.0), 40.0), SETUP).close()
-        told = _killed_after(2, WRITE, path)
-        assert (tmp_path / "a-lock").exists()
-        with Store.open(path) as store:
-            assert not store.running
-            assert len(told) <= len(store) <= len(told) + 1
-        with Store.open(path, write=True) as store:
-            assert store.running
-        assert _folder_is_clean(tmp_path, "a")
 
     def test_a_log_that_a_power_cut_leaves_half_written_has_the_points_before(self, tmp_path):
         path, points = _filled(tmp_path / "a"), [_point(k) for k in range(5)]

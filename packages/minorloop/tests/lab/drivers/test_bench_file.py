@@ -219,11 +219,6 @@ def test_a_source_whose_conversion_turns_between_its_limits_is_refused(
         opened(text)
 
 
-@pytest.mark.parametrize("polynomial", ["[0.0, 3.0, 1.0]", "[1.0, -1.0]", "[0.0, 0.1, 0.3, 0.3]"])
-def test_a_source_may_have_a_monotone_conversion(opened, polynomial):
-    opened(BENCH.replace("linear = [1000.0, 5.0]", f"polynomial = {polynomial}"))
-
-
 def test_a_bench_without_sources_is_refused(opened):
     with pytest.raises(ParameterError, match="needs a source"):
         opened("devices = {}\nsources = []\nsensors = []")
@@ -248,13 +243,3 @@ def test_the_bench_of_the_examples_is_that_of_a_head():
     assert [source["unit"] for source in described["sources"]] == ["A", "A"]
     assert [sensor["unit"] for sensor in described["sensors"]] == ["deg", "deg"]
     assert all(source["rest"] == 0.0 for source in described["sources"])
-
-
-def test_the_bench_of_a_head_by_its_camera_is_that_of_a_head_without_sensors():
-    described, other = (
-        tomllib.loads((EXAMPLES / name).read_text()) for name in ("head_camera.toml", "head.toml")
-    )
-    assert other.pop("sensors")
-    assert described["devices"]["board"].pop("resource") == "ASRL/tmp/board::INSTR"
-    assert other["devices"]["board"].pop("resource")
-    assert described == other

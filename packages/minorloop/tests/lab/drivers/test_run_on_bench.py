@@ -99,18 +99,6 @@ def test_the_command_line_runs_on_a_simulated_bench(simulated, capsys):
     assert json.loads(capsys.readouterr().out)["points"] == 2
 
 
-def test_without_an_interval_the_meter_is_read_as_often_as_it_answers(simulated, capsys):
-    assert main([*simulated[:-2], "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["points"] == said["settled"] == 2
-    answer = 2 * said["time_uncertainty_s"]
-    assert 0.002 < said["median_interval_s"] <= 0.4 / 4  # 1/200 of a hold is not possible
-    assert said["sample_interval_s"] >= 0.002
-    assert answer > 0
-    assert main(["runs", "show", "--store", "s.sqlite"]) == 0
-    assert "times known to" in capsys.readouterr().out
-
-
 def test_a_plan_that_the_meter_cannot_keep_leaves_no_store(simulated, monkeypatch, capsys):
     monkeypatch.setattr(Bench, "answer_time", lambda bench: 0.11)
     assert main(simulated) == 2
