@@ -218,15 +218,14 @@ def nodes_to_cells(bands, x):
 
 
 @njit(cache=True, nogil=True)
-def take_lower(x, place, picked, ridge, out):
-    """Rows and columns ``picked``, ascending, of a symmetric matrix, plus a ridge.
+def take_lower(entries, begin, places, ridge, out):
+    """Lower triangle of rows and columns ``places`` of a symmetric matrix, plus a ridge.
 
-    Row k of the matrix is row ``place[k]`` of x, of which the part up to column k is read.
+    ``begin`` is where each row of its lower triangle begins in ``entries``.
     """
-    for k in range(picked.size):
-        row = x[place[picked[k]]]
+    for k in range(places.size):
         for m in range(k + 1):
-            out[k, m] = row[picked[m]]
+            out[k, m] = entries[begin[max(places[k], places[m])] + min(places[k], places[m])]
         out[k, k] += ridge
 
 
@@ -240,14 +239,17 @@ def add_lower(rows, columns, values, place, out):
 
 
 @njit(cache=True, nogil=True)
-def add_columns(rows, columns, values, place, out):
-    """Add sparse entries of a symmetric matrix, its lower triangle, to the columns picked."""
+def add_block(rows, columns, values, row, column, out):
+    """Add sparse entries of a symmetric matrix, its lower triangle, to the rows and columns picked.
+
+    ``row`` and ``column`` (n,) are where those are in ``out``, -1 for others.
+    """
     for e in range(values.size):
         k, m = rows[e], columns[e]
-        if place[m] >= 0:
-            out[k, place[m]] += values[e]
-        if k != m and place[k] >= 0:
-            out[m, place[k]] += values[e]
+        if row[k] >= 0 and column[m] >= 0:
+            out[row[k], column[m]] += values[e]
+        if k != m and row[m] >= 0 and column[k] >= 0:
+            out[row[m], column[k]] += values[e]
 
 
 @njit(cache=True, nogil=True)

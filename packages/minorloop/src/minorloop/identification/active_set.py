@@ -101,7 +101,7 @@ def solve(
     ----------
     gram : (n, n) array or GramRows
         A'A, of an array the lower triangle. Its diagonal is about one except where a column is
-        zero. Rows are only needed of unknowns that become free if there is a guess.
+        zero. Only entries of unknowns that become free are needed if there is a guess.
     gradient : callable
         z -> A'(A z - y) + Q z, evaluated without forming A'A.
     hessian : callable
@@ -270,7 +270,7 @@ class _Solver(Pivoting):
         if self._is_large(picked.size):
             return self._conjugate_gradients(downhill, free, ridge)
         if self.updated is not None and self.updated[0] == ridge:
-            step = self.updated[1].solve(downhill, free, partial(self._columns, ridge))
+            step = self.updated[1].solve(downhill, free, partial(self._block, ridge))
             if step is not None:
                 return step
         self.updated = None
@@ -281,16 +281,21 @@ class _Solver(Pivoting):
         found[picked], _ = lapack.dpotrs(factor, downhill[picked], lower=0)
         return found
 
-    def _columns(self, ridge: float, which: IntArray) -> FloatArray:
-        """(n, k) columns of the normal equations with a ridge."""
-        columns = self.gram.rows(which).T
-        columns[which, np.arange(which.size)] += ridge
+    def _block(self, ridge: float, rows: IntArray, columns: IntArray) -> FloatArray:
+        """(k, m) entries of the normal equations with a ridge."""
+        block = self.gram.block(rows, columns)
+        block += ridge * (rows[:, None] == columns)
         if self.penalty is not None:
-            place = np.full(self.bounded.size, -1)
-            place[which] = np.arange(which.size)
             entries = self.penalty
-            _kernels.add_columns(entries.rows, entries.columns, entries.values, place, columns)
-        return columns
+            row, column = self._places(rows), self._places(columns)
+            _kernels.add_block(entries.rows, entries.columns, entries.values, row, column, block)
+        return block
+
+    def _places(self, picked: IntArray) -> IntArray:
+        """(n,) where each unknown is among those picked, -1 for others."""
+        place = np.full(self.bounded.size, -1)
+        place[picked] = np.arange(picked.size)
+        return place
 
     def refined(self, found: BoundedSolution, rows: Rows) -> BoundedSolution:
         """Refine the solution, and compute its optimality again."""
@@ -327,9 +332,7 @@ class _Solver(Pivoting):
         matrix = self._matrix(picked.size)
         self.gram.lower(picked, ridge, matrix)
         if self.penalty is not None:
-            place = np.full(self.bounded.size, -1)
-            place[picked] = np.arange(picked.size)
-            entries = self.penalty
+            entries, place = self.penalty, self._places(picked)
             _kernels.add_lower(entries.rows, entries.columns, entries.values, place, matrix)
         self.factorisations += 1
         # The lower triangle in C order is the upper one in Fortran order: no copy is made.

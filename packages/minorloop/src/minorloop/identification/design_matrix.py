@@ -235,10 +235,12 @@ class DesignMatrix:
         gram[cells:] = self._level_rows(counts)
         return gram
 
-    def gram_rows(self, weight: FloatArray, scale: FloatArray, which: IntArray) -> FloatArray:
-        """(k, n) rows of the Gram matrix of the columns times ``scale``, by their numbers (k,).
+    def gram_rows(
+        self, weight: FloatArray, scale: FloatArray, which: IntArray, columns: IntArray
+    ) -> FloatArray:
+        """(k, m) entries of the Gram matrix of the columns times ``scale``, by their numbers.
 
-        ``weight`` (M,) is that of each sample.
+        Those are (k,) and (m,). ``weight`` (M,) is that of each sample.
         """
         spec, cells, inside = self.spec, self.spec.cells, which[which < self.spec.cells]
         rows = np.empty((which.size, spec.unknowns))
@@ -252,9 +254,7 @@ class DesignMatrix:
             part[:, :cells] -= self.shift * self.swing * (touched[inside][:, None] + touched)
         part[:, cells:] = levels[:, inside].T
         rows[inside.size :] = levels[which[inside.size :] - cells]
-        rows *= scale
-        rows *= scale[which][:, None]
-        return rows
+        return rows[:, columns] * (scale[which][:, None] * scale[columns])
 
     def _level_rows(self, weight: FloatArray) -> FloatArray:
         """(0 to 2, n) rows of the Gram matrix of offset and slope."""

@@ -1,4 +1,4 @@
-"""Rows of a Gram matrix, each computed when it is first needed."""
+"""Entries of a Gram matrix, computed for unknowns that are needed."""
 
 from __future__ import annotations
 
@@ -33,14 +33,16 @@ def scale_symmetric(matrix: FloatArray, scale: FloatArray) -> None:
 
 
 class GramRows:
-    """Rows of a symmetric (n, n) matrix that is too large to be computed where few are needed.
+    """Entries of a symmetric (n, n) matrix that is too large to be computed where few are needed.
+
+    The lower triangle of the part that was needed is kept, in the order in which it was.
 
     Parameters
     ----------
     diagonal : (n,) array
         Its diagonal.
     compute : callable
-        Rows (k, n) of these numbers (k,), ascending.
+        Rows (k,) of the matrix at columns (m,): (k, m).
     whole : callable
         Lower triangle of the matrix (n, n); quicker than most of its rows.
     """
@@ -48,17 +50,18 @@ class GramRows:
     def __init__(
         self,
         diagonal: FloatArray,
-        compute: Callable[[IntArray], FloatArray],
+        compute: Callable[[IntArray, IntArray], FloatArray],
         whole: Callable[[], FloatArray],
     ) -> None:
         self.diagonal, self._compute, self._whole = diagonal, compute, whole
         self._place = np.full(diagonal.size, -1)
-        self._rows, self._count = np.empty((0, diagonal.size)), 0
+        self._known = np.empty(0, dtype=np.int64)
+        self._entries, self._begin = np.empty(0), np.empty(0, dtype=np.int64)
 
     @classmethod
     def of(cls, gram: FloatArray) -> GramRows:
-        """Rows of a matrix that is given by its lower triangle."""
-        found = cls(gram.diagonal().copy(), lambda which: gram[which], lambda: gram)
+        """Entries of a matrix that is given by its lower triangle."""
+        found = cls(gram.diagonal().copy(), lambda which, at: gram[np.ix_(which, at)], lambda: gram)
         found._take_whole()
         return found
 
@@ -67,37 +70,43 @@ class GramRows:
         """(n, n) matrix."""
         if not np.array_equal(self._place, np.arange(self.diagonal.size)):
             self._take_whole()
-        return self._rows
+        return self._entries.reshape(self.diagonal.size, -1)
 
-    def rows(self, which: IntArray) -> FloatArray:
-        """(k, n) rows of these numbers (k,)."""
-        self._prepare(which)
-        return np.asarray(self._rows[self._place[which]])
+    def block(self, rows: IntArray, columns: IntArray) -> FloatArray:
+        """(k, m) entries in these rows (k,) and columns (m,)."""
+        self._prepare(rows)
+        self._prepare(columns)
+        one, other = self._place[rows][:, None], self._place[columns]
+        return np.asarray(
+            self._entries[self._begin[np.maximum(one, other)] + np.minimum(one, other)]
+        )
 
     def lower(self, picked: IntArray, ridge: float, out: FloatArray) -> None:
         """Write rows and columns ``picked``, plus a ridge, to the lower triangle of ``out``."""
         self._prepare(picked)
-        _kernels.take_lower(self._rows, self._place, picked, ridge, out)
+        _kernels.take_lower(self._entries, self._begin, self._place[picked], ridge, out)
 
     def _prepare(self, which: IntArray) -> None:
         new = which[self._place[which] < 0]
-        count = self._count + new.size
-        if new.size and _SHARE * self.diagonal.size < count and self.diagonal.size <= _WHOLE:
+        if not new.size:
+            return
+        before, count, size = self._known.size, self._known.size + new.size, self.diagonal.size
+        if _SHARE * size < count and size <= _WHOLE:
             self._take_whole()
             return
-        if count > len(self._rows):
-            rows = np.empty((min(2 * count, self.diagonal.size), self.diagonal.size))
-            rows[: self._count] = self._rows[: self._count]
-            self._rows = rows
-        for begin in range(0, new.size, _TOGETHER):
-            some = new[begin : begin + _TOGETHER]
-            first = self._count + begin
-            self._rows[first : first + some.size] = self._compute(some)
-        self._place[new] = np.arange(self._count, count)
-        self._count = count
+        self._known = np.append(self._known, new)
+        self._place[new] = np.arange(before, count)
+        number = np.arange(count)
+        self._begin = number * (number + 1) // 2
+        self._entries.resize(count * (count + 1) // 2, refcheck=False)  # does not copy
+        for first in range(before, count, _TOGETHER):
+            last = min(first + _TOGETHER, count)
+            rows = self._compute(self._known[first:last], self._known[:last])
+            for k in range(first, last):
+                self._entries[self._begin[k] :][: k + 1] = rows[k - first, : k + 1]
 
     def _take_whole(self) -> None:
-        self._rows = self._whole()
-        mirror(self._rows)
-        self._count = self.diagonal.size
-        self._place = np.arange(self._count)
+        whole = self._whole()
+        mirror(whole)
+        self._known = self._place = np.arange(self.diagonal.size)
+        self._entries, self._begin = whole.ravel(), self._known * self.diagonal.size

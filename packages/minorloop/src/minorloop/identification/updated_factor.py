@@ -43,7 +43,7 @@ class UpdatedFactor:
         self._half = np.empty((self._picked.size, int(_SHARE * self._picked.size)), order="F")
 
     def solve(
-        self, right: FloatArray, free: BoolArray, columns: Callable[[IntArray], FloatArray]
+        self, right: FloatArray, free: BoolArray, block: Callable[[IntArray, IntArray], FloatArray]
     ) -> FloatArray | None:
         """(n,) solution for the ``free`` unknowns, zero for others; None after too many changes.
 
@@ -53,16 +53,16 @@ class UpdatedFactor:
             Right-hand side, zero for the others.
         free : (n,) array of bool
             Unknowns.
-        columns : callable
-            Columns (n, k) of the normal equations of all unknowns, for unknowns (k,).
+        block : callable
+            Entries (k, m) of the normal equations in rows (k,) and columns (m,).
         """
         changed = np.flatnonzero(free != self._free)
-        if not self._prepare(changed[self._slot[changed] < 0], columns):
+        if not self._prepare(changed[self._slot[changed] < 0], block):
             return None
         joins, half = free[changed], self._half[:, self._slot[changed]]
         joined = changed[joins]
         complement = -half.T @ half
-        complement[np.ix_(joins, joins)] += columns(joined)[joined]
+        complement[np.ix_(joins, joins)] += block(joined, joined)
         begun = self._solved(right[self._picked], transposed=True)
         values = np.linalg.solve(complement, right[changed] - half.T @ begun)
         out = np.zeros(right.size)
@@ -70,7 +70,7 @@ class UpdatedFactor:
         out[changed] = np.where(joins, values, 0.0)
         return out
 
-    def _prepare(self, new: IntArray, columns: Callable[[IntArray], FloatArray]) -> bool:
+    def _prepare(self, new: IntArray, block: Callable[[IntArray, IntArray], FloatArray]) -> bool:
         """Keep half of the solutions for unknowns that change for the first time, if they fit."""
         count = self._count + new.size
         if count > self._half.shape[1]:
@@ -78,7 +78,7 @@ class UpdatedFactor:
         if new.size:
             joins, leaves = np.flatnonzero(~self._free[new]), np.flatnonzero(self._free[new])
             sides = np.zeros((self._picked.size, new.size), order="F")
-            sides[:, joins] = columns(new[joins])[self._picked]
+            sides[:, joins] = block(self._picked, new[joins])
             sides[self._place[new[leaves]], leaves] = 1.0
             self._half[:, self._count : count] = self._solved(sides, transposed=True)
             self._slot[new] = np.arange(self._count, count)
