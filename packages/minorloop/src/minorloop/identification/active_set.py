@@ -37,7 +37,7 @@ ACCEPTABLE = 1e-6
 """Relative violation up to which a result counts as converged."""
 
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
-_OUTER, _PIVOTS, _PATIENCE, _LATE = 80, 14, 3, 4
+_OUTER, _PIVOTS, _PATIENCE, _LATE = 80, 40, 3, 4
 _QUICK = 0.01
 """Ratio of a violation to the one before up to which the ridge stays, so that a dense factor is
 used again."""
