@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from board_process import EXAMPLES
-from minorloop.connect import connect, is_simulated
+from minorloop.connect import connect
 from minorloop.errors import InstrumentError, LimitError, ParameterError
 from minorloop.lab.actuator import Actuator
 
@@ -191,16 +191,6 @@ def test_an_answer_that_a_home_made_driver_cannot_read_is_one_sentence(monkeypat
                 connect(address)
 
 
-@pytest.mark.parametrize("address", [None, 3, ["twin:ipmc"]])
-def test_refuses_addresses_that_are_not_text(address):
-    with pytest.raises(ParameterError, match="there is nothing at address"):
-        connect(address)
-
-
-def test_an_option_reaches_the_twin():
-    assert connect("twin:ipmc", tick=0.5).tick == 0.5
-
-
 @pytest.mark.parametrize("name", TWINS)
 def test_refuses_unknown_options_and_names_the_known_ones(name):
     with pytest.raises(ParameterError, match=f"twin:{name} has no option 'wind'; it takes.* tick"):
@@ -210,10 +200,3 @@ def test_refuses_unknown_options_and_names_the_known_ones(name):
 def test_an_option_out_of_its_range_is_refused():
     with pytest.raises(ParameterError, match="tick is -1"):
         connect("twin:ipmc", tick=-1.0)
-
-
-@pytest.mark.parametrize(
-    ("address", "simulated"), [("twin:ipmc", True), ("bench:a.toml", False), ("nothing:a", False)]
-)
-def test_only_simulated_actuators_have_a_seed(address, simulated):
-    assert is_simulated(address) == simulated

@@ -25,8 +25,3 @@ def test_the_figure_shows_targets_and_errors_with_units():
     assert above.get_ylabel() == "curvature [1/m]"
     np.testing.assert_array_equal(above.lines[0].get_ydata(), [1, -2])
     np.testing.assert_array_equal(below.lines[1].get_ydata(), [0.5, np.nan])
-
-
-def test_nothing_measured_is_said():
-    page = drive_report(DriveResult(np.nan, ()), RUN).html()
-    assert "nothing was measured" in page

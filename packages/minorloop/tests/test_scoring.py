@@ -32,17 +32,6 @@ def test_offset_and_gain_of_a_sensor_are_found(offset, gain):
     assert left < 1e-9
 
 
-@given(
-    st.sampled_from([("nV", 1e9), ("uV", 1e6), ("µV", 1e6), ("mV", 1e3), ("V", 1), ("kV", 1e-3)]),
-    st.sampled_from([("um/s", 1e3), ("mm/s", 1), ("m/s", 1e-3)]),
-)
-def test_prefixes_of_units_do_not_change_the_error(volt, speed):
-    y = Y + 0.1 * np.cos(np.arange(Y.size))
-    names = f"u [{volt[0]}]", f"v [{speed[0]}]"
-    found = score(in_file(), Record(T, volt[1] * U, speed[1] * y, *names))
-    assert found.accuracy.rmse == pytest.approx(np.sqrt(np.mean((Y - y) ** 2)), rel=1e-6)
-
-
 @pytest.mark.parametrize("unit", ["A", "1/V", "V^2", "mV/s", "V s"])
 def test_other_units_are_refused(unit):
     with pytest.raises(ml.RecordError, match="give the column in V"):
@@ -127,25 +116,6 @@ def test_readings_of_the_plant_lie_within_the_bands_and_those_of_another_do_not(
     found = score(tmp_path / "m.json", Record(np.arange(300.0), u, y + 2 * u))
     assert found.coverage < 0.75
     assert "of the readings lie within the 90 % bands" in str(found.advice)
-
-
-def test_a_model_without_bands_has_no_coverage():
-    found = score(PLANE, Record(T, U, Y))
-    assert found.coverage is found.bands is found.figures["coverage"] is None
-    assert "bands" not in str(found)
-
-
-def test_bands_of_groups_are_kept(tmp_path):
-    chance = np.random.default_rng(1004)
-    runs = np.repeat(np.arange(5), 60)
-    u = chance.uniform(-1, 1, 300)
-    y = np.concatenate([PLANE.simulate(u[runs == k]) * (1 + 0.05 * k) for k in range(5)])
-    fit = ml.identify(u, y, levels=5, curves=runs)
-    ml.save(fit, tmp_path / "m.json")
-    found = score(tmp_path / "m.json", Log(Record(np.arange(300.0), u, y), curves=runs))
-    whole = fit.predict(u, bands=0.9, curves=runs)
-    np.testing.assert_allclose(found.bands.half_width, whole.half_width, rtol=1e-3)
-    assert [one.name for one in found.curve_accuracy] == ["0", "1", "2", "3", "4"]
 
 
 def test_rows_that_are_not_used_are_not_scored():

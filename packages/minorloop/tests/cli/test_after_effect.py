@@ -1,7 +1,5 @@
 """A model with after-effect through the verbs."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -45,14 +43,6 @@ def test_identify_writes_model_and_report(creeping, run):
     with open("r.html") as report:
         assert "time explains" in report.read()
     assert modelfile.read("m.json").provenance.scores["left_out_nrmse"] < 0.005
-
-
-def test_identify_prints_json(creeping, run):
-    status, out, _ = run(f"identify holds.csv {COLUMNS} --creep spectrum --levels 4 --json")
-    found = json.loads(out)
-    assert status == 0
-    assert found["law"] == "spectrum"
-    assert found["laws"]["spectrum"] < 0.1 * found["laws"]["none"]
 
 
 def test_what_cannot_be_combined_is_refused(creeping, refused):
@@ -108,13 +98,6 @@ def spoilt(name, change):
     header = "time [s],voltage [V],length [um]"
     np.savetxt(name, rows, "%.17g", ",", header=header, comments="")
     return f"identify {name} {COLUMNS} --creep spectrum --levels 4"
-
-
-def test_times_that_go_back_are_refused(creeping, refused):
-    line = spoilt("back.csv", lambda rows: rows[np.r_[:50, 40:600]])
-    assert "column 'time [s]' of back.csv runs backwards in row 52; give the" in refused(line)
-    line = spoilt("later.csv", lambda rows: rows[np.r_[:500, 499:600]])
-    assert "'time [s]' of later.csv has the same time in row 502 as before" in refused(line)
 
 
 def test_the_row_of_a_time_that_repeats_counts_as_in_the_file(creeping, refused, run):

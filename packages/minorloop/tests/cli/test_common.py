@@ -29,10 +29,6 @@ def test_rows_equal_those_of_a_slice_or_are_refused(total, first, last):
             _common.as_rows(text, total)
 
 
-def test_without_the_option_all_rows_are_used():
-    assert _common.as_rows(None, 7) == slice(0, 7)
-
-
 @pytest.mark.parametrize("text", ["", "5", "a:b", "1:2:3", "1.5:3", "1-3"])
 def test_refuses_wrong_rows_and_gives_an_example(text):
     with pytest.raises(ParameterError, match=r"two whole numbers A:B, such as 200:7000"):
@@ -70,13 +66,6 @@ def test_a_table_shows_text_without_markup(capsys):
     shown = capsys.readouterr().out
     for text in ("voltage [V]", "[red]", "[b]", "length [1/m] and [i]", "! try [bold]"):
         assert text in shown
-
-
-def test_progress_is_drawn_only_on_a_terminal(capsys):
-    with _common.working("adding") as now:
-        now("subtracting")
-        now("compiling", kept=True)
-    assert capsys.readouterr() == ("", "compiling\n")
 
 
 def test_progress_is_shown_on_stderr_only(monkeypatch, capsys):
@@ -125,17 +114,6 @@ def test_a_report_that_cannot_be_drawn_is_one_sentence():
         _common.write_report(lambda: Report("a", "b"), Path("good.csv"), force=False)
     _common.write_report(lambda: Report("a", "b"), Path("new.html"), force=False)
     assert "<h1>a</h1>" in Path("new.html").read_text()
-
-
-def test_refuses_outputs_that_cannot_be_written():
-    new, old = Path("new.csv"), Path("targets.csv")
-    _common.check_outputs([None, new, None], force=False)
-    _common.check_outputs([old], force=True)
-    with pytest.raises(OutputError, match=r"exists already; .* or --force to replace it"):
-        _common.check_outputs([old], force=False)
-    with pytest.raises(OutputError, match="folder missing does not exist"):
-        _common.check_outputs([Path("missing/new.csv")], force=False)
-    assert not new.exists()
 
 
 @pytest.mark.parametrize("other", ["new.csv", "./new.csv", "here/../new.csv", "link.csv"])

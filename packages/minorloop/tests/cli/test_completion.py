@@ -43,10 +43,6 @@ def test_bash_completes_what_follows_the_last_colon(words, found, complete):
     assert complete(*words) == found
 
 
-def test_all_simulated_actuators_are_offered_after_the_colon(complete):
-    assert {"ipmc", "fibre"} <= set(complete("run", "--actuator", "twin", ":"))
-
-
 @pytest.mark.parametrize(
     ("shell", "expected"), [("zsh", '"twin\\\\:fibre"'), ("fish", "twin:fibre")]
 )

@@ -22,18 +22,6 @@ def test_json_has_the_figures_of_merit(answer):
     assert found["measurements"] == found["unknowns"] == 56
 
 
-def test_prints_a_row_for_each_target(run):
-    status, out, err = run("demo --seed 1")
-    result = run_positioning(1)
-    assert (status, err) == (0, "")
-    rows = [line for line in out.splitlines() if line.startswith("│")]
-    assert len(rows) == 14
-    for row, target in zip(rows, result.targets, strict=True):
-        assert row.split()[1] == f"{target:.2f}"
-    assert f"{result.preisach.rms:.3f} 1/m with the Preisach inverse" in out
-    assert list(Path().glob("*.html")) == []
-
-
 def test_report_data_and_model_agree(answer, run, refused):
     status, out, err = run("demo --out new/result --seed 2")
     assert (status, err) == (0, "")
@@ -85,14 +73,6 @@ def test_the_report_opens_offline(run):
 )
 def test_refuses_wrong_options(options, says, refused):
     assert says in refused(f"demo {options}")
-
-
-def test_a_folder_is_checked_before_the_computation(refused, monkeypatch):
-    def too_late(*args, **options):
-        pytest.fail("the work was begun")
-
-    monkeypatch.setattr(minorloop.positioning, "run_positioning", too_late)
-    assert "is not empty" in refused("demo --out .")
 
 
 def test_data_and_numbers_are_kept_if_the_report_cannot_be_drawn(run, monkeypatch):

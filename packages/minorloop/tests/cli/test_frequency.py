@@ -56,17 +56,6 @@ def test_from_a_plan_to_gain_and_phase(store, run, answer):
         np.testing.assert_allclose(again[key], found[key], rtol=1e-6)
 
 
-def test_a_model_of_other_units_is_refused(store, refused):
-    model = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)))
-    for input, output, said in (
-        ("kV", "1/m", "the input of the model is 'voltage [kV]'"),
-        ("V", "mm", "the output of the model is 'curvature [mm]' and that of the sines 'curvature"),
-    ):
-        names = {"input": f"voltage [{input}]", "output": f"curvature [{output}]"}
-        modelfile.save(model, "other.json", **names, force=True)
-        assert said in refused(f"frequency {store} --model other.json")
-
-
 def test_without_a_model_there_is_no_operator(store, answer):
     found = answer(f"frequency {store}")
     assert found["after_gain_db"] is None

@@ -33,15 +33,6 @@ def test_the_inputs_bring_the_model_to_the_targets(start, run, model):
     assert reachable.all()
 
 
-def test_json_contains_the_inputs_unless_they_are_saved(answer, model):
-    found = answer(INVERT)
-    np.testing.assert_allclose(model.simulate(found["u"]), WANTED, atol=1e-10)
-    assert (found["targets"], found["unreachable"]) == (3, 0)
-    assert found["worst_residual"] < 1e-10
-    saved = answer(f"{INVERT} --save in.csv")
-    assert set(saved) == {"targets", "worst_residual", "unreachable"}
-
-
 def test_refuses_a_target_out_of_reach_and_names_the_remedy(refused):
     said = refused("invert model.json far.csv --target length --save in.csv")
     assert "target 1000 at index 1 is beyond what the model can reach, [-" in said
@@ -87,21 +78,6 @@ def test_refuses_models_without_an_inverse(other, says, clip, refused, model):
     line = f"invert other.json targets.csv --target length {clip} --save in.csv"
     assert says in refused(line)
     assert not Path("in.csv").exists()
-
-
-def test_another_prefix_is_converted_and_another_unit_refused(run, answer, refused):
-    Path("other.csv").write_text("length [mm]\n0.0003\n")
-    Path("same.csv").write_text("length [um]\n0.3\n")
-    found, same = (
-        answer(f"invert model.json {name}.csv --target length") for name in ("other", "same")
-    )
-    np.testing.assert_allclose(found["u"], same["u"])
-    Path("other.csv").write_text("length [V]\n0.0003\n")
-    assert "is in V and the model in um; give the column in um" in refused(
-        "invert model.json other.csv --target length"
-    )
-    Path("plain.csv").write_text("length\n0.3\n")
-    assert run("invert model.json plain.csv --target length")[0] == 0
 
 
 def test_the_table_of_inputs_contains_the_warnings_of_the_model(run, model):

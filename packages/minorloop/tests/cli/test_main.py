@@ -3,14 +3,12 @@
 import os
 import subprocess
 import sys
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 
 from minorloop import __main__ as program
 from minorloop import __version__, modelfile
-from minorloop.cli import app
 
 VERBS = ("identify", "simulate", "score", "invert", "plan", "demo")
 PROGRAM = [sys.executable, "-m", "minorloop"]
@@ -62,15 +60,6 @@ def test_errors_are_short_and_without_control_characters(refused):
     assert len(refused(f"simulate model.json good.csv --input {'v' * 100_000}")) < 1000
 
 
-def test_several_lines_become_one(monkeypatch, refused):
-    def fail(path):
-        raise modelfile.ModelFileError("first\r\nsecond\n\tthird")
-
-    monkeypatch.setattr(modelfile, "read", fail)
-    said = refused("simulate model.json good.csv --input voltage")
-    assert said == "error: first second third\n"
-
-
 def compiler_stopped():
     """The error that numba raises when it is interrupted."""
     error = RuntimeError("no compiled object yet")
@@ -112,22 +101,6 @@ def test_an_interruption_while_modules_are_loaded_gives_no_traceback(monkeypatch
     monkeypatch.setattr(sys, "meta_path", [_Interrupting(), *sys.meta_path])
     assert program.main() == 130
     assert capsys.readouterr() == ("", "interrupted\n")
-
-
-def test_is_installed_as_a_program():
-    (script,) = entry_points(group="console_scripts", name="minorloop")
-    assert script.load() is program.main
-    assert callable(app)
-
-
-def test_runs_as_a_module_with_errors_apart_from_results():
-    command = [*PROGRAM, "simulate", "model.json", "nope.csv", "--input", "a"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "error: nope.csv does not exist\n"
-    done = subprocess.run(PROGRAM, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "identify" in done.stdout
 
 
 def test_help_imports_nothing_heavy():

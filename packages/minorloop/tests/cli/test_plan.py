@@ -1,5 +1,4 @@
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,11 +38,6 @@ def test_the_written_plan_can_be_read_back(run):
     )
 
 
-def test_reports_plans_that_do_not_determine_the_plane(run):
-    out = run("plan staircase --low 0 --high 1 --levels 9")[1]
-    assert "does not determine the plane" in out
-
-
 def test_large_plans_are_not_ranked(monkeypatch, run, answer):
     monkeypatch.setattr(plan, "_RANKED", 3)
     assert "what more than 3 bands determine is not computed" in run(PLAN)[1]
@@ -69,13 +63,3 @@ def test_large_plans_are_not_ranked(monkeypatch, run, answer):
 )
 def test_refuses_impossible_plans(line, says, refused):
     assert says in refused(line)
-
-
-def test_a_plan_identifies(answer, run, model):
-    answer("plan reversal --low -1 --high 1 --levels 8 --input u --save plan.csv")
-    assert run("simulate model.json plan.csv --input u --save out.csv")[0] == 0
-    line = 'identify out.csv --input "voltage [V]" --output length --levels 8 --smoothness 0'
-    found = answer(f"{line} --save new.json")
-    assert found["rank"] == found["unknowns"] == 37
-    assert Path("new.json").exists()
-    assert found["nrmse_train"] < 1e-10

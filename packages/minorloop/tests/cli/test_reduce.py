@@ -53,14 +53,6 @@ def test_the_standard_deviation_of_a_point_is_its_weight(answer, refused, model)
     assert "--sd cannot be combined with --noise" in refused(f"{line} --sd sd --noise 1")
 
 
-def test_json_has_the_points(answer):
-    found = answer(f"{LINE} --linear=-1,20 --name deflection")
-    assert (found["holds"], found["settled"], found["samples"]) == (8, 8, 800)
-    np.testing.assert_allclose(found["points"]["voltage [V]"], LEVELS)
-    np.testing.assert_allclose(found["points"]["deflection [mm]"], LEVELS, atol=3e-3)
-    np.testing.assert_allclose(found["points"]["held [s]"], 10.0)
-
-
 def test_calibrations_agree(answer):
     write("table.csv", "distance [mm],deflection [mm]", [[18, 2], [22, -2]])
     ways = ("--linear=-1,20", "--polynomial 20,-1", "--table table.csv --flip --flip-input --flip")
@@ -135,19 +127,6 @@ def test_codes_of_the_instrument_are_named_and_not_used(code, run, answer):
         for name in ("clean.csv", "points.csv")
     )
     np.testing.assert_allclose(found, wanted, atol=0.05)
-
-
-def test_codes_among_the_inputs_are_refused(refused):
-    spoilt(1, "9999")
-    assert "samples of voltage [V] are codes of the instrument, first 9999" in refused(LINE)
-
-
-def test_an_input_that_never_changes_is_refused(refused):
-    text = Path("log.csv").read_text()
-    header, *rows = text.splitlines()
-    rows = [",".join([row.split(",")[0], "1", row.split(",")[2]]) for row in rows]
-    Path("log.csv").write_text("\n".join([header, *rows]) + "\n")
-    assert "voltage [V] is 1 throughout" in refused(LINE)
 
 
 def test_a_drift_of_the_sensor_is_refused_and_subtracted(refused, answer):

@@ -90,15 +90,3 @@ def test_a_run_killed_many_times_ends_like_one_that_was_not(number, run, answer)
         assert [one["target"] for one in arrived] == WANTED
         assert sum(one["tries"] for one in arrived) == len(voltages) - 1
         assert max(abs(one["achieved"] - one["target"]) for one in arrived) <= 3
-
-
-ADAPTIVE = "run --actuator twin:ipmc --plan adaptive --noise 0.05 --specimen 2 --hold 100"
-
-
-def test_an_adaptive_run_is_resumed_with_the_same_levels(run, answer):
-    run(f"{ADAPTIVE} --holds 5 --store whole.sqlite")
-    _killed(f"{ADAPTIVE} --holds 5 --store a.sqlite", 4, 0.0)
-    run("resume --store a.sqlite")
-    for key in ("columns", "finished"):
-        one, other = (answer(f"runs show --store {name}.sqlite")[key] for name in ("whole", "a"))
-        assert one == other

@@ -1,5 +1,4 @@
 import csv
-import json
 import shlex
 from pathlib import Path
 
@@ -104,16 +103,6 @@ def test_a_dead_meter_is_warned_of_and_ends_a_run_that_is_safe(run):
         assert len(store) == 3
 
 
-def test_a_warning_of_a_finished_run_is_in_its_answer(run):
-    Path("dead_meter.py").write_text(DEAD)
-    Path("swing.csv").write_text("voltage [V],hold [s]\n-1,0.4\n1,0.4\n")
-    line = "run --actuator module:dead_meter.Bench --plan swing.csv --store a.sqlite --json"
-    status, out, _ = run(line)
-    assert status == 0
-    (warning,) = json.loads(out.splitlines()[-1])["warnings"]
-    assert "in every reading of holds 1 to 2" in warning
-
-
 def test_a_store_knows_its_columns(run, refused):
     run(f"{RUN} --store runs.sqlite")
     assert "leave --input, --output, --time" in refused("identify runs.sqlite --input voltage")
@@ -163,23 +152,10 @@ def test_an_adaptive_store_is_identified_as_it_was_run(run, answer):
     assert "samples held out" in run("identify own.sqlite")[1]
 
 
-def test_an_adaptive_run_reports_its_holds_and_keeps_its_hours(run, answer):
-    out = run(f"{ADAPTIVE} --hours 0.28 --store h.sqlite")[1]
-    assert "7 levels measured; 3 kept for repetitions were not needed" in out
-    assert answer("runs show --store h.sqlite")["levels"] == 10
-
-
 def test_warns_of_points_that_did_not_settle():
     said = _unsettled({"points": 4, "unsettled": 2})
     assert "2 of 4 points had not settled" in said[0]
     assert _unsettled({"points": 4, "unsettled": 1}) == _unsettled({"points": 0}) == []
-
-
-@pytest.mark.parametrize("option", ["--holds 5", "--hold 5", "--levels 9", "--least-gain 0.1"])
-def test_options_of_adaptive_runs_are_refused_with_a_plan(option, refused):
-    Path("p.csv").write_text("voltage [V],hold [s]\n1,200\n")
-    said = refused(f"run --actuator twin:ipmc --plan p.csv {option} --store p.sqlite")
-    assert f"{option.split()[0]} is for --plan adaptive" in said
 
 
 def test_refuses_too_few_hours_and_holdouts_of_adaptive_runs(run, refused):

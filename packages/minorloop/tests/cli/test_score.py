@@ -78,17 +78,6 @@ def test_groups_have_their_errors(other, answer):
     assert small < 0.1
 
 
-def test_inputs_beyond_the_levels_are_counted(other, answer):
-    rows = other.copy()
-    rows[:24, 1] = 1.5
-    write("far.csv", rows)
-    found = answer("score model.json far.csv --skip 30")
-    assert found["outside"] == pytest.approx(0.1)
-    assert "24 inputs lie beyond the levels of the model [-1, 1], by up to 25.0%" in str(
-        found["advice"]
-    )
-
-
 def test_another_start_that_fits_is_named(model, run):
     u = np.concatenate([[0.2], 0.5 * np.sin(np.arange(60))])
     np.savetxt(
@@ -103,19 +92,6 @@ def test_another_start_that_fits_is_named(model, run):
     assert "(--start positive)" in str(json.loads(out)["advice"])
     assert json.loads(out)["starts"]["positive"] < 1e-9
     assert run("score model.json up.csv --start positive")[0] == 0
-
-
-def test_a_changed_sensor_is_told_from_a_wrong_model(other, run, model):
-    rows = other.copy()
-    rows[:, 2] = 1.2 * rows[:, 2] + 9
-    write("gained.csv", rows)
-    status, out, _ = run(f"score model.json gained.csv {CURVES} --json")
-    found = json.loads(out)
-    assert status == 1
-    assert found["gain"] == pytest.approx(1.2, abs=0.01)
-    assert "the zero or the gain of the sensor changed" in str(found["advice"])
-    assert "does not predict this record" in found["warnings"][0]
-    assert found["nrmse_without_offset_and_gain"] < 0.01
 
 
 def test_the_error_that_the_file_promises_is_compared(other, model, answer):
@@ -160,12 +136,3 @@ def test_what_cannot_be_scored_is_refused(line, says, refused, model):
     if "late" in line:
         Path("other.csv").write_text("voltage,length\n0.1,1\n0.2,2\n")
     assert says in refused(line)
-
-
-def test_the_points_of_a_store_are_scored(run, answer):
-    plan = "plan staircase --low -1 --high 1 --levels 4 --hold 1 --input voltage"
-    assert run(f"{plan} --save p.csv")[0] == 0
-    assert run("run --actuator twin:ipmc --plan p.csv --store s.sqlite")[0] == 0
-    assert run("identify s.sqlite --levels 4 --save strip.json")[0] in (0, 1)
-    found = json.loads(run("score strip.json s.sqlite --json")[1])
-    assert found["samples"] > 4

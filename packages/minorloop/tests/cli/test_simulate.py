@@ -32,14 +32,6 @@ def test_writes_the_outputs_of_the_model(start, run, model):
     np.testing.assert_array_equal(y, model.simulate(u, start))
 
 
-def test_json_contains_the_outputs_unless_they_are_saved(answer, model):
-    found = answer(SIMULATE)
-    assert found["y"] == model.simulate(inputs()).tolist()
-    assert (found["least"], found["greatest"]) == (min(found["y"]), max(found["y"]))
-    saved = answer(f"{SIMULATE} --save out.csv")
-    assert saved == {key: found[key] for key in ("samples", "least", "greatest")}
-
-
 def test_the_lag_of_the_file_is_applied(answer, model):
     modelfile.save(model, "late.json", lag=2)
     y = model.simulate(inputs())
@@ -146,17 +138,3 @@ def test_times_may_begin_anew_with_each_curve_and_not_within_one(answer, refused
 def test_refuses_unusable_curves(options, says, refused):
     Path("back.csv").write_text("voltage\n1\n2\n1\n2\n")
     assert says in refused(f"simulate model.json back.csv {options}")
-
-
-def test_reports_inputs_beyond_the_levels(run):
-    Path("far.csv").write_text("voltage [V]\n0.5\n100\n-1000\n")
-    status, _, err = run("simulate model.json far.csv --input voltage")
-    assert status == 0
-    assert "2 inputs lie beyond the levels of the model [-1, 1]" in err
-    assert err.count("\n") == 1
-
-
-def test_the_input_has_the_name_that_it_has_in_the_model(answer):
-    assert answer("simulate model.json good.csv") == answer(
-        "simulate model.json good.csv --input voltage"
-    )

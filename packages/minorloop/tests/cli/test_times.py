@@ -46,16 +46,6 @@ def test_with_dynamics_the_advice_on_lost_rows_can_be_followed(run):
     assert "--curves" not in said
 
 
-def test_rows_after_a_clock_was_set_back_are_said_to_be_left_out(answer):
-    t = np.where(np.arange(900) < 450, T, T - 3.0)
-    _log(t, U, MODEL.simulate(U))
-    found = answer(f"{LINE} --lag 0 --time time")
-    assert found["samples"] < 500
-    said = next(advice for advice in found["advice"] if "measured rows" in advice)
-    assert f"{900 - found['samples']} of 900 measured rows are not fitted, because" in said
-    assert "(--time none)" in said
-
-
 def test_uneven_samples_are_said_where_a_lag_needs_even_ones(answer):
     t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 900))
     _log(t, U, MODEL.simulate(U), COLUMNS.replace("time [s]", "clock [ms]"))
@@ -112,11 +102,6 @@ def test_a_raw_log_is_not_to_be_trusted(run):
 def test_a_column_that_is_no_time_is_refused(refused, columns, message):
     write("log.csv", columns, np.column_stack([T, U, U, T])[:, : columns.count(",") + 1])
     assert message in refused(f"{LINE} --time time")
-
-
-def test_two_columns_of_time_are_no_trouble_where_none_is_asked_for(answer):
-    write("log.csv", COLUMNS + ",clock [ms]", np.column_stack([T, U, MODEL.simulate(U), T]))
-    assert answer(f"{LINE} --lag 0")["samples"] == 900
 
 
 def test_invert_keeps_the_times_of_the_targets(run, refused):

@@ -8,7 +8,6 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError, UnreachableError
-from minorloop.identification.arx import arx
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
@@ -52,13 +51,6 @@ def test_a_sampled_cascade_has_whole_intervals_of_dead_time():
         ParameterError, match=r"interval is 0\.2 s and that of the linear part 0\.1"
     ):
         sampled.sampled(0.2)
-
-
-def test_the_order_matters():
-    t = 0.2 * np.arange(1, 60)
-    u = np.where(t < 1, 1.0, -0.2)
-    y = [Cascade(PLANE, G, first).simulate(t, u, before=-1.0) for first in ("operator", "linear")]
-    assert np.abs(y[0] - y[1]).max() > 0.05 * np.ptp(PLANE.range)
 
 
 @ORDERS
@@ -123,23 +115,6 @@ def test_the_inverse_brings_the_output_to_the_filtered_target(first, operator):
     np.testing.assert_allclose(found.residual, found.y - targets)
 
 
-def test_without_more_poles_than_zeros_there_is_no_filter():
-    lead = Linear([2.0, 1.0], [1.0, 1.0])
-    t, targets = growing_sine(1.0)
-    found = Cascade(LINE, lead).invert(t, targets, before=0.0)
-    assert found.filter_time == 0
-    np.testing.assert_allclose(found.y, targets, atol=1e-5)
-
-
-def test_a_shorter_filter_follows_closer():
-    t, targets = growing_sine(1.0)
-    errors = [
-        Cascade(LINE, G).invert(t, targets, before=0.0, filter_time=seconds).rms
-        for seconds in (0.8, 0.4, 0.2)
-    ]
-    assert errors[0] > 2 * errors[1] > 4 * errors[2]
-
-
 @ORDERS
 @pytest.mark.parametrize("between", ["straight", "held"])
 def test_the_input_is_early_by_the_dead_time(first, between):
@@ -192,42 +167,6 @@ def test_a_fast_zero_in_the_right_half_plane_counts_as_dead_time():
     found = Cascade(LINE, system).invert(t, targets, before=0.0)
     assert found.filter_time > 1 / 60
     assert found.rms < 3e-3
-
-
-def test_inverts_what_arx_identifies_from_a_noisy_record():
-    rng = np.random.default_rng(1000)
-    t = 0.02 * np.arange(1500)
-    u = np.repeat(rng.normal(size=30), 50)
-    u[:50] = 0.0
-    plant = Linear.lags(0.4, 0.1)
-    y = plant.simulate(t, u) + 0.005 * rng.normal(size=t.size)
-    fit = arx(t, u, y)
-    wanted = np.sin(0.7 * t) * np.minimum(t / 10, 1)
-    found = Cascade(LINE, fit.model, noise=fit.nrmse).invert(t, wanted, before=0.0)
-    achieved = plant.simulate(t, 2 * found.u, between="straight")
-    assert np.sqrt(np.mean((achieved - wanted) ** 2)) < 0.01
-
-
-def test_the_filter_follows_a_resonance_not_its_decay():
-    omega, damping = 2 * np.pi * 30, 0.03
-    resonant = Linear([omega**2], [1.0, 2 * damping * omega, omega**2])
-    t = 0.001 * np.arange(3000)
-    targets = np.minimum(t, 1) * np.sin(2 * np.pi * 10 * t)
-    found = Cascade(LINE, resonant).invert(t, targets, before=0.0)
-    assert found.filter_time == pytest.approx(0.002)  # two intervals; the decay takes 0.18 s
-    assert found.rms < 2e-3
-
-
-def test_noise_makes_the_filter_longer():
-    t, targets = growing_sine(1.0)
-    times = [
-        Cascade(LINE, Linear.lags(2.0, 0.02), noise=noise)
-        .invert(t, targets, before=0.0)
-        .filter_time
-        for noise in (0.0, 0.1)
-    ]
-    # The gain of the lag of 2 s is 0.1 at omega = 5 / s.
-    np.testing.assert_allclose(times, [0.04, 0.2], rtol=0.05)
 
 
 CREEP = Creep([1.0, 30.0], [0.15, 0.25], 0.6)

@@ -54,25 +54,6 @@ def test_refusals_of_cascades():
 
 
 @pytest.mark.parametrize("model", [PREISACH, PLAYS], ids=["preisach", "plays"])
-def test_without_feedthrough_the_output_is_a_sample_late(model):
-    system = as_system(model, 0.1, feedthrough=False)
-    inside = np.clip(U, -1, 1)
-    found = control.input_output_response(system, T, inside, as_state(model, "positive"))
-    np.testing.assert_allclose(
-        found.outputs[1:], model.simulate(inside, "positive")[:-1], atol=1e-12
-    )
-
-
-def test_the_functions_are_pure():
-    system, x = as_system(PREISACH, 0.1), as_state(PREISACH)
-    kept = x.copy()
-    once = system.updfcn(0.0, x, np.array([0.7]), {})
-    twice = system.updfcn(0.0, x, np.array([0.7]), {})
-    np.testing.assert_array_equal(once, twice)
-    np.testing.assert_array_equal(x, kept)
-
-
-@pytest.mark.parametrize("model", [PREISACH, PLAYS], ids=["preisach", "plays"])
 def test_in_an_interconnection_an_integrator_holds_a_target(model):
     plant = as_system(model, 0.1, name="plant", feedthrough=False)
     integrator = control.tf([0.1, 0], [1, -1], 0.1, inputs="e", outputs="u", name="integrator")

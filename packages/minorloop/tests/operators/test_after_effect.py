@@ -90,12 +90,6 @@ def test_the_effective_input_follows_the_logarithm_of_time():
     np.testing.assert_allclose(np.diff(lag), -0.02 * np.log(10), rtol=1e-3)
 
 
-def test_a_constant_field_far_above_the_range_is_a_linear_lag():
-    model = AfterEffect(a_plane(), 1e4, 2.0)
-    got = model.effective([0.0, 1.0], [0.5, 0.5])
-    np.testing.assert_allclose(got, 0.5 - 1.5 * np.exp(-np.array([0.5, 1.0])), rtol=1e-6)
-
-
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("diagonal", DIAGONALS)
 @given(seed=st.integers(0, 50), parts=st.sampled_from([2, 7, 300]))
@@ -192,22 +186,6 @@ def test_creep_that_takes_back_more_than_the_plane_gives_is_not_inverted():
     assert not model.monotone
     with pytest.raises(NotInvertibleError, match="negative weights"):
         model.invert([1.0, 2.0], [0.0, 0.0])
-
-
-@pytest.mark.parametrize("diagonal", DIAGONALS)
-def test_creep_may_not_take_back_what_relays_with_a_field_gave(diagonal):
-    weights = np.zeros((BANDS, BANDS))
-    weights[4, 2] = weights[3, 3] = 1.0
-    model = AfterEffect(
-        Preisach(LEVELS, weights, diagonal=diagonal), 20.0, 0.5, [0.2], [-0.3 * weights]
-    )
-    y = [model.track().peek(u, 1.0) for u in np.linspace(-1, 1, 200)]
-    assert np.diff(y).min() < -1e-3
-    assert not model.monotone
-    assert AfterEffect(model.plane, times=model.times, creep=model.creep).monotone
-    own = np.diag(np.diag(model.creep[0]))
-    reversible = AfterEffect(model.plane, 20.0, 0.5, model.times, [own])
-    assert reversible.monotone == (diagonal == "reversible")
 
 
 @pytest.mark.parametrize(

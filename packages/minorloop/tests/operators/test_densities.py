@@ -57,14 +57,6 @@ def test_symmetric_about_the_centre_and_nothing_below_the_diagonal(density, alph
         assert density(alpha, beta) == 0
 
 
-@pytest.mark.parametrize("density", [d for d in TAILED if d.coercive > 0], ids=repr)
-def test_most_relays_are_at_the_coercive_field(density):
-    peak = density(density.centre + density.coercive, density.centre - density.coercive)
-    rng = np.random.default_rng(0)
-    alpha, beta = rng.uniform(-3, 3, (2, 1000))
-    assert (density(alpha, beta) <= peak).all()
-
-
 def test_factored_density_is_a_product_with_the_given_widths():
     gaussian, lorentzian = FactoredGaussianDensity(1.0, 0.2), FactoredLorentzianDensity(1.0, 0.2)
     assert gaussian(1.2, -1.0) == pytest.approx(gaussian(1.0, -1.0) * np.exp(-0.5))
@@ -81,27 +73,12 @@ def test_densities_have_the_given_widths_in_mean_and_half_width():
     assert lorentzian(1.1, -1.1) == pytest.approx(lorentzian(1.0, -1.0) / 2)
 
 
-def test_uniform_fills_its_triangle():
-    density = UniformDensity(-1.0, 2.0, mass=9.0)
-    np.testing.assert_array_equal(
-        density([1.0, 2.0, 2.1, 1.0, 0.0], [0.0, -1.0, 0.0, -1.1, 1.0]), [2.0, 2.0, 0.0, 0.0, 0.0]
-    )
-
-
 def test_cells_of_a_plane_add_up_to_the_mass_within_it():
     levels = np.linspace(-1.0, 2.0, 9)
     uniform = integrate_density(levels, UniformDensity(-1.0, 2.0, mass=9.0))
     assert uniform.sum() == pytest.approx(9.0)
     narrow = GaussianDensity(0.5, 0.1, 0.1, mass=3.0, centre=0.5)
     assert integrate_density(levels, narrow).sum() == pytest.approx(3.0, rel=1e-5)
-
-
-@pytest.mark.parametrize("density", [*TAILED, UniformDensity(-1.0, 1.0)], ids=repr)
-def test_vectorised(density):
-    alpha, beta = np.linspace(-1, 1, 7)[:, None], np.linspace(-1, 1, 5)
-    table = density(alpha, beta)
-    assert table.shape == (7, 5)
-    assert table[4, 2] == density(alpha[4, 0], beta[2])
 
 
 @pytest.mark.parametrize(
@@ -120,8 +97,3 @@ def test_vectorised(density):
 def test_refuses_bad_parameters(kind, arguments, what):
     with pytest.raises(ParameterError, match=what):
         kind(*arguments)
-
-
-def test_values_compare():
-    assert UniformDensity(0, 1) == UniformDensity(0.0, 1.0, mass=1.0)
-    assert hash(UniformDensity(0, 1)) == hash(UniformDensity(0.0, 1.0))

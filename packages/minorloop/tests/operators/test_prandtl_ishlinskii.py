@@ -82,12 +82,6 @@ def test_loops_between_equal_inputs_are_congruent(model, past, other, low, heigh
     np.testing.assert_allclose(one - one[0], two - two[0], atol=1e-10)
 
 
-@given(operators(), signals)
-def test_loops_are_symmetric(model, u):
-    rising, falling = model.simulate(u, "negative"), model.simulate(-u, "positive")
-    np.testing.assert_allclose(rising - model.offset, model.offset - falling, atol=1e-10)
-
-
 @given(started(), signals)
 def test_steps_and_trackers_equal_simulate(case, u):
     model, memory = case
@@ -252,34 +246,12 @@ def test_fit_finds_the_operator_that_made_the_record(weights, signed):
     assert model.offset == pytest.approx(4.0)
 
 
-def test_a_play_too_wide_to_move_gets_no_weight():
-    u = np.sin(np.linspace(0, 20, 200)) * 1e-4
-    model = PrandtlIshlinskii.fit(u, -u, radii=[0.0, 5e-5, 1e-3], start="relaxed", signed=True)
-    assert np.abs(model.weights).max() < 2
-
-
-@pytest.mark.parametrize("signed", [False, True])
-def test_rounding_in_a_play_that_does_not_move_is_not_fitted(signed):
-    u = 0.3 + np.cos(np.linspace(0, 20, 200)) * 1e-4
-    model = PrandtlIshlinskii.fit(u, -u, radii=[0.0, 5e-5, 1e-3 / 3], signed=signed)
-    assert model.weights[2] == pytest.approx(0.0, abs=1e-12)
-
-
 def test_residuals_are_small_for_slopes_that_differ_by_five_decades():
     rng = np.random.default_rng(11)
     slopes = 10 ** rng.uniform(-4, 1, 30)
     model = PrandtlIshlinskii(np.linspace(0, 2, 30), np.diff(slopes, prepend=0.0), 3.0)
     targets = model.simulate(rng.uniform(-3, 3, 500), "relaxed")
     assert model.invert(targets[::-1], "relaxed").worst <= 1e-12 * np.ptp(targets)
-
-
-def test_fit_keeps_its_digits_in_small_units():
-    truth = PrandtlIshlinskii([0.0, 2e4], [1e-12, 3e-12], 1e-7)
-    u, y = record(truth)
-    u = u * 5e4
-    y = truth.simulate(u, "relaxed")
-    model = PrandtlIshlinskii.fit(u, y, radii=[0.0, 2e4], start="relaxed")
-    np.testing.assert_allclose(model.weights, truth.weights, rtol=1e-9)
 
 
 @pytest.mark.parametrize("signed", [False, True])

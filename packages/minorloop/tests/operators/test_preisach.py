@@ -66,17 +66,6 @@ def test_starts_demagnetised():
     )
 
 
-@pytest.mark.parametrize("scale", [1e-7, 1.0, 1e9])
-def test_levels_may_be_uneven_and_very_small_or_large(scale):
-    levels = scale * np.concatenate([[-1], -1 + np.logspace(-9, 0, 40)])
-    model = a_model(1, levels=levels)
-    rng = np.random.default_rng(2)
-    u = rng.choice(np.concatenate([levels, np.nextafter(levels, np.inf), levels * 0.7]), 300)
-    np.testing.assert_allclose(
-        model.simulate(u), oracles.outputs(model, u), atol=1e-12 * span(model), rtol=0
-    )
-
-
 @pytest.mark.parametrize("bands", [1, 2, 30])
 @pytest.mark.parametrize(("relay", "diagonal"), KINDS)
 @pytest.mark.parametrize("slope", [0.0, 0.4])
@@ -112,12 +101,6 @@ def test_forward_and_inverse_are_exact_at_every_scale(exponent, seed, kind, slop
         np.testing.assert_allclose(outputs / size, targets / size, atol=1e-12 * span(usual), rtol=0)
 
 
-@pytest.mark.parametrize("size", [1e-300, 1.0, 1e298])
-def test_a_branch_falls_at_every_scale(size):
-    weights = np.array([[1.0, 0.0], [-2.0, 1.0]]) * size
-    assert not Preisach([0.0, 1e-12, 2e-12], weights, diagonal="reversible").monotone
-
-
 def test_kernels_refuse_what_is_not_a_number():
     model = a_model()
     stack, rows = model.stack("negative", 4)
@@ -143,13 +126,6 @@ def test_the_inverse_takes_the_nearest_input():
     moved = model.track()
     moved.push(2.5)
     assert moved.aim(moved.push(2.5)) == 2.5
-
-
-def test_a_model_without_weights_reaches_its_offset():
-    model = Preisach(LEVELS, np.zeros((6, 6)), offset=2.0)
-    assert model.invert([2.0, 2.0]).u.tolist() == [-1.0, -1.0]
-    with pytest.raises(UnreachableError):
-        model.invert([2.1])
 
 
 def test_unreachable_targets_are_refused_or_approached():
@@ -380,10 +356,3 @@ def test_is_frozen_and_comparable():
         model.weights[0, 0] = 1.0
     with pytest.raises(AttributeError):
         model.offset = 1.0
-
-
-def test_draws_itself(tmp_path):
-    model = a_model()
-    model.plot(input_label="voltage [V]").savefig(tmp_path / "plane.png")
-    model.invert([model.range[0]]).plot().savefig(tmp_path / "inverse.png")
-    assert (tmp_path / "plane.png").stat().st_size > 10_000

@@ -76,16 +76,6 @@ def test_stepping_ends_at_the_last_level_and_marks_targets_unreachable():
     assert not found.reachable.any()
 
 
-def test_stepping_is_a_hundred_times_coarser_than_the_exact_inverse():
-    plane = a_plane(bands=12)
-    dots = RelayModel.from_preisach(plane)
-    targets = np.random.default_rng(2).uniform(*plane.range, 200)
-    stepped = dots.stepping_inverse(targets)
-    exact = plane.invert(targets)
-    rms = [np.sqrt(np.mean(found.residual**2)) for found in (stepped, exact)]
-    assert 100 * rms[1] < rms[0] < 0.2 * np.ptp(plane.range)
-
-
 def test_compares_values_and_refuses_wrong_options():
     assert RelayModel.from_preisach(a_plane()) == RelayModel.from_preisach(a_plane())
     with pytest.raises(ParameterError, match="relays cannot represent"):

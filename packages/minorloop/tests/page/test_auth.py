@@ -46,14 +46,6 @@ def test_a_foreign_cookie_stops_nothing(foreign):
     assert not authentication.has_token(f"{foreign}; {authentication.cookie}=planted")
 
 
-def test_two_consoles_on_a_host_have_two_cookies():
-    one, other = Authentication("127.0.0.1", port=8765), Authentication("127.0.0.1", port=8766)
-    assert one.cookie != other.cookie
-    both = f"{one.cookie}={one.token}; {other.cookie}={other.token}"
-    assert one.has_token(both)
-    assert other.has_token(both)
-
-
 @pytest.mark.parametrize("host", ["127.0.0.1:8765", "localhost:8765", "[::1]:8765", "localhost"])
 def test_a_page_of_this_server_is_its_own(host):
     authentication = Authentication("127.0.0.1")

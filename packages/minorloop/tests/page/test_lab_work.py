@@ -33,15 +33,6 @@ def result(folder, **options):
     return next(each["result"] for each in reply if "result" in each)
 
 
-def test_advice_names_a_startup(folder):
-    u, y = np.loadtxt("run.csv", delimiter=",", skiprows=1).T
-    y[:4] += np.ptp(y) * np.array([0.5, 0.4, 0.3, 0.3])
-    table = np.column_stack([u, y])
-    np.savetxt("run.csv", table, delimiter=",", header="u [V],y [um]", comments="")
-    advice = " ".join(result(folder, levels=5, holdout=0.3)["advice"])
-    assert "a start-up that the model does not follow" in advice
-
-
 def test_advice_names_a_raw_log_and_the_fields_of_the_page(folder):
     u = np.repeat(np.random.default_rng(1000).uniform(0, 1, 12), 50)
     y = np.full(u.size, u[0])
@@ -77,15 +68,6 @@ def _timed(late):
     y = np.concatenate([np.full(late, y[0]), y[: y.size - late]])
     table = np.column_stack([0.01 * np.arange(u.size), u, y])
     np.savetxt("run.csv", table, delimiter=",", header="t [s],u [V],y [um]", comments="")
-
-
-def test_the_model_file_has_the_lag_in_seconds(folder):
-    _timed(3)
-    options = {"time": "t", "levels": 5, "prior": "none", "slope": False, "diagonal": "uniform"}
-    list(lab_work.identify_file(folder, "run.csv", "u", "y", lag=3, **options))
-    known = modelfile.read("model.json")
-    assert known.lag == 3
-    assert known.lag_seconds == pytest.approx(0.03)
 
 
 def test_dynamics_are_identified_shown_and_kept(folder, monkeypatch):
@@ -140,12 +122,6 @@ def test_time_in_the_plane_is_identified_shown_and_kept(folder):
             result(folder, levels=3, creep="spectrum", **options)
 
 
-def test_columns_are_described_with_few_points(folder):
-    (reply,) = lab_work.look(folder, "run.csv")
-    assert [column["unit"] for column in reply["columns"]] == ["V", "um"]
-    assert all(len(column["course"]) <= 400 for column in reply["columns"])
-
-
 def test_a_column_of_words_is_set_aside(folder, tmp_path):
     (tmp_path / "words.csv").write_text("who,u,y\nme,1,2\nyou,2,3\n")
     (reply,) = lab_work.look(folder, "words.csv")
@@ -166,13 +142,6 @@ def test_a_wide_file_is_read_once_and_too_wide_a_one_is_refused(folder, tmp_path
     (tmp_path / "wider.csv").write_text(",".join(f"c{k}" for k in range(3000)) + "\n")
     with pytest.raises(RecordError, match=r"3000 columns or more; give at most 100"):
         list(lab_work.look(folder, "wider.csv"))
-
-
-def test_what_is_shown_is_the_model(folder):
-    found = result(folder, levels=5)
-    assert found["scores"]["fit"] < 1e-6
-    assert [len(row) for row in found["weights"]] == [1, 2, 3, 4, 5]
-    assert found["held"] is None
 
 
 def test_options_are_those_of_the_command_line(folder, tmp_path):

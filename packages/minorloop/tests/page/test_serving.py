@@ -68,15 +68,6 @@ def test_what_a_websocket_would_break_off_is_answered(running):
     assert running.ask("/known", Cookie=foreign)[0] == 200
 
 
-@pytest.mark.parametrize("content", [b"\x16\x03\x01\x02\x00\x01\r\n\r\n", b"hello\r\n\r\n"])
-def test_an_invalid_request_is_answered(running, content):
-    client = running.raw(content)
-    answer = read_all(client)
-    client.close()
-    assert answer.startswith("HTTP/1.1 400 ")
-    assert "not a valid HTTP request" in answer
-
-
 def test_a_browser_with_the_cookie_continues_after_a_restart(running):
     assert running.ask("/known")[0] == 200
     running.stop()

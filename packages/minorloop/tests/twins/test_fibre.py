@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import LimitError, ParameterError
-from minorloop.lab.actuator import Actuator
+from minorloop.errors import ParameterError
 from minorloop.twins.fibre import Fibre
 
 HOLD = 300.0
@@ -63,43 +62,11 @@ def test_steps_to_045_have_the_expected_rise_times(start, t63, t95):
     assert share[int(HOLD / 0.25)] == pytest.approx(1, abs=0.005)
 
 
-def test_the_loop_is_a_fifth_of_the_span_wide():
-    levels = np.linspace(0.2, 0.65, 10)
-    up = settled(levels)
-    down = settled([*levels, *levels[::-1]])[-10:][::-1]
-    assert np.max(down - up) / (up[-1] - up[0]) == pytest.approx(0.2, abs=0.01)
-    assert up[-1] - up[0] > 0.01 * 15_000
-
-
-def test_loops_are_not_congruent():
-    heights = []
-    for past in ([], [0.65]):
-        y = settled([*past, 0.35, 0.45, 0.35, 0.45])
-        heights.append(y[-1] - y[-2])
-    assert abs(heights[1] / heights[0] - 1) > 0.03
-
-
 def test_excursions_are_not_wiped_out():
     straight, around = settled([0.4]), settled([0.4, 0.3, 0.4])
     later = settled([0.5, 0.55])[-1] - settled([0.5, 0.25, 0.5, 0.55])[-1]
     assert abs(around[-1] - straight[-1]) / 180 > 0.01
     assert abs(later) / 180 > 0.003
-
-
-@pytest.mark.parametrize("u", [0.19, 0.66, np.nan])
-def test_keeps_to_its_voltages(u):
-    with pytest.raises(LimitError, match=r"\[0\.2, 0\.65\] V"):
-        Fibre().apply(u, 1.0, 1.0)
-
-
-def test_is_opened_by_its_address():
-    twin = Fibre()
-    assert isinstance(twin, Actuator)
-    record = twin.apply(0.5, 10.0, 2.0)
-    assert (str(record.input), str(record.output)) == ("voltage [V]", "length change [um]")
-    assert twin.tick == 1.0
-    twin.exchange(0.5)
-    assert twin.clock == pytest.approx(11.0)
 
 
 def test_a_waveform_begins_at_the_present_output():
@@ -110,14 +77,6 @@ def test_a_waveform_begins_at_the_present_output():
     np.testing.assert_allclose(record.t, [30.0, 90.0])
 
 
-def test_a_slow_waveform_does_not_need_fine_samples():
-    coarse, fine = Fibre(), Fibre()
-    t = np.linspace(0, 200, 401)
-    ramp = np.interp(t, [0, 100, 200], [0.2, 0.6, 0.3])
-    expected = fine.drive(t, ramp).y[[0, 200, 400]]
-    np.testing.assert_allclose(coarse.drive([0, 100, 200], [0.2, 0.6, 0.3]).y, expected, atol=1e-6)
-
-
 def test_a_restored_fibre_repeats_exactly():
     twin = Fibre(specimen=3, noise=1.0, seed=5)
     twin.apply(0.5, 100.0, 7.0)
@@ -126,14 +85,6 @@ def test_a_restored_fibre_repeats_exactly():
     other = Fibre(specimen=3, noise=1.0, seed=5)
     other.restore(kept)
     np.testing.assert_array_equal(other.apply(0.3, 100.0, 7.0).y, first.y)
-
-
-@pytest.mark.parametrize("specimen", range(20))
-def test_every_specimen_lengthens_with_the_voltage(specimen):
-    up = settled(np.linspace(0.2, 0.65, 10), specimen=specimen)
-    assert np.all(np.diff(up) > 0)
-    nominal, drawn = Fibre()._parameters, Fibre(specimen)._parameters
-    assert all(abs(drawn[name] / nominal[name] - 1) <= 0.1 for name in nominal)
 
 
 @given(st.lists(st.floats(0.2, 0.65), min_size=1, max_size=12), st.integers(0, 20))

@@ -79,26 +79,12 @@ def test_the_decaying_staircase_has_the_published_trend():
     np.testing.assert_allclose([y.min(), y.max()], [-9.5, 9.4], atol=0.05)
 
 
-def test_the_loop_is_a_fifth_of_the_range_wide():
-    up = settled([-1.2, *LEVELS])[1:]
-    down = settled([-1.2, *LEVELS, *LEVELS[::-1]])[-11:][::-1]
-    assert np.max(down - up) / (down[-1] - up[0]) == pytest.approx(0.2, abs=0.01)
-
-
 def test_overshoots_then_relaxes_back_and_settles():
     twin = Ipmc()
     twin.apply(-1.2, HOLD, HOLD)
     y = twin.apply(1.2, HOLD, 0.1).y
     assert 17 < y.max() < 18
     assert y[-1] == pytest.approx(9.43, abs=0.02)
-
-
-def test_the_output_is_nearly_settled_after_a_hold():
-    twin, left = Ipmc(), []
-    for u in (-1.2, -0.6, 0.0, 1.2, 0.0):
-        y = twin.apply(u, HOLD, HOLD).y[-1]
-        left.append(abs(twin.apply(u, 2000.0, 2000.0).y[-1] - y))
-    assert 1e-4 < max(left) < 0.003
 
 
 def test_gain_grows_with_the_amplitude():
@@ -109,14 +95,6 @@ def test_gain_grows_with_the_amplitude():
         y = Ipmc().drive(t, -amplitude * carrier.imag).y
         gains.append(abs(np.mean(y[-960:] * carrier[-960:])) / amplitude)
     assert 20 * np.log10(gains[1] / gains[0]) == pytest.approx(0.75, abs=0.1)
-
-
-def test_loops_are_not_congruent():
-    heights = []
-    for past in ([-1.2], [-1.2, 1.2], [1.2, -1.2, 0.9, -0.9]):
-        y = settled([*past, -0.24, 0.24, -0.24, 0.24])
-        heights.append(y[-1] - y[-2])
-    assert np.ptp(heights) / np.mean(heights) > 0.03
 
 
 def test_excursions_are_not_wiped_out():
@@ -134,11 +112,6 @@ def test_safe_takes_the_voltage_off():
     twin.safe()
     assert twin.clock == other.clock
     assert twin.apply(0.0, 5.0, 5.0).y[-1] == other.apply(0.0, 5.0, 5.0).y[-1]
-
-
-@pytest.mark.parametrize("specimen", range(20))
-def test_every_specimen_bends_with_the_voltage(specimen):
-    assert np.all(np.diff(settled([-1.2, *LEVELS], specimen=specimen)[1:]) > 0)
 
 
 def test_sensed_bending_fades():
