@@ -85,9 +85,3 @@ def test_times_of_heat_that_cannot_be_are_refused():
         HeatedWire(wire.operator, 0.0)
     with pytest.raises(ParameterError, match="latent is -1"):
         HeatedWire(wire.operator, 1.0, -1.0)
-
-
-def test_a_step_by_no_number_is_refused():
-    wire = made_up()
-    with pytest.raises(ParameterError, match="gap"):
-        wire.step(wire.begin(), float("nan"), 0.04)

@@ -28,8 +28,8 @@ from minorloop.lab.actuator import Channel, Frame
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
 from minorloop.lab.store import Setup, Store
-from minorloop_head.cli._camera_angles import kept_view, swept_view
-from minorloop_head.cli._inspection_report import _odds
+from minorloop_head.cli._camera_angles import kept_view, seen_head, swept_view
+from minorloop_head.cli._inspection_report import _odds, wall_words
 from minorloop_head.cli._journal import Journal, outcomes
 from minorloop_head.cli._sweep_journal import burst_line
 from minorloop_head.control.head import head_control
@@ -43,6 +43,7 @@ from minorloop_head.procedures.head_file import (
     read_head,
     save_head,
 )
+from minorloop_head.procedures.identify import HeadMeasurement
 from minorloop_head.procedures.rig import InspectionRig, LogEntry
 from minorloop_head.reconstruction.depth_map import WaterLine
 from minorloop_head.twins.head import Head
@@ -347,36 +348,21 @@ def test_an_unfinished_drive_does_not_call_a_head_safe_that_did_not_confirm_it(r
     ]
 
 
-@pytest.mark.usefixtures("targets")
-def test_head_drive_marks_angles_whose_readings_were_not_used(run, monkeypatch):
-    drive = f"{DRIVE} --hold 9"
-    exchange, steps = Head.exchange, iter(range(1000))
+@pytest.mark.parametrize("sensors", [(), (Channel("pan", "deg"), Channel("tilt", "deg"))])
+def test_a_camera_beside_sensors_says_that_they_are_not_used(capsys, monkeypatch, sensors):
+    @contextmanager
+    def connected(address):
+        yield SimpleNamespace(outputs=sensors)
 
-    def shifted(head, u):
-        return exchange(head, u) - (next(steps) % 226 >= 160) * np.array([14.0, 0.0])
-
-    monkeypatch.setattr(Head, "exchange", shifted)
-    status, out, error = run(f"{drive} --save reached.csv")
-    assert status == 1
-    assert re.search(r"(29\.9|30\.0)\d \(model\)", out)
-    assert out.count("(model)") == 2  # in the table, and what it means
-    assert "error 0.0" in out
-    assert "the error is of the other 1 of 2 angles" in out
-    assert "pan is not confirmed at target 1, 30 degrees" in error
-    assert "did not reach" not in error
-    kept = np.genfromtxt("reached.csv", delimiter=",", names=True)
-    assert kept["pan_used"][:150].all()
-    assert not kept["pan_used"][-50:].any()
-    assert kept["tilt_used"].all()
-    assert kept["pan_by_the_model_deg"][-1] == pytest.approx(30.0, abs=0.5)
-    steps = iter(range(1000))
-    status, out, _ = run(f"{drive} --json")
-    printed = json.loads(out)
-    assert (status, printed["readings_used"]) == (1, [[False, True]])
-    assert printed["reached_deg"][0][0] is None
-    assert printed["by_model_deg"][0] == pytest.approx([30.0, 25.0], abs=0.5)
-    assert printed["missed"] == []
-    assert len(printed["unconfirmed"]) == 1
+    camera = SimpleNamespace(frame=None, close=lambda: None)
+    monkeypatch.setattr("minorloop.cli._common.connected", connected)
+    monkeypatch.setattr("minorloop_head.vision.video.LiveCamera", lambda *_: camera)
+    monkeypatch.setattr("minorloop_head.procedures.seen_angles.SeenHead", lambda *_, **__: None)
+    with seen_head("bench:head.toml", "camera:0", VIEW, specimen=None, seed=0):
+        said = capsys.readouterr().err
+    assert ("the sensors of the actuator, pan [deg], tilt [deg], are not used" in said) == bool(
+        sensors
+    )
 
 
 SMALL = "--squares 7x5 --side 4"
@@ -940,16 +926,6 @@ def test_what_was_seen_and_not_visited_is_listed_when_an_inspection_is_interrupt
     assert listed() == [("hole or pit", ["view 3"], "not seen again")]
 
 
-def test_candidates_beyond_the_most_that_are_visited_are_listed(run, scripted, monkeypatch):
-    from minorloop_head.procedures import inspection
-
-    monkeypatch.setattr(inspection, "_MOST_HOLES", 1)
-    monkeypatch.setattr(inspection, "_MOST_CRACKS", 0)
-    status, out, _ = run(f"{INSPECT} --advances 0,5")
-    assert (status, scripted[4:]) == (0, ["hole 1"])
-    assert "1 finding in 5 views; 2 seen, not visited; finished" in out
-
-
 def test_a_finding_says_that_its_centring_failed_also_after_a_resume(run, scripted, monkeypatch):
     from minorloop_head.procedures import inspection
 
@@ -1106,6 +1082,35 @@ def test_an_interruption_before_the_first_view_says_that_nothing_is_kept(
     assert not Path("found").exists()
 
 
+@pytest.mark.usefixtures("targets")
+@pytest.mark.parametrize(
+    ("kept", "said"),
+    [
+        (
+            None,
+            "nothing was measured yet, and nothing is kept; the same command begins anew with the "
+            "whole sweep of the camera, which takes 2.4 min\n",
+        ),
+        ("camera.json", "the sweep is kept in runs, and nothing else yet; the same command goes"),
+    ],
+)
+def test_an_interruption_of_sweep_or_cooling_says_what_is_kept(run, monkeypatch, kept, said):
+    def wait_for_the_cold_head(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("minorloop_head.cli._camera_angles.seen_head", wait_for_the_cold_head)
+    monkeypatch.setattr(HeadMeasurement, "left", lambda self: {})
+    Path("runs").mkdir()
+    if kept is not None:
+        (Path("runs") / kept).touch()
+    status, _, error = run("head identify --actuator twin:pipe --store runs --head new.json")
+    assert status == 130
+    assert error.startswith(said)
+    status, _, error = run("head drive angles.csv --head head.json --actuator twin:pipe")
+    assert status == 130
+    assert error.startswith("the drive has not begun, and nothing is kept")
+
+
 @pytest.mark.usefixtures("laid_out")
 def test_the_simulated_head_inspects_its_pipe_without_a_camera_or_a_file(run, monkeypatch):
     from minorloop_head.procedures import inspection, probing
@@ -1252,6 +1257,23 @@ def test_the_report_has_odds_for_evidence(evidence, words):
     assert _odds(evidence) == words
 
 
+def test_the_report_says_what_the_edge_cuts_how_high_the_water_was_and_that_pictures_are_blurred():
+    wall = {"z [mm]": [13.0, 22.0], "angles [deg]": [-180.0, 180.0], "seen": 0.9, "probed": 0.0}
+    wall["pipe [mm]"] = 102.0
+    content = {"wall": wall, "lens": "pictures are x", "views": 8, "out of reach": []}
+    water = {"water above the axis [mm]": [4.0, 0.2], "water level": "4.0 mm above the axis"}
+    said = " ".join(wall_words(content | water))
+    assert said.startswith("The camera searched 9.0 mm of the 102 mm of pipe: the inner wall from")
+    assert "or one that the edge of each picture cuts, is not found; --advances" in said
+    assert "Pictures are x." in said
+    assert said.endswith("The water stood 4.0 mm above the axis.")
+    full = {"water level": "no surface: water at every place"}
+    beyond = {"out of reach": [{"view": "view 1", "why": "out of reach: pan needs 55"}]}
+    said = wall_words(content | full | beyond)
+    assert said[-2].startswith("The wires did not reach 1 direction in which to look (view 1: out")
+    assert said[-1] == "The level of the water: no surface: water at every place."
+
+
 def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monkeypatch):
     from minorloop_head.procedures import probe_steps
     from minorloop_head.ultrasound.crack_depth import CrackDepth
@@ -1270,6 +1292,28 @@ def test_a_crack_of_one_view_without_an_echo_is_not_confirmed(run, probed, monke
     assert run(f"{command} --resume")[0] == 0
     again = json.loads(Path("found/findings.json").read_text())
     assert (probed, again["unconfirmed"]) == ([], content["unconfirmed"])
+
+
+def test_a_journal_with_an_impossible_scan_is_refused(run, probed, monkeypatch):
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    lines = journal()[:-1]
+    number = next(n for n, line in enumerate(lines) if line["what"] == "scan")
+    burst = lines[number]["bursts"][0]
+    for change, words in (
+        ({"noise": -1.0}, "has -1.0 as 'noise', which must be 0 to 1"),
+        ({"shots": [16, 8]}, "has [16, 8] as 'shots', which must be no more used than fired"),
+        ({"trace": "AAA"}, "is not the whole line of a scan"),
+    ):
+        lines[number]["bursts"][0] = burst | change
+        rewrite(lines)
+        status, _, error = run(f"{command} --resume")
+        assert status == 2
+        assert f"line {number + 1} of found/journal.jsonl {words}" in " ".join(error.split())
+    lines[number]["bursts"] = [burst, burst]
+    rewrite(lines)
+    assert "repeats the burst of line" in run(f"{command} --resume")[2]
 
 
 def changed(line, names, value):
@@ -1307,6 +1351,28 @@ def test_the_line_of_a_view_with_an_impossible_value_is_refused(
     assert status == 2
     assert f"line {number + 1} of found/journal.jsonl {words}" in " ".join(error.split())
     assert "delete this line and all lines after it" in " ".join(error.split())
+
+
+def test_what_is_before_a_damaged_line_of_an_inspection_is_kept_and_the_rest_is_measured_again(
+    run, scripted, monkeypatch
+):
+    monkeypatch.setattr("minorloop.cli._common.write_report", lambda *given, **more: None)
+    command = f"{INSPECT} --advances 0,5"
+    assert run(command)[0] == 0
+    whole, file = json.loads(Path("found/findings.json").read_text()), Path("found/journal.jsonl")
+    lines = file.read_text().splitlines()[:-1]
+    cut = [n for n, line in enumerate(lines) if json.loads(line)["what"] == "view"][2]
+    damaged = "\n".join([*lines[:cut], lines[cut][:90], *lines[cut + 1 :], ""])
+    file.write_text(damaged)
+    scripted.clear()
+    status, _, error = run(f"{command} --resume")
+    assert status == 0, error
+    said = " ".join(error.split())
+    assert f"line {cut + 1} of {file} is damaged; what is kept before it: 2 views" in said
+    assert Path("found/journal.damaged.jsonl").read_text() == damaged
+    assert scripted[0] == "view 3"
+    again = json.loads(Path("found/findings.json").read_text())
+    assert again["findings"] == whole["findings"]
 
 
 def test_a_second_program_does_not_write_into_the_folder_of_an_inspection(tmp_path):
@@ -1565,6 +1631,32 @@ def test_the_same_height_of_the_water_in_other_digits_resumes_a_sweep(run, monke
 def ended_at_once(rig, procedure, state, told):
     """Run no sweep, and end it as one whose catheter is stuck."""
     return replace(state, trouble="stopped by the test", done=True)
+
+
+@pytest.mark.usefixtures("identified_at_once")
+def test_a_full_disk_ends_a_sweep_in_one_sentence_once_the_head_is_safe(
+    run, monkeypatch, full_disk
+):
+    """What was fired before is kept."""
+    from minorloop_head.twins.rig import Rig
+
+    def swept(rig, procedure, state, told):
+        full_disk()
+        told(replace(state, bursts=(*state.bursts, state.bursts[-1])))
+
+    safe = []
+    monkeypatch.setattr(Rig, "safe", lambda _: safe.append(True))
+    monkeypatch.setattr(InspectionRig, "run", swept)
+    file = made_up_journal()
+    status, _, error = run(f"{SWEPT} --resume")
+    assert (status, safe) == (2, [True])
+    assert error.splitlines()[-2:] == [
+        "what was measured before is kept in swept; the same command with --resume goes on from "
+        "there",
+        f"error: {file} cannot be written: No space left on device; free some space there",
+    ]
+    lines = [json.loads(line)["what"] for line in file.read_text().splitlines()]
+    assert lines == ["begin", *["burst"] * 3, "resume"]
 
 
 @pytest.mark.usefixtures("identified_at_once", "unreported")

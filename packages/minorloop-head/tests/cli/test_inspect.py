@@ -153,13 +153,6 @@ def test_a_command_that_failed_can_be_given_again(run):
     assert run(command)[0] == 0
 
 
-def test_the_help_shows_the_units_of_the_columns(run):
-    status, out, _ = run("inspect --help")
-    assert status == 0
-    said = " ".join(out.replace("│", " ").split())
-    assert "pan [deg], tilt [deg], and perhaps advance [mm] and roll [deg]" in said
-
-
 def test_a_truncated_picture_is_listed_and_the_others_are_searched(run, pictures, image):
     _, png = cv2.imencode(".png", image)
     (pictures / "0.png").write_bytes(png.tobytes()[:200])
@@ -180,16 +173,6 @@ def test_poses_may_come_from_a_pipe(run):
     status, out, _ = run(f"inspect pictures {OPTIONS} --poses poses --json")
     writer.join()
     assert (status, len(json.loads(out)["findings"])) == (0, 1)
-
-
-@pytest.mark.usefixtures("pictures")
-def test_a_command_that_refuses_leaves_no_folder(run):
-    status, _, _ = run("inspect pictures --head none.json --out new/found")
-    assert status == 2
-    assert not Path("new").exists()
-    status, _, error = run("inspect pictures --lens 520 --out new/found")
-    assert (status, "needs the radius" in error) == (2, True)
-    assert not Path("new").exists()
 
 
 @pytest.mark.parametrize("blur", [0.5, 1.0])

@@ -1,6 +1,5 @@
 import math
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -25,13 +24,6 @@ def test_no_number_asks_for_more_than_the_full_rate(how, deflection):
 @given(maps, deflections)
 def test_both_ways_are_alike(how, deflection):
     assert how.shaped(-deflection) == -how.shaped(deflection)
-
-
-def test_ends_and_middle():
-    how = StickMap()
-    assert how.shaped(1.0) == pytest.approx(1.0)
-    assert how.shaped(0.05) == 0.0
-    assert 0 < how.shaped(0.2) < 0.2
 
 
 @given(st.lists(st.one_of(st.none(), st.tuples(deflections, deflections)), max_size=50))

@@ -87,23 +87,6 @@ def test_in_track_the_operators_head_does_nothing(yaw, clutch):
     assert state.command == before
 
 
-def test_track_follows_the_servo():
-    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
-    x, y = state.command
-    state = run(state, replace(HERE, servo=(-0.03, 0.05)), 25)
-    assert state.command == pytest.approx((x - 0.03, y + 0.05))
-
-
-def test_coming_back_from_track_begins_where_the_head_is():
-    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.02, 0.02)), TICK)
-    state = run(state, replace(HERE, servo=(0.02, 0.02)), 25)
-    before = state.command
-    state = advance(CONFIG, state, replace(HERE, pose=right(-90), request="HEAD"), TICK)
-    state = run(state, replace(HERE, pose=right(-90)), 10)
-    assert state.mode == "HEAD"
-    assert state.command == before
-
-
 @pytest.mark.parametrize("lost", [{"pose_age": 0.11}, {"pose": None}, {"link_age": 0.11}])
 def test_a_loss_holds_and_continues_only_on_request_without_a_jump(lost):
     before = steered()

@@ -76,20 +76,6 @@ def test_while_the_outline_about_a_pick_is_looked_for_there_is_no_target_and_the
     assert math.dist(report.target[:2], (350.0, 300.0)) < 30.0
 
 
-def test_other_lights_are_not_shown_and_the_target_stays(seeing):
-    camera, reports = seeing
-    u, v, *_ = reports[-1].spots[0]
-    camera.tick(request(there(), ("pick", [u, v])))
-    lit = float(camera.image.mean())
-    found = [camera.tick(request(there(), ("extract", [])))]
-    for _ in range(6):
-        assert camera.image.mean() == pytest.approx(lit, rel=0.2)
-        found.append(camera.tick(request(there())))
-    assert all(each.target[3] for each in found)
-    (extracted,) = events(found, "extracted")
-    assert extracted["hole"]["diameter"] == pytest.approx(PIT[2], rel=0.2)
-
-
 def test_a_point_that_is_centred_is_exposed_for_and_the_whole_picture_otherwise():
     """Of wall that the whole picture makes white, nothing can be tracked."""
     camera = Perception(tip()[0], view())
@@ -121,32 +107,6 @@ def test_during_a_scan_a_live_camera_is_watched_and_a_simulated_one_draws_what_i
     assert camera.shown
 
 
-def test_where_the_head_rests_and_the_view_was_searched_only_what_is_shown_or_used_is_drawn():
-    own = tip()[0]
-    drawn, frame = [], own.frame
-    own.frame = lambda: drawn.append(True) or frame()
-    camera = Perception(own, view())
-
-    def draws(number, *commands, at=0.8, holding=True):
-        drawn.clear()
-        asked = request(towards(PIT, at), *commands, number=number)
-        camera.tick(msgspec.structs.replace(asked, holding=holding))
-        return bool(drawn)
-
-    assert all(draws(n, *[("find", [])] * (n == 1)) for n in range(1, 6))
-    assert [n for n in range(6, 12) if draws(n)] == [10]
-    assert not draws(12)
-    moving = np.linspace(0.82, 0.87, 12)
-    assert all(draws(20 + n, at=at, holding=False) for n, at in enumerate(moving))
-    resting = [n for n in range(40, 60) if draws(n, at=moving[-1], holding=False)]
-    assert [n for n in resting if n > 51] == [55]
-    assert draws(13, ("pick", [400.0, 300.0]))
-    assert all(draws(61 + n, at=moving[-1], holding=False) for n in range(13))
-    assert all(draws(14 + n, *[("extract", [])] * (n == 0)) for n in range(5))
-    assert not draws(19)
-    assert draws(21, at=0.2)
-
-
 def test_a_scan_that_cannot_be_flooded_or_is_not_on_gives_no_echoes():
     own = tip()[0]
 
@@ -170,16 +130,6 @@ def test_an_impossible_command_gives_a_notice(seeing, pixel):
     reports = [camera.tick(request(there(), *commands))]
     assert len(events(reports, "notice")) == 2
     assert len(events(reports, "unpicked")) == 1
-
-
-def test_nothing_round_is_not_measured():
-    camera = Perception(tip()[0], view())
-    for n in range(30):
-        camera.tick(request(towards((PIT[0] + 2.0, PIT[1]), 0.6), number=n))
-    away = towards((PIT[0] + 2.0, PIT[1]), 0.6)
-    reports = [camera.tick(request(away, ("pick", [330.0, 200.0])))]
-    reports += [camera.tick(request(away, *each)) for each in ((("extract", []),), *((),) * 6)]
-    assert [event["hole"] for event in events(reports, "extracted")] == [None]
 
 
 def test_a_search_that_takes_long_does_not_let_pictures_pile_up():

@@ -2,7 +2,6 @@ import time
 from dataclasses import replace
 from datetime import UTC, datetime
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -45,15 +44,6 @@ def test_plant_and_tip_are_what_the_console_needs_with_the_camera_that_the_view_
     plant.exchange(np.zeros(4))
     found.move_to(plant.stance())
     assert found.frame().image.shape == (view.lens.height, view.lens.width)
-
-
-def test_a_view_comes_through_a_message_unchanged():
-    _, view = open_tip("twin:pipe", specimen=3)
-    again = HeadCalibration.from_dict(msgspec.json.decode(msgspec.json.encode(view.to_dict())))
-    assert (again.lens, again.probe, again.offset) == (view.lens, view.probe, view.offset)
-    known = (view.radius, view.thickness, view.temperature)
-    assert (again.radius, again.thickness, again.temperature) == known
-    np.testing.assert_array_equal(again.leds, view.leds)
 
 
 def test_pipe_and_water_are_known_as_well_as_they_can_be_measured():
@@ -178,9 +168,3 @@ def test_a_plant_that_cannot_be_used_is_one_sentence_before_the_console_starts(b
         with pytest.raises((InstrumentError, ParameterError), match=sentence):
             probed(address)
     assert not [words for words in commands(folder) if words[0] == "SET"]
-
-
-def test_other_addresses_are_refused():
-    for ask in (open_plant, open_tip, lambda address: head_of(address, None)):
-        with pytest.raises(ParameterError, match="twin:pipe"):
-            ask("twin:ipmc")

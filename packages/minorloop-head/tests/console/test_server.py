@@ -137,21 +137,6 @@ def test_a_proxy_that_talks_https_gets_a_secure_cookie(served):
         assert ("secure" in answer.headers["set-cookie"].lower()) is secure
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        f"/api/findings/{'9' * 5000}.ply",
-        "/api/findings/%00.ply",
-        "/%00",
-        "/" + "x" * 5000,
-        "/assets/" + "ä" * 2000,
-        f"/api/lab/{'x' * 5000}/model.json",
-    ],
-)
-def test_an_odd_or_long_name_is_not_found(served, path):
-    assert served.client.get(path).status_code == 404
-
-
 @pytest.mark.parametrize("origin", [{}, {"origin": "http://evil.example"}, {"origin": "null"}])
 def test_a_connection_from_elsewhere_is_closed_with_a_reason(served, origin):
     with served.page(headers=origin) as socket:
@@ -267,20 +252,6 @@ def send(served, kind, content):
     )
 
 
-def test_a_dropped_finding_takes_its_fit_and_its_mesh_with_it(served):
-    job = bytes([messages.JOB]) + pickle.dumps({"finding": 7})
-    with served.page() as socket:
-        page = Page(socket)
-        send(served, None, job)  # of a finding that nobody knows any more
-        send(served, "findings", {"findings": [asdict(replace(FINDING, number=7))]})
-        send(served, None, job)
-        told = page.until("depth")
-        assert (told["finding"], told["stage"]) == (7, "waiting for others to finish")
-        send(served, "findings", {"findings": []})
-        assert page.until("depth")["stage"] == ""
-    assert served.link.orders == []
-
-
 def test_the_map_of_a_sweep_is_shown_and_downloaded_and_its_finds_go_to_the_loop(
     served, monkeypatch
 ):
@@ -356,19 +327,6 @@ def test_a_recording_is_replayed(served):
         assert socket.receive_text() == said.decode()
         assert socket.receive_bytes() == b"\x01picture"
         assert json.loads(socket.receive_text())["type"] == "ended"
-
-
-@pytest.mark.parametrize("name", ["none", "../one", "%2e%2e%2fone", "a" * 3000])
-def test_what_is_no_recording_is_not_replayed(served, name):
-    with served.page(path=f"/ws?replay={name}") as socket:
-        assert "no recording" in Page(socket).refusal()
-
-
-def test_pages_that_are_not_built_say_so(served, monkeypatch, tmp_path):
-    monkeypatch.setattr("minorloop_head.console.server.STATIC", tmp_path)
-    answer = served.client.get("/")
-    assert answer.status_code == 503
-    assert "make pages" in answer.text
 
 
 def told(page, kind):

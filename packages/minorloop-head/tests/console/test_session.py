@@ -92,17 +92,6 @@ def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
     assert np.abs(np.subtract(seen, np.mean(seen, axis=0))).max() < 2.0
 
 
-def test_the_operators_head_does_not_move_a_tracked_target():
-    still, moving = Pilot().following(), Pilot().following()
-    commands = ([], [])
-    still.drive(60, look=lambda s: commands[0].append(s.state.command))
-    for k in range(60):
-        pose = right(30 * math.sin(k / 8), 30 * math.cos(k / 11))
-        moving.drive(1, pose=pose, look=lambda s: commands[1].append(s.state.command))
-    assert still.session.state.mode == moving.session.state.mode == "TRACK"
-    np.testing.assert_array_equal(*commands)
-
-
 def test_a_target_is_brought_to_the_middle():
     pilot = Pilot().following((500.0, 240.0))
     pilot.drive(20)
@@ -111,15 +100,6 @@ def test_a_target_is_brought_to_the_middle():
     before = pilot.session.state.command[1]
     pilot.drive(20)
     assert pilot.session.state.command[1] < before  # down
-
-
-def test_a_target_that_rests_in_the_middle_is_focused_on_once():
-    pilot = Pilot().following((319.5, 239.5))
-    pilot.drive(20)
-    pilot.camera.events = [{"what": "focused", "distance": 0.02, "verdict": "sharp"}]
-    pilot.drive(40)
-    assert pilot.camera.commands.count("sharpen") == 1
-    assert pilot.session.focus == "sharp"
 
 
 @pytest.mark.parametrize("lost", ["target", "camera"])
@@ -161,24 +141,6 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
     pilot.drive()
     assert pilot.session.state.mode == "HEAD"
     assert math.dist(pilot.session.state.command, command) < 0.07
-
-
-def test_the_cause_that_a_camera_gives_stays_until_it_gives_pictures():
-    pilot = Pilot()
-    reports, pilot.camera.reports = pilot.camera.reports, list
-    pilot.camera.problem = "camera:0 gives pictures of 320 by 240 pixels"
-    pilot.drive(5)
-    for _ in range(2):
-        pilot.mode("HEAD")
-        pilot.drive(5)
-        state = msgspec.json.decode(pilot.session.report(pilot.now))
-        assert state["trouble"] == pilot.camera.problem
-        assert state["reason"] == f"{pilot.camera.problem}; press a mode when pictures come again"
-    pilot.camera.reports, pilot.camera.problem = reports, ""
-    pilot.mode("HEAD")
-    pilot.drive(3)
-    assert pilot.session.state.mode == "HEAD"
-    assert msgspec.json.decode(pilot.session.report(pilot.now))["trouble"] == ""
 
 
 def test_that_the_plant_may_still_be_on_is_said_until_it_is_off():
@@ -224,15 +186,6 @@ def test_a_hold_stops_the_head_where_it_is(how):
     assert np.hypot(*moved) < 1.6
 
 
-def test_the_first_pictures_of_a_camera_do_not_come_again():
-    pilot = Pilot()
-    reports, pilot.camera.reports = pilot.camera.reports, list
-    pilot.drive(10)
-    pilot.camera.reports = reports
-    pilot.drive(3)
-    assert sent(pilot.session, "notice") == []
-
-
 def test_a_camera_that_is_gone_breaks_a_scan_off_and_forgets_the_target():
     pilot = scanning()
     pilot.camera.reports = list
@@ -251,15 +204,6 @@ def test_findings_of_a_loop_that_ended_are_taken_over_and_numbers_continue():
     after.camera.events = [EXTRACTED]
     after.drive(2)
     assert [finding.number for finding in after.session.findings] == [1, 2]
-
-
-def test_the_clutch_does_not_jump():
-    pilot = Pilot().steering()
-    pilot.drive(50, pose=right(15.0))
-    before = pilot.session.state.command
-    pilot.drive(20, pose=right(-25.0), clutch=True)
-    pilot.drive(20, pose=right(-25.0))
-    assert pilot.session.state.command == pytest.approx(before, abs=1.7e-3)
 
 
 def test_silence_holds_and_continuing_does_not_jump():
@@ -305,19 +249,6 @@ def test_a_release_holds_and_forgets_the_pilot():
     pilot.mode("HEAD")
     pilot.silence()
     assert pilot.session.state.mode == "HOLD"
-
-
-def test_a_measurement_or_scan_without_a_target_gives_a_notice():
-    pilot = Pilot().steering(5)
-    pilot.order(messages.Measure)
-    pilot.order(messages.Scan)
-    pilot.camera.events = [{"what": "extracted", "hole": None, "verdict": "nothing round"}]
-    pilot.drive(2)
-    sentences = " ".join(notice["text"] for notice in sent(pilot.session, "notice"))
-    for part in ("pick a point", "measure a finding first", "nothing round"):
-        assert part in sentences
-    assert pilot.session.findings == []
-    assert pilot.session.state.mode == "HEAD"
 
 
 def scanning(stick=(0.0, 0.0)):
@@ -411,18 +342,6 @@ def test_a_scan_is_stopped_without_a_jump(how):
     assert any("stopped" in notice["text"] for notice in sent(session, "notice"))
 
 
-def test_echoes_without_a_result_leave_the_outline():
-    pilot = scanning()
-    before = pilot.session.findings[0]
-    nothing = {"verdict": "no coupling", "diameter": None, "depth": None}
-    pilot.session.receive(messages.DepthFitted(finding=1, result=nothing), pilot.now)
-    (after,) = pilot.session.findings
-    assert (after.verdict, after.kind, after.depth) == ("no coupling", "hole or pit", None)
-    assert (after.phi, after.z, after.diameter) == (before.phi, before.z, before.diameter)
-    pilot.order(messages.Forget, finding=1)
-    assert pilot.session.findings == []
-
-
 def test_a_number_is_never_used_again_and_a_late_fit_finds_nothing():
     pilot = scanning()
     pilot.order(messages.Forget, finding=1)
@@ -436,15 +355,6 @@ def test_a_number_is_never_used_again_and_a_late_fit_finds_nothing():
     assert (finding.number, finding.depth) == (2, None)
     pilot.order(messages.Scan, finding=999)
     assert "no finding 999" in sent(pilot.session, "notice")[-1]["text"]
-
-
-def test_a_new_pilot_gets_an_instruction():
-    pilot = Pilot().steering(5)
-    pilot.order(messages.Release)
-    pilot.silence()
-    pilot.session.receive(messages.ControlsTaken(), pilot.now)
-    pilot.silence()
-    assert "press Head" in pilot.session.state.reason
 
 
 def test_pages_are_sent_planes_and_memory():
@@ -571,16 +481,6 @@ def test_a_mark_that_does_not_come_to_rest_says_why_and_a_far_one_is_not_begun(m
     change_view(pilot, tool=replace(pilot.session.view.tool, longest=5e-3))
     pilot.order(messages.Mark)
     assert texts(pilot)[2:] == [OUT_OF_REACH]
-
-
-def test_a_mark_is_begun_though_the_last_picture_did_not_show_the_point():
-    pilot = beside()
-    pilot.camera.target = (319.5, 239.5, 0.2, False)
-    pilot.drive(2)
-    pilot.order(messages.Mark)
-    pilot.drive(2)
-    assert texts(pilot) == ["the tool is turned to the point"]
-    assert numbers_of(pilot, "mark") == [[]]
 
 
 def test_a_mark_without_a_target_or_a_tool_is_refused_and_one_without_track_is_stopped():

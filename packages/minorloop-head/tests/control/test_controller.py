@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop_head.control.controller import Loop, heating, mean_slope, width
+from minorloop_head.control.controller import Loop, heating
 from minorloop_head.control.head import controller
 from minorloop_head.twins.surroundings import Surroundings
 from minorloop_head.twins.wire import Wire
@@ -56,18 +56,6 @@ def test_a_settled_wire_is_taken_over_with_its_current(name, peak, share):
 
 
 @NAMES
-@pytest.mark.parametrize("holds", [[0.38], [0.4, 0.33], [0.36, 0.3]])
-def test_taking_over_a_settled_wire_does_not_disturb_it(name, holds):
-    plant, law = Wire(noise=0.05, seed=1), controller(LAWS[name], identified().model)
-    for hold in holds:
-        plant.apply(hold, 60.0, 60.0)
-    found = angle(plant)
-    state = law.begin(found, holds[-1])
-    off = driven(law, found, 20.0, plant=plant, state=state) - found
-    assert np.abs(off).max() < 1.5
-
-
-@NAMES
 @given(
     readings=st.lists(st.floats(-10, 80) | st.just(math.nan), min_size=1, max_size=40),
     reference=st.floats(-20, 90),
@@ -111,12 +99,6 @@ def test_heating_goes_by_the_inverse_of_operator_and_lag():
     assert power == pytest.approx(wire.lag * target / 2.0 - 0.01)
     gentle = heating(wire, state, 30.0, response=2.0, steepest=10 * 30.0 / target)
     assert gentle == pytest.approx(0.1 * wire.lag * target / 2.0)
-
-
-def test_range_and_slope_are_those_of_the_operator():
-    wire = made_up()
-    assert width(wire) == pytest.approx(0.16)
-    assert mean_slope(wire) == pytest.approx(60.0 / 0.16)
 
 
 @pytest.mark.parametrize(

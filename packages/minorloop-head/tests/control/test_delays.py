@@ -53,12 +53,6 @@ def test_late_readings_are_found_with_their_age(later, options):
     assert late == pytest.approx(later + OBSERVER.delay * TICK, abs=0.15)
 
 
-def test_readings_that_become_late_are_found_soon():
-    when, late = watched(0.48, since=10.0)
-    assert 10.0 < when < 14.0
-    assert late == pytest.approx(0.56, abs=0.15)
-
-
 @pytest.mark.parametrize("since", [6.4, 6.8])
 def test_readings_that_were_held_back_in_a_motion_are_found_at_once(since):
     when, late = watched(0.48, since=since, held=0.48, noise=0.02)

@@ -41,14 +41,6 @@ def test_the_twin_is_identified_to_within_a_degree_and_a_half():
     assert "advice: no data were held out" in str(found)
 
 
-def test_levels_are_dense_where_the_wire_moves():
-    loop = 0.4 * np.concatenate([np.linspace(0, 1, 25), np.linspace(1, 0, 25)[1:]])
-    levels = moving_levels(loop, settled(Wire(), loop), 16)
-    moving = (levels > 0.19) & (levels < 0.38)
-    assert levels.size == 17
-    assert moving.sum() >= 12
-
-
 def test_a_staircase_after_the_curves_lowers_the_error_in_minor_loops():
     levels = np.linspace(0.2, 0.4, 9)
     walk = levels[3] + np.cumsum(np.random.default_rng(3).normal(0.0, 0.02, 120))
@@ -186,13 +178,6 @@ def test_records_that_are_no_step_are_refused(step):
         identify_heating(good["current"], good["angle"], step=step, levels=good["levels"])
 
 
-def test_a_poor_fit_of_the_step_gives_advice():
-    rough = identified_from(records(step_angle=lambda y: y + at_random(25.0)(y) - 12.5))
-    assert "followed to" in rough.advice[-1]
-    assert f"advice: {rough.advice[-1]}" in str(rough)
-    assert not any("followed to" in text for text in identified_from(records()).advice)
-
-
 def test_holds_can_be_held_out():
     good = records()
     step = good["t"], good["step_current"], good["step_angle"]
@@ -201,12 +186,6 @@ def test_holds_can_be_held_out():
     )
     assert found.steady.holdout_nrmse < 1e-3
     assert not any("no data were held out" in text for text in found.advice)
-
-
-@pytest.mark.parametrize("bands", [-1, 0, 2.5, "x", None, np.nan, True])
-def test_invalid_numbers_of_bands_are_refused(bands):
-    with pytest.raises(ParameterError, match="bands is"):
-        moving_levels([0.0, 0.2, 0.4], [0.0, 5.0, 60.0], bands)
 
 
 @pytest.mark.parametrize(

@@ -61,19 +61,6 @@ def test_late_pictures_are_known_at_the_end_of_the_first_move(late):
     assert abs(run.error(12.0)).max() < 6.0
 
 
-def test_readings_that_are_late_again_while_they_are_not_used_are_not_tried_meanwhile():
-    wires, coupling = identified_head(1000)
-    control = camera_control("observer", wires, coupling=coupling, lead=LEAD)
-    moves = lambda t: [(40.0, 20.0), (20.0, 40.0)][int(t / 8.0) % 2]  # noqa: E731
-    run = Run(control, moves, 80.0, delay=0.56, noise=0.02, specimen=1000)
-    for axis in (0, 1):
-        said = [each.text for k, each in run.state.log if k == axis and each.cause == "sensor"]
-        assert len(said) == 1
-    settled = run.true[run.t > 8.0]
-    swings = [np.ptp(settled[k : k + 50], axis=0).max() for k in range(150, len(settled), 200)]
-    assert max(swings) < 2.0
-
-
 @pytest.mark.parametrize("delay", [0.04, 0.08, 0.16])
 @pytest.mark.parametrize("around", ["still", "cold", "swaying"])
 def test_pictures_of_the_usual_age_are_never_late(delay, around):
@@ -104,12 +91,3 @@ def test_a_stop_tells_how_late_the_readings_are_also_if_some_are_missing(missing
         told.append(state.late)
     assert max(told[:150]) == 0.0
     assert max(told) == pytest.approx(found, abs=0.05)
-
-
-def test_readings_in_time_are_never_late():
-    control = head_control("observer", (identified().model,) * 2)
-    swing = lambda t: (25.0 + 10.0 * math.sin(0.8 * t), 25.0 + 10.0 * math.cos(2.0 * t))  # noqa: E731
-    surroundings = Surroundings(ambient=Course(20.0, amplitude=10.0, period=3.0))
-    for each in (Surroundings(), surroundings):
-        run = Run(control, swing, 40.0, surroundings=each)
-        assert not [event for _, event in run.state.log if event.cause == "sensor"]

@@ -54,12 +54,6 @@ def test_outliers_from_the_first_reading_on_are_the_only_ones_that_are_not_belie
     assert all(found[k] for k in range(500) if k % 25)
 
 
-def test_a_wire_is_believed_wherever_it_is_found_after_a_gap():
-    readings = [*still(50), *[math.nan] * 100, *still(50, around=45.0)]
-    found = believed(MotionWatch(wire=identified().model), readings)
-    assert all(found[150:])
-
-
 @pytest.mark.parametrize("gap", [1, 5, 12])
 @pytest.mark.parametrize("off", [4.0, -4.0, 8.0, -8.0])
 def test_readings_of_a_turning_wire_that_are_shifted_after_a_gap_are_not_believed(gap, off):
@@ -77,12 +71,6 @@ def test_readings_that_drift_back_to_the_model_are_believed_after_a_second():
     found = believed(MotionWatch(wire=identified().model), [*still(50), *back, *still(50)])
     assert not any(found[50:225])
     assert all(found[250:])
-
-
-def test_a_sensor_that_repeated_itself_while_the_wire_moved_is_believed_again():
-    way = [*still(30), *np.linspace(20.0, 40.0, 60).tolist(), *still(30, around=40.0)]
-    held = [*way[:40], *[way[40]] * 12, *way[52:]]
-    assert all(believed(MotionWatch(wire=identified().model), held, way))
 
 
 def test_no_wire_turns_faster_than_its_fastest_rate():

@@ -32,12 +32,6 @@ def test_the_bias_of_the_surroundings_is_learnt(bias, delay):
     assert estimate.ambient == pytest.approx(bias, abs=2e-3)
 
 
-def test_noise_alone_gives_no_bias():
-    observer = PowerObserver(wire=made_up())
-    _, estimate = follow(observer, 0.0, 60.0, noise=0.05)
-    assert abs(estimate.ambient) < 2e-3
-
-
 def test_without_readings_the_model_continues_alone():
     wire = made_up()
     observer = PowerObserver(wire=wire)

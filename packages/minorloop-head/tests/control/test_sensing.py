@@ -61,10 +61,6 @@ def test_a_noisy_sensor_that_repeats_itself_is_stuck():
     assert after(SensorWatch(), [*readings, *[readings[-1]] * 14]).fault == "stuck"
 
 
-def test_a_sensor_without_noise_may_repeat_itself():
-    assert after(SensorWatch(noise=0.0), [20.0] * 500).fault == ""
-
-
 def test_one_outlier_is_dropped_and_repeated_ones_are_a_fault():
     readings = wiggling(30)
     once = after(SensorWatch(), [*readings, 170.0])

@@ -10,13 +10,10 @@ from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.run import run
 from minorloop.twins.fibre import Fibre
-from minorloop_head.control.head import head_control
 from minorloop_head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
-from minorloop_head.procedures.steer import steer
 from minorloop_head.procedures.values import Plant, Tip
 from minorloop_head.twins.head import Head
-from wires import made_up
 
 CURRENTS = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
 ANGLES = [Channel(axis, "deg") for axis in ("pan", "tilt")]
@@ -88,18 +85,6 @@ def test_its_time_is_that_of_the_last_exchange_in_whole_ticks_and_a_twin_has_its
     assert times == [0, 1, 3, 4, 6, 14]
     assert twin.time is None
     assert ActuatorPlant(bench(Wires())).time is None
-
-
-def test_times_half_a_tick_late_follow_one_another_by_a_tick():
-    clock, times = Clock(), []
-    plant = ActuatorPlant(bench(Wires()), clock)
-    for k, jitter in enumerate((0.0, 0.021, 0.019, 0.021, 0.019, 0.021)):
-        clock.t = 10.0 + 0.04 * k + jitter
-        plant.exchange(np.zeros(4))
-        clock.t = 0.0  # the caller keeps the ticks
-        plant._due = -math.inf
-        times.append(round(plant.time / plant.tick))
-    assert times == [0, 2, 3, 4, 5, 6]
 
 
 def test_lights_and_pump_are_the_lines_of_these_names():
@@ -180,13 +165,6 @@ def test_the_wires_of_a_head_on_a_bench_are_measured_one_by_one(tmp_path):
     assert u.tolist() == [0.0, 0.4]
     assert pan[1] > 50.0
     assert 1.0 < tilt[1] < 10.0  # it reads some of the other axis
-
-
-def test_a_head_on_a_bench_is_steered_by_its_readings():
-    control = head_control("observer", (made_up(), made_up()))
-    assert steer(twin_bench(), control, [[30.0, 25.0]], 8.0).reached[0] == pytest.approx(
-        [30.0, 25.0], abs=1.0
-    )
 
 
 @pytest.mark.parametrize("check", [ActuatorPlant, check_head])

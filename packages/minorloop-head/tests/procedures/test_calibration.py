@@ -42,13 +42,6 @@ def test_numbers_that_no_head_has_are_refused(values, sentence):
         replace(CALIBRATION, **values)
 
 
-def test_a_file_from_before_there_was_a_length_has_none():
-    values = replace(CALIBRATION, length=0.5).to_dict()
-    assert HeadCalibration.from_dict(values).length == 0.5
-    del values["length"]
-    assert HeadCalibration.from_dict(values).length is None
-
-
 @pytest.mark.parametrize("part", [(), ("lens",)])
 def test_unknown_keys_are_refused(part):
     values = CALIBRATION.to_dict()

@@ -50,15 +50,6 @@ def test_bad_pictures_are_refused_with_the_cause(image, sentence):
         tip.frame()
 
 
-@pytest.mark.parametrize(("grey", "sentence"), [(0, "same black"), (255, "same white")])
-def test_a_black_or_white_picture_that_repeats_is_refused(grey, sentence):
-    image = np.full((48, 64), grey, np.uint8)
-    tip, _ = tip_of(image, image.copy())
-    tip.frame()
-    with pytest.raises(InstrumentError, match=f"repeats the {sentence} picture; check its"):
-        tip.frame()
-
-
 def test_a_stream_of_another_size_is_opened_again():
     tip, done = tip_of(SMOOTH[::2])
     with pytest.raises(InstrumentError, match="calibrated with"):

@@ -5,16 +5,13 @@ from io import BytesIO
 import numpy as np
 import pytest
 
-from minorloop_head.procedures.finding_map import draw_c_scan, draw_finding
+from minorloop_head.procedures.finding_map import draw_finding
 from minorloop_head.reconstruction.depth_map import (
     CAMERA,
     DepthMap,
     Patch,
-    WaterLine,
     camera_map,
-    unseen_map,
 )
-from minorloop_head.ultrasound.c_scan import CScan
 
 LONG = Patch(0.3, 20e-3, 60, 24, step=0.1e-3)
 SQUARE = Patch.around(0.3, 20e-3, size=1.6e-3)
@@ -52,12 +49,6 @@ def test_a_map_of_one_value_is_described_in_words():
     assert len(depth.get_xticks()) == 2
 
 
-def test_a_map_without_values_is_described_in_words():
-    figure = draw_finding(unseen_map(SQUARE))
-    assert words(figure.axes[0]) == words(figure.axes[1]) == ["nowhere known"]
-    figure.savefig(BytesIO(), format="png")
-
-
 def test_a_rim_above_the_wall_by_less_than_its_band_takes_no_colours():
     for rim, least in ((0.1e-3, 0.0), (0.5e-3, -0.5)):
         figure = draw_finding(pitted(rim))
@@ -78,14 +69,3 @@ def test_a_surface_is_of_whole_quads_and_is_open_where_nothing_is_known():
     paths = faces.get_paths()
     assert len(paths) == whole.sum()
     assert {len(path.vertices) for path in paths} == {5}
-
-
-def test_the_colours_of_c_scans_are_the_same():
-    line = WaterLine(np.nan, np.inf, np.nan, seen=False)
-    limits = []
-    for rim in (0.1e-3, 0.5e-3):
-        wall = pitted(rim)
-        scan = CScan(wall, wall.depth * 1e3, wall.sd, wall.depth > 1.0, line, (), (0.0, 0.0))
-        figure = draw_c_scan(scan)
-        limits.append([axes.images[0].get_clim() for axes in figure.axes[:2]])
-    assert limits == [[(0.0, 1.1), (-0.1, 1.0)]] * 2

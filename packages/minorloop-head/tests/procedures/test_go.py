@@ -31,13 +31,6 @@ def test_a_catheter_that_is_stuck_is_left_where_it_is():
     assert not loop.asked[-1].rates.any()
 
 
-def test_a_head_that_does_not_reach_its_angles_is_left_where_it_is():
-    go, loop = Go(), Loop(share=0.0)
-    state = loop.run(go, go.begin(angles=(0.2, 0.0)))
-    assert not state.reached
-    assert loop.t == pytest.approx(go.turning, abs=0.1)
-
-
 def test_a_head_is_turned_while_the_catheter_travels_and_stays_where_no_turn_is_asked():
     go, loop = Go(), Loop()
     loop.run(go, go.begin(place=(0.005, 0.0), angles=(0.2, 0.1)))

@@ -1,6 +1,5 @@
 import json
 import math
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -51,13 +50,6 @@ def content(path):
     return json.loads(path.read_text())
 
 
-def test_a_model_that_is_far_off_in_its_check_is_not_trusted():
-    assert WIRES.untrusted == ()
-    bad = replace(WIRES, check=(CheckedAxis(0.1, 0.2), CheckedAxis(6.0, 15.0)))
-    (said,) = bad.untrusted
-    assert said.startswith("tilt: the model is off by 6 degrees rms in the check, 10% of its range")
-
-
 def test_a_head_is_read_as_it_was_written(path):
     save_head(HEAD, path)
     again = read_head(path)
@@ -88,23 +80,6 @@ def test_a_file_is_not_replaced_unasked(path):
     save_head(HEAD, path)
     with pytest.raises(OutputError, match="exists"):
         save_head(HEAD, path)
-
-
-@pytest.mark.parametrize("serial", ["H-07", None])
-def test_the_file_of_this_head_fits(serial):
-    HEAD.check_fits(serial, "head.json")
-
-
-def test_the_file_of_another_head_is_refused():
-    with pytest.raises(ModelFileError, match=r"head.json is of head 'H-07', and .* is 'H-08'"):
-        HEAD.check_fits("H-08", "head.json")
-
-
-def test_wires_older_than_the_calibration_are_refused():
-    wires = IdentifiedWires(**{**vars(WIRES), "on": EARLY})
-    old = HeadFile(serial="H-07", identified=wires, calibration=VIEW, calibrated=LATE)
-    with pytest.raises(ModelFileError, match=r"2026-01-01 .* before its calibration on 2026-02-01"):
-        old.check_fits("H-07", "head.json")
 
 
 def test_a_head_that_was_only_calibrated_cannot_be_controlled(path):
@@ -161,11 +136,6 @@ def test_a_truncated_file_is_refused(path):
         path.write_bytes(whole[:length])
         with pytest.raises(MinorloopError, match="not a valid file of a head"):
             read_head(path)
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(ModelFileError, match="there is no file"):
-        read_head(tmp_path / "none.json")
 
 
 def test_a_bench_with_lines_for_another_number_of_leds_is_refused():

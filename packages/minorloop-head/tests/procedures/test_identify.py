@@ -8,10 +8,7 @@ import pytest
 from minorloop.connect import connect
 from minorloop.errors import InstrumentError, ParameterError, SignalError, StoreError
 from minorloop.lab.run import run
-from minorloop.lab.store import Store
-from minorloop.twins.fibre import Fibre
-from minorloop_head.procedures.head_file import HeadFile, read_head, save_head
-from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement, check_head
+from minorloop_head.procedures.identify import HeadExcitation, HeadMeasurement
 
 QUICK = HeadExcitation(bands=2, hold=12.0)
 SETUP = {"address": "twin:head", "specimen": 1000, "seed": 7, "options": {"noise": 0.05}}
@@ -66,12 +63,6 @@ def test_the_check_is_on_inputs_that_were_not_fitted(found):
     for axis in found.check:
         assert 0.5 < axis.rms < 12.0  # two bands are rough, but no fit to their own data
         assert axis.largest >= axis.rms
-
-
-def test_every_run_is_named_with_its_digest(found, folder):
-    assert set(found.stores) == {path.name for path in folder.glob("*.sqlite")}
-    assert len(found.stores) == 8
-    assert all(len(digest) == 64 for digest in found.stores.values())
 
 
 def test_a_stopped_identification_continues_to_the_same_head(found, tmp_path):
@@ -141,18 +132,6 @@ def test_a_folder_of_another_specimen_is_refused_before_the_head_is_opened(found
     assert measurement(folder).left() == {}
 
 
-def test_the_identified_head_is_written_and_read(found, tmp_path):
-    save_head(HeadFile(serial="twin-head-1000", identified=found), tmp_path / "head.json")
-    again = read_head(tmp_path / "head.json").identified
-    np.testing.assert_array_equal(found.wires[1].operator.weights, again.wires[1].operator.weights)
-    assert (again.check, again.on, again.limits) == (found.check, found.on, found.limits)
-
-
-def test_what_is_no_head_is_refused():
-    with pytest.raises(ParameterError, match="two currents in A and two angles in deg"):
-        check_head(Fibre())
-
-
 @pytest.mark.parametrize(
     "wrong", [{"highest": 0.5}, {"bands": 1}, {"hold": 0.0}, {"hold": float("nan")}]
 )
@@ -173,12 +152,3 @@ def test_what_is_left_of_each_run_is_known_before_and_between_runs(tmp_path):
     assert left.pop("pan-coupling") == before["pan-coupling"] - 2
     assert left == {name: holds for name, holds in before.items() if name in left}
     assert begun == []
-
-
-def test_a_run_that_begins_is_told_with_as_many_holds_as_it_has(found, folder):
-    assert measurement(folder).left() == {}
-    told = []
-    holds = {path.stem: len(Store.open(path).points()) for path in folder.glob("*.sqlite")}
-    replace(measurement(folder), told=told.append).identified()
-    assert told == []
-    assert holds == measurement(folder / "none").left()

@@ -1,29 +1,24 @@
 """The wall that an inspection saw, its shares, and its figure."""
 
-from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
 import pytest
 
 from minorloop_head.procedures.finding_map import draw_c_scan
-from minorloop_head.procedures.inspected_view import InspectedView, Unconfirmed
+from minorloop_head.procedures.inspected_view import Unconfirmed
 from minorloop_head.procedures.inspected_wall import (
     SeenWall,
     c_scan_of,
     draw_wall,
-    seen_wall,
-    wall_of,
 )
-from minorloop_head.procedures.pictures import InspectedPicture
 from minorloop_head.procedures.probe_steps import ScannedRaster
 from minorloop_head.procedures.scan import RasterScan
-from minorloop_head.reconstruction.depth_map import BOTH, DepthMap, Patch, WaterLine
-from minorloop_head.ultrasound.crack_depth import CrackDepth
+from minorloop_head.reconstruction.depth_map import Patch, WaterLine
 from minorloop_head.ultrasound.echoes import Burst, Pulse
 from minorloop_head.ultrasound.pits import raster
 
-from .fakes import CALIBRATION, camera
+from .fakes import CALIBRATION
 from .test_probe_steps import HOLE, TRACED, burst
 from .test_probing import view_of
 
@@ -48,27 +43,6 @@ def test_the_range_and_the_share_of_what_was_seen():
     assert sector.seen_share == pytest.approx(94 / RING.columns)
 
 
-def test_a_view_shows_a_part_of_the_wall_and_a_scan_measures_less():
-    camera().look(0.4, 0.0)
-    good = InspectedView(
-        picture=InspectedPicture(name="view 1", t=0.0, verdict="good"),
-        image=camera().frame().image,
-        angles=(0.4, 0.0),
-        joints=(0.9, 0.5),
-        place=(1e-3, 0.0),
-    )
-    bad = replace(good, picture=InspectedPicture(name="view 2", t=0.0, verdict="black"))
-    assert seen_wall([bad], CALIBRATION) is None
-    alone = seen_wall([good, bad], CALIBRATION)
-    middle = alone.patch.places[np.isfinite(alone.picture)].mean(axis=0)
-    patch = Patch.around(*middle.tolist(), size=2e-3)
-    wall = DepthMap(patch, *np.zeros((2, 21, 21)), np.full((21, 21), BOTH, np.uint8))
-    both = seen_wall([good], CALIBRATION, [wall])
-    np.testing.assert_array_equal(alone.picture, both.picture)
-    assert not alone.probed.any()
-    assert both.probed.sum() * both.patch.step**2 == pytest.approx(4.4e-6, rel=0.05)
-
-
 def test_the_map_has_numbers_crosses_and_the_level_of_the_water():
     lost = Unconfirmed(kind="crack", phi=3.1, z=15e-3, evidence=1.0, seen_in=(), why="")
     seen = seen_between((0, 9), (0, RING.columns))
@@ -80,15 +54,6 @@ def test_the_map_has_numbers_crosses_and_the_level_of_the_water():
     assert any(line.get_marker() == "x" for line in axes.lines)
     assert axes.get_xticklabels()[0].get_text() == "-90\ntop"
     figure.savefig(BytesIO(), format="png")
-
-
-def test_the_wall_about_a_crack_is_as_deep_as_its_echoes_say():
-    view = replace(view_of(TRACED), probed=CrackDepth("measured", 4e-4, 1e-5))
-    scanned = ScannedRaster(reference=np.zeros(2))
-    assert np.nanmax(wall_of(view, scanned, CALIBRATION).depth) == 4e-4
-    assert wall_of(view, None, CALIBRATION) is None
-    shallow = replace(view, probed=CrackDepth("no floor echo"))
-    assert wall_of(shallow, scanned, CALIBRATION) is None
 
 
 def test_a_scan_shows_amplitude_and_depth_of_its_echoes():

@@ -67,16 +67,6 @@ def test_a_hole_is_found_centred_and_measured_and_each_view_is_handed_out_at_onc
     assert near.steps == tuple(rig.log[2:4])
 
 
-def test_the_verdict_of_a_finding_names_the_steps_that_failed(rig, monkeypatch):
-    def off(rig, *_, **__):
-        rig.say("centre", "28.5 px from the middle", succeeded=False)
-
-    monkeypatch.setattr(inspection, "centre", off)
-    *_, last = inspect_wall(rig)
-    assert last.finding.verdict == "not scanned, but failed: centre"
-    assert [step.what for step in last.steps] == ["pick", "centre"]
-
-
 def test_a_hole_that_the_centred_view_does_not_show_is_found_from_another_side(rig, monkeypatch):
     missed = iter([True])
     real = inspection.nearest
@@ -191,12 +181,6 @@ def test_blurred_or_veiled_pictures_are_told_before_the_first_visit(rig, monkeyp
         "pictures are blurred, if the wall is not smooth, or veiled: 2 of 2; small defects may be"
     )
     assert step.outcome.startswith(said)
-
-
-def test_few_blurred_pictures_are_not_told(rig):
-    views = [view for view in inspect_wall(rig) if view.looks_round]
-    assert inspected_view.lens_words(views) == ""
-    assert "lens" not in [entry.what for entry in rig.log]
 
 
 def test_candidates_beyond_the_most_that_are_visited_are_told(rig, monkeypatch):

@@ -77,14 +77,6 @@ def test_the_tool_and_not_the_axis_is_turned_to_a_place_and_leaves_a_mark():
     assert state.gain != 1.0
 
 
-def test_a_mark_is_seen_in_the_next_picture():
-    bench, _ = touched()
-    bench.tip.switch((True,) * 3)
-    u, v = np.rint(eye().pixel(bench.tip.tool.marks[-1], *bench.angles)).astype(int)
-    image = bench.reading(Request(frame=True)).image.astype(float)
-    assert image[v, u] < 0.7 * np.median(image[v - 16 : v + 17, u - 16 : u + 17])
-
-
 def test_a_mark_says_where_the_tool_is():
     bench, state = touched()
     assert wall_distance(state.mark, bench.tip.tool.marks[-1], 10e-3) < 0.04e-3
@@ -151,16 +143,3 @@ def test_a_tool_that_hides_what_is_tracked_waits_and_touches():
     ends, request = marking.step(waits, replace(dark, t=0.6, touching=True))
     assert (ends.stage, ends.verdict, request.extension) == ("withdraw", TOUCHED, 0.0)
     assert ends.touch is None
-
-
-def test_a_place_that_is_not_recognised_for_a_moment_is_still_near():
-    """Where a wall has little texture, one picture of ten does not show it."""
-    marking, loop = Marking(calibration=CALIBRATED, unseen=0.5), Loop(place=CATHETER)
-    _, state = touched()
-    state = replace(state, stage="near", done=False, since=0.0, seen_at=0.0, near_since=0.0)
-    dark = replace(loop.reading(), image=np.zeros((480, 640), np.uint8))
-    for t, near in ((0.4, 0.0), (0.6, None)):
-        after, request = marking.step(state, replace(dark, t=t, extension=4e-3))
-        assert (after.near_since, request.extension) == (near, 4e-3)
-    at_once, _ = replace(marking, unseen=0.0).step(state, replace(dark, t=0.04))
-    assert at_once.near_since is None

@@ -34,17 +34,6 @@ def test_the_gain_comes_to_a_middle_grey(light):
     assert len(asked) == pytest.approx(1 / TICK, abs=2)
 
 
-def test_the_gain_keeps_its_limits():
-    for light, gain in ((0.0, LIMITS.most_gain), (1e5, LIMITS.least_gain)):
-        state, *_ = metered(light, seconds=6.0)
-        assert state.gain == gain
-
-
-def test_few_frames_are_metered():
-    _, asked, _ = metered(60.0)
-    assert sum(request.exposure is not None for request in asked) <= 8
-
-
 def test_the_focus_follows_the_wall_ahead_within_its_limits():
     ahead = [METERING.ahead(Reading(t=0.0, angles=np.array([pan, 0.0]))) for pan in (0.0, 0.3, 1.0)]
     assert ahead[0] == LIMITS.farthest

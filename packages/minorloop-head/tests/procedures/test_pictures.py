@@ -8,7 +8,6 @@ from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.pictures import (
     InspectedPicture,
     PicturePose,
-    annotated,
     inspect_picture,
     unusable,
 )
@@ -58,15 +57,6 @@ def test_rows_have_degrees_millimetres_and_pixels(picture):
     camera = CalibratedCamera(LENS, AT, np.zeros((1, 3)))
     pixel = camera.pixel(HOLE, POSE.pan, POSE.tilt)
     assert (row["u [px]"], row["v [px]"]) == pytest.approx(pixel, abs=3.0)
-
-
-def test_marks_are_drawn_at_the_findings_and_nowhere_else(image, picture):
-    drawn = annotated(image, picture.findings)
-    assert drawn.shape == (*image.shape, 3)
-    coloured = np.ptp(drawn.astype(int), axis=2) > 30
-    assert 50 < coloured.sum() < 0.02 * coloured.size
-    u, v = np.round(picture.findings[0].pixel).astype(int)
-    assert coloured[v - 60 : v + 60, u - 60 : u + 60].any()
 
 
 def test_a_bad_picture_has_a_verdict_and_is_counted(image):

@@ -105,21 +105,6 @@ def test_a_scan_that_was_cut_off_goes_on_and_its_hole_is_not_touched_again(made)
     assert [step.what for step in found.steps] == ["touch", "scan", "scan", "measure"]
 
 
-def test_a_visit_from_another_side_has_the_scans_of_its_hole(made):
-    probing = Probing()
-    probing.scanned(Head(), view_of(HOLE, "hole 3 again"))
-    assert list(probing.scans) == ["hole 3", "hole 3 again"]
-
-
-def test_a_step_that_failed_is_named_beside_the_depth(made, monkeypatch):
-    def missed(rig, hole):
-        rig.say("touch", "0.41 mm beside", succeeded=False)
-
-    monkeypatch.setattr(module, "touch", missed)
-    found = Probing().scanned(Head(), view_of(HOLE))
-    assert found.finding.verdict == "measured, but failed: touch"
-
-
 def test_what_the_probe_does_not_reach_is_said_before_travel_and_of_each_finding(made, monkeypatch):
     monkeypatch.setattr(module, "reach_words", lambda rig: (SAID, False))
     rig, probing = Head(), Probing()

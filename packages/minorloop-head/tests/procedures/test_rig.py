@@ -89,26 +89,6 @@ def rig(**options):
     return InspectionRig(Plant(), Tip(), Control(), CALIBRATION, **options)
 
 
-def test_a_procedure_is_driven_to_its_end():
-    it, go, ticks = rig(), Go(), []
-    state = it.run(go, go.begin(place=(5e-3, 0.5), angles=(0.1, -0.2)), ticks.append)
-    assert state.reached
-    assert it.angles == pytest.approx([0.1, -0.2])
-    assert it.place == pytest.approx([5e-3, 0.5], abs=6e-3)
-    assert np.abs(np.array(it.plant.inputs)[:, 2]).max() <= 8e-3 + 1e-12
-    assert it.t == pytest.approx(0.04 * len(ticks))
-    assert len(it.plant.inputs) == len(ticks)
-
-
-def test_frames_and_shots_are_taken_only_on_request():
-    it = rig()
-    plain, full = it.reading(), it.reading(Request(frame=True, shots=3, focus=0.01))
-    assert (plain.image, plain.shots, plain.fired) == (None, (), False)
-    assert full.image is not None
-    assert (len(full.shots), full.fired) == (3, True)
-    assert ("focus_at", 0.01) in it.tip.told
-
-
 def test_a_lost_reading_keeps_its_value_and_control_gets_nan():
     it, go = rig(), Go()
     it.run(go, go.begin(angles=(0.1, 0.1)))
@@ -164,14 +144,6 @@ def test_the_turn_of_the_base_is_counted_from_the_picture_before_the_water_comes
     assert it.reading(Request(frame=True, shots=1)).base == pytest.approx([0.01, 0.0])
     it.reading(Request(water=False))
     assert it.reading().base == pytest.approx([0.0, 0.0])
-
-
-def test_the_log_has_times_and_actions():
-    it = rig()
-    it.run(Go(), Go().begin(angles=(-STRAIGHT, -STRAIGHT)))
-    it.say("turn", "done")
-    (step,) = it.log
-    assert (step.what, step.outcome, step.t) == ("turn", "done", it.t)
 
 
 class Devices:

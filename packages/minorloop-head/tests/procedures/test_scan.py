@@ -6,7 +6,6 @@ import pytest
 
 from minorloop.lab.actuator import Shot
 from minorloop_head.control.head import head_control
-from minorloop_head.geometry import wrapped
 from minorloop_head.procedures.go import GO
 from minorloop_head.procedures.scan import MOST_AGAIN, RasterScan
 from minorloop_head.procedures.values import Request
@@ -66,20 +65,6 @@ def test_the_pipe_is_flooded_once_the_probe_is_over_the_place(scanned):
     first = next(k for k, request in enumerate(loop.asked) if request.shots)
     assert len(wet) == 1
     assert wet[0] < first
-
-
-def test_a_scan_goes_home_where_there_is_one(scanned):
-    loop, _ = scanned
-    assert loop.place == pytest.approx([0.0, 0.0], abs=6e-3)
-    assert loop.place[0] == pytest.approx(0.0, abs=1e-4)
-    loop = Loop()
-    loop.run(SCAN, SCAN.begin(CENTRE))
-    assert loop.place[0] == pytest.approx(CENTRE[1], abs=1e-4)
-
-
-def test_the_raster_is_displaced_by_a_share_of_its_pitch():
-    spots = [spots_of(shift) for shift in (0.0, 0.5)]
-    assert spots[1] - spots[0] == pytest.approx(0.5 * SCAN.pitch)
 
 
 def test_a_place_out_of_reach_is_not_scanned():
@@ -202,14 +187,6 @@ def test_a_scan_that_was_cut_off_goes_on_with_its_next_point(points):
     assert after.place[1] == pytest.approx(last[1], abs=0.01)
 
 
-def test_the_head_bends_by_little_across_the_pipe(scanned):
-    _, state = scanned
-    least, most = SCAN.needs.T
-    assert (state.targets > least - 0.01).all()
-    assert (state.targets < most + 0.01).all()
-    assert np.degrees(np.ptp(state.targets, axis=0))[1] < 2.0
-
-
 def control():
     return head_control("observer", (identified().model,) * 2)
 
@@ -223,29 +200,6 @@ def test_what_cold_water_puts_out_of_reach_is_said_before_travel():
     assert loop.run(cold, state).bursts == ()
     assert (loop.place == 0.0).all()
     assert shot_at(loop) == []
-
-
-@pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0, 40.0])
-def test_a_nominal_head_reaches_its_raster_in_water(temperature):
-    warm = replace(SCAN, calibration=replace(CALIBRATION, temperature=temperature))
-    assert warm.out_of_reach(control()) == ""
-    assert not warm.begin(CENTRE, control=control()).done
-
-
-def test_what_hot_wires_do_not_cool_down_to_is_said_too():
-    hot = replace(SCAN, calibration=replace(CALIBRATION, temperature=70.0))
-    assert "stays above" in hot.out_of_reach(control())
-
-
-@pytest.mark.parametrize("start", [-3.0, 0.0, 3.0])
-def test_the_shorter_way_round_is_taken(start):
-    place = SCAN.rolled(-2.5, (CENTRE[1], start))
-    assert abs(place[1] - start) <= np.pi
-    (spot,) = CALIBRATION.probe_at(place).spots(SCAN.perpendicular)
-    assert wrapped(spot[0] + 2.5) == pytest.approx(0.0, abs=1e-4)
-    loop = Loop(place=(CENTRE[1], start))
-    loop.run(SCAN, SCAN.begin((-2.5, CENTRE[1])))
-    assert loop.place[1] == pytest.approx(place[1], abs=0.1)
 
 
 def test_a_burst_that_is_never_fired_is_skipped():

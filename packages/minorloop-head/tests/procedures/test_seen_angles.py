@@ -71,17 +71,6 @@ def test_a_sweep_turns_one_axis_after_the_other_and_takes_a_picture_of_each_curr
     assert (seconds > 0).all()
 
 
-def test_pictures_of_a_twin_that_are_not_taken_take_their_time():
-    tip, _ = open_tip("twin:pipe", scale=0.25)
-    wires = RigWires(open_plant("twin:pipe"), tip)
-    times = []
-    for _ in range(3):
-        for _ in range(4):
-            wires.exchange(np.zeros(2))
-        times.append(wires.frame().t)
-    assert np.diff(times) == pytest.approx([4 * wires.tick] * 2)
-
-
 def test_a_stopped_run_finds_its_zero_again_and_goes_on(tmp_path):
     plan = Plan([0.0, 0.28, 0.32], 3.0, sample_interval=0.4, input="pan current [A]")
     setup = Setup(address="twin:pipe", input="pan current [A]", output="pan [deg]")
@@ -223,41 +212,10 @@ def test_the_zero_is_looked_for_only_without_current():
     assert "it has to stand still first" in seen_angles.unseen(angles.why)
 
 
-def test_a_saturated_picture_says_to_switch_leds_off():
-    said = seen_angles.unseen("the picture is saturated")
-    assert "switch LEDs off, in the bench file with rest = false" in said
-    assert "check lights, lens and cable" in seen_angles.unseen("the picture is black")
-
-
-@pytest.mark.parametrize(
-    ("why", "said"),
-    [
-        ("camera:0 cannot be opened; check the camera and its cable", "check lights"),
-        ("the first picture shows 2 patches of wall; set focus, lights and gain", "check lights"),
-        ("the first picture is saturated; check lights, lens and cable", "check lights"),
-    ],
-)
-def test_what_has_its_own_advice_gets_no_other(why, said):
-    sentence = seen_angles.unseen(why)
-    assert said not in sentence
-    assert sentence.count(";") == 1
-
-
 def test_white_pictures_at_the_start_are_called_saturated(monkeypatch):
     monkeypatch.setattr(seen_angles, "_PATIENCE", 3.0)
     with pytest.raises(InstrumentError, match="the first picture is saturated; switch LEDs off"):
         head(lambda frame: Frame(frame.t, np.full_like(frame.image, 255)))
-
-
-def test_what_to_do_about_a_picture_is_said_once():
-    devices = Slow()
-    view = HeadCalibration(lens=Pinhole(4, 4, 4.0, (1.5, 1.5)), leds=np.zeros((1, 3)))
-    with pytest.raises(InstrumentError) as caught:
-        SeenHead(devices, devices.picture, view, clock=devices)
-    assert str(caught.value) == (
-        "the camera does not show the angles: the first picture is black; check lights, lens and "
-        "cable"
-    )
 
 
 def test_a_sweep_whose_pictures_show_nothing_for_10_s_stops_with_the_wires_off(monkeypatch):

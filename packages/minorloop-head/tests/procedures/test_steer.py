@@ -8,7 +8,6 @@ from minorloop_head.control.limits import WireLimits
 from minorloop_head.control.sensing import SensorWatch
 from minorloop_head.procedures.steer import steer
 from minorloop_head.twins.head import Head
-from minorloop_head.twins.sensor import Fault
 from wires import identified, made_up
 
 CONTROL = head_control("observer", (made_up(), made_up()))
@@ -37,25 +36,6 @@ def test_a_reading_that_takes_longer_than_a_tick_counts_as_long_as_it_took():
     np.testing.assert_allclose(result.reached, result.targets, atol=1.0)
     assert result.t.tolist() == pytest.approx((0.08 * np.arange(1, 301)).tolist())
     assert result.row.tolist() == [0] * 150 + [1] * 150
-
-
-@pytest.mark.parametrize(("every", "said"), [(2, ""), (4, "6.2 pictures a second came, and 10")])
-def test_too_few_pictures_are_named(every, said):
-    class Seen(Head):
-        age, ticks = 0.04, 0
-
-        @property
-        def pictures(self):
-            return self.ticks // every
-
-        def exchange(self, u):
-            self.ticks += 1
-            return super().exchange(u)
-
-    result = steer(Seen(noise=0.05, seed=3), CONTROL, [[30.0, 30.0]], 4.0)
-    found = [str(each) for each in result.faults if "pictures a second" in each.what]
-    assert len(found) == bool(said)
-    assert all(f"pan and tilt, from 0.00 s to the end: {said}" in each for each in found)
 
 
 class Slow:
@@ -127,13 +107,6 @@ def test_readings_of_pictures_that_are_known_to_be_old_are_used_and_nothing_swin
     assert f"up to {0.04 * (late + 1):.2g} s old" in said.what
 
 
-def test_a_target_without_a_reading_has_no_result():
-    head = Head(noise=0.05, faults=[Fault("pan", "lost", 0.0)])
-    result = steer(head, CONTROL, [[10.0, 10.0]], 1.0)
-    assert np.isnan(result.reached[0, 0])
-    assert np.isfinite(result.reached[0, 1])
-
-
 def test_readings_that_are_not_believed_are_no_angles_reached():
     class Shifted(Head):
         ticks = 0
@@ -199,21 +172,6 @@ def test_a_head_that_swings_about_its_target_is_not_still_there():
     )
 
 
-def test_some_outliers_at_the_end_of_a_hold_do_not_count():
-    class Outliers(Head):
-        ticks = 0
-
-        def exchange(self, u):
-            self.ticks += 1
-            return super().exchange(u) + (self.ticks > 100 and self.ticks % 9 == 0) * 20.0
-
-    control = head_control("observer", (identified().model,) * 2)
-    result = steer(Outliers(noise=0.05, seed=3), control, [[30.0, 30.0]], 8.0)
-    assert not result.used[106].any()  # tick 108; the first is before the first row
-    np.testing.assert_allclose(result.reached, [[30.0, 30.0]], atol=0.2)
-    assert result.unconfirmed == ()
-
-
 @pytest.mark.parametrize("target", [[200.0, 30.0], [30.0, -20.0], [61.0, 58.0]])
 def test_a_target_beyond_the_reach_is_refused_before_anything_is_switched_on(target, monkeypatch):
     control = head_control("observer", (made_up(), made_up()), coupling=[[1.0, 0.0], [0.1, 1.0]])
@@ -221,21 +179,6 @@ def test_a_target_beyond_the_reach_is_refused_before_anything_is_switched_on(tar
     monkeypatch.setattr(head, "exchange", lambda u: pytest.fail("it was switched on"))
     with pytest.raises(ParameterError, match=r"of target 2 is .* reach .* to .* degrees there"):
         steer(head, control, [[30.0, 30.0], target], 1.0)
-
-
-def test_both_axes_of_a_target_beyond_the_reach_are_named():
-    control = head_control("observer", (made_up(), made_up()))
-    with pytest.raises(
-        ParameterError,
-        match=r"^pan of target 1 is 90 .* there; tilt of target 1 is 99 .* there; give a target",
-    ):
-        steer(Head(), control, [[90.0, 99.0]], 1.0)
-
-
-def test_an_axis_that_only_coupling_lifts_may_have_the_target_of_a_cold_wire():
-    control = head_control("observer", (made_up(), made_up()), coupling=[[1.0, 0.1], [0.1, 1.0]])
-    assert control.reach([0.0, 45.0])[0, 0] > 4.0
-    assert steer(Head(), control, [[0.0, 45.0]], 0.2).reached.shape == (1, 2)
 
 
 def test_coupling_moves_the_reach_and_so_does_the_limit_of_temperature():

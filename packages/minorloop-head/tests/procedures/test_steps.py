@@ -59,10 +59,3 @@ def test_a_head_without_a_catheter_stays_where_its_wires_leave_it():
     assert not look(rig, "view 1", np.array([RING, 0.0]))
     assert rig.place.tolist() == [0.0, 0.0]
     assert "rolled" not in rig.said[0][1]
-
-
-def test_nothing_is_said_of_a_direction_within_reach():
-    rig = Rig()
-    assert look(rig, "view 1", CALIBRATION.line_of_sight(np.radians([5.0, 8.0])))
-    assert (rig.said, rig.place.tolist()) == ([], [0.0, 0.0])
-    assert np.isinf(rig.most).all()

@@ -11,7 +11,7 @@ from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.sweep import NOT_THERE, STUCK, ProbeSweep
 from wires import identified
 
-from .fakes import CALIBRATION, TICK, Loop
+from .fakes import CALIBRATION, Loop
 
 SWEEP = ProbeSweep(calibration=CALIBRATION)
 PHI, Z = (0.4, 1.2), (12e-3, 13e-3)
@@ -59,25 +59,6 @@ def test_pan_and_tilt_are_held_where_the_beam_is_square(swept):
     wanted = RasterScan(calibration=CALIBRATION).perpendicular
     assert angles[-1] == pytest.approx(wanted)
     assert loop.angles == pytest.approx(wanted, abs=math.radians(0.2))
-
-
-def test_the_pipe_is_flooded_once_before_the_first_burst(swept):
-    loop, _ = swept
-    wet = [k for k, request in enumerate(loop.asked) if request.water]
-    assert len(wet) == 1
-    assert wet[0] < next(k for k, request in enumerate(loop.asked) if request.shots)
-
-
-def test_progress_grows_to_one():
-    loop, state = Loop(), SWEEP.begin(PHI, Z)
-    shares, request = [], None
-    while not state.done:
-        state, request = SWEEP.step(state, loop.reading(request))
-        loop.tick(request)
-        shares.append(state.progress)
-    assert (np.diff(shares) >= 0).all()
-    assert shares[-1] == 1.0
-    assert not state.trouble
 
 
 def test_a_sweep_that_is_no_longer_stepped_has_stopped_with_its_bursts():
@@ -135,12 +116,6 @@ def test_a_sweep_out_of_reach_is_refused():
 def test_an_area_that_cannot_be_swept_is_refused(phi, z, words):
     with pytest.raises(ParameterError, match=words):
         ProbeSweep(calibration=replace(CALIBRATION, length=50e-3)).begin(phi, z)
-
-
-def test_a_large_pipe_is_swept_no_faster_than_the_loop_fires():
-    wide = ProbeSweep(calibration=replace(CALIBRATION, radius=20e-3))
-    assert wide.rate * 20e-3 * TICK == pytest.approx(wide.pitch)
-    assert ProbeSweep(calibration=replace(CALIBRATION, radius=4e-3)).rate == SWEEP.fastest
 
 
 def test_a_sweep_that_was_cut_off_goes_on_with_its_last_line(swept):

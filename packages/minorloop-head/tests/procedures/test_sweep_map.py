@@ -1,6 +1,5 @@
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,13 +42,6 @@ def test_findings_are_numbers_and_null_where_they_are_not_known():
     assert table.rows[1][5:] == ("-", "-")
 
 
-def test_a_crack_that_the_edge_cuts_is_said_to_be_longer():
-    cut = swept(-0.3, 0.3)
-    cut = replace(cut, finds=(replace(CRACK, at_least=True),))
-    assert find_rows(cut)[0]["find"] == finds_table(cut).rows[0][0]
-    assert finds_table(cut).rows[0][0] == "crack of at least this length"
-
-
 def test_the_share_that_is_mapped_is_of_the_area_also_across_the_seam():
     fused = swept(-0.3, 0.1)
     assert mapped_share(fused, (-0.3, 0.1)) == 1.0
@@ -72,12 +64,3 @@ def test_the_area_is_drawn_and_the_rest_of_the_pipe_is_not(brief, count):
     marks = [line for line in panels[1].lines if line.get_marker() in ("o", "s")]
     assert len(marks) == 2
     assert all(low < line.get_xdata()[0] < high for line in marks)
-
-
-def test_a_find_beyond_the_area_is_drawn_too():
-    cut = EchoFind("cut by the edge", -0.5, 21e-3, 0.3e-3, 1e-3)
-    axes = draw_pipe_map(swept(-0.3, 0.3, finds=(cut,)), (-0.3, 0.3), brief=True).axes[1]
-    low, high = axes.get_images()[0].get_extent()[:2]
-    (mark,) = (line for line in axes.lines if line.get_marker() == "D")
-    assert low < mark.get_xdata()[0] < high
-    assert high - low == pytest.approx(math.degrees(0.9), abs=1.0)

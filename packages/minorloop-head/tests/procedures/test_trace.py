@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop_head.procedures import trace
-from minorloop_head.procedures.trace import between, one_course, patch_about, whole_course, widest
+from minorloop_head.procedures.trace import between, one_course, patch_about, whole_course
 from minorloop_head.vision.cracks import TracedCrack
 
 RADIUS = 10e-3
@@ -18,14 +18,6 @@ def test_the_far_view_gives_the_course_only_if_it_shows_much_more():
     assert whole_course(near, line(0.02, 4.2e-3)) is near
     longer = line(0.02, 6e-3)
     assert whole_course(near, longer) is longer
-
-
-def test_the_width_of_a_crack_is_averaged_over_half_a_millimetre():
-    widths = np.full(41, 0.1e-3)
-    widths[5], widths[25:36] = 0.5e-3, 0.3e-3
-    place, width = widest(line(0.02, widths=widths))
-    assert place[0] == pytest.approx(0.3, abs=0.04)
-    assert width == pytest.approx(0.3e-3, rel=0.1)
 
 
 @pytest.mark.parametrize(("width", "count"), [(3e-6, 0), (20e-6, 0), (40e-6, 1)])

@@ -57,14 +57,6 @@ def test_the_shape_explains_the_distances(dented, scanned, plain):
     assert again.unknown < 10e-6
 
 
-def test_a_first_echo_of_something_else_does_not_bend_the_wall(scanned, plain):
-    _, bursts = scanned
-    late = [replace(bursts[0], trace=np.roll(bursts[0].trace, 60)), *bursts[1:]]
-    fit = bent_fit(late, plain)
-    assert 0 not in fit.far
-    assert fit.unknown < 10e-6
-
-
 def test_too_few_bursts_beside_a_mouth_give_no_shape(dented, scanned, spectra):
     wide = fit_of(0.95e-3, dented, scanned, spectra)
     assert bent_fit(scanned[1], wide) is None

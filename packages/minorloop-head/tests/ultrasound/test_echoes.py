@@ -114,20 +114,6 @@ def test_shots_off_target_untracked_or_bad_are_left_out():
     assert burst.angles[0] == pytest.approx(np.mean([2, *range(5, 16)]))
 
 
-def test_where_no_shot_is_usable_the_reason_is_given():
-    blind = [shot(np.zeros(2048))] * 3
-    assert average(blind, np.zeros((3, 2)), np.zeros(3)).verdict == "dropout"
-    good = [shot(noisy(seed)) for seed in range(3)]
-    assert average(good, np.zeros((3, 2)), np.ones(3)).verdict == "off target"
-    assert average([], np.zeros((0, 2)), np.zeros(0)).verdict == "no shot"
-
-
-def test_one_shot_is_a_burst_too():
-    burst = average([shot(noisy(1, echo_at(WALL)))], np.zeros((1, 2)), np.zeros(1))
-    assert burst.used == 1
-    assert burst.noise == pytest.approx(0.01, rel=0.3)
-
-
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ParameterError, match="pulse"):
         Pulse(frequency=-1.0)
@@ -156,11 +142,6 @@ def test_what_is_no_row_of_numbers_is_a_verdict(trace):
     assert not has_wall_echo([odd] * 3, 8e-3, SPEED)
     burst = average([odd, shot(noisy(1))], np.zeros((2, 2)), np.zeros(2))
     assert burst.used == 1
-
-
-@pytest.mark.parametrize("interval", [0.0, -DT, np.nan, np.inf, None])
-def test_a_shot_without_a_sample_interval_is_a_verdict(interval):
-    assert trace_fault(Shot(0.0, noisy(1), interval)) == "not a trace"
 
 
 @pytest.mark.parametrize(("distance", "speed"), [(np.nan, SPEED), (-1.0, SPEED), (8e-3, 0.0)])

@@ -18,13 +18,6 @@ def test_a_speed_that_is_off_by_two_percent_is_corrected_for_the_most_part(faste
     assert abs(found - faster) < sd < 1e-2
 
 
-def test_a_wall_where_it_should_be_is_hardly_corrected():
-    found, sd = speed_error(0.05e-3, STANDOFF)
-    assert -0.2e-2 < found < 0
-    assert sd < 0.4e-2
-    assert speed_error(0.0, STANDOFF)[0] == 0
-
-
 def test_a_bent_wall_says_less_of_the_speed():
     plain, dented = speed_error(0.16e-3, STANDOFF), speed_error(0.16e-3, STANDOFF, 0.1e-3)
     assert 0 < -dented[0] < 0.5 * -plain[0]
@@ -56,10 +49,6 @@ def test_distances_that_change_at_once_are_those_of_warmer_water(size, first):
     assert change(lambda n: size * (n >= first))
 
 
-def test_distances_that_change_over_some_bursts_are_those_of_warmer_water():
-    assert change(lambda n: 0.145e-3 * np.clip((n - 12) / 8, 0, 1))
-
-
 @pytest.mark.parametrize(("height", "size"), [(0.05e-3, 0.4e-3), (0.2e-3, 0.8e-3), (0.7e-3, 2e-3)])
 @pytest.mark.parametrize("off", [0.0, 0.6e-3])
 def test_a_dent_is_no_change_of_the_water(height, size, off):
@@ -67,7 +56,3 @@ def test_a_dent_is_no_change_of_the_water(height, size, off):
         return height * np.exp(-0.5 * ((x - off) ** 2 + y * y) / size**2)
 
     assert not change(of_place=dent)
-
-
-def test_a_plane_wall_is_no_change_of_the_water():
-    assert not change()

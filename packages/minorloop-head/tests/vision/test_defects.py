@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from minorloop.errors import ParameterError
 from minorloop_head.geometry import wall_distance, wrapped
 from minorloop_head.procedures.extract import acquire
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from minorloop_head.vision.defects import SEQUENCE, Hole, find_holes, scales, strongest
+from minorloop_head.vision.defects import Hole, find_holes, strongest
 from minorloop_head.vision.reflectance_map import LitFrame, check_frames, lay_flat
 from papers.catheter.scene_view import draw_view
 from papers.catheter.sized_view import draw_sized_view
@@ -61,23 +60,6 @@ def test_a_hole_beside_a_glint_is_found_and_measured(inside):
     around = 10e-3 * wrapped(first.rim[:, 0] - first.place[0])
     radius = np.hypot(around, first.rim[:, 1] - first.place[1])
     assert radius.mean() == pytest.approx(first.diameter / 2, rel=0.02)
-
-
-def test_an_acquisition_is_each_led_alone_none_and_all():
-    assert tuple(look.lights for look in shots()) == SEQUENCE
-    assert shots()[3].image.mean() < shots()[0].image.mean() < shots()[4].image.mean()
-
-
-def test_more_evidence_asked_for_leaves_less():
-    few, many = (find_holes(shots(), lens(), least=least).holes for least in (5.0, -25.0))
-    assert len(few) < len(many)
-    assert [hole.evidence for hole in many] == sorted((h.evidence for h in many), reverse=True)
-    apart = [
-        np.hypot(10e-3 * wrapped(a.place[0] - b.place[0]), a.place[1] - b.place[1])
-        for n, a in enumerate(many)
-        for b in many[:n]
-    ]
-    assert min(apart) > 0.8e-3
 
 
 def spoilt(index, image):
@@ -135,23 +117,6 @@ def test_a_frame_that_holds_rows_of_the_one_before_is_torn(index, row, old):
     assert find_holes(spoilt(index, np.vstack(upside)), lens()).verdict == "torn"
 
 
-def test_the_first_frame_may_hold_rows_of_the_acquisition_before():
-    torn = np.vstack([shots()[0].image[:300], again(4)[300:]])
-    assert find_holes(spoilt(0, torn), lens()).verdict == "torn"
-
-
-def test_a_light_that_was_not_switched_is_a_frozen_picture():
-    assert find_holes(spoilt(2, again(1)), lens()).verdict == "frozen"
-    assert find_holes(spoilt(3, again(2)), lens()).verdict == "frozen"
-
-
-def test_rows_of_another_frame_tear_a_turned_one_as_well():
-    looks = [shots()[-1], turned()]
-    torn = np.vstack([looks[1].image[:200], looks[0].image[200:]])
-    findings = find_holes([looks[0], replace(looks[1], image=torn)], lens(), mode="dither")
-    assert findings.verdict == "torn"
-
-
 def test_a_finding_is_read_in_degrees_and_millimetres():
     findings = find_holes(shots(), lens())
     hole = findings.holes[0]
@@ -170,13 +135,6 @@ def test_a_lens_that_would_be_outside_the_pipe_has_a_verdict():
     assert find_holes(aside, narrow).verdict == "angle unknown"
 
 
-def test_a_wall_too_far_away_is_not_in_view():
-    ahead = [replace(look, pan=0.0, tilt=0.0) for look in shots()]
-    camera = lens()
-    narrow = CalibratedCamera(replace(camera.lens, focal=5000.0), camera.mount, camera.leds)
-    assert find_holes(ahead, narrow).verdict == "no wall in view"
-
-
 def test_unknown_ways_and_no_frames_are_refused():
     with pytest.raises(ParameterError, match="mode"):
         find_holes(shots(), lens(), mode="guess")
@@ -190,11 +148,6 @@ def test_unknown_ways_and_no_frames_are_refused():
 def test_a_look_says_of_each_light_whether_it_was_on(lights):
     with pytest.raises(ParameterError, match="frame 1 has"):
         find_holes([shots()[0], replace(shots()[1], lights=lights), *shots()[2:]], lens())
-
-
-def test_lights_may_be_given_as_0_and_1():
-    looks = [replace(look, lights=tuple(map(int, look.lights))) for look in shots()]
-    assert repr(find_holes(looks, lens())) == repr(find_holes(shots(), lens()))
 
 
 @pytest.mark.parametrize("mode", ["single", "dither"])
@@ -241,14 +194,6 @@ def test_holes_and_pits_of_other_sizes_are_found_and_measured(seed):
     place = camera.place(view.camera._pixel(*view.place), view.pan, view.tilt)
     assert wall_distance(first.place, place, camera.radius) < 0.2e-3
     assert first.diameter == pytest.approx(view.hole.diameter, rel=0.1)
-
-
-def test_scales_cover_the_diameters():
-    assert scales((0.85e-3, 1.15e-3)) == [1.0]
-    steps = scales((0.4e-3, 3e-3))
-    assert 0.85 * steps[0] == pytest.approx(0.4)
-    assert 1.15 * steps[-1] == pytest.approx(3.0)
-    assert max(b / a for a, b in pairwise(steps)) < 1.42
 
 
 @pytest.mark.parametrize(

@@ -50,28 +50,12 @@ def test_angles_of_frames_agree_and_keep_their_mean(seed):
     assert (right[3].pan, right[3].tilt) == (wrong[3].pan, wrong[3].tilt)  # without light
 
 
-@pytest.mark.parametrize("seed", [4, 5])
-def test_a_hole_does_not_look_larger_when_the_angles_are_wrong(seed):
-    _, camera, looks = scene()
-    right, wrong = (find_holes(frames, camera).holes[0] for frames in (looks, mistaken(seed)))
-    assert wrong.diameter == pytest.approx(right.diameter, rel=0.03)
-
-
 def test_an_outline_in_frames_with_wrong_angles_is_where_it_was():
     _, camera, looks = scene()
     hole = find_holes(looks, camera).holes[0]
     clicked = camera.pixel(hole.place, looks[-1].pan, looks[-1].tilt) + np.array([6.0, -5.0])
     right, wrong = (outline_about(frames, camera, clicked) for frames in (looks, mistaken(6)))
     assert math.dist(right.pixel, wrong.pixel) < 0.5
-
-
-def test_a_wall_without_marks_leaves_the_angles_as_measured():
-    noise = np.random.default_rng(8)
-    blank = [
-        replace(frame, image=noise.normal(90.0, 2.0, frame.image.shape).astype(np.uint8))
-        for frame in mistaken(7)
-    ]
-    np.testing.assert_allclose(angles(aligned(blank, scene()[1])), angles(blank), atol=0.05 * SD)
 
 
 def test_a_single_frame_and_pictures_of_other_places_keep_their_angles():

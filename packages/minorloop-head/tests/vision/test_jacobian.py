@@ -11,7 +11,6 @@ from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.jacobian import (
     pan_tilt_jacobian,
     rates_for,
-    rotation_columns,
     translation_columns,
     wall_depth,
 )
@@ -48,19 +47,6 @@ def test_pan_and_tilt_move_a_point_of_the_wall_as_finite_differences_say(pan, ti
         camera=CAMERA.mount.camera,
     )
     np.testing.assert_allclose(found, np.transpose(columns), rtol=1e-5, atol=1e-5)
-
-
-@given(x=coordinates, y=coordinates)
-def test_an_untilted_head_without_a_lever_is_the_two_columns_of_the_camera(x, y):
-    expected = rotation_columns((x, y))[:, [1, 0]]
-    np.testing.assert_array_equal(pan_tilt_jacobian((x, y), 0.0), expected)
-    assert np.isclose(np.linalg.det(rotation_columns((x, y))[:, :2]), 1 + x * x + y * y)
-
-
-@given(x=coordinates, y=coordinates)
-def test_without_tilt_the_error_as_angles_is_y_and_minus_x(x, y):
-    back = rates_for(pan_tilt_jacobian((x, y), 0.0), (x, y))
-    np.testing.assert_allclose(back, np.array([-x, y]) / (1 + x * x + y * y), atol=1e-12)
 
 
 def test_coming_nearer_spreads_points():

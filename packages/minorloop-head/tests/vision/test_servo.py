@@ -109,25 +109,7 @@ def test_impossible_values_are_refused(options):
         Cone(0.0)
 
 
-def test_the_gain_falls_near_the_point():
-    plain, soft = Servo(CAMERA), Servo(CAMERA, soft=40.0)
-    near = CAMERA.lens.centre + np.array([10.0, 0.0])
-    far = CAMERA.lens.centre + np.array([90.0, 0.0])
-    for pixel, share in ((near, 0.25), (far, 1.0)):
-        rates = [servo.step(servo.begin((0.1, 0.0)), pixel)[0].rates for servo in (soft, plain)]
-        assert_allclose(rates[0], share * rates[1], rtol=0.05)
-
-
 @pytest.mark.parametrize("angles", [(np.nan, 0.0), (np.inf, 0.0), (0.1,), None, "ahead"])
 def test_a_servo_does_not_begin_at_unknown_angles(angles):
     with pytest.raises(ParameterError, match="cannot begin"):
         Servo(CAMERA).begin(angles)
-
-
-@pytest.mark.parametrize("pixel", [(320.0, 240.0, 1.0), (320.0,), "here"])
-def test_what_is_no_pair_of_numbers_is_no_target(pixel):
-    servo = Servo(CAMERA)
-    step, after = servo.step(servo.begin((0.1, 0.2)), pixel)
-    assert step.verdict == "no target"
-    assert np.isfinite(step.angles).all()
-    assert np.isfinite(after.angles).all()

@@ -201,15 +201,6 @@ class Device:
         self.released.append(True)
 
 
-def test_a_camera_that_is_closed_reads_no_more(monkeypatch):
-    device = Device()
-    monkeypatch.setattr("minorloop_head.vision.video._opened", lambda *_: device)
-    camera = LiveCamera("camera:0", patience=60.0)
-    camera.frame()
-    camera.close()
-    assert device.released == [True]
-
-
 @pytest.mark.parametrize(
     ("taken", "t"), [(99.97, 99.97), (100.01, 100.0), (0.0, 100.0), (float("nan"), 100.0)]
 )
@@ -239,19 +230,6 @@ def test_a_camera_that_is_not_there_is_named():
         ),
     ):
         camera.frame()
-
-
-@pytest.mark.parametrize(
-    ("address", "sentence"),
-    [
-        ("camera:", "no camera at 'camera:'; give camera:0"),
-        ("camera:ftp://a", "give camera:0"),
-        ("nowhere.avi", "no file or folder 'nowhere.avi'"),
-    ],
-)
-def test_what_is_no_address_is_refused(address, sentence):
-    with pytest.raises(ParameterError, match=sentence):
-        check_camera(address)
 
 
 def test_files_that_are_no_pictures_are_refused(tmp_path):
