@@ -97,6 +97,24 @@ def test_exchanged_columns_are_named_unless_weights_may_be_negative(shape):
     assert says not in " ".join(identify(y, u, levels=8, holdout=0.3, signed=True).warnings)
 
 
+def test_a_bit_that_never_changes_is_no_noise():
+    u, y = record("levels")
+    bit = np.ptp(y) / 8
+    above = y - y.min()
+    assert not identify(u, y, levels=12).warnings
+    found = identify(u, y - bit * (np.floor(above / bit) % 2), levels=12)
+    assert "beyond noise" in " ".join(found.warnings)
+
+
+def test_a_filter_is_more_than_the_lag_that_was_found():
+    u, y = record("sine")
+    filtered = np.convolve(y, np.full(12, 1 / 12))[: y.size]
+    filtered[:12] = y[:12]
+    found = identify(u, filtered, levels=12, lag="auto")
+    assert found.lag > 0
+    assert "beyond noise" in " ".join(found.warnings)
+
+
 def test_advice_names_one_measured_major_loop(shared_data):
     columns = read_columns(
         shared_data / "piezo_micromanipulator_model.csv", ["input_V", "displacement_um"]

@@ -87,3 +87,10 @@ def test_curves_that_all_end_at_saturation_without_noise_are_not_clipped():
     u = np.concatenate([np.concatenate([[1.0], fields[k:]]) for k in range(7, -1, -1)])
     y = Preisach(fields, np.tril(np.full((8, 8), 0.02))).simulate(u, start="positive")
     assert not kinds(u, y)
+
+
+@pytest.mark.parametrize("shape", ["sine", "levels"])
+def test_a_short_rail_without_the_noise_of_the_other_readings_is_found(shape):
+    u, y = record(shape)
+    assert "clipped" not in kinds(u, y)
+    assert "clipped" in kinds(u, np.minimum(y, y.max() - 0.05 * np.ptp(y)))

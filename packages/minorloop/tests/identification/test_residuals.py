@@ -3,7 +3,7 @@ import pytest
 
 from fault_records import record
 from fixed_options import identify
-from minorloop.identification.residuals import amplitudes, find_startup
+from minorloop.identification.residuals import amplitudes, find_startup, noise_in
 from minorloop.identification.rough_model import one_of_each
 
 
@@ -37,3 +37,19 @@ def test_one_row_of_each_block_does_not_follow_a_period():
     np.testing.assert_array_equal(rows // 100, np.arange(1000))
     places = np.bincount(rows % 100, minlength=100)
     assert places.max() < 40  # every hundredth row would always be at the same place
+
+
+def test_independent_errors_are_noise_and_slow_ones_are_not():
+    rng = np.random.default_rng(1000)
+    y = rng.uniform(size=400)
+    error = 0.05 * rng.normal(size=400)
+    assert noise_in(error, y) == pytest.approx(0.05, rel=0.15)
+    assert noise_in(0.05 * np.sin(np.arange(400) / 20), y) < 1e-3
+
+
+def test_errors_are_no_noise_where_readings_leave_a_hole():
+    rng = np.random.default_rng(1000)
+    y, noise = rng.uniform(size=200), 0.05 * rng.normal(size=200)
+    without_a_bit = y - 0.125 * (np.floor(8 * y) % 2)
+    assert noise_in(y - 0.0625 - without_a_bit, without_a_bit) == 0
+    assert noise_in(-noise, np.round(y) + noise) > 0.04  # an actuator with two states

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +13,7 @@ from minorloop.identification import active_set
 from minorloop.identification.baseline import lateness, percent, polynomial_nrmse, rms
 from minorloop.identification.refinement import UNSETTLED
 from minorloop.identification.residual_advice import residual_advice
+from minorloop.identification.residuals import noise_in
 from minorloop.lab.codes import codes
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ WELL_EXCITED = 0.5
 """Share of excited cells below which a record does not identify the plane."""
 _OVERFIT = 2.0
 """Error on held-out over error on fitted data from which a model is called overfitted."""
+_LATE = 4.0
+"""Error on other inputs over that on fitted data where a lag was found, at most: filters are no
+pure lag, and their error grows with the rate."""
 _UNLIKE = 2.0
 """Error on the worst group over that on the median one from which groups are not alike."""
 _NEARLY_AS_GOOD = 0.8
@@ -286,17 +289,18 @@ def _scores_without_outliers(result: Fit) -> tuple[float, float]:
 def _expected(result: Fit) -> float:
     """Error to expect on other inputs without noise, over the range of the output.
 
-    The greatest of twice that on fitted data, that on held-out data, and that on held-out data over
-    their own range, as far as it is more than twice the noise: a range may be small. In the
-    residual, noise is what neighbours do not share.
+    The greatest of twice that on fitted data, four times that with a lag, that on held-out data,
+    and that on held-out data over their own range, as far as it is more than twice the noise: a
+    range may be small.
     """
-    parts, shared = _parts(result), result.residual.autocorrelation
-    square = {x: float(np.mean((result.prediction - result.y)[parts[x]] ** 2)) for x in parts}
+    parts, error = _parts(result), result.prediction - result.y
+    square = {x: float(np.mean(error[parts[x]] ** 2)) for x in parts}
     fitted, held_out = square.get("fitted", 0.0), square.get("held-out", 0.0)
-    noise = fitted * min(1 - shared, 1.0) if isfinite(shared) else fitted
+    noise = noise_in(error[parts["fitted"]], result.y[parts["fitted"]]) ** 2 if fitted else 0.0
     own = result.span(parts["held-out"]) if held_out else 1.0
+    more = _LATE if result.lag else _OVERFIT
     beyond = (
-        (_OVERFIT**2 * (fitted - noise), result.span(result.fitted)),
+        (more**2 * (fitted - noise), result.span(result.fitted)),
         (held_out - noise, _whole(result)),
         (held_out - _OVERFIT**2 * noise, own),
     )

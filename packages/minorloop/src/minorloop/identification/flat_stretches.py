@@ -6,7 +6,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray
 from minorloop.identification.rough_model import RecordFault, RoughRecord, one_of_each, spread
-from minorloop.lab.frozen import frozen
+from minorloop.lab.frozen import frozen, noise_above_resolution
 from minorloop.lab.noise import noise_of
 
 _EQUAL = 1e-9
@@ -169,10 +169,11 @@ def clipped(record: RoughRecord) -> Iterator[RecordFault]:
     u, size, places = _landings(record)
     y, noise = record.y[places], _least_noise(record)
     for word, way in (("highest", 1), ("lowest", -1)):
-        width = _rail(way * u, way * y, way * size, record.span, noise)
+        depth = float((way * record.values).max()) - way * record.values
+        live = noise_above_resolution(record.values[depth > _EQUAL * record.span]) > 0
+        width = _rail(way * u, way * y, way * size, record.span, noise, live)
         if width is None:
             continue
-        depth = float((way * record.values).max()) - way * record.values
         samples = record.places[depth <= width]
         extreme = record.values[np.argmin(depth)]
         yield RecordFault(
@@ -201,7 +202,7 @@ def _least_noise(record: RoughRecord) -> float:
 
 
 def _rail(
-    u: FloatArray, y: FloatArray, size: FloatArray, span: float, noise: float
+    u: FloatArray, y: FloatArray, size: FloatArray, span: float, noise: float, live: bool
 ) -> float | None:
     """Width of a rail above, in the unit of the output; None without one.
 
@@ -213,6 +214,8 @@ def _rail(
         Changes that led to the inputs.
     span, noise : float
         Range of the output, and standard deviation of its noise.
+    live : bool
+        Whether the readings elsewhere have noise, so that equal ones are a rail.
     """
     up = size > 0
     step = float(np.median(size[up])) if up.any() else 1.0
@@ -222,11 +225,15 @@ def _rail(
     for width in map(float, _WIDTHS * span):
         at = depth <= width if coarse else up & (depth <= width)
         count = np.count_nonzero(at) if coarse else np.unique(u[at]).size
-        if count < _FEWEST or np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
+        if count < _FEWEST:
             continue
         beyond = up & (u >= np.median(u[at]))
         if np.count_nonzero(at & beyond) < _HELD * np.count_nonzero(beyond):
             continue  # stuck: such inputs move the output elsewhere
+        if width <= _EQUAL * span and live:
+            return width
+        if np.ptp(u[at]) < _LEAST_PATH * np.ptp(u):
+            continue
         noisy = y[at].std() <= _NOISY * noise + _EQUAL * span
         if not noisy or _rise(u[at], y[at]) > _RISES * width:
             continue

@@ -8,6 +8,7 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.offset_steps import MOST_ROWS, find_drift, find_offset_step
 from minorloop.identification.rough_model import one_of_each
+from minorloop.lab.noise import noise_of
 from minorloop.threads import one_thread
 
 _FEWEST = 30
@@ -36,6 +37,11 @@ _SPANNED = 0.5
 gain and offset are extrapolated to the range by more than twice, and cancel each other."""
 PARTS = 3
 """Parts of equal size by amplitude and by rate."""
+_HOLE, _MISSING = 2.0, 6.0
+"""Least width of a hole between readings, in standard deviations of the residual, and readings that
+the model expects in it: all of them miss one between two states by chance once in sixty times."""
+_READINGS = 800
+"""Readings among which holes are looked for, at most."""
 _ROUNDING = 1e-12
 _MOST = 50_000
 """Samples by whose amplitude and rate errors are sorted, at most."""
@@ -160,6 +166,34 @@ def summary(
         _by(amplitudes(u)[some], error_of_some),
         _by(np.abs(u[some] - u[np.maximum(some - 1, 0)]), error_of_some),
     )
+
+
+def noise_in(error: FloatArray, y: FloatArray) -> float:
+    """Return the standard deviation of the noise in a residual; the rest is an error of the model.
+
+    Noise is what neighbours do not share. It leaves no hole between readings: where a residual of
+    independent rows does, as by a bit of the converter that never changes, none of it is noise.
+
+    Parameters
+    ----------
+    error : (M,) array
+        Residual of the fitted samples, model less measured, in order.
+    y : (M,) array
+        Measured outputs, in the same unit.
+    """
+    from scipy.special import ndtr
+
+    sd = float(np.sqrt(np.mean(error**2)))
+    if error.size < _FEWEST or sd == 0:
+        return sd
+    some = one_of_each(y.size, _READINGS)
+    ordered, model = np.sort(y[some]), (y + error)[some]
+    holes = np.flatnonzero(np.diff(ordered) > _HOLE * sd)
+    low, high = ordered[holes, None], ordered[holes + 1, None]
+    expected = (ndtr((high - model) / sd) - ndtr((low - model) / sd)).sum(axis=1)
+    if expected.max(initial=0.0) > _MISSING:
+        return 0.0
+    return min(noise_of(np.diff(error, 2), 2), sd)
 
 
 def find_startup(error: FloatArray, rows: IntArray) -> Startup | None:

@@ -11,7 +11,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.lab.noise import noise_of
 
-__all__ = ["FrozenReadings", "RepeatedReadings", "frozen"]
+__all__ = ["FrozenReadings", "RepeatedReadings", "frozen", "noise_above_resolution"]
 
 _FEWEST = 20
 """Equal readings in a row below which a sensor is not called stuck: they do little harm."""
@@ -60,7 +60,7 @@ def frozen(values: FloatArray) -> FrozenReadings:
     counts = np.diff(edges)
     if counts.max() < _FEWEST:
         return none
-    noise = _noise(values[edges[:-1]].repeat(np.minimum(counts, _FEWEST)))
+    noise = noise_above_resolution(values[edges[:-1]].repeat(np.minimum(counts, _FEWEST)))
     if not noise:
         return none
     short = counts[counts < _FEWEST]
@@ -173,9 +173,11 @@ def _widened(ends: tuple[float, float], values: FloatArray | float) -> tuple[flo
     return float(np.fmin.reduce(all_of_them)), float(np.fmax.reduce(all_of_them))
 
 
-def _noise(values: FloatArray) -> float:
+def noise_above_resolution(values: FloatArray) -> float:
     """Return the standard deviation of noise, 0 where there is none above the resolution."""
     bends = np.diff(values, 2)
+    if bends.size < 2:
+        return 0.0
     ways = np.sign(bends)  # products of large numbers overflow
     if np.mean(ways[1:] * ways[:-1] < 0) < _ALTERNATES:
         return 0.0
