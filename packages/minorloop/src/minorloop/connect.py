@@ -146,13 +146,15 @@ def factory(path: str) -> Callable[..., Any]:
     fails.
     """
     module, _, function = path.rpartition(".")
+    remedy = "give module:PACKAGE.FUNCTION of an installed package or a file in this folder"
+    if not module:
+        raise ParameterError(f"module:{path} has no function of a module; {remedy}")
     folder = os.getcwd()
     if folder not in sys.path:
         sys.path.append(folder)
     try:
         found = getattr(import_module(module), function)
     except (ImportError, AttributeError, ValueError, SyntaxError) as error:
-        remedy = "give module:PACKAGE.FUNCTION of an installed package or a file in this folder"
         if isinstance(error, ModuleNotFoundError) and not f"{module}.".startswith(f"{error.name}."):
             remedy = f"install {error.name}, which it imports"
         raise ParameterError(f"module:{path} cannot be loaded: {error}; {remedy}") from None

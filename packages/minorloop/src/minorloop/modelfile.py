@@ -304,7 +304,7 @@ def save(
 
 
 def load(path: PathLike) -> Model:
-    """Read a model from a file that `save` wrote.
+    """Read a model from a file that `save` wrote, without its lag and bands, which `read` gives.
 
     Parameters
     ----------
