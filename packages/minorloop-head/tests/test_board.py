@@ -337,6 +337,11 @@ def test_options_out_of_range_are_refused(options, message):
         board_source([axis()], **options)
 
 
+def test_five_axes_are_refused():
+    with pytest.raises(ParameterError, match="there are 5 axes"):
+        board_source([axis()] * 5)
+
+
 @pytest.fixture(scope="module")
 def image(tmp_path_factory):
     """The firmware of a head, built for the emulator; it waits two seconds for its host."""

@@ -52,8 +52,6 @@ def test_refuses_wrong_levels(values, says):
         (-np.inf, 0.0, 3, "finite low < high"),
         (-1e308, 1e308, 3, "more than a float can hold"),
         (0.0, 1.0, 0, "0 bands; give a whole number"),
-        (0.0, 1.0, 2.5, "2.5 bands"),
-        (0.0, 1.0, True, "True bands"),
     ],
 )
 def test_refuses_wrong_ends_and_counts_of_uniform_levels(low, high, bands, says):

@@ -12,7 +12,6 @@ import pytest
         ("--timeout 0", "0.05 to 5"),
         ("--certificate none.pem --private-key none.key", "none.pem is not a file"),
         ("--specimen -1", "--specimen is -1; give 0 or more"),
-        ("--seed -1", "--seed is -1; give 0 or more"),
         ("--folder good.csv", "give a folder"),
         ("--camera camera:ftp://a", "give camera:0"),
         ("--tracker tcp:4242", "give udp:PORT"),

@@ -28,6 +28,7 @@ from minorloop.lab.actuator import Channel, Frame
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
 from minorloop.lab.store import Setup, Store
+from minorloop_head.cli import _water
 from minorloop_head.cli._camera_angles import kept_view, seen_head, swept_view
 from minorloop_head.cli._inspection_report import _odds, wall_words
 from minorloop_head.cli._journal import Journal, outcomes
@@ -46,6 +47,7 @@ from minorloop_head.procedures.head_file import (
 from minorloop_head.procedures.identify import HeadMeasurement
 from minorloop_head.procedures.rig import InspectionRig, LogEntry
 from minorloop_head.reconstruction.depth_map import WaterLine
+from minorloop_head.twins import surroundings
 from minorloop_head.twins.head import Head
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.wall_echoes import SweptBurst
@@ -234,13 +236,7 @@ def test_head_drive_names_faults_and_has_status_1_if_a_wire_cooled(run, monkeypa
         ),
         ("rad.csv", "head.json", "is in rad and a head is driven in deg; give the column in deg"),
         ("head.json", "head.json", "head.json is the file of a head, not a table; give a CSV"),
-        ("head.toml", "head.json", "head.toml is a TOML file, not a table; give a CSV"),
         ("good.csv", "good.csv", "good.csv is not a valid file of a head: it is a table"),
-        (
-            "good.csv",
-            "model.json",
-            "it is a model file, which has no format 'minorloop head'; give",
-        ),
         ("good.csv", "none.json", "no file none.json; give one that head identify or head cal"),
     ],
 )
@@ -1433,6 +1429,7 @@ def identified_at_once(monkeypatch):
 
 
 def test_a_sweep_needs_a_probe_and_a_part_of_the_wall(run, identified_at_once, tmp_path):
+    assert tuple(surroundings.GASES) == _water.GASES
     for options, words in (
         ("--actuator bench:head.toml", "is not a head with an ultrasonic probe"),
         (

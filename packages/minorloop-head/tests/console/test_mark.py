@@ -8,6 +8,11 @@ from console_rig import PIT, DirectCamera, Pilot, request, right, tip, towards, 
 from minorloop.errors import LimitError
 from minorloop_head.console import messages
 from minorloop_head.console.mark import (
+    NO_CONTACT,
+    OUT_OF_REACH,
+    PATIENCE,
+    TOUCHED,
+    ended,
     marking,
     reaches,
     servoed,
@@ -70,6 +75,13 @@ def test_a_wall_that_is_farther_than_a_pit_is_deep_is_not_touched():
     assert touch.tool.touches == []
 
 
+def test_a_mark_that_is_not_seen_is_not_measured():
+    """On the floor of a pit no mark is left, and its edge is none."""
+    touch = Touching(AT_PIT)
+    assert touch.marked()["off"] is None
+    assert touch.tool.marks == []
+
+
 def test_a_touch_that_is_ended_withdraws_the_tool_and_reports_nothing():
     for command in ("end_mark", "pick"):
         touch = Touching()
@@ -106,6 +118,23 @@ def test_a_point_is_servoed_to_where_the_tool_meets_it_and_may_be_out_of_reach()
     assert not reaches(short, pixel, here)
     assert not reaches(view(), (0.0, 0.0), reading_at((0.5, 0.0, 0.0, 0.0)))
     assert not reaches(view(), (np.nan, 0.0), here)
+
+
+def test_each_end_has_its_sentence():
+    assert ended(touches.TOUCHED, 0.12e-3) == (
+        "the tool has touched the wall 0.12 mm from the picked point, and is withdrawn"
+    )
+    assert "0.45 mm from the picked point, farther than 0.3 mm, and is" in ended("touched", 0.45e-3)
+    unknown = "its distance from the picked point is not known: the camera does not show its mark"
+    assert ended(touches.TOUCHED, None) == f"{TOUCHED}; {unknown}"
+    assert ended(touches.NO_CONTACT, None) == NO_CONTACT
+    assert "in a hole" in NO_CONTACT
+    assert "on plain wall" in NO_CONTACT
+    assert ended(touches.BEYOND, None) == OUT_OF_REACH
+    assert ended(touches.BEYOND, None, 0.6) == OUT_OF_REACH
+    unsure = "; the point was hard to recognise, with a score of 0.45, and 0.6 is sure: "
+    assert ended(touches.TOUCHED, 0.12e-3, 0.45).partition("withdrawn")[2].startswith(unsure)
+    assert f"did not come to rest with the tool at the point in {PATIENCE:g} s" in ended("", None)
 
 
 def test_a_touch_from_the_console_says_how_far_from_the_picked_point_it_is():

@@ -132,6 +132,16 @@ def test_an_impossible_command_gives_a_notice(seeing, pixel):
     assert len(events(reports, "unpicked")) == 1
 
 
+def test_nothing_round_is_not_measured():
+    camera = Perception(tip()[0], view())
+    for n in range(30):
+        camera.tick(request(towards((PIT[0] + 2.0, PIT[1]), 0.6), number=n))
+    away = towards((PIT[0] + 2.0, PIT[1]), 0.6)
+    reports = [camera.tick(request(away, ("pick", [330.0, 200.0])))]
+    reports += [camera.tick(request(away, *each)) for each in ((("extract", []),), *((),) * 6)]
+    assert [event["hole"] for event in events(reports, "extracted")] == [None]
+
+
 def test_a_search_that_takes_long_does_not_let_pictures_pile_up():
     camera = Perception(tip()[0], view(), lambda work: lambda: None)  # it never ends
     reports = [camera.tick(request(there(), ("find", []), number=n)) for n in range(60)]

@@ -168,3 +168,9 @@ def test_a_plant_that_cannot_be_used_is_one_sentence_before_the_console_starts(b
         with pytest.raises((InstrumentError, ParameterError), match=sentence):
             probed(address)
     assert not [words for words in commands(folder) if words[0] == "SET"]
+
+
+def test_other_addresses_are_refused():
+    for ask in (open_plant, open_tip, lambda address: head_of(address, None)):
+        with pytest.raises(ParameterError, match="twin:pipe"):
+            ask("twin:ipmc")

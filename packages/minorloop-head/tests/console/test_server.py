@@ -252,6 +252,20 @@ def send(served, kind, content):
     )
 
 
+def test_a_dropped_finding_takes_its_fit_and_its_mesh_with_it(served):
+    job = bytes([messages.JOB]) + pickle.dumps({"finding": 7})
+    with served.page() as socket:
+        page = Page(socket)
+        send(served, None, job)  # of a finding that nobody knows any more
+        send(served, "findings", {"findings": [asdict(replace(FINDING, number=7))]})
+        send(served, None, job)
+        told = page.until("depth")
+        assert (told["finding"], told["stage"]) == (7, "waiting for others to finish")
+        send(served, "findings", {"findings": []})
+        assert page.until("depth")["stage"] == ""
+    assert served.link.orders == []
+
+
 def test_the_map_of_a_sweep_is_shown_and_downloaded_and_its_finds_go_to_the_loop(
     served, monkeypatch
 ):
@@ -327,6 +341,12 @@ def test_a_recording_is_replayed(served):
         assert socket.receive_text() == said.decode()
         assert socket.receive_bytes() == b"\x01picture"
         assert json.loads(socket.receive_text())["type"] == "ended"
+
+
+@pytest.mark.parametrize("name", ["none", "../one", "%2e%2e%2fone", "a" * 3000])
+def test_what_is_no_recording_is_not_replayed(served, name):
+    with served.page(path=f"/ws?replay={name}") as socket:
+        assert "no recording" in Page(socket).refusal()
 
 
 def told(page, kind):

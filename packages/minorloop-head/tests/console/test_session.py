@@ -143,6 +143,24 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
     assert math.dist(pilot.session.state.command, command) < 0.07
 
 
+def test_the_cause_that_a_camera_gives_stays_until_it_gives_pictures():
+    pilot = Pilot()
+    reports, pilot.camera.reports = pilot.camera.reports, list
+    pilot.camera.problem = "camera:0 gives pictures of 320 by 240 pixels"
+    pilot.drive(5)
+    for _ in range(2):
+        pilot.mode("HEAD")
+        pilot.drive(5)
+        state = msgspec.json.decode(pilot.session.report(pilot.now))
+        assert state["trouble"] == pilot.camera.problem
+        assert state["reason"] == f"{pilot.camera.problem}; press a mode when pictures come again"
+    pilot.camera.reports, pilot.camera.problem = reports, ""
+    pilot.mode("HEAD")
+    pilot.drive(3)
+    assert pilot.session.state.mode == "HEAD"
+    assert msgspec.json.decode(pilot.session.report(pilot.now))["trouble"] == ""
+
+
 def test_that_the_plant_may_still_be_on_is_said_until_it_is_off():
     pilot = Pilot().steering(10)
     pilot.session.danger = "the source may still be on, switch it off by hand"
@@ -249,6 +267,19 @@ def test_a_release_holds_and_forgets_the_pilot():
     pilot.mode("HEAD")
     pilot.silence()
     assert pilot.session.state.mode == "HOLD"
+
+
+def test_a_measurement_or_scan_without_a_target_gives_a_notice():
+    pilot = Pilot().steering(5)
+    pilot.order(messages.Measure)
+    pilot.order(messages.Scan)
+    pilot.camera.events = [{"what": "extracted", "hole": None, "verdict": "nothing round"}]
+    pilot.drive(2)
+    sentences = " ".join(notice["text"] for notice in sent(pilot.session, "notice"))
+    for part in ("pick a point", "measure a finding first", "nothing round"):
+        assert part in sentences
+    assert pilot.session.findings == []
+    assert pilot.session.state.mode == "HEAD"
 
 
 def scanning(stick=(0.0, 0.0)):

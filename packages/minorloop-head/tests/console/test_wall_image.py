@@ -50,3 +50,9 @@ def test_the_window_goes_along_and_stays_on_the_map():
         assert first >= 0
         assert last <= 0.3 + 1e-12
     assert len(wall.seen) == 1
+
+
+def test_beyond_the_end_nothing_is_painted():
+    wall = WallImage(view(), 0.1)
+    wall.paint(np.full((480, 640), 90, np.uint8), (0.0, 0.0, 0.5, 0.0))
+    assert not wall.grey.any()

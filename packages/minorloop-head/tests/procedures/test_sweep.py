@@ -105,12 +105,7 @@ def test_a_sweep_out_of_reach_is_refused():
         (np.radians((10.0, 11.0)), Z, "that is 1 degree; give at least 2.8, two"),
         ((0.0, 7.0), Z, "that is 401.1 degrees; .* and at most 360 degrees"),
         (PHI, (2e-3, 1e-3), "from 2 to 1 mm .* which are -1 mm; .* the greater place last"),
-        (PHI, (2e-3, 2.4e-3), "which are 0.4 mm; give at least 0.48, two"),
-        (PHI, (2e-3, 14e-3), "which are 12 mm; .* and at most 10 mm"),
         (PHI, (-1e-3, 1e-3), "from 0 mm on, up to the end of the pipe at 50 mm"),
-        (PHI, (48e-3, 51e-3), "from 48 to 51 mm .* the end of the pipe at 50 mm"),
-        (PHI, (0.0, math.inf), "give places from 0 mm"),
-        ((math.nan, 1.0), Z, "the greater angle last"),
     ],
 )
 def test_an_area_that_cannot_be_swept_is_refused(phi, z, words):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from minorloop.errors import LimitError, ParameterError
-from minorloop.lab.actuator import FrameSource
 from minorloop_head.geometry import Mount, Pinhole, wall_point
 from minorloop_head.twins.camera import Camera, ImageSensor, led_positions
 from minorloop_head.twins.pipe import Bore, Crack, Dent, Dirt, Finish, Pipe
@@ -38,24 +37,6 @@ def looking_at(pipe, *, lights=(True, True, True), gain=1.0, focus=None, **optio
 def middle(image, half=3):
     v, u = image.shape[0] // 2, image.shape[1] // 2
     return float(image[v - half : v + half, u - half : u + half].mean())
-
-
-def test_it_implements_the_protocol():
-    camera = Camera(Pipe(length=6.4e-3))
-    assert isinstance(camera, FrameSource)
-    frame = camera.frame()
-    assert frame.image.shape == (480, 640)
-    assert frame.image.dtype == np.uint8
-    assert 0 < frame.t < camera.clock == pytest.approx(0.04)
-
-
-def test_a_seed_gives_the_same_frames():
-    pipe = Pipe.draw(2, length=12.8e-3, holes=1)
-    first, again, other = (Camera(pipe, seed=n) for n in (1, 1, 2))
-    image = first.frame().image
-    np.testing.assert_array_equal(image, again.frame().image)
-    assert (image != other.frame().image).any()
-    assert (image != first.frame().image).any()
 
 
 def test_the_truth_is_private():
@@ -242,13 +223,6 @@ def test_out_of_focus_is_blurred_and_focus_takes_time():
     for _ in range(25):
         soft.frame()
     assert soft.focus == pytest.approx(20e-3)
-
-
-def test_a_turning_head_blurs_along_its_way():
-    hole = Pipe(length=25.6e-3, finish=MATT, bores=(Bore(*PLACE, 1.1e-3, lining=0.01),))
-    still, turning = looking_at(hole, sensor=CLEAN), looking_at(hole, sensor=CLEAN)
-    turning.look(AIM[0] - 0.005 * 0.6, AIM[1], rates=(0.6, 0.0))
-    assert steepness(turning.frame().image) < 0.7 * steepness(still.frame().image)
 
 
 def test_a_rolling_shutter_sees_rows_one_after_the_other():

@@ -3,25 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop.errors import LimitError
 from minorloop_head.twins.catheter import TRAVEL, TURNS, Catheter
 
 
 def go(twin, advance, roll, seconds):
     """Where the tip is after some seconds at two rates."""
     return twin.apply(np.array([advance, roll]), seconds, seconds).y[:, -1]
-
-
-def test_its_channels_are_advance_and_roll():
-    assert [str(c) for c in Catheter.inputs] == ["advance rate [mm/s]", "roll rate [deg/s]"]
-    assert [str(c) for c in Catheter.outputs] == ["advance [mm]", "roll [deg]"]
-
-
-def test_moves_at_the_commanded_rate():
-    twin = Catheter()
-    first = go(twin, 10.0, 30.0, 5.0)
-    later = go(twin, 10.0, 30.0, 4.0)
-    np.testing.assert_allclose((later - first) / 4.0, [10.0, 30.0], rtol=5e-3)
 
 
 def test_the_motor_takes_up_a_rate_with_a_limited_acceleration():
@@ -92,18 +79,3 @@ def test_the_tip_is_never_further_from_the_motor_than_friction_holds(rates):
     # Sliding adds what the tip relaxes behind a moving motor: rate times relaxation time.
     most = stretch * [1.2, 6.0] + np.array([20.0 * 0.11, 60.0 * 0.07])
     assert np.all(np.abs(truth["motor"] - truth["tip"]) <= most)
-
-
-def test_halving_the_step_changes_little():
-    t = np.linspace(0, 60, 601)
-    u = np.array([12 * np.sin(t / 3) + 4, 50 * np.sin(t / 5)])
-    coarse, fine = (Catheter(substeps=n).drive(t, u).y for n in (1, 2))
-    span = np.ptp(coarse, axis=1, keepdims=True)
-    assert np.max(np.abs(coarse - fine) / span) < 0.01
-    end = [go(Catheter(substeps=n), 10.0, 30.0, 10.0) for n in (1, 2)]
-    assert np.max(np.abs(end[0] - end[1]) / span[:, 0]) < 0.001
-
-
-def test_refuses_a_rate_beyond_its_limits():
-    with pytest.raises(LimitError, match="roll rate 61 deg/s is beyond the limits"):
-        Catheter().exchange(np.array([0.0, 61.0]))

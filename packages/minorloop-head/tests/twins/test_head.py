@@ -14,24 +14,11 @@ def settled(pan, tilt, **options):
     return y, {name: values[-1] for name, values in twin._truth().items()}
 
 
-def test_its_channels_are_pan_and_tilt():
-    assert [str(c) for c in Head.inputs] == ["pan current [A]", "tilt current [A]"]
-    assert [str(c) for c in Head.outputs] == ["pan [deg]", "tilt [deg]"]
-    assert all((c.low, c.high) == (0.0, 0.4) for c in Head.inputs)
-    assert Head().tick == 0.04
-
-
 def test_each_axis_reaches_the_published_angle():
     for currents, axis in (((0.4, 0.0), 0), ((0.0, 0.4), 1)):
         y, truth = settled(*currents)
         assert y[axis] == pytest.approx(60.0, abs=1.0)
         assert truth["temperature"][axis] == pytest.approx(128.0, abs=0.5)
-
-
-def test_the_cold_head_looks_straight_ahead():
-    y, truth = settled(0.0, 0.0)
-    np.testing.assert_allclose(y, 0.0, atol=1e-9)
-    np.testing.assert_allclose(truth["martensite"], 1.0)
 
 
 def test_each_sensor_sees_a_tenth_of_the_other_axis_at_most():
@@ -59,25 +46,6 @@ def test_moving_one_axis_disturbs_the_wire_of_the_other():
     alone.apply(np.array([0.3, 0.0]), 80.0, 80.0)
     pushed, free = (head._truth()["martensite"][-1, 0] for head in (twin, alone))
     assert pushed - free > 0.05
-
-
-def test_its_pan_wire_is_the_wire_of_the_same_specimen():
-    head, wire = Head(7)._parameters, Wire(7)._parameters
-    assert {name: head[f"pan_{name}"] for name in wire} == wire
-    assert all(head[f"tilt_{name}"] != wire[name] for name in wire)
-    assert len(head) == 39
-
-
-def test_halving_the_step_changes_little():
-    def run(substeps):
-        twin, way = Head(substeps=substeps), []
-        for currents in np.random.default_rng(0).uniform(0, 0.4, (12, 2)):
-            way.append(twin.apply(currents, 60.0, 0.05).y)
-        return np.concatenate(way, axis=1), np.array([y[:, -1] for y in way])
-
-    (way, ends), (finer, ends_finer) = run(1), run(2)
-    assert np.max(np.abs(way - finer)) / 60 < 0.01
-    assert np.max(np.abs(ends - ends_finer)) / 60 < 0.001
 
 
 def test_a_load_may_act_on_one_axis_alone():

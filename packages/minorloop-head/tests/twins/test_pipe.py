@@ -9,11 +9,6 @@ from minorloop.errors import ParameterError
 from minorloop_head.twins.pipe import Bore, Crack, Dent, Dirt, Pipe, Scratch
 
 
-def test_a_seed_draws_the_same_pipe():
-    assert Pipe.draw(5, holes=2, pits=1, cracks=1) == Pipe.draw(5, holes=2, pits=1, cracks=1)
-    assert Pipe.draw(5, holes=2) != Pipe.draw(6, holes=2)
-
-
 def test_what_is_drawn_is_as_large_as_promised():
     pipe = Pipe.draw(1, holes=40, pits=40, cracks=20)
     holes = [bore for bore in pipe.bores if bore.through]

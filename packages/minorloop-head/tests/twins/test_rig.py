@@ -11,10 +11,6 @@ from minorloop_head.twins.rig import STRAIGHT, Rig, SimulatedTip
 from minorloop_head.twins.surroundings import FULL, Filling, Sway
 
 
-def test_the_camera_looks_along_the_pipe_when_the_joints_are_in_their_middle():
-    np.testing.assert_allclose(Rig().stance()[:2], [-STRAIGHT, -STRAIGHT])
-
-
 def test_sway_moves_the_picture_and_not_the_sensors():
     frames, readings = [], []
     for sway in (None, Sway(0.035)):

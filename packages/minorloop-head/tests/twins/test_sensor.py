@@ -49,23 +49,11 @@ def test_a_stuck_sensor_repeats_its_last_reading_and_recovers():
     assert truth[9, 0] != y[9, 0]
 
 
-def test_a_sensor_that_is_stuck_from_the_start_repeats_its_first_reading():
-    y, truth = readings(10, faults=[Fault("pan", "stuck", 0.0)], pieces=[1] * 10)
-    assert np.all(y[:, 0] == truth[0, 0])
-
-
 def test_a_lost_sensor_reads_nan_and_only_that_channel():
     y, truth = readings(10, faults=[Fault("tilt", "lost", 4.0)])
     np.testing.assert_array_equal(y[:, 0], truth[:, 0])
     assert np.all(np.isnan(y[3:, 1]))
     np.testing.assert_array_equal(y[:3, 1], truth[:3, 1])
-
-
-def test_a_sensor_stuck_after_it_was_lost_repeats_a_number():
-    faults = [Fault("pan", "lost", 2.0, 5.0), Fault("pan", "stuck", 5.0)]
-    y, truth = readings(10, faults=faults, pieces=[1] * 10)
-    assert np.all(np.isnan(y[1:4, 0]))
-    assert np.all(y[4:, 0] == truth[4, 0])
 
 
 @pytest.mark.parametrize(
@@ -74,7 +62,6 @@ def test_a_sensor_stuck_after_it_was_lost_repeats_a_number():
         ({"channel": "pan", "kind": "gone", "at": 0.0}, "kind is 'gone'; give one of 'stuck'"),
         ({"channel": "pan", "kind": "lost", "at": np.nan}, "at is nan"),
         ({"channel": "pan", "kind": "lost", "at": 3.0, "until": 3.0}, "give at < until"),
-        ({"channel": "pan", "kind": "lost", "at": 3.0, "until": np.nan}, "until is nan"),
         ({"channel": "pan", "kind": "lost", "at": 1.0, "until": "b"}, "until is 'b'"),
     ],
 )

@@ -58,10 +58,6 @@ def test_a_plain_wall_echoes_after_twice_its_distance(temperature):
     assert np.argmax(envelope) * 10e-9 == pytest.approx(2 * 8e-3 / speed, abs=20e-9)
 
 
-def test_the_wall_fills_half_of_the_range():
-    assert peak(received(probe_at())) == pytest.approx(0.5, rel=0.1)
-
-
 def test_in_air_there_is_no_echo():
     assert peak(received(probe_at(Pipe(water=None)))) < 1e-3
     half = Pipe(water=0.0)
@@ -130,25 +126,6 @@ def test_cracks_and_dents_change_the_echo():
         assert peak(received(probe_at(pipe)) - plain) > 0.1 * peak(plain)
 
 
-def test_noise_repeats_with_its_seed_and_not_without():
-    a, b, c = (probe_at(noise=0.1, seed=seed).shot().trace for seed in (1, 1, 2))
-    assert (a == b).all()
-    assert (a != c).any()
-
-
-def test_specimens_differ():
-    assert peak(received(probe_at(specimen=1)) - received(probe_at(specimen=2))) > 0.02
-
-
-def test_echoes_change_with_a_moving_head_and_stay_with_a_still_one():
-    sonar = probe_at(Pipe(bores=(PIT,), water=FULL))
-    assert (received(sonar) == received(sonar)).all()
-    sonar.look(*sonar.probe.aim(MOUNT, wall_point(0.0, 20.3e-3, 10e-3)), rates=(0.5, 0.0))
-    first = received(sonar)
-    sonar.wait(0.1)
-    assert peak(received(sonar) - first) > 0.02
-
-
 def test_faults_freeze_or_lose_traces():
     faults = (Fault("echo", "lost", 0.001, 0.002), Fault("echo", "stuck", 0.002, 0.003))
     sonar = probe_at(noise=0.1, faults=faults)
@@ -157,12 +134,6 @@ def test_faults_freeze_or_lose_traces():
     assert (stuck == lost).all()
     assert peak(again) > 0
     assert peak(again - good) > 0
-
-
-def test_loud_echoes_clip():
-    sonar = probe_at()
-    sonar.amplify(3.0)
-    assert peak(received(sonar)) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_impossible_values_are_refused():

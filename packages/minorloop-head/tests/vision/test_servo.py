@@ -99,7 +99,6 @@ def test_a_quarter_turn_of_tilt_is_singular():
         {"gain": np.nan},
         {"interval": 0.0},
         {"gain": 2.0, "delay": 0.3},
-        {"rate_limit": 0.0},
     ],
 )
 def test_impossible_values_are_refused(options):

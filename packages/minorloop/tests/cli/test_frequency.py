@@ -118,7 +118,6 @@ def test_a_simulated_bench_measures_sines(run, refused, monkeypatch):
         (f"{PLAN} --low -1", "--low is not for a plan of sines"),
         (PLAN.replace("0.7,1", "0.7;1"), "--amplitudes is '0.7;1'; give numbers separated"),
         (PLAN.replace("--preamble -1.2", ""), "--preamble is missing"),
-        ("plan decaying --low 0 --high 1 --cycles 3", "--cycles is not for a plan of decaying"),
         (f"{RUN} --tolerance 1", "--tolerance is for plans of holds"),
         (f"{RUN} --levels 4", "--levels is for --plan adaptive"),
         ("frequency none.csv", "none.csv does not exist"),

@@ -328,7 +328,6 @@ def test_a_model_is_made_from_a_data_sheet(run, answer):
         ("--from-loop 1 x 2", "--from-loop is '1 x 2'; give three numbers"),
         ("--from-loop 1 0.5", "requires 3 arguments"),
         ("--from-loop 1 0.5 1 --levels 5", "--levels cannot be combined with --from-loop"),
-        ("good.csv --from-loop 1 0.5 1", "a file cannot be combined with --from-loop"),
         ("good.csv --field 3", "--field is given without --from-loop"),
         ("", "Missing argument 'file'; see minorloop identify --help, or give --from-loop"),
     ],

@@ -84,7 +84,6 @@ def test_budgets():
         ({}, "one of them"),
         ({"holds": 5, "hours": 1.0}, "one of them"),
         ({"holds": 2}, "holds is 2; give a budget of 3 to 1000"),
-        ({"holds": 2.5}, "holds is 2.5"),
         ({"hours": 0.1}, "0.1 h are 1 holds of 200 s; give a budget"),
         ({"hours": 1.0, "hold": 0.0}, "hold is 0 s"),
         ({"holds": 5, "step": 0.0}, "step is 0"),

@@ -200,7 +200,6 @@ def test_with_the_prior_it_has_bands():
         ({"lag": 3}, "lag cannot be combined with dynamics"),
         ({"groups": np.zeros(500)}, "groups cannot be combined"),
         ({"poles": 4}, 'poles is 4; give "auto" or 0 to 3'),
-        ({"poles": True}, "poles is True"),
         ({"first": "both"}, "first is 'both'"),
         ({"creep": "some"}, "creep is 'some'"),
     ],

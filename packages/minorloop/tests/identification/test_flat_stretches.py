@@ -82,6 +82,16 @@ def test_an_output_that_saturates_smoothly_is_not_clipped():
     assert kinds(u, y) == []
 
 
+def test_few_inputs_at_random_to_an_output_that_saturates_seldom_look_clipped():
+    found = 0
+    for seed in range(1000, 1040):
+        rng = np.random.default_rng(seed)
+        u = np.r_[0, 1, rng.uniform(size=50)]
+        y = plant(u)
+        found += "clipped" in kinds(u, np.tanh(4 * y / np.ptp(y)) + 0.003 * rng.normal(size=u.size))
+    assert found <= 6
+
+
 def test_curves_that_all_end_at_saturation_without_noise_are_not_clipped():
     fields = np.linspace(-1, 1, 9)
     u = np.concatenate([np.concatenate([[1.0], fields[k:]]) for k in range(7, -1, -1)])

@@ -66,6 +66,17 @@ def test_a_start_that_explodes_is_bent_back():
     assert found.error < 1.2 * found.noise
 
 
+def test_fixed_parameters_stay(settled):
+    begin = start(np.array([1.0, 1.3, 1.0, 1.0, 1.0, 1.0, 1.0]))
+    fixed = ("mass", "stiffness", "alpha", "gamma", "delta", "exponent")
+    found = identify_oscillator(*settled, begin, period=PERIOD, fixed=fixed)
+    assert np.delete(found.parameters, 1).tolist() == np.delete(TRUE, 1).tolist()
+    assert found.sd[1] > 0
+    assert not np.delete(found.sd, 1).any()
+    assert found.parameters[1] == pytest.approx(10, rel=0.05)
+    assert "2 (fixed)" in str(found)
+
+
 def test_an_unknown_law_is_found_from_the_record_alone(settled):
     found = identify_oscillator(*settled, period=PERIOD)
     assert isinstance(found.model.operator, Duhem)

@@ -144,7 +144,6 @@ def test_data_that_determine_the_plane_are_reproduced():
             {"mean": "ridge", "prior": "none"},
             'mean of a prior, and there is none with prior "none"',
         ),
-        ({"mean": "ridge", "smoothness": 0.1}, "there is none with smoothness 0.1"),
     ],
 )
 def test_refuses(options, says):

@@ -113,10 +113,8 @@ def test_a_record_owns_its_numbers_and_does_not_change():
         ({"u": [1, 2]}, "u has 2 samples and t has 3"),
         ({"y": np.zeros((2, 3))}, "y has 2 channels and 1 names"),
         ({"u": [1, np.nan, 2]}, "u is nan at index 1"),
-        ({"y": [1, np.inf, 2]}, "y is inf at index 1"),
         ({"t": [0, 2, 1]}, "time runs backwards from 2 to 1 at sample 2"),
         ({"t": [], "u": [], "y": []}, "at least one sample"),
-        ({"t": [[0, 1, 2]]}, "t has shape"),
         ({"u": "abc"}, "u is not an array of real numbers"),
     ],
 )

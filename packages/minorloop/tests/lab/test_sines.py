@@ -64,10 +64,6 @@ def test_a_plan_of_holds_is_no_plan_of_sines(tmp_path):
         ({"hold": 0.0}, "hold is 0"),
         ({"offset": np.nan}, "offset is nan"),
         ({"measured": 2.5}, "measured periods are 2.5; give a whole number of at least 2"),
-        ({"measured": 1}, "measured periods are 1"),
-        ({"discarded": -1}, "discarded periods are -1"),
-        ({"samples": 10}, "samples per period are 10; give a whole number of at least 20"),
-        ({"samples": np.inf}, "samples per period are inf"),
         ({"discarded": 10**6}, "has 40000080 samples, more than 2000000"),
     ],
 )

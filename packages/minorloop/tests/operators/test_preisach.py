@@ -326,8 +326,6 @@ def test_everett_is_half_the_change_along_a_new_branch():
         ({"slope": "steep"}, "finite"),
         ({"levels": [0, 1e-300, 1, 2, 3, 4, 5]}, "scale the input up"),
         ({"weights": np.tril(np.full((6, 6), 1e300))}, "give them in a larger unit"),
-        ({"offset": -1e301}, "give them in a larger unit"),
-        ({"slope": 1.7e308}, "give them in a larger unit"),
     ],
 )
 def test_refuses_wrong_parameters(options, message):
