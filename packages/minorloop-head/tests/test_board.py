@@ -149,19 +149,6 @@ def test_the_driver_finds_the_limits_and_units_of_the_axes(board):
     assert (board.inputs, board.lines) == ([0.0, 0.0], [1, 1, 1, 0])
 
 
-def test_an_input_moves_at_its_rate_limit_and_no_faster(board):
-    board.put("HELLO")
-    board.put("SET", "0.4", "0.01")
-    seen = []
-    for _ in range(81):
-        board.let(1)
-        seen.append(board.inputs)
-    changes = np.diff([[0.0, 0.0], *seen], axis=0)
-    assert changes.max() <= 0.005 * (1 + 1e-9)  # 5 A/s
-    assert seen[78][0] < 0.4 == seen[-1][0]
-    assert board.numbers("ON") == [0.4, 0.01]
-
-
 @pytest.mark.parametrize(
     ("words", "why"),
     [
@@ -283,21 +270,6 @@ def test_axes_without_dynamics_follow_python_for_ten_thousand_ticks(static):
         one.let(40)
         found.append(one.inputs)
     assert np.abs(np.array(found) - expected).max() <= 1e-6 * 2.0
-
-
-def test_a_turn_between_two_ticks_is_remembered(static):
-    one = begun(static)
-    one.put("HELLO")
-    trackers = [axis.model.track() for axis in _board.static_axes()]
-    for u in (0.0, 0.5, -0.25, 0.3):
-        one.put("SET", str(u), str(u))
-        one.let(15)
-        for tracker in trackers:
-            tracker.push(u)
-    one.put("FOLLOW", "60", "30")
-    one.let(80)
-    wanted = [tracker.aim(y) for tracker, y in zip(trackers, (60.0, 30.0), strict=True)]
-    assert one.numbers("ON") == pytest.approx(wanted, abs=1e-9)
 
 
 def axis(**known):

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from minorloop.errors import ParameterError
 from minorloop_head import geometry
 from minorloop_head.geometry import Mount, Pinhole
-from minorloop_head.twins.turbid_water import FlatPort
 
 angles = st.floats(-1.2, 1.2)
 pixels = st.tuples(st.floats(0, 639), st.floats(0, 479))
@@ -45,20 +44,6 @@ def test_a_pixel_projects_to_itself_through_the_lens(pixel):
 
 def test_what_is_behind_the_camera_has_no_pixel():
     assert np.isnan(LENS.project([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0]])).all()
-
-
-def test_a_flat_port_in_water_is_a_longer_focal_length_with_another_distortion():
-    v, u = np.mgrid[0 : LENS.height : 40, 0 : LENS.width : 40]
-    pixels = np.stack([u, v], axis=-1)
-    air, water = LENS.normalised(pixels), LENS.in_water().normalised(pixels)
-    sines = [np.sin(np.arctan(np.linalg.norm(rays, axis=-1))) for rays in (air, water)]
-    np.testing.assert_allclose(sines[0], geometry.WATER_INDEX * sines[1], atol=2e-4)
-    exact = FlatPort.of(LENS)
-    np.testing.assert_allclose(exact.pixels(exact.normalised(pixels)), pixels, atol=1e-9)
-    off = LENS.in_water().pixels(exact.normalised(pixels)) - pixels
-    assert np.abs(off).max() < 0.1
-    assert LENS.in_water().focal == pytest.approx(geometry.WATER_INDEX * LENS.focal, rel=1e-3)
-    assert np.isnan(exact.project([2.0, 0.0, 1.0])).all()  # no ray in water leaves so obliquely
 
 
 @given(

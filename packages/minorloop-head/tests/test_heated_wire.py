@@ -47,21 +47,6 @@ def test_the_effective_power_settles_at_the_balance_with_the_surroundings(power,
     assert state.power == pytest.approx(power / cooling + ambient, abs=1e-4)
 
 
-@given(power=powers, steps=st.lists(powers, min_size=1, max_size=4))
-def test_a_step_does_not_change_the_state_before_it(power, steps):
-    wire = made_up()
-    state = wire.begin(power)
-    was = state.tracker.memory, state.power, state.angle
-    after = state
-    for each in steps:
-        after = wire.step(after, each, 0.5)
-    assert (state.tracker.memory, state.power, state.angle) == was
-    again = state
-    for each in steps:
-        again = wire.step(again, each, 0.5)
-    assert (again.power, again.angle) == (after.power, after.angle)
-
-
 @given(peak=powers, share=st.floats(0.0, 1.0))
 def test_the_state_after_a_rise_and_a_return_is_recovered(peak, share):
     wire = made_up()

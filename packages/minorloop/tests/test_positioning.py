@@ -41,19 +41,3 @@ def test_a_quadratic_that_noise_has_bent_is_said_to_be_so(monkeypatch):
     monkeypatch.setattr(Polynomial, "fit", lambda *_, **__: bent)
     with pytest.raises(ParameterError, match=r"noise is 3\.0 1/m, .* non-monotone .*; give less"):
         run_positioning(0, 3.0)
-
-
-def test_other_figures_than_the_papers_and_what_is_under_way():
-    stages = []
-    protocol = ExperimentProtocol(voltage=1.0, bands=4, hold=20.0, targets=3, reach=2.0)
-    result = run_positioning(0, protocol=protocol, progress=stages.append)
-    assert result.summary["measurements"] == 11
-    assert result.targets.size == result.preisach.voltages.size == 3
-    assert np.abs(result.preisach.voltages).max() <= 1.0
-    assert result.preisach.record.t[-1] - result.preisach.record.t[0] <= 3 * 20.0
-    assert [stage.split()[0] for stage in stages] == [
-        "measuring",
-        "identifying",
-        "driving",
-        "driving",
-    ]

@@ -1,14 +1,9 @@
-import base64
-import re
-from html.parser import HTMLParser
-
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from fixed_options import identify
 from minorloop.errors import OutputError
-from minorloop.report import Picture, Report, Table, identification_report
+from minorloop.report import Report, Table, identification_report
 
 
 def test_is_one_file_that_opens_offline(tmp_path):
@@ -38,36 +33,6 @@ def test_text_is_escaped():
 def an_identification(**options):
     u = np.random.default_rng(0).uniform(-1, 1, 200)
     return identify(u, u**3, levels=4, **options)
-
-
-def pictures(html):
-    """The drawings in a page, as text."""
-    addresses = re.findall(r'<img src="([^"]*)"', html)
-    head = "data:image/svg+xml;base64,"
-    assert all(address.startswith(head) for address in addresses)
-    return [base64.b64decode(address.removeprefix(head)).decode() for address in addresses]
-
-
-def test_every_tag_is_closed():
-    class Tags(HTMLParser):
-        def __init__(self):
-            super().__init__()
-            self.open = []
-
-        def handle_starttag(self, tag, attributes):
-            if tag not in ("meta", "img"):
-                self.open.append(tag)
-
-        def handle_endtag(self, tag):
-            assert self.open.pop() == tag
-
-    report = Report("a", "b")
-    report.add("c", text=["d", "e"], table=Table(("f", "g"), [("h", "i")]), notes=["j"])
-    report.add("k", pictures=[Picture(Figure(), "l")])
-    tags = Tags()
-    tags.feed(report.html())
-    tags.close()
-    assert tags.open == []
 
 
 def test_states_what_was_held_out():

@@ -30,7 +30,7 @@ from minorloop.lab.records import Record
 from minorloop.lab.store import Setup, Store
 from minorloop_head.cli import _water
 from minorloop_head.cli._camera_angles import kept_view, seen_head, swept_view
-from minorloop_head.cli._inspection_report import _odds, wall_words
+from minorloop_head.cli._inspection_report import _map_caption, wall_words
 from minorloop_head.cli._journal import Journal, outcomes
 from minorloop_head.cli._sweep_journal import burst_line
 from minorloop_head.control.head import head_control
@@ -859,21 +859,6 @@ def test_a_view_that_could_not_be_used_is_taken_again_by_a_resume(run, scripted,
     assert {row["why"] for row in after["unconfirmed"]} == {"not seen again"}
 
 
-def test_a_visit_with_bad_frames_is_kept_if_its_candidate_was_seen_from_another_side():
-    from minorloop_head.cli._journal import _usable
-
-    def view(name, verdict, finding=None):
-        return SimpleNamespace(picture=SimpleNamespace(name=name, verdict=verdict), finding=finding)
-
-    views = [
-        view("view 1", "good"), view("view 2", "black"), view("hole 1", "torn"),
-        view("hole 1 again", "good", "a hole"), view("hole 2", "torn"),
-        view("hole 2 again", "good"), view("hole 3", "good"), view("hole 3 again", "torn"),
-    ]  # fmt: skip
-    kept = [one.picture.name for one in _usable(views)]
-    assert kept == ["view 1", "hole 1", "hole 1 again", "hole 3"]
-
-
 NOT_VISITED = "seen, not visited"
 
 
@@ -1240,17 +1225,12 @@ def test_a_place_without_an_echo_is_not_scanned_and_not_known_to_be_within_reach
     assert (heard["scanned"], heard["reached"]) == (True, True)
 
 
-@pytest.mark.parametrize(
-    ("evidence", "words"),
-    [
-        (12.3, "more than 1000 to 1"),
-        (2.3, "10 to 1"),
-        (-1.2, "3 to 1 against it"),
-        (-9.0, "more than 1000 to 1 against it"),
-    ],
-)
-def test_the_report_has_odds_for_evidence(evidence, words):
-    assert _odds(evidence) == words
+def test_the_caption_of_a_map_has_its_marks_only():
+    seen = SimpleNamespace(seen_share=1.0, probed=np.zeros((2, 2), bool))
+    assert _map_caption(seen, [], [], None) == ("The inner wall, unrolled, as the camera saw it.")
+    line = WaterLine(1e-3, 1e-4, 0.0)
+    shown = _map_caption(seen, [object()], [], line)
+    assert shown.endswith("saw it; findings are numbered; dashed lines are the level of the water.")
 
 
 def test_the_report_says_what_the_edge_cuts_how_high_the_water_was_and_that_pictures_are_blurred():

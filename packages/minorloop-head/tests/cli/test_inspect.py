@@ -172,27 +172,3 @@ def test_poses_may_come_from_a_pipe(run):
     status, out, _ = run(f"inspect pictures {OPTIONS} --poses poses --json")
     writer.join()
     assert (status, len(json.loads(out)["findings"])) == (0, 1)
-
-
-@pytest.mark.parametrize("blur", [0.5, 1.0])
-def test_the_diameter_of_a_disc_is_that_of_an_independent_drawing(blur):
-    from minorloop_head.procedures.pictures import PicturePose, inspect_picture
-
-    view = HeadCalibration(lens=LENS, leds=np.zeros((1, 3)), lever=8e-3)
-    pan, tilt, times = math.radians(24.0), math.radians(6.0), 4
-    # Rays of a pinhole on a lever, met with a cylinder; each pixel is the mean of 16 of them.
-    u, v = np.meshgrid(*((np.arange(n * times) + 0.5) / times - 0.5 for n in (640, 480)))
-    x, y = (u - 319.5) / 520.0, (v - 239.5) / 520.0
-    (cp, sp), (ct, st) = ((math.cos(a), math.sin(a)) for a in (pan, tilt))
-    turn = np.array([[cp, sp * st, sp * ct], [0.0, ct, -st], [-sp, cp * st, cp * ct]])
-    dx, dy, dz = (row[0] * x + row[1] * y + row[2] for row in turn)
-    px, py, pz = 8e-3 * turn[:, 2]
-    a, b, c = dx**2 + dy**2, px * dx + py * dy, px**2 + py**2 - 1e-4
-    far = (np.sqrt(b**2 - a * c) - b) / np.maximum(a, 1e-12)
-    phi, z = np.arctan2(py + far * dy, px + far * dx), pz + far * dz
-    near = np.hypot(10e-3 * (phi - 0.05), z - 20e-3) < 0.5e-3
-    fine = np.where(near, 6.0, 120.0 * (1.0 + 0.03 * np.sin(9000.0 * z)))
-    image = cv2.GaussianBlur(fine.reshape(480, times, 640, times).mean(axis=(1, 3)), (0, 0), blur)
-    found = inspect_picture(image.round().astype(np.uint8), view, PicturePose(pan=pan, tilt=tilt))
-    holes = [each for each in found.findings if abs(each.z - 20e-3) < 0.5e-3]
-    assert holes[0].width == pytest.approx(1e-3, rel=0.03)

@@ -11,10 +11,9 @@ import pytest
 
 from console_rig import view
 from minorloop_head.console import loop, messages
-from minorloop_head.console.camera_protocol import PICTURED, CameraReport, CameraRequest
+from minorloop_head.console.camera_protocol import CameraReport, CameraRequest
 from minorloop_head.console.channel import NewestPipe
 from minorloop_head.console.plant import open_plant
-from minorloop_head.console.recording import PICTURE, TEXT, entries
 from minorloop_head.console.settings import LoopSettings
 from minorloop_head.console.supervisor import ProcessHandle
 from minorloop_head.console.watchdog import WatchedPlant
@@ -97,40 +96,6 @@ def running(tmp_path):
     found = Running(tmp_path / "sessions").introduce()
     yield found
     found.end()
-
-
-def test_a_recording_ends_with_the_server_and_the_loop_continues_with_another(running, tmp_path):
-    assert running.until("hello")["planes"]
-    for _ in range(3):
-        running.answer()
-    running.order(messages.Drive, **AHEAD)
-    running.order(messages.SetMode, mode="HEAD")
-    running.order(messages.RecordSession, on=True)
-    name = running.until("recording", lambda message: message["name"])["name"]
-    while not running.answer().keep:
-        pass
-    picture = messages.picture(messages.IMAGE, 1, 2.0, (0.0, 0.0, 0.0, 0.0), b"jpeg")
-    running.camera.send_bytes(PICTURED + picture)
-    last = running.until("state", lambda message: message["mode"] == "HEAD")
-    for _ in range(10):
-        running.answer()
-        last = running.until("state")
-    running.pipe.close()  # as when the server is killed
-    running.pipe = running.give("server")
-    assert running.until("hello")["planes"]
-    assert running.until("recording")["name"] is None
-    first = running.until("state")
-    after = running.until("state", lambda message: message["seq"] > first["seq"])
-    assert (after["mode"], after["safe_at"]) == ("HOLD", 0.0)
-    path = tmp_path / "sessions" / f"{name}.session"
-    texts = [json.loads(content) for kind, _, content in entries(path) if kind == TEXT]
-    states = [each for each in texts if each["type"] == "state"]
-    assert texts[0]["type"] == "hello"
-    assert last["seq"] in [state["seq"] for state in states]
-    assert [state["mode"] for state in states[-2:]] == ["HEAD", "HOLD"]
-    assert [content for kind, _, content in entries(path) if kind == PICTURE] == [picture]
-    numbers = [state["seq"] for state in states]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
 def test_nobody_steers_at_first_and_the_loop_ends_with_its_supervisor(running):

@@ -5,7 +5,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from console_rig import AHEAD, PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
+from console_rig import PIT, DirectCamera, Pilot, ScriptedCamera, position, right, view
 from minorloop_head.console import messages
 from minorloop_head.console.mark import NO_CONTACT, OUT_OF_REACH, TOUCHED
 from minorloop_head.console.session import Session
@@ -58,19 +58,6 @@ def test_the_catheter_follows_the_stick_and_stops_without_messages():
     before = position(pilot.session)
     pilot.silence(25)
     assert position(pilot.session)[2] == pytest.approx(before[2], abs=0.3)
-
-
-def test_ticks_that_a_late_loop_skips_are_counted_by_the_time_of_the_plant():
-    pilot = Pilot().steering(4)
-    session, tick = pilot.session, pilot.session.interval
-    n, known = session.ticks, []
-    for time in (7.0, 7.0 + 5 * tick, 7.0 + 5 * tick, 7.0 + 7 * tick, 0.0, 3 * tick, None):
-        pilot.plant.time = time
-        pilot.drive()
-        known.append(round(session._t / tick) - n)
-    # Without an answer there is the last time; a plant that was started anew counts from 0.
-    assert known == [1, 6, 7, 8, 9, 12, 13]
-    assert session._control.axes[0].clock.t == pytest.approx((n + 12) * tick)
 
 
 def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
@@ -386,19 +373,6 @@ def test_a_number_is_never_used_again_and_a_late_fit_finds_nothing():
     assert (finding.number, finding.depth) == (2, None)
     pilot.order(messages.Scan, finding=999)
     assert "no finding 999" in sent(pilot.session, "notice")[-1]["text"]
-
-
-def test_pages_are_sent_planes_and_memory():
-    pilot = Pilot().steering(30)
-    hello = msgspec.json.decode(pilot.session.introduction())
-    state = msgspec.json.decode(pilot.session.report(pilot.now, late=0.001))
-    for plane, memory in zip(hello["planes"], state["memory"], strict=True):
-        assert len(plane["weights"]) == len(plane["levels"]) - 1
-        assert plane["levels"][0] <= memory[-1] <= plane["levels"][-1]
-    assert state["mode"] == "HEAD"
-    assert state["late"] == 1.0
-    assert state["received"]["seq"] == pilot.seq
-    assert AHEAD[3] == 1.0
 
 
 def every_command(pilot):

@@ -1,11 +1,8 @@
-import math
-
 import numpy as np
 import pytest
 
 from console_rig import PIT, request, tip, towards, view
 from minorloop_head.console.perception import Perception
-from minorloop_head.console.units import to_si
 from minorloop_head.console.wall_image import STEP, WallImage
 
 
@@ -16,21 +13,6 @@ def camera():
     for _ in range(30):
         found.tick(request(towards(PIT, 0.8)))
     return found
-
-
-def test_the_pit_is_on_the_map_where_it_is_on_the_wall(camera):
-    for roll in (0.0, 35.0):
-        there = towards(PIT, 0.8, to_si((0.0, 0.0, 2.0, roll)))
-        for _ in range(30):
-            camera.tick(request(there))
-        wall = WallImage(view(), 0.1)
-        wall.paint(camera.image, there)
-        row, column = round(PIT[1] / STEP - 0.5), round(PIT[0] / (2 * math.pi) * wall.grey.shape[1])
-        part = wall.grey[row - 8 : row + 9, column - 8 : column + 9].astype(float)
-        darkest = np.unravel_index(part.argmin(), part.shape)
-        assert math.dist(darkest, (8, 8)) <= 3
-        assert part.min() > 0  # all of it was seen
-        assert part.min() < 0.6 * np.median(part)
 
 
 def test_a_worse_view_does_not_replace_a_better_one(camera):

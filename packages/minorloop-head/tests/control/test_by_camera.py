@@ -1,21 +1,17 @@
 """A head by its camera alone, whose pictures are few, late, and lost when it turns far unseen."""
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
 from minorloop_head.control.by_camera import AGE, LEAD, camera_control
-from minorloop_head.procedures.head_file import read_head
-from wires import TICK, identified
+from wires import identified
 
 FOUND_AGAIN = 10.0
 """Degrees by which a head may turn between two pictures; a view beyond is lost for good here."""
 EVERY = 4
-EXAMPLES = Path(__file__).parents[4] / "examples"
 
 
 def follow(target, seconds, **options):
@@ -74,23 +70,3 @@ def test_readings_that_are_not_used_do_not_bound_a_target():
     ]
     _, state = control.step(replace(state, axes=tuple(late)), (20.0, 15.0), (44.0, 44.0))
     assert [axis.reference for axis in state.axes] == pytest.approx([20.0, 15.0])
-
-
-def test_wires_with_friction_are_held_where_no_model_of_ours_describes_them():
-    file = EXAMPLES / "simulated_head.py"
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    example = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(example)
-    wires, rng = (example.Wire(), example.Wire()), np.random.default_rng(0)
-    control = read_head(EXAMPLES / "head.json").control(interval=TICK, by_camera=True)
-    state, seen, t = control.begin(), [np.zeros(2)] * (AGE + 1), 0.0
-    for target in [(40.0, 25.0), (38.0, 10.0)]:
-        for _ in range(round(12.0 / TICK)):
-            read = seen[-1 - AGE] + rng.normal(0.0, 0.02, 2)
-            currents, state = control.step(state, np.array(target), read, t=t)
-            for wire, current in zip(wires, currents, strict=True):
-                wire.advance(TICK, float(current))
-            seen.append(np.array([wire.angle() for wire in wires]))
-            t += TICK
-        last = np.array(seen[-round(3.0 / TICK) :]) - target
-        assert np.sqrt((last**2).mean(axis=0)).max() < 0.15

@@ -78,19 +78,6 @@ def test_others_are_not_late(options):
     assert watched(**options) is None
 
 
-def test_a_gap_counts_as_so_many_intervals_and_ends_nothing():
-    watch, state = DelayWatch(observer=OBSERVER), Delays()
-    estimate = OBSERVER.found(0.0, 0.0)
-    for steps in (1, 3, 2):
-        state = watch.step(state, estimate, 0.1, 0.0, expected=0.0, steps=steps)
-    read = [reading for _, _, reading in state.recent]
-    assert [math.isnan(each) for each in read] == [False, True, True, False, True, False]
-    assert state.comparison is None
-    state = watch.step(state, estimate, 0.1, 2.0, expected=0.0)
-    assert state.comparison is not None
-    assert state.late == 0.0
-
-
 def test_readings_that_end_while_observers_are_compared_are_not_late():
     watch, state = DelayWatch(observer=OBSERVER), Delays()
     estimate = OBSERVER.found(0.0, 0.0)

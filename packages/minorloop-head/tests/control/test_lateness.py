@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from minorloop_head.control.by_camera import LEAD, camera_control
+from minorloop_head.control.by_camera import camera_control
 from minorloop_head.control.head import head_control
 from minorloop_head.control.lateness import Lateness, Stop, StopWatch
 from minorloop_head.twins.surroundings import Course, Surroundings
@@ -37,28 +37,6 @@ def test_a_loop_with_late_readings_stops_swinging_and_says_why():
     )
     assert after < 0.3 * before
     assert abs(run.error(began + 4.0)[:, 0]).max() < 4.0
-
-
-def swing(angles):
-    """Degrees by which an axis rises and falls, or falls and rises."""
-    rise = (angles - np.minimum.accumulate(angles)).max(axis=0)
-    fall = (np.maximum.accumulate(angles) - angles).max(axis=0)
-    return np.minimum(rise, fall).max()
-
-
-@pytest.mark.parametrize("late", [0.4, 0.5, 0.7])
-def test_late_pictures_are_known_at_the_end_of_the_first_move(late):
-    wires, coupling = identified_head(1000)
-    control = camera_control("observer", wires, coupling=coupling, lead=LEAD)
-    run = Run(control, [40.0, 20.0], 16.0, delay=0.06 + late, noise=0.02, specimen=1000)
-    first = next(event for _, event in run.state.log if event.cause == "sensor")
-    assert "they are late" in first.text
-    assert first.step * TICK < 6.5
-    said = float(first.text.split("where the wire was ")[1].split(" s")[0])
-    assert said == pytest.approx(late + 0.06, abs=0.1)
-    # From then on each wire goes by its current, whatever the readings had made of it.
-    assert swing(run.true[run.t > 12.0]) < 1.0
-    assert abs(run.error(12.0)).max() < 6.0
 
 
 @pytest.mark.parametrize("delay", [0.04, 0.08, 0.16])

@@ -6,12 +6,11 @@ import pytest
 
 from minorloop_head.control.head import head_control
 from minorloop_head.control.observer import PowerObserver
-from minorloop_head.control.reach import STROKE_SHARE, ReachState, ReachWatch, Trial, Unreachable
+from minorloop_head.control.reach import ReachState, ReachWatch, Trial, Unreachable
 from minorloop_head.twins.surroundings import Surroundings
 from minorloop_head.twins.wire import Wire
-from papers.catheter.control.laws import LAWS
 from papers.catheter.head_loop import constant, run_loop
-from wires import TICK, Run, angle, identified, identified_head, made_up
+from wires import TICK, angle, identified, identified_head, made_up
 
 
 def watched(
@@ -102,22 +101,6 @@ def test_weight_on_wires_that_never_turn_is_no_evidence_until_one_turns():
     assert watch._verdict(replace(trial, bank=bank), 20.0, 0.0) is None
 
 
-def test_what_told_the_causes_apart_during_the_heating_is_not_forgotten():
-    wire = identified().model
-    watch, plant = ReachWatch(wire=wire), wire.begin(-0.03)
-    estimate = PowerObserver(wire=wire).found()
-    trial = Trial(watch._hypotheses.begin(estimate, moving=False), 0.0, 0.0)
-    told = []
-    for _ in range(1000):
-        plant = wire.step(plant, 0.16, TICK, ambient=-0.03)
-        trial = watch._followed(trial, plant.angle, plant.angle, 0.4)
-        cost = trial.bank.cost
-        told.append(cost[~watch._colder].min() - cost[watch._colder].min())
-    assert max(told) > 6.0
-    assert told[-1] < 0.8 * max(told)
-    assert trial.evidence == max(told)
-
-
 def test_both_causes_are_named_where_readings_do_not_tell_them_apart():
     watch = ReachWatch(wire=made_up())
     bank = watch._hypotheses.begin(PowerObserver(wire=made_up()).found(), moving=False)
@@ -174,16 +157,3 @@ def test_a_reach_is_corrected_only_while_full_current_is_on(current, reach):
     for _ in range(round(30.0 / watch.interval)):
         state = watch.step(state, 20.0, 2.0, current, estimate)
     assert state.verdict.reach == reach
-
-
-@pytest.mark.parametrize(("target", "ambient"), [(62.0, -20.0), (62.0, 0.0), (50.0, -30.0)])
-def test_a_law_in_open_loop_never_corrects_a_stated_reach_in_the_cold(target, ambient):
-    # It heats less than fully, and the wire stays far short of its reach for that reason.
-    wires, coupling = identified_head(1000)
-    control = head_control(LAWS["feedforward"], wires, coupling=coupling)
-    surroundings = Surroundings(ambient=ambient)
-    run = Run(control, [target, 0.0], 40.0, specimen=1000, surroundings=surroundings)
-    assert run.true[-1, 0] < 30.0
-    stated = {(each.reason, each.reach) for _, axis, each in run.unreachable if axis == 0}
-    end = STROKE_SHARE * wires[0].operator.range[1]
-    assert stated == ({("beyond the stroke", end)} if target > end else set())

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -50,19 +48,6 @@ def test_a_head_whose_camera_shows_nothing_stays_until_it_can_be_looked_for():
     assert state.kept.tolist() == (WHERE + 3).tolist()
     assert watch.step(state, 141, WHERE).kept == pytest.approx(0.985 * (WHERE + 3))
     assert watch.step(state, 0, WHERE).dark == 0
-
-
-def test_a_head_that_had_to_go_back_turns_more_slowly_from_then_on():
-    watch = UnreadWatch(after=3, stays=50)
-    assert [after([*range(n), 0], watch).slower for n in (50, 51, 60)] == [1, 1, 2]
-    assert after([*range(60), 0, 0] * 9, watch).slower == 4
-    control = camera_control("observer", (made_up(), made_up()), interval=0.04, lead=6.0)
-    first, wanted = control.begin(), []
-    _, first = control.step(first, [40.0, 0.0], np.zeros(2))
-    for lost in (0, 1, 2):
-        _, state = control.step(replace(first, unread=Unread(lost=lost)), [40.0, 0.0], np.zeros(2))
-        wanted.append(state.axes[0].reference)
-    assert wanted == pytest.approx([6.0, 3.0, 2.0])
 
 
 def test_steps_that_take_several_intervals_go_back_after_the_same_time():

@@ -138,17 +138,3 @@ def test_a_folder_of_another_specimen_is_refused_before_the_head_is_opened(found
 def test_numbers_out_of_their_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         HeadExcitation(**wrong)
-
-
-def test_what_is_left_of_each_run_is_known_before_and_between_runs(tmp_path):
-    before = measurement(tmp_path).left()
-    assert list(before)[:2] == ["pan-loop", "pan-coupling"]
-    assert len(before) == 8
-    with pytest.raises(Stopped):
-        measurement(tmp_path, stop_after=before["pan-loop"] + 2).identified()
-    begun = []
-    left = replace(measurement(tmp_path), told=begun.append).left()
-    assert "pan-loop" not in left
-    assert left.pop("pan-coupling") == before["pan-coupling"] - 2
-    assert left == {name: holds for name, holds in before.items() if name in left}
-    assert begun == []

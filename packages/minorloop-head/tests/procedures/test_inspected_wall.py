@@ -1,26 +1,21 @@
 """The wall that an inspection saw, its shares, and its figure."""
 
-from io import BytesIO
-
 import numpy as np
 import pytest
 
 from minorloop_head.procedures.finding_map import draw_c_scan
-from minorloop_head.procedures.inspected_view import Unconfirmed
 from minorloop_head.procedures.inspected_wall import (
     SeenWall,
     c_scan_of,
-    draw_wall,
 )
 from minorloop_head.procedures.probe_steps import ScannedRaster
 from minorloop_head.procedures.scan import RasterScan
-from minorloop_head.reconstruction.depth_map import Patch, WaterLine
+from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.ultrasound.echoes import Burst, Pulse
 from minorloop_head.ultrasound.pits import raster
 
 from .fakes import CALIBRATION
-from .test_probe_steps import HOLE, TRACED, burst
-from .test_probing import view_of
+from .test_probe_steps import burst
 
 RING = Patch.ring(10e-3, 20e-3, step=0.5e-3)
 
@@ -41,19 +36,6 @@ def test_the_range_and_the_share_of_what_was_seen():
     assert first == pytest.approx(-90.0, abs=3.0)
     assert last - first == pytest.approx(360.0 * 93 / RING.columns, abs=3.0)
     assert sector.seen_share == pytest.approx(94 / RING.columns)
-
-
-def test_the_map_has_numbers_crosses_and_the_level_of_the_water():
-    lost = Unconfirmed(kind="crack", phi=3.1, z=15e-3, evidence=1.0, seen_in=(), why="")
-    seen = seen_between((0, 9), (0, RING.columns))
-    figure = draw_wall(seen, [view_of(HOLE), view_of(TRACED)], [lost], WaterLine(-5e-3, 1e-4, 0.0))
-    (axes,) = figure.axes
-    assert [text.get_text() for text in axes.texts] == ["1", "2"]
-    dashed = [line for line in axes.lines if line.get_linestyle() == "--"]
-    assert sorted(line.get_xdata()[0] for line in dashed) == pytest.approx([-30.0, 210.0])
-    assert any(line.get_marker() == "x" for line in axes.lines)
-    assert axes.get_xticklabels()[0].get_text() == "-90\ntop"
-    figure.savefig(BytesIO(), format="png")
 
 
 def test_a_scan_shows_amplitude_and_depth_of_its_echoes():

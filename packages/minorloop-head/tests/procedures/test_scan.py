@@ -7,7 +7,7 @@ import pytest
 from minorloop.lab.actuator import Shot
 from minorloop_head.control.head import head_control
 from minorloop_head.procedures.go import GO
-from minorloop_head.procedures.scan import MOST_AGAIN, RasterScan
+from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.values import Request
 from minorloop_head.twins.catheter import Catheter
 from wires import identified
@@ -129,19 +129,6 @@ def test_a_row_that_the_catheter_has_jumped_past_is_come_to_again(seed, centre, 
     state = loop.run(scan, scan.begin(centre))
     assert state.again == 1
     assert len(set(shot_at(loop))) == SCAN.points**2
-
-
-@pytest.mark.parametrize(("past", "again"), [(3.5, MOST_AGAIN), (9.0, 0)])
-def test_a_scan_ends_if_the_catheter_does_not_come_to_a_row(past, again):
-    loop = Loop()
-    state = SCAN.begin(CENTRE)
-    while state.point < SCAN.points:
-        state, request = SCAN.step(state, loop.reading(loop.asked[-1] if loop.asked else None))
-        loop.tick(request)
-    loop.stuck, loop.place = True, np.add(loop.place, (0.0, np.radians(past)))
-    state = loop.run(SCAN, state)
-    assert state.again == again
-    assert state.point == SCAN.points
 
 
 class Swaying(Loop):

@@ -228,27 +228,6 @@ def test_a_sweep_whose_pictures_show_nothing_for_10_s_stops_with_the_wires_off(m
     assert 10.0 < safe[0] - began[0] < 12.0
 
 
-def test_a_black_picture_or_none_is_not_searched_and_another_that_does_not_fit_is():
-    changes = [lambda image: image, lambda image: image[:, ::-1].copy(), lambda image: 0 * image]
-    now = changes[:1]
-    seen, _ = head(lambda frame: Frame(frame.t, now[0](frame.image)))
-    searched = []
-    for now[0] in changes:
-        seen.exchange(np.zeros(2))
-        searched.append(seen.searched)
-    assert searched == [True, True, False]
-
-    def none(image):
-        raise InstrumentError("no picture came")
-
-    now[0] = none
-    seen.exchange(np.zeros(2))
-    assert (seen.searched, seen.why) == (False, "the picture is black")
-    for _ in range(30):
-        seen.exchange(np.zeros(2))
-    assert seen.why == "no picture came"
-
-
 def test_a_head_is_left_safe_if_the_wait_for_its_zero_ends_early(monkeypatch):
     safe = []
     monkeypatch.setattr(RigWires, "safe", lambda self: safe.append(True), raising=True)

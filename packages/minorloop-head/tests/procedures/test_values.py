@@ -1,7 +1,5 @@
 """Laws of every procedure."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -26,22 +24,6 @@ EVERY = {
     "scan": (RasterScan(calibration=CALIBRATION), RasterScan(calibration=CALIBRATION).begin(PLACE)),
     "mark": (Marking(calibration=CALIBRATION), Marking(calibration=CALIBRATION).begin(PLACE)),
 }
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_a_procedure_that_has_ended_requests_nothing(name):
-    procedure, state = EVERY[name]
-    loop = Loop()
-    asked = []
-    for _ in range(3):
-        state, request = procedure.step(state, loop.reading())
-        asked.append(request)
-    assert not all(request is NOTHING for request in asked)
-    ended = replace(state, done=True)
-    for _ in range(3):
-        after, request = procedure.step(ended, loop.reading())
-        assert after is ended
-        assert request is NOTHING
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -1,7 +1,6 @@
 """The simulated camera, against optics."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ import pytest
 from minorloop.errors import LimitError, ParameterError
 from minorloop_head.geometry import Mount, Pinhole, wall_point
 from minorloop_head.twins.camera import Camera, ImageSensor, led_positions
-from minorloop_head.twins.pipe import Bore, Crack, Dent, Dirt, Finish, Pipe
+from minorloop_head.twins.pipe import Bore, Crack, Finish, Pipe
 from minorloop_head.twins.turbid_water import TurbidWater
 
 MATT = Finish(specular=1e-6, brush=1e-9, streak=1e-9, stain=1e-9, ambient=1e-9, diffuse=0.6)
@@ -70,20 +69,6 @@ def test_a_matt_wall_shines_as_cosine_over_square_of_distance(led):
     assert middle(camera.frame().image) == pytest.approx(expected, rel=0.03, abs=0.5)
 
 
-def test_a_mark_is_drawn_without_the_wall_being_drawn_anew(monkeypatch):
-    """That would take a second, in which the console gets no picture and holds."""
-    pipe = Pipe.draw(1001, length=25.6e-3)
-    marked = replace(pipe, dirt=(*pipe.dirt, Dirt(*PLACE, 0.15e-3, 0.35, 0.03e-3, 0.0)))
-    fresh = looking_at(marked, sensor=CLEAN).frame().image
-    camera = looking_at(pipe, sensor=CLEAN)
-    bare = camera.frame().image
-    monkeypatch.setattr("minorloop_head.twins.camera.lay_out", None)
-    camera.repaint(marked)
-    seen = camera.frame().image
-    assert middle(seen) < 0.8 * middle(bare)
-    np.testing.assert_allclose(seen, fresh, atol=1)
-
-
 def test_lights_add_up():
     camera, single = looking_at(Pipe(length=25.6e-3), sensor=CLEAN), []
     whole = middle(camera.frame().image)
@@ -93,22 +78,6 @@ def test_lights_add_up():
     assert sum(single) == pytest.approx(whole, abs=1.5)
     camera.switch((False,) * 3)
     assert middle(camera.frame().image) == 0
-
-
-def test_a_highlight_follows_the_light_and_not_the_wall():
-    pipe = Pipe(finish=Finish(roughness_around=0.05, roughness_along=0.05), dents=(
-        Dent(PLACE[0], PLACE[1], 0.4e-3, 0.4e-3),
-    ))  # fmt: skip
-    camera, spots = looking_at(pipe, sensor=CLEAN, gain=0.3), []
-    for lights in np.eye(3, dtype=bool):
-        camera.switch(lights)
-        image = camera.frame().image
-        window = image[180:300, 260:380].astype(float)
-        window[window < 0.9 * window.max()] = 0
-        v, u = np.mgrid[:120, :120]
-        spots.append([(u * window).sum() / window.sum(), (v * window).sum() / window.sum()])
-    gaps = [np.hypot(*np.subtract(spots[a], spots[b])) for a, b in ((0, 1), (1, 2), (0, 2))]
-    assert min(gaps) > 2
 
 
 def test_a_hole_is_where_the_score_expects_it():

@@ -149,20 +149,6 @@ def test_specimens_differ_by_up_to_a_tenth_and_repeat(kind):
 
 
 @every_kind
-def test_the_log_of_the_truth_is_kept_when_asked_for(kind):
-    silent, open_book = kind(noise=0.5), kind(noise=0.5, log_truth=True)
-    for u in wave(kind, 30):
-        np.testing.assert_array_equal(silent.exchange(u), open_book.exchange(u))
-    assert silent._truth()["t"].size == 0
-    truth = open_book._truth()
-    np.testing.assert_allclose(truth.pop("t"), 0.04 * np.arange(1, 31))
-    for values in truth.values():
-        assert values.shape == (30, len(kind.outputs))
-    first = next(iter(truth.values()))
-    np.testing.assert_array_equal(first[-1], open_book._output_now())
-
-
-@every_kind
 @pytest.mark.parametrize("wrong", [1e3, -1e3, np.nan, np.inf])
 def test_refuses_an_input_beyond_its_limits_and_stays_where_it_is(kind, wrong):
     twin = kind()

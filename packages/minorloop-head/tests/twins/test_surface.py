@@ -69,24 +69,6 @@ def test_a_dent_slopes_down_to_its_middle_from_all_sides():
     assert np.abs(around).max() == pytest.approx(steepest, rel=0.02)
 
 
-def test_dirt_dims_and_a_scratch_turns_the_light():
-    level, surface = finest(
-        Pipe(
-            length=10e-3,
-            finish=SMOOTH,
-            dirt=(Dirt(1.0, 5e-3, 1e-3, 0.5, raggedness=0.0),),
-            scratches=(Scratch(2.0, 5e-3, 0.0, 3e-3, 1e-4, slope=0.5),),
-        )
-    )
-    i, j = round(5e-3 / surface.size[1]), round(10e-3 / surface.size[0])
-    assert level[i, j, 0] == pytest.approx(0.5, abs=1e-3)
-    assert level[i, j, 3] == pytest.approx(0.3, abs=1e-3)
-    k = round(20e-3 / surface.size[0])
-    across = level[i - 4 : i + 5, k, 2]
-    assert across.max() > 0.2
-    assert across.min() < -0.2
-
-
 def test_a_bent_scratch_leaves_its_chord_by_half_the_curvature_times_the_square():
     bent = Scratch(2.0, 5e-3, 0.0, 4e-3, 1e-4, albedo=0.2, bend=200.0)
     level, surface = finest(Pipe(length=10e-3, finish=SMOOTH, scratches=(bent,)))

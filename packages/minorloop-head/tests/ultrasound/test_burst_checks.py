@@ -47,19 +47,6 @@ def test_a_repeated_trace_is_frozen():
     assert rejections(bursts)[6:8] == ["", "frozen"]
 
 
-@pytest.mark.parametrize(
-    ("centre", "diameter", "kept", "whole", "fault"),
-    [
-        (CENTRE, 1.1e-3, 36, True, ""),
-        (CENTRE, 2.6e-3, 36, True, "raster too small"),
-        ((0.3, 20e-3), 1.1e-3, 36, True, "raster beside the mouth"),
-        ((0.3, 20e-3), 1.1e-3, 18, False, "part missing"),
-    ],
-)
-def test_a_raster_covers_mouth_and_wall(centre, diameter, kept, whole, fault):
-    assert coverage_fault(scan()[:kept], PROBE, centre, diameter, whole=whole) == fault
-
-
 def test_traces_last_until_the_end_of_the_window():
     assert long_enough([], PROBE)
     assert long_enough(scan(), PROBE)

@@ -108,16 +108,3 @@ def test_a_groove_with_a_bright_flank_and_a_wide_soft_line_are_no_cracks():
     levels = np.stack([bare(seed) + line(points, 2.0) for seed in range(3)]).astype(np.float32)
     (crack,) = trace_cracks(levels, WINDOW, RADIUS)
     assert crack.width == pytest.approx(2.0 * STEP, rel=0.15)
-
-
-def test_a_crack_does_not_go_on_along_a_scratch_that_it_meets():
-    """The scratch is as dark, but has a bright flank."""
-    crack = line([(40, 30), (80, 60), (110, 100), (112, 150), (120, 190)], 2.0)
-    points = [(60, 110), (235, 95)]
-    side = np.sign((ROWS - 110) * 175 + (COLUMNS - 60) * 15)
-    scratch = 0.9 * side * distance(points) / 2 * np.exp(0.5 - distance(points) ** 2 / 8)
-    levels = np.stack([bare(seed, 0.03) + crack + scratch for seed in range(3)])
-    (found,) = trace_cracks(levels.astype(np.float32), WINDOW, RADIUS)
-    x = found.places[:, 0] * RADIUS / STEP
-    assert x.max() < 130
-    assert found.length == pytest.approx(191 * STEP, rel=0.1)

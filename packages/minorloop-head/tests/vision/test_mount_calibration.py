@@ -3,10 +3,8 @@ import pytest
 
 from minorloop.errors import RecordError
 from minorloop_head.geometry import Mount, rotation_z
-from minorloop_head.procedures.calibrate import calibrated_head, mount_doubts
-from minorloop_head.procedures.head_file import HeadFile
-from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from minorloop_head.vision.lens_calibration import LensFit, target_pose
+from minorloop_head.procedures.calibrate import mount_doubts
+from minorloop_head.vision.lens_calibration import target_pose
 from minorloop_head.vision.mount_calibration import fit_mount
 
 from .sighted_targets import LENS, MIDDLE, seen
@@ -88,28 +86,3 @@ def test_refuses_in_one_sentence(poses, joints, sentence):
 def test_angles_that_are_hardly_known_determine_no_mount():
     with pytest.raises(RecordError, match=r"do not determine the tilt where level"):
         fit_mount(*measured(ANGLES[::2]), sd=9.0)
-
-
-def test_zeros_squint_and_roll_of_the_camera_are_used_to_place_what_it_sees():
-    turned = Mount(lever=7.5e-3, roll=0.2, squint=np.radians(3.0), camera_roll=np.radians(-4.0))
-    poses, rng = [], np.random.default_rng(1001)
-    for number, at in enumerate(ANGLES):
-        pose = turned.pose(*np.radians(at))
-        turn = pose.rotation.T
-        picture = seen(f"{number}.png", turn, turn @ (CORNER - pose.position))
-        poses.append(target_pose(LENS, picture, 0.07))
-    joints = np.array(ANGLES) + STRAIGHT + rng.normal(0, 0.1, (len(ANGLES), 2))
-    fit = fit_mount(poses, joints, middle=MIDDLE[:2])
-    lens = LensFit(LENS, (), (), (), {}, 0.0)
-    head, advice = calibrated_head(
-        HeadFile(serial="H-01"), lens=lens, mount=fit, leds=np.zeros((3, 3))
-    )
-    assert advice == ()
-    found, wall = head.calibration, [(0.4, 25e-3), (2.0, 22e-3)]
-    for read in ([20.0, 31.0], [45.0, 20.0]):
-        angles = np.radians(np.array(read) - STRAIGHT)
-        true = CalibratedCamera(LENS, turned, np.zeros((1, 3))).pixel(wall, *angles)
-        own = found.line_of_sight(np.radians(read))
-        pixel = found.camera_at((0.0, 0.0)).pixel(wall, *own)
-        assert np.abs(pixel - true).max() < 4.0
-        assert found.joints(own) == pytest.approx(read)

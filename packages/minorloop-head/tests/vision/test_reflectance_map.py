@@ -50,19 +50,6 @@ def test_light_from_behind_is_no_reflectance():
     assert np.nanmax(off) > 0.3  # without the frame that shows it, it is not known
 
 
-def test_a_coarser_map_shows_the_same_places():
-    fine, coarse = (lay_flat(frames(), CAMERA, scale) for scale in (1.0, 2.0))
-    rows, columns = 4, 6
-    place = coarse.window.place(columns, rows, CAMERA.radius)
-    x, y = fine.window.texels(place, CAMERA.radius)
-    assert coarse.window.step == 2 * fine.window.step
-    assert np.isfinite(coarse.stack).sum() < np.isfinite(fine.stack).sum()
-    size = coarse.window.finer(CAMERA.radius)
-    corner = size.texels(place, CAMERA.radius)
-    np.testing.assert_allclose(corner, [2 * columns + 0.5, 2 * rows + 0.5], atol=1e-6)
-    assert np.isfinite([x, y]).all()
-
-
 def test_angles_are_finite_numbers():
     assert finite_angles(0.1, -0.2)
     assert not finite_angles(np.nan, 0.0)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 
 from minorloop.errors import ParameterError, SignalError
 from minorloop_head.geometry import wall_point
@@ -136,21 +135,6 @@ def distance(track, angles):
     return np.hypot(*(track.pixel - CAMERA.pixel(PLACE, *angles)))
 
 
-def test_a_patch_that_is_covered_is_lost_though_its_surroundings_are_seen():
-    _, state = begin()
-    for n in range(1, 4):
-        _, state = TRACKER.step(state, photograph(*AIM, seed=n), *AIM)
-    covered = photograph(*AIM, seed=9).copy()
-    u, v = np.rint(CAMERA.pixel(PLACE, *AIM)).astype(int)
-    rng = np.random.default_rng(0)
-    covered[v - 60 : v + 60, u - 60 : u + 60] = rng.integers(90, 110, (120, 120))
-    track, state = TRACKER.step(state, covered, *AIM)
-    assert track.verdict == "lost"
-    assert distance(track, AIM) < 2
-    track, _ = TRACKER.step(state, photograph(*AIM, seed=10), *AIM)
-    assert track.verdict == "tracked"
-
-
 def test_a_jump_that_stays_is_believed():
     _, state = begin()
     told, verdicts = AIM + np.array([0.035, 0.0]), []
@@ -190,23 +174,6 @@ def test_one_of_many_equal_spots_is_never_taken_for_another():
         told = AIM + np.array([turn, 0.0])
         track, state = TRACKER.step(state, photograph(*AIM, spots, seed=n), *told)
         assert track.verdict != "tracked" or distance(track, AIM) < 4
-
-
-def test_a_hole_has_a_place_of_its_own_on_a_blurred_wall_that_varies_slowly_along_the_pipe():
-    def wall(phi, z):
-        around, along = phi - PLACE[0], z - PLACE[1]
-        marks = texture(PLACE[0] + 2 * around, PLACE[1] + 0.6 * along)
-        return np.where(np.hypot(10e-3 * around, along) < 0.3e-3, marks - 0.4, marks)
-
-    def blurred(angles, seed):
-        image = gaussian_filter(photograph(*angles, wall, noise=0.0).astype(float), 3.0)
-        image += 1.5 * np.random.default_rng(seed).standard_normal(image.shape)
-        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
-
-    _, state = TRACKER.begin(blurred(AIM, 0), CAMERA.pixel(PLACE, *AIM), *AIM)
-    track, _ = TRACKER.step(state, blurred(AIM + 0.01, 1), *(AIM + 0.01))
-    assert track.verdict == "tracked"
-    assert distance(track, AIM + 0.01) < 0.5
 
 
 EDGE = AIM + np.array([0.36, 0.0])  # the patch is 10 pixels from the edge of the frame

@@ -159,20 +159,6 @@ def test_a_view_that_was_found_beside_dirt_is_on_trial_until_it_turns(seen):
     assert error(sight, pan) < CLOSE
 
 
-def test_a_view_that_was_found_again_is_learned_from_once_it_turns(seen):
-    seen.goes(-14.0)
-    count, tilt = len(seen.state.patches.sd), REST[1] + math.radians(4.0)
-    for _ in range(6):
-        sight = seen.step(math.radians(-26.0), tilt)
-        if sight.verdict == SEEN:
-            break
-    assert error(sight, math.radians(-26.0), tilt) < CLOSE
-    assert len(seen.state.patches.sd) == count
-    for further in np.radians(np.arange(0.5, 4.0, 0.5)):
-        assert seen.step(math.radians(-26.0), tilt + further).verdict == SEEN
-    assert len(seen.state.patches.sd) > count
-
-
 def dark(image):
     return np.zeros_like(image)
 

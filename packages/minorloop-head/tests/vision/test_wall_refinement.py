@@ -51,20 +51,6 @@ def test_pictures_correct_the_angles_of_a_camera_whose_lever_is_wrong(sweep):
     assert abs(error(found, rest, frames)) < 0.5 * abs(error(off, REST, frames))
 
 
-def test_a_patch_goes_all_the_way_to_where_it_agrees(sweep):
-    frames, known = sweep
-    eyes = WallAngles(known)
-    _, state = eyes.begin(frames[0].image, REST, frames[0].t)
-    sight, state = eyes.step(state, frames[1].image, frames[1].t)
-    image = eyes.pictures.pyramid(frames[1].image)[0]
-    off = np.radians([0.1, 0.0])
-    scores, _, turned = eyes.pictures.aligned(image, state.patches, sight.angles + off)
-    _, _, before = eyes.pictures.aligned(image, state.patches, sight.angles)
-    found = (before - turned)[scores > 0.8]
-    assert len(found) > 10
-    assert np.median(found[:, 0]) == pytest.approx(off[0], rel=0.1)
-
-
 def test_a_sweep_that_shows_no_wall_is_refused(sweep):
     frames, known = sweep
     dark = [replace(frame, image=np.zeros_like(frame.image)) for frame in frames[1:]]

@@ -70,20 +70,6 @@ def test_holds_that_are_too_short_to_settle_still_reach_their_targets(creeping, 
     np.testing.assert_allclose(y[reachable], np.array([0.3, 1.5])[reachable[:2]], atol=1e-9)
 
 
-def test_simulate_and_invert_with_times(creeping, run, refused):
-    assert "name the column of holds.csv with --time" in refused(
-        "simulate creep.json holds.csv --input voltage"
-    )
-    status, _, _ = run("simulate creep.json holds.csv --time time --save out.csv")
-    assert status == 0
-    t, u, y = np.loadtxt("out.csv", delimiter=",", skiprows=1).T
-    np.testing.assert_allclose(y, creeping.simulate(t, u))
-    status, _, _ = run("invert creep.json out.csv --target length --time time --save back.csv")
-    assert status == 0
-    t, u, wanted, y, _ = np.loadtxt("back.csv", delimiter=",", skiprows=1).T
-    np.testing.assert_allclose(creeping.simulate(t, u), wanted, atol=1e-9)
-
-
 def test_c_is_stepped_at_the_given_interval(creeping, run, refused, tmp_path):
     line = "export c creep.json --out firmware"
     assert "give the seconds between samples" in refused(line)

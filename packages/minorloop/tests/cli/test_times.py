@@ -18,22 +18,6 @@ def _log(t, u, y, columns=COLUMNS):
     write("log.csv", columns, np.column_stack([t, u, y]))
 
 
-def test_missing_rows_are_said_and_not_fitted(run, answer):
-    kept = np.delete(np.arange(900), slice(150, 450))
-    _log(T[kept], U[kept], MODEL.simulate(U)[kept])
-    status, out, _ = run(f"{LINE} --lag 0 --json")
-    found = json.loads(out)
-    assert found["samples"] < 300
-    assert found["chosen"][0].startswith("time: column 'time [s]'")
-    assert "1 gap in column 'time [s]': about 300 samples are missing" in found["advice"][1]
-    assert status == 1  # more than half of the rows are lost
-    assert "not fitted, because the memory is unknown after a gap" in found["warnings"][0]
-    assert "read the record without time (--time none)" in found["warnings"][0]
-    found = answer(f"{LINE} --lag 0 --time none")
-    assert (found["samples"], found["chosen"]) == (600, [])
-    assert not any("gap" in said for said in found["advice"])
-
-
 def test_with_dynamics_the_advice_on_lost_rows_can_be_followed(run):
     kept = np.delete(np.arange(900), slice(150, 450))
     _log(T[kept], U[kept], MODEL.simulate(U)[kept])
@@ -51,16 +35,6 @@ def test_uneven_samples_are_said_where_a_lag_needs_even_ones(answer):
     _log(t, U, MODEL.simulate(U), COLUMNS.replace("time [s]", "clock [ms]"))
     assert "uneven" not in " ".join(answer(f"{LINE} --lag 0")["advice"])
     assert "samples are uneven" in answer(f"{LINE} --lag 3")["advice"][0]
-
-
-def test_curves_whose_memory_is_reset_have_no_gaps(answer):
-    t = np.where(np.arange(900) < 450, T, T + 1000)
-    y = np.concatenate([MODEL.simulate(U[:450]), MODEL.simulate(U[450:])])
-    rows = np.column_stack([t, U, y, np.arange(900) >= 450])
-    write("log.csv", f"{COLUMNS},curve", rows.astype(float))
-    found = answer(f"{LINE} --lag 0 --time time --curves curve")
-    assert found["samples"] == 900
-    assert not any("gap" in advice for advice in found["advice"])
 
 
 def test_a_lag_in_seconds_needs_time(answer, refused):

@@ -119,18 +119,3 @@ def test_curves_are_drawn_with_their_rms_and_largest_errors():
     np.testing.assert_allclose(rms.get_ydata(), [100 * one.nrmse for one in errors])
     np.testing.assert_allclose(largest.get_ydata(), [100 * abs(one.worst) for one in errors])
     assert np.isfinite(left_out.get_ydata()).all()
-
-
-def test_the_worst_sample_of_a_long_record_is_drawn_by_amplitude_and_rate(monkeypatch):
-    monkeypatch.setattr(identification, "_MOST_DRAWN", 100)
-    u = np.concatenate([np.linspace(-1, 1, 301), np.linspace(0.99, -1, 300)])
-    y = Preisach(np.linspace(-1, 1, 5), np.eye(4)).simulate(u)
-    y[[203, 407]] += 0.8, -0.3
-    found = identify(u, y, levels=4, lag=0)
-    axes = identification.draw_identification(found).axes
-    worst = 100 * np.abs(found.prediction - y).max() / np.ptp(y)
-    for axis in (one for one in axes if one.get_ylabel().startswith("|residual|")):
-        dots = axis.lines[0]
-        drawn = dots.get_ydata()[dots.get_markevery() or slice(None)]
-        assert drawn.size < u.size
-        assert drawn.max() == pytest.approx(worst)

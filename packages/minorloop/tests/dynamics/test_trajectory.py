@@ -37,24 +37,6 @@ def test_superposed_steps_of_one_response_are_the_cascade(values, seconds):
     np.testing.assert_allclose(joined, cascade, atol=1e-5)
 
 
-@given(st.lists(st.floats(-1, 1), min_size=1, max_size=6), st.floats(1, 6))
-def test_settled_transients_begin_at_the_present_output(values, seconds):
-    """Compared with the formula, evaluated sample by sample."""
-    t, u = holds(values, seconds)
-    steady = PLANE.simulate([0.2, *u])
-    rises = [each.step_response(t) for each in (DOWN, UP)]
-    now = since = target = None
-    wanted, y, last = [], steady[0], 0.2
-    for k, value in enumerate(u):
-        if value != last:
-            now, since, target, last = y, k, steady[k + 1], value
-        if target is not None:
-            y = now + (target - now) * rises[int(target >= now)][k - since]
-        wanted.append(y)
-    got = Trajectory(PLANE, UP, DOWN).simulate(t, u, before=0.2)
-    np.testing.assert_allclose(got, wanted, atol=1e-5)
-
-
 def test_each_direction_has_its_response():
     line = Polynomial([0.0, 2.0], -1.0, 1.0)
     t, u = holds([0.0, 1.0, 0.0], 100)

@@ -72,22 +72,6 @@ def test_a_self_test_detects_a_wrong_inverse(kind, tmp_path):
     assert "forward" in done.stdout
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({}, ["leads to the target\n", "what the output is then\n"]),
-        ({"linear": LAGS}, ["when held", "one interval later\n", "first 3 steps.\n"]),
-        ({"linear": LAGS, "first": "linear"}, ["What the linear part overshoots by"]),
-        ({"linear": LAGS, "inverse": False}, ["one interval later\n *\n * Memory"]),
-    ],
-)
-def test_the_header_states_when_the_output_reaches_the_target(options, says):
-    header = source(operator(), **options).files["minorloop.h"]
-    for words in says:
-        assert words in header
-    assert ("leads to the target\n" in header) == ("linear" not in options)
-
-
 def shifted(base, width, bands=10):
     """A model whose inputs have an offset."""
     weights = np.tril(np.random.default_rng(1).uniform(0, 1, (bands, bands)))
@@ -286,16 +270,6 @@ def test_an_exact_inverse_stays_exact_when_memory_overflows(tmp_path):
     targets = model.simulate(deep_inputs(model, 5_000, np.random.default_rng(0)))
     y = compiled.Compiled(source(model, memory=6), tmp_path).chase(targets)[1]
     assert np.abs(y - targets).max() <= 1e-12 * np.ptp(model.range)
-
-
-def test_inputs_that_are_not_finite_change_nothing(tmp_path):
-    model = operator()
-    code = compiled.Compiled(source(model), tmp_path)
-    y = code.walk([0.5, np.nan, np.inf, -np.inf, 0.5])[0]
-    assert (y == y[0]).all()
-    u, _ = code.chase([0.5, np.nan, 0.5, np.inf, -np.inf])
-    assert u[0] == u[1] == u[2]
-    assert list(u[3:]) == [model.levels[-1], model.levels[0]]
 
 
 @pytest.mark.parametrize("float32", [False, True], ids=["double", "float"])

@@ -127,46 +127,6 @@ def test_arguments_that_are_not_finite_give_nan():
     assert np.isnan(jax.grad(lambda u: function(parameters, u).sum())(u)).all()
 
 
-def test_a_filter_and_a_hysteresis_are_learned_together():
-    rng = np.random.default_rng(0)
-    levels = np.linspace(-1.5, 1.5, 7)
-    truth = Preisach(levels, np.tril(rng.uniform(0.02, 0.1, (6, 6))))
-    voltage = rng.uniform(-1, 1, 300)
-
-    def filtered(pole, signal):
-        def step(x, v):
-            x = pole * x + (1 - pole) * v
-            return x, x
-
-        return jax.lax.scan(step, 0.0, signal)[1]
-
-    measured = truth.simulate(np.asarray(filtered(0.6, voltage)))
-    blank = Preisach(levels, np.tril(np.full((6, 6), 0.05)))
-    function, parameters = as_function(blank)
-
-    @jax.jit
-    @jax.value_and_grad
-    def loss(learned):
-        error = function(learned["operator"], filtered(learned["pole"], voltage)) - measured
-        return (error**2).mean() / measured.var()
-
-    learned = {"operator": parameters, "pole": jnp.asarray(0.3)}
-    moments = jax.tree.map(lambda x: (0 * x, 0 * x), learned)
-    first = float(loss(learned)[0])
-    for k in range(1, 301):  # Adam
-        value, slopes = loss(learned)
-        moments = jax.tree.map(
-            lambda g, m: (0.9 * m[0] + 0.1 * g, 0.99 * m[1] + 0.01 * g**2), slopes, moments
-        )
-        learned = jax.tree.map(
-            lambda x, m: x - 0.02 * (m[0] / (1 - 0.9**k)) / (jnp.sqrt(m[1] / (1 - 0.99**k)) + 1e-9),  # noqa: B023
-            learned,
-            moments,
-        )
-    assert value < 1e-3 * first
-    assert abs(learned["pole"] - 0.6) < 0.02
-
-
 def test_wrong_shapes_are_refused():
     function, parameters = as_function(preisach())
     for wrong, u, said in (

@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
-from minorloop.identification.accuracy import accuracy, by_curve, scores_of
+from minorloop.identification.accuracy import accuracy, by_curve
 from minorloop.identification.curves import Curves, as_curves
-from minorloop.operators.preisach import Preisach
 
 U = np.cos(np.linspace(0, 4 * np.pi, 401))
 LATE = np.cos(np.linspace(0, 4 * np.pi, 401) - 0.3)
@@ -52,18 +50,3 @@ def test_curves_are_scored_each_over_the_range_of_the_record():
     assert (first.accuracy.nrmse, last.accuracy.nrmse) == pytest.approx((0.1 / span, 0.4 / span))
     assert 300 <= last.accuracy.worst_sample <= 400
     assert (first.left_out, last.left_out) == (pytest.approx(0.6 / span), None)
-
-
-def test_an_identification_has_all_of_them():
-    levels = np.linspace(-1, 1, 6)
-    plane = Preisach(levels, np.tril(np.ones((5, 5))))
-    u = np.tile(np.concatenate([np.linspace(-1, 1, 30), np.linspace(1, -1, 30)]), 4)
-    y = plane.simulate(u)
-    found = identify(u, y, levels=levels, prior="none", smoothness=0.0, holdout=0.5)
-    assert found.scores["loop_area_train"] < 1e-9
-    assert found.scores | scores_of(found.accuracy, found.holdout_accuracy) == found.scores
-    assert found.free_parameters == np.count_nonzero(found.model.weights) + 1
-    assert found.curve_accuracy == ()
-    whole = identify(u, y, levels=levels, prior="none", smoothness=0.0)
-    assert whole.scores["worst_holdout"] is None
-    assert whole.holdout_accuracy is None

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.after_effect import SKIP, read_runs
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.after_effect import (
     Constants,
@@ -237,23 +236,3 @@ def test_a_change_within_a_gap_is_a_warning():
     t = t + np.where(np.arange(100) >= 50, 30.0, 0.0)
     found = identify_after_effect(t, u, u, levels=4, creep="none", rate=False)
     assert "changes in 1 gap of the times, first from" in found.warnings[0]
-
-
-def test_pauses_of_a_rock_that_were_not_fitted_are_predicted_better_with_time(shared_data):
-    """Every fifth first-order reversal curve, on a coarse plane."""
-    levels = 65.5 * np.sinh(2.5 * np.linspace(-1, 1, 17)) / np.sinh(2.5)
-    fitted, new = (
-        [column[label % 1000 % 5 == 0] for column in (*columns, label)]
-        for *columns, label in (read_runs((0, 50)), read_runs((350,)))
-    )
-    t, u, y, label = fitted
-    options = {"rate": False, "levels": levels, "curves": label, "start_of_curve": "positive"}
-    found, without = (
-        identify_after_effect(t, u, y, creep=creep, skip=SKIP, **options)
-        for creep in ("thermal", "none")
-    )
-    assert found.left_out_error < 0.75 * without.left_out_error
-    t, u, y, label = new
-    errors = [one.predict(t, u, curves=label) - y for one in (found, without)]
-    ours, theirs = (np.sqrt(np.nanmean(error**2)) for error in errors)
-    assert ours < 0.95 * theirs

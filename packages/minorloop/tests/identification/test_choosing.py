@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from fault_records import record
 from fixed_options import identify
 from minorloop.errors import ParameterError
 from minorloop.identification import choosing
@@ -58,22 +57,6 @@ def test_relays_are_compared_without_an_offset_only():
     assert "relays" in choice.chosen
 
 
-@pytest.mark.parametrize("seed", [1003, 1010])
-def test_comparisons_leave_the_prior_to_its_own_rule(seed):
-    rng, time = np.random.default_rng(seed), np.arange(150)
-    weights = np.tril(rng.uniform(0.5, 1.5, (40, 40)))
-    plant = Preisach(np.linspace(-1, 1, 41), weights / weights.sum())
-    ends = np.append(0.0, rng.uniform(-1, 1, 299))
-    decay = np.cos(3 * np.pi * time / 150) * (1 - time / 150)
-    u = np.append(decay, np.interp(time / 10, np.arange(300), ends))
-    y = plant.simulate(u)
-    y += 1e-3 * np.ptp(y) * rng.normal(size=u.size)
-    found = identify(u, y, levels=12, diagonal="auto", holdout=1 / 3)
-    assert found.posterior is not None
-    assert found.holdout_nrmse < 0.01
-    assert [one.name for one in found.choices] == ["structure"]
-
-
 def test_rows_of_one_group_are_compared_in_contiguous_parts(monkeypatch):
     monkeypatch.setattr(choosing, "_MOST_ROWS", 150)
     u, y = a_record(300)
@@ -104,11 +87,6 @@ def reversal_curves():
     u = np.concatenate([np.append(1.0, curve) for curve in curves])
     label = np.concatenate([[-1, *[k] * curve.size] for k, curve in enumerate(curves)])
     return u, label
-
-
-def test_few_samples_are_not_compared():
-    u, y = record("staircase")
-    assert identify(u, y, **{**AUTO, "levels": 4}).choices == ()
 
 
 def test_a_spelling_mistake_is_refused():

@@ -1,5 +1,3 @@
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -94,52 +92,3 @@ def test_scales_near_the_ends_of_the_numbers_have_bands():
     found = from_loop(1e-200, 5e199, 1e200, field=5e-200)
     half = found.predict(found.loop(5e-200), bands=0.9).half_width
     assert np.isfinite(half).all()
-
-
-def _relays(name, rng, count=1500):
-    """Coercive and interaction fields of relays that are no ridges of the model, both symmetric."""
-    normal = rng.standard_normal
-    fields = {
-        "wide coercive fields": lambda: (np.abs(0.3 + 0.2 * normal(count)), 0.05 * normal(count)),
-        "gamma": lambda: (rng.gamma(2.0, 0.15, count), 0.05 * normal(count)),
-        "uniform": lambda: (rng.uniform(0.1, 0.5, count), rng.uniform(-0.12, 0.12, count)),
-        "two populations": lambda: (
-            np.where(rng.random(count) < 0.6, 0.2, 0.5) * (1 + 0.1 * normal(count)),
-            0.05 * normal(count),
-        ),
-    }
-    half, mean = fields[name]()
-    up, down = np.r_[half + mean, half - mean], np.r_[mean - half, -mean - half]
-    kept = (up < 1.5) & (down > -1.5)
-    return up[kept], down[kept]
-
-
-def _outputs(up, down, inputs):
-    state, outputs = np.ones(up.size), []
-    for u in inputs:
-        state[up <= u] = 1.0
-        state[down >= u] = -1.0
-        outputs.append(0.98 * state.mean() + 0.02 * np.arctan(u) / np.arctan(1.5))
-    return np.array(outputs)
-
-
-@pytest.mark.parametrize("name", ["wide coercive fields", "gamma", "uniform", "two populations"])
-def test_square_loops_of_relays_lie_in_the_bands(name):
-    up, down = _relays(name, np.random.default_rng(1001))
-    branch = np.linspace(1.5, -1.5, 151)
-    major = _outputs(up, down, branch)
-    remanence, coercivity = major[75], -np.interp(0.0, major[::-1], branch[::-1])
-    assert remanence > 0.9
-    sheet = from_loop(coercivity, remanence, 1.0, 1.5)
-    reversals = [
-        np.r_[np.linspace(1.5, -u, 15), np.linspace(-u, 1.5, 30)]
-        for u in coercivity * np.array([0.6, 0.9, 1.2, 1.5])
-    ]
-    peaks = 1.5 * (-0.88) ** np.arange(26)
-    decaying = np.concatenate([np.linspace(a, b, 15) for a, b in pairwise(peaks)])
-    covered = []
-    for u in (np.r_[branch, branch[::-1]], np.concatenate(reversals), decaying):
-        found = sheet.predict(u, bands=0.9, start="positive")
-        covered.append(found.covers(_outputs(up, down, u)))
-    assert min(covered) > 0.75
-    assert np.mean(covered) > 0.8

@@ -8,7 +8,6 @@ from fixed_options import identify
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
-from minorloop.identification.baseline import percent
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 
 T = 0.01 * np.arange(200)
@@ -44,20 +43,6 @@ def test_time_constants_of_both_sides_are_shown():
     assert rows["order"] == "dynamics, operator, dynamics"
     assert (rows["time constants before"], rows["time constants behind"]) == ("0.004 s", "0.3 s")
     assert any("the fastest time constant is 0.004 s" in text for text in found.advice)
-
-
-def test_advice_has_the_errors_of_the_whole_model():
-    found = result(Linear.lags(0.3), off=0.5)
-    own = replace(
-        found.static, y=found.static.prediction + found.y - found.prediction,
-        fitted=found.fitted, held_out=found.held_out,
-    )  # fmt: skip
-    found = replace(found, static=replace(own, measured=found.y))
-    said = " ".join(found.advice)
-    assert percent(own.holdout_nrmse) in " ".join(own.advice)
-    assert percent(own.holdout_nrmse) not in said
-    assert f"on held-out data is {percent(found.holdout_nrmse)} of range" in said
-    assert f"on held-out data is {percent(found.holdout_nrmse)} of range" in found.warnings[0]
 
 
 def test_advice_is_about_the_time_constants_too():

@@ -26,34 +26,6 @@ def test_decaying_staircases_determine_everything(bands, condition):
         assert found.condition == pytest.approx(condition, rel=0.02)
 
 
-def turning_points():
-    return [-1.2, *[LEVELS[i] for k in range(5) for i in (10 - k, k + 1)]]
-
-
-def two_levels_a_turn():
-    steps, low, high = [0], 0, 10
-    while low < high:
-        steps += [*range(low + 1, high + 1), *range(high - 1, low + 1, -1)]
-        low, high = low + 2, high - 2
-    return LEVELS[steps]
-
-
-@pytest.mark.parametrize(
-    ("u", "rank"),
-    [
-        (excitation.major_loop(LEVELS), 20),
-        (turning_points(), 11),
-        (two_levels_a_turn(), 31),
-        (excitation.reversal_curves(LEVELS), 56),
-    ],
-)
-def test_what_other_inputs_determine(u, rank):
-    found = excitation.report(u, LEVELS)
-    assert found.rank == rank
-    assert found.sufficient == (rank == 56)
-    assert f"rank {rank} of 56" in str(found)
-
-
 def test_refuses_what_is_no_sequence():
     with pytest.raises(SignalError):
         excitation.report([[0.0, 1.0]], LEVELS)

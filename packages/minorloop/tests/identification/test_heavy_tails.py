@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from minorloop import Preisach
 from minorloop.identification import heavy_tails, prior_system
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.field_prior import FieldPrior
@@ -56,19 +55,3 @@ def test_the_sparse_system_gives_the_same_posterior(monkeypatch):
     assert one.likelihood == pytest.approx(other.likelihood, rel=1e-5)
     np.testing.assert_allclose(one.squares, other.squares, rtol=1e-4)
     np.testing.assert_allclose(one.determined, other.determined, atol=1e-5)
-
-
-@pytest.mark.parametrize(("kind", "heavy"), [("equal", False), ("single", True)])
-def test_tails_are_heavy_only_where_single_weights_are_large(kind, heavy):
-    rng = np.random.default_rng(1000)
-    weights = np.tril(rng.uniform(0, 1, (10, 10))) if kind == "equal" else np.zeros((10, 10))
-    weights[[2, 7], [1, 3]] += (kind == "single") * np.array([5.0, 9.0])
-    u = rng.uniform(-1, 1, 300)
-    y = Preisach(LEVELS, weights).simulate(u)
-    scaled = (y - y.mean()) / np.ptp(y) + 1e-3 * rng.normal(size=u.size)
-    usual = Hyperparameters(decay=2.0, nugget=2.0, discrepancy=1e-3, noise=0.0)
-    found, rise = heavy_tails.independent_variances(evidence_of(u, scaled)[0], usual)
-    assert (found is not None) == heavy == (rise > 0)
-    if found is not None:
-        largest = np.argsort(found)[-2:]
-        np.testing.assert_array_equal(np.sort(largest), [2 * 3 // 2 + 1, 7 * 8 // 2 + 3])

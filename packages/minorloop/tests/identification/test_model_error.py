@@ -5,7 +5,6 @@ from fixed_options import identify
 from minorloop.identification import _prior_kernels as kernels
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.model_error import Reach, contiguous_parts
-from plane_records import a_plane
 
 CELLS = PlaneSpec(np.linspace(0, 1, 26))
 
@@ -82,17 +81,3 @@ def test_bands_of_a_major_loop_are_wide_on_minor_loops(prior):
     assert band.beyond > 0.5
     assert "their bands are assumed, not measured" in str(band)
     assert found.predict(u, bands=0.9).beyond == 0
-
-
-def test_a_record_like_the_prediction_determines_the_width_of_bands():
-    rng, plane = np.random.default_rng(1000), a_plane()
-    shares, widths = [], []
-    for _ in range(3):
-        u, fresh = (2.4 * walk(rng, 600, 0.1) - 1.2 for _ in range(2))
-        noise = 0.01 * np.ptp(plane.simulate(u))
-        y, readings = (plane.simulate(x) + noise * rng.normal(size=x.size) for x in (u, fresh))
-        band = identify(u, y).predict(fresh, bands=0.9)
-        shares.append(band.covers(readings))
-        widths.append(band.half_width.mean() / noise)
-    assert 0.85 <= np.mean(shares) <= 0.97
-    assert max(widths) < 2.3

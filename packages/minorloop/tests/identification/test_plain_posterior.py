@@ -64,19 +64,3 @@ def test_an_exact_fit_to_readings_without_noise_has_narrow_bands():
     y = model.simulate(u)
     found = identify(u, y, levels=6, diagonal="reversible", noise=0.0)
     assert found.band_sd < 1e-3 * np.ptp(y)
-
-
-@pytest.mark.parametrize("prior", ["gaussian", "none"])
-def test_bands_hold_where_neighbouring_errors_are_alike(prior):
-    shares = []
-    for seed in range(1000, 1004):
-        rng = np.random.default_rng(seed)
-        ends = rng.uniform(-1.2, 1.2, 80)
-        u = np.interp(np.arange(1500) / 20, np.arange(ends.size), ends)
-        model, noise = a_plane(20), rng.normal(size=u.size)
-        for k in range(1, u.size):
-            noise[k] = 0.9 * noise[k - 1] + np.sqrt(1 - 0.9**2) * noise[k]
-        y = model.simulate(u)
-        y += 0.01 * np.ptp(y) * noise
-        shares.append(covered(identify(u, y, levels=20, holdout=1 / 3, prior=prior)))
-    assert 0.85 <= np.mean(shares) <= 0.95

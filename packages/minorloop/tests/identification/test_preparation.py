@@ -56,22 +56,6 @@ def test_arrays_are_identified_as_their_file_is(tables, tmp_path):
     assert found.chosen == read.chosen
 
 
-def test_uneven_rows_are_used_as_they_are_where_the_output_has_no_lag(tables):
-    record = ml.read(tables["uneven"].file, **tables["uneven"].columns)
-    found = ml.identify(record, levels=8)
-    np.testing.assert_array_equal(found.u, record.record.u)
-    assert found.lag == 0
-    assert found.chosen[0].startswith("time: column 'time [ms]'")
-    assert "pass lag=" not in str(found)
-    assert not any("uneven" in said for said in found.advice)
-    late = ml.read(tables["uneven and late"].file, **tables["uneven and late"].columns)
-    found = ml.identify(late, levels=8)
-    assert found.lag_seconds == pytest.approx(0.04, abs=0.005)
-    assert found.u.size == found.t.size
-    np.testing.assert_allclose(np.diff(found.t), found.interval)
-    assert any("samples are uneven" in said for said in found.advice)
-
-
 def test_a_record_of_arrays_has_its_times_checked():
     t = np.delete(0.01 * np.arange(400), slice(100, 200))
     u = np.sin(7 * t)

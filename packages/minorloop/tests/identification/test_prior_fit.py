@@ -96,22 +96,6 @@ def test_many_samples_are_summed_and_agree_with_few():
     assert many.posterior is not None
 
 
-def test_auto_takes_the_prior_for_many_samples_where_it_is_quick():
-    rng = np.random.default_rng(1002)
-    u = np.append(-1, rng.uniform(-1, 1, 3200))
-    width, middle = rng.gamma(2.0, 0.15, 100), rng.normal(0, 0.3, 100)
-    place, truth = -1 - width, np.empty(u.size)
-    for k, value in enumerate(u):
-        place = np.clip(place, value - width, value + width)
-        truth[k] = np.tanh(4 * (place - middle)).mean()
-    y, unseen = truth + 0.03 * rng.normal(size=u.size), np.arange(u.size) > 3000
-    fits = [identify(u[~unseen], y[~unseen], levels=25, prior=name) for name in ("auto", "none")]
-    assert fits[0].excited_fraction > 0.9
-    assert fits[0].posterior is not None
-    errors = [np.std((fit.predict(u) - truth)[unseen]) for fit in fits]
-    assert errors[0] < 0.9 * errors[1]
-
-
 def test_auto_takes_the_prior_for_few_samples_only_where_it_is_slow(monkeypatch):
     monkeypatch.setattr(prior_system, "_MOST_CHEAP_CELLS", 10)
     rng = np.random.default_rng(0)

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import least_squares
 
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
@@ -33,30 +32,6 @@ def test_a_fit_of_noisy_gains_has_no_greater_error_than_the_true_function():
     fit = fit_response(HERTZ, gains)
     assert fit.error <= relative(truth, gains)
     np.testing.assert_allclose(fit.model.response(HERTZ), clean[0], rtol=0.05)
-
-
-def irrational(difference=0.05):
-    """Gains of a diffusion at two amplitudes, which no rational function has."""
-    s = 2j * np.pi * HERTZ
-    gains = 1 / (1 + np.sqrt(s / 4))
-    return np.array([gains * (1 + difference * 1j * HERTZ), gains])
-
-
-@pytest.mark.parametrize("poles", [1, 2])
-def test_no_other_sum_of_lags_has_a_smaller_error(poles):
-    """Compared with a search over shares and corners from many initial values."""
-    gains, s = irrational(), 2j * np.pi * HERTZ
-
-    def misfit(x):
-        shares = np.append(x[poles:], 1 - x[poles:].sum())
-        model = sum(c / (np.exp(tau) * s + 1) for c, tau in zip(shares, x[:poles], strict=True))
-        error = (model / gains - 1).ravel()
-        return np.concatenate([error.real, error.imag])
-
-    rng = np.random.default_rng(0)
-    costs = [least_squares(misfit, rng.normal(0, 2, 2 * poles - 1)).cost for _ in range(10)]
-    found = fit_response(HERTZ, gains, order=poles)
-    assert found.error <= 1.001 * np.sqrt(2 * min(costs) / gains.size)
 
 
 def test_the_fit_of_gains_of_an_unstable_plant_is_stable():

@@ -11,7 +11,6 @@ from minorloop.identification.field_prior import FieldPrior
 from minorloop.identification.likelihood import Evidence
 from minorloop.identification.prior import Hyperparameters, PlanePrior
 from minorloop.identification.ridge import KINDS, Ridge, fit_ridge
-from minorloop.identification.scores import score_rows
 from minorloop.operators.preisach import Preisach
 
 LEVELS = np.linspace(-2, 2, 17)
@@ -92,23 +91,6 @@ def test_the_prior_with_a_mean_has_the_optimum_of_its_cost(sparse, monkeypatch):
     assert kkt < 1e-10
     assert (deviation + mean)[: spec.cells].min() > -1e-12
     np.testing.assert_allclose(matrix.forward(deviation + mean), rows @ optimum, atol=1e-7)
-
-
-def test_a_ridge_as_the_mean_gives_the_minor_loops_that_a_major_loop_leaves_open():
-    levels = np.linspace(-2, 2, 11)
-    weights = shape("lorentzian").irreversible(levels)
-    plane = Preisach(levels, weights + 0.3 * np.diag(shape("lorentzian").reversible(levels)))
-    y = plane.simulate(U) + 0.002 * np.random.default_rng(1000).normal(size=U.size)
-    minor = np.concatenate([U, np.linspace(-2, 0.5, 20), np.linspace(0.5, -0.5, 20)])
-    found = {
-        mean: identify(U, y, levels=levels, prior="gaussian", mean=mean)
-        for mean in ("zero", "ridge")
-    }
-    errors = [np.std(one.predict(minor) - plane.simulate(minor)) for one in found.values()]
-    assert errors[1] < 0.5 * errors[0]
-    assert found["zero"].ridge is None
-    kind = found["ridge"].ridge.kind
-    assert dict(score_rows(found["ridge"]))["mean of the prior"] == f"{kind} ridge"
 
 
 def test_few_samples_leave_the_mean_zero():

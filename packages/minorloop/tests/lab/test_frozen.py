@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from minorloop.connect import connect
 from minorloop.lab.frozen import RepeatedReadings, frozen
 
 RNG = np.random.default_rng(1000)
@@ -45,13 +44,6 @@ def _verdicts(levels, readings):
     return said
 
 
-def _held(twin, levels, step):
-    """Readings of a twin, ten a hold, by a sensor whose resolution is this share of its range."""
-    y = [np.asarray(twin.apply(float(u), 60.0, 6.0).y) for u in levels]
-    digit = step * np.ptp(np.concatenate(y))
-    return [np.round(one / digit) * digit if step else one for one in y]
-
-
 STAIRS = [*np.linspace(0, 1, 11), *np.linspace(0.9, 0, 10)]
 
 
@@ -77,16 +69,3 @@ class TestRepeatedReadings:
             place = min(max(place, u - 0.6), u + 0.6)
             y.append(np.round(codes * (place + noise * RNG.normal(size=20))))
         assert "faulty" not in _verdicts(levels, y)
-
-    @pytest.mark.parametrize("step", [0.0, 1e-3, 0.02, 0.1])
-    @pytest.mark.parametrize("address", ["twin:ipmc", "twin:fibre"])
-    def test_a_twin_is_not_faulty_by_any_sensor(self, address, step):
-        low, high = {"twin:ipmc": (-1.2, 1.2), "twin:fibre": (0.2, 0.65)}[address]
-        chance = np.random.default_rng(1000)
-        for levels in (
-            chance.uniform(low, high, 15),
-            low + (high - low) * np.array(STAIRS),
-            low + 0.1 * (high - low) * chance.random(10),
-        ):
-            y = _held(connect(address, specimen=1000), levels, step)
-            assert "faulty" not in _verdicts([low, high, *levels], [[0, 1], [0, 1], *y])

@@ -105,20 +105,6 @@ def test_the_longest_hold_ends_by_the_clock(tmp_path):
     assert plant.time - plant.sets[0] == pytest.approx(2.0)
 
 
-def test_what_passes_between_two_holds_is_in_the_time_of_a_point(tmp_path, monkeypatch):
-    plant, add = Instrument(0.01), Store.add
-
-    def slowly(store, *given):
-        add(store, *given)
-        plant.sleep(7.0)
-
-    monkeypatch.setattr(Store, "add", slowly)
-    points, _ = _measured(tmp_path / "a", _bench(plant), _plan(1.0, [0.5, 0.75]))
-    assert points[0].held < 1.0
-    assert points[1].t == pytest.approx(points[0].held + 7.0 + points[1].held)
-    assert plant.sets[1] - plant.sets[0] == pytest.approx(points[0].held + 7.0)
-
-
 def test_a_plan_that_cannot_be_kept_is_refused_before_the_first_hold(tmp_path):
     plant = Instrument(0.1)
     bench = _bench(plant)

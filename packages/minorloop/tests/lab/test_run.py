@@ -73,20 +73,6 @@ def _undisturbed(tmp_path, actuator):
         return _rows(whole), [whole.trace(k) for k in range(len(PLAN))]
 
 
-def test_every_level_becomes_a_point_with_its_trace(store, twin):
-    assert run(twin, PLAN, store) == "fresh"
-    assert store.finished
-    points = store.points()
-    assert [point.input for point in points] == LEVELS
-    np.testing.assert_allclose([p.t for p in points], np.cumsum([p.held for p in points]))
-    for point in points:
-        t, y = store.trace(point.index)
-        assert t[-1] == point.held
-        assert 10.0 <= point.held <= 40.0
-        assert y.size == round(point.held / 0.5)
-        assert abs(point.value - y[-1]) < 1.0
-
-
 def test_an_output_that_is_not_measured_is_a_verdict_too(tmp_path):
     class Blind(Bench):
         def apply(self, u, duration, sample_interval):

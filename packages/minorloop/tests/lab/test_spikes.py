@@ -26,24 +26,6 @@ def test_spikes_are_found_and_nothing_else(noise, step):
     assert found >= 0.9 * wanted
 
 
-@pytest.mark.parametrize(
-    "y",
-    [
-        _output(1),
-        np.where(T < 0.5, 0.0, 1.0),
-        np.exp(-T / 0.1) * np.cos(2 * np.pi * T / 0.02),
-        np.round(_output(2), 2),
-        np.where(np.random.default_rng(3).random(T.size) < 0.2, 1.0, 0.0),
-        np.full(400, np.nan),
-        np.zeros(400),
-        [*np.zeros(9), 1.0, *np.zeros(9)],
-    ],
-    ids=["decay", "step", "swing", "coarse", "many", "nothing", "constant", "few"],
-)
-def test_there_are_none(y):
-    assert not spikes(y).any()
-
-
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_an_overshoot_beside_a_step_of_the_input_is_no_spike(noise):
     """The first reading is that of the hold before; the output relaxes back or rings."""

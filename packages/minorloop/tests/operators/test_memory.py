@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop.operators._memory_kernels import switched_on
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -77,18 +76,3 @@ def test_a_memory_of_another_plane_is_clamped():
 def test_refuses_inputs_that_are_not_numbers(inputs):
     with pytest.raises(ParameterError, match="is NaN"):
         Memory.after(inputs, low=-1, high=1)
-
-
-@pytest.mark.parametrize("spread", [True, False])
-@given(values)
-def test_the_share_switched_on_equals_that_of_the_operator(spread, history):
-    """Compared with a simulation by Everett differences, which does not use areas."""
-    levels, rng = np.array([-1.0, -0.4, 0.3, 1.0]), np.random.default_rng(5)
-    weights = np.tril(rng.uniform(size=(3, 3)))
-    extrema = np.array(Memory.after(history, low=-1, high=1).extrema)
-    on = np.empty(6)
-    switched_on(levels, spread, extrema, extrema.size, on)
-    diagonal = "uniform" if spread else "reversible"
-    model = Preisach(levels, weights, relay="unipolar", diagonal=diagonal)
-    y = model.simulate([-1.0, *history])[-1]
-    np.testing.assert_allclose(on @ weights[np.tril_indices(3)], y, atol=1e-12)

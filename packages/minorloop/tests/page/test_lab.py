@@ -263,22 +263,6 @@ def test_what_has_no_room_is_refused_before_it_comes(scratch):
     assert files(scratch) == []
 
 
-@pytest.mark.parametrize("content", [b"small", LARGE])
-def test_an_abandoned_file_is_not_worked_through(scratch, content):
-    async def work(lab):
-        pool = lab._quick if content == b"small" else lab._workers
-        page = Page(content)
-        dropped = asyncio.create_task(lab._drop(page.request()))
-        await until(lambda: pool.asked)
-        page.gone.set()
-        answer = await dropped
-        assert pool.ended == 1
-        assert files(scratch) == []
-        return answer
-
-    assert at_work(work).status_code == 422
-
-
 def test_a_file_that_was_abandoned_while_it_waited_is_never_begun(scratch):
     async def work(lab):
         first, second = Page(LARGE), Page(LARGE)

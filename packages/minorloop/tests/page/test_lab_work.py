@@ -33,34 +33,6 @@ def result(folder, **options):
     return next(each["result"] for each in reply if "result" in each)
 
 
-def test_advice_names_a_raw_log_and_the_fields_of_the_page(folder):
-    u = np.repeat(np.random.default_rng(1000).uniform(0, 1, 12), 50)
-    y = np.full(u.size, u[0])
-    for k in range(1, u.size):
-        y[k] = y[k - 1] + 0.1 * (u[k] - y[k - 1])
-    table = np.column_stack([u, y])
-    np.savetxt("run.csv", table, delimiter=",", header="u [V],y [um]", comments="")
-    advice = result(folder, levels=5)["advice"]
-    assert advice[0].startswith("this looks like a raw log")
-    assert "with the command minorloop reduce LOG" in advice[0]
-    assert any("“Held-out rows at the end”" in text for text in advice)
-    assert not any("(--" in text for text in advice)
-
-
-def test_the_standard_deviations_of_reduced_points_are_used(folder):
-    u, y = np.loadtxt("run.csv", delimiter=",", skiprows=1).T
-    sd = np.where(np.arange(u.size) % 2, 1e-3, 0.3)
-    table = np.column_stack([u, y + sd * np.random.default_rng(1000).normal(size=u.size), sd])
-    errors = []
-    for header in ("u [V],y [um],sd [um]", "u [V],y [um],sd [nm]"):
-        np.savetxt("run.csv", table, delimiter=",", header=header, comments="")
-        found = result(folder, levels=5, prior="none")
-        said = "by the standard deviations in the column sd" in " ".join(found["choices"])
-        assert said == ("sd [um]" in header)
-        errors.append(found["scores"]["fit"])
-    assert errors[0] > errors[1]  # of all samples alike
-
-
 def _timed(late):
     """Write the record with times, its output late by some rows."""
     u, y = np.loadtxt("run.csv", delimiter=",", skiprows=1).T

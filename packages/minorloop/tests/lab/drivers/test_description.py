@@ -1,16 +1,7 @@
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.lab.drivers.description import Section, parsed, read_description, relevant
-
-
-class Inner(Section):
-    a: int
-
-
-class Outer(Section):
-    b: int
-    inner: Inner | None = None
+from minorloop.lab.drivers.description import read_description, relevant
 
 
 def test_a_file_is_toml_or_json_by_its_name(tmp_path):
@@ -34,23 +25,6 @@ def test_files_that_describe_nothing(tmp_path, name, text, sentence):
         (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(ParameterError, match=sentence):
         read_description(tmp_path / name)
-
-
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
-        (
-            {"b": 1, "c": 2},
-            "device 'x' does .*unknown field `c`; the fields there are b, inner",
-        ),
-        ({"b": 1, "inner": {"a": 1, "d": 2}}, "`d` - at .*inner`; the fields there are a$"),
-        ({}, "missing required field `b`"),
-        ({"b": "one"}, "Expected `int`, got `str`"),
-    ],
-)
-def test_wrong_keys_are_refused_with_those_that_exist(values, sentence):
-    with pytest.raises(ParameterError, match=sentence):
-        parsed(Outer, values, "device 'x'")
 
 
 def test_what_no_reading_depends_on_is_left_out():

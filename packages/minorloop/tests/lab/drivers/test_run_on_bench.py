@@ -12,8 +12,7 @@ from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.link import VisaLink
 from minorloop.lab.drivers.scpi import ScpiSource
 from minorloop.lab.plan import Plan
-from minorloop.lab.run import run
-from minorloop.lab.store import Setup, Store
+from minorloop.lab.store import Store
 
 
 class Clock:
@@ -43,28 +42,6 @@ class Plant:
         if self.value == self.bad:
             raise InstrumentError("the meter gave no answer within 2 s")
         return 2.0 * self.value
-
-
-def test_points_measured_are_kept_the_input_is_safe_and_the_run_goes_on(tmp_path):
-    plant = Plant()
-    bench = Bench(
-        plant,
-        plant,
-        Channel("voltage", "V", -1.0, 1.0),
-        Channel("tip", "mm", -5.0, 5.0),
-        clock=Clock(),
-    )
-    plan = Plan([0.25, 0.5, 0.75, 0.0], 20.0, input="voltage [V]")
-    setup = Setup("visa:bench.json", "voltage [V]", "tip [mm]", None, 0, {})
-    with Store.create(tmp_path / "run.sqlite", plan, setup) as store:
-        with pytest.raises(InstrumentError, match="no answer"):
-            run(bench, plan, store)
-        assert plant.value == 0.0
-        assert [point.input for point in store.points()] == [0.25, 0.5]
-        plant.bad = None
-        assert run(bench, plan, store) == "replayed"
-        assert [point.value for point in store.points()] == pytest.approx([0.5, 1.0, 1.5, 0.0])
-    assert plant.value == 0.0
 
 
 @pytest.fixture

@@ -13,10 +13,6 @@ from minorloop.lab.drivers.serial_board import SerialBoard
 from minorloop.lab.drivers.serial_line import write
 
 
-def ok(sequence, *words):
-    return write(sequence, "OK", *words)
-
-
 def asked(*exchanges):
     """A script of questions and the words of their answers."""
     lines = []
@@ -46,23 +42,6 @@ PLAN = DevicePlan(
     (channel("pan", "deg"), channel("tilt", "deg")),
     (DeviceChannel("led", {}, rest=1.0),),
 )
-
-
-def test_all_inputs_are_set_at_once_and_all_outputs_read_at_once():
-    script = asked(
-        *GREETING,
-        ("SET 0.1 0.2", ["0.1", "0.2"]),
-        ("GET", ["12.5", "-1"]),
-        ("LINE 0 1", ["1"]),
-        ("SAFE", ["0", "0"]),
-        ("LINE 0 1", ["1"]),
-    )
-    board = SerialBoard(script, PLAN)
-    board.set(np.array([0.1, 0.2]))
-    np.testing.assert_array_equal(board.read(), [12.5, -1.0])
-    board.switch({0: True})
-    board.safe()
-    assert script.finished()
 
 
 def test_a_board_follows_targets_within_its_own_limits():
