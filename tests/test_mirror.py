@@ -57,8 +57,6 @@ ELSEWHERE = {
     "minorloop_head/vision/patch_pictures.py": "minorloop_head/vision/test_wall_angles.py",
     "minorloop_head/vision/wall_patches.py": "minorloop_head/vision/test_wall_angles.py",
     "minorloop_head/vision/wall_views.py": "minorloop_head/vision/test_tracking.py",
-    "papers/catheter/calibration_scene.py": "minorloop_head/cli/test_head.py",
-    "papers/catheter/control/inverse.py": "papers/catheter/control/test_internal_model.py",
     "papers/catheter/control/laws.py": "minorloop_head/control/test_controller.py",
     "papers/catheter/crack_scenes.py": "papers/catheter/test_crack_trials.py",
     "papers/catheter/detection.py": "papers/catheter/test_inspection_parts.py",

@@ -7,14 +7,14 @@ samples only, in small steps, undone if predictions become worse.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from minorloop.identification.recursive import Recursive, RecursiveState
 from minorloop.operators.preisach import Preisach
-from minorloop_head.control.controller import width, within
+from minorloop_head.control.controller import width
 from minorloop_head.control.observer import Estimate, ObserverControl, ObserverState
 from minorloop_head.heated_wire import HeatedState, HeatedWire
 
@@ -28,64 +28,38 @@ _BIAS_SHARE, _SCORE_SHARE = 0.2, 0.1
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveEstimate:
-    """Estimate of the model.
-
-    Parameters
-    ----------
-    control : ObserverControl
-        The law with the estimated operator.
-    recursion : RecursiveState
-        Of its weights.
-    free : HeatedState
-        The estimated wire, simulated with the current and the slow bias.
-    identified : HeatedState
-        The identified wire, simulated likewise.
-    ambient : float
-        Slow bias in A^2: the common part of settled samples.
-    score, identified_score : float
-        Smoothed absolute errors at settled samples of the estimated and of the identified wire,
-        in degrees.
-    updates, rollbacks : int
-        How often weights were changed, and reset.
-    """
+    """Estimate of the model."""
 
     control: ObserverControl
+    """The law with the estimated operator."""
     recursion: RecursiveState
+    """Of its weights."""
     free: HeatedState
     identified: HeatedState
+    """Estimated and identified wire, simulated with the current and the slow bias."""
     ambient: float
+    """Slow bias in A^2: the common part of settled samples."""
     score: float = 0.0
     identified_score: float = 0.0
+    """Smoothed absolute errors of these two wires at settled samples, in degrees."""
     updates: int = 0
     rollbacks: int = 0
+    """How often weights were changed, and reset."""
 
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveState:
-    """State of the loop.
-
-    Parameters
-    ----------
-    observer : ObserverState
-        Of the law.
-    adapted : AdaptiveEstimate
-        Of the model.
-    still : float
-        Seconds for which the wire has been settled at its target.
-    anchor : float
-        Effective power at the beginning of that time, in A^2.
-    learnt : float
-        Effective power of the last sample that was used, in A^2.
-    applied : float
-        Present current in A.
-    """
+    """State of the loop."""
 
     observer: ObserverState
     adapted: AdaptiveEstimate
     still: float
+    """Seconds for which the wire has been settled at its target."""
     anchor: float
     learnt: float
+    """Effective powers in A^2: at the beginning of that time, and of the last sample used."""
     applied: float
+    """Present current in A."""
 
     @property
     def estimate(self) -> Estimate:
@@ -97,53 +71,35 @@ class AdaptiveState:
 class AdaptiveControl:
     """Observer control that updates its operator while it runs.
 
-    Parameters
-    ----------
-    control : ObserverControl
-        The law, with the identified wire.
-    settling : float
-        Seconds for which the wire must be settled at its target before a sample is used.
-    forgetting : float
-        Weight that a sample keeps per update.
-    prior : float
-        Strength of the prior at the present weights, in samples.
-    largest_update : float
-        Largest sum of changes of the weights in one update, as a share of the range.
-    tolerance : float
-        Degrees by which the estimated wire may predict worse than the identified one before the
-        weights are reset.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
-
     References
     ----------
     Tan and Baras, Automatica 40, 2004: adaptive inverse control with a recursive density.
     """
 
     control: ObserverControl
+    """The law, with the identified wire."""
     settling: float = 2.0
+    """Seconds for which the wire must be settled at its target before a sample is used."""
     forgetting: float = 0.98
+    """Weight that a sample keeps per update."""
     prior: float = 1.0
+    """Strength of the prior at the present weights, in samples."""
     largest_update: float = 0.02
+    """Largest sum of changes of the weights in one update, as a share of the range."""
     tolerance: float = 0.3
-    _recursive: Recursive = field(init=False, repr=False)
+    """Degrees by which the estimated wire may predict worse than the identified one before the
+    weights are reset."""
 
-    def __post_init__(self) -> None:
-        within("settling", self.settling, self.control.interval, 600.0, "s")
-        within("largest_update", self.largest_update, 0.0, 1.0)
-        within("tolerance", self.tolerance, 0.0, 180.0, "degrees")
+    @cached_property
+    def _recursive(self) -> Recursive:
         operator = self.control.wire.operator
-        recursive = Recursive(
+        return Recursive(
             operator.levels,
             forgetting=self.forgetting,
             prior=self.prior,
             relay=operator.relay,
             diagonal=operator.diagonal,
         )
-        object.__setattr__(self, "_recursive", recursive)
 
     @property
     def interval(self) -> float:

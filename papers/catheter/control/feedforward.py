@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from minorloop_head.control.controller import Loop, heating, within
+from minorloop_head.control.controller import Loop, heating
 from minorloop_head.heated_wire import HeatedState, HeatedWire
 
 
@@ -21,20 +21,6 @@ class FeedforwardState:
 class Feedforward(Loop):
     """Open-loop control by the model, without a sensor.
 
-    Parameters
-    ----------
-    wire : HeatedWire
-        The model.
-    response : float
-        Time constant in seconds with which the angle follows, within the limits of the current.
-    interval, delay, highest
-        As in `Loop`.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
-
     References
     ----------
     Boudjabi, Ferreira and Krupa, Proc. IEEE ICRA 2003, Fig. 7; the order of lag and operator is
@@ -43,10 +29,7 @@ class Feedforward(Loop):
 
     wire: HeatedWire
     response: float = 0.4
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        within("response", self.response, self.interval, 60.0, "s")
+    """Time constant in seconds with which the angle follows, within the limits of the current."""
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> FeedforwardState:
         """Return the state of a wire that has settled at an angle under a current."""
@@ -57,6 +40,5 @@ class Feedforward(Loop):
     ) -> tuple[float, FeedforwardState]:
         """Return the current for the next interval and the next state, without the measurement."""
         wire = self.wire.step(state.wire, state.applied**2, self.interval)
-        power = heating(self.wire, wire, reference, response=self.response)
-        current = self.current(power)
+        current = self.current(heating(self.wire, wire, reference, response=self.response))
         return current, replace(state, wire=wire, applied=current)

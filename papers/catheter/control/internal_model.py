@@ -12,37 +12,47 @@ from dataclasses import dataclass, replace
 
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
-from minorloop_head.control.controller import mean_slope, within
+from minorloop_head.control.controller import Loop, mean_slope
 from minorloop_head.heated_wire import HeatedWire
-from papers.catheter.control.inverse import InverseLoop
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InverseLoop(Loop):
+    """A loop around the inverse of an operator."""
+
+    wire: HeatedWire
+
+    @property
+    def wire_lag(self) -> float:
+        """Lag of the wire in seconds, with the latent heat of its mean slope."""
+        return self.wire.lag + self.wire.latent * mean_slope(self.wire)
+
+    def inverse(self, tracker: Tracker[Preisach], angle: float) -> float:
+        """Return the current in A whose power brings an operator to an angle in degrees.
+
+        It is the largest for angles at the end of the range and beyond: where the plane is flat
+        there, the inverse would give the least input that reaches it.
+        """
+        beyond = angle >= tracker.model.range[1]
+        return self.highest if beyond else self.current(tracker.aim(angle, "clip"))
 
 
 @dataclass(frozen=True, eq=False)
 class InternalModelState:
-    """State of the loop.
-
-    Parameters
-    ----------
-    tracker : Tracker
-        Memory of the inverse operator; it is copied and never pushed.
-    filter : float
-        State of the controller C(s), in degrees.
-    lag : float
-        Angle of the model H(s) before its delay.
-    past : tuple of float
-        Angles of the model, newest first, up to the age of a reading.
-    applied : float
-        Present current in A.
-    missing : float
-        Last difference between plant and model, in degrees.
-    """
+    """State of the loop."""
 
     tracker: Tracker[Preisach]
+    """Memory of the inverse operator; it is copied and never pushed."""
     filter: float
+    """State of the controller C(s), in degrees."""
     lag: float
+    """Angle of the model H(s) before its delay."""
     past: tuple[float, ...]
+    """Angles of the model, newest first, up to the age of a reading."""
     applied: float
+    """Present current in A."""
     missing: float
+    """Last difference between plant and model, in degrees."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,50 +61,25 @@ class InternalModel(InverseLoop):
 
     v = C (r - (y - H v)), u = sqrt(Gamma^-1[v]), C(s) = (1 + tau_H s) / (1 + lambda s).
 
-    Parameters
-    ----------
-    wire : HeatedWire
-        Its operator is inverted.
-    response : float
-        lambda: time constant with which the angle follows, in seconds.
-    lag : float, optional
-        tau_H in seconds; without it, the lag of the wire with the latent heat of its mean
-        slope.
-    interval, delay, highest
-        As in `Loop`.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
-
     References
     ----------
     Morari and Zafiriou, Robust Process Control, 1989, chapter 4: design of C(s).
     Boudjabi, Ferreira and Krupa, Proc. IEEE ICRA 2003, Fig. 9: the loop around the inverse.
     """
 
-    wire: HeatedWire
     response: float = 0.6
+    """lambda: time constant with which the angle follows, in seconds."""
     lag: float | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        within("response", self.response, self.interval, 60.0, "s")
-        if self.lag is not None:
-            within("lag", self.lag, self.interval, 60.0, "s")
+    """tau_H in seconds; that of the wire if not given."""
 
     @property
     def model_lag(self) -> float:
         """tau_H in seconds."""
-        if self.lag is not None:
-            return self.lag
-        return self.wire.lag + self.wire.latent * mean_slope(self.wire)
+        return self.wire_lag if self.lag is None else self.lag
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> InternalModelState:
         """Return a state that keeps the present current if the reference is the measurement."""
-        found = self.wire.found(current**2, measurement)
-        tracker = found.tracker.copy()
+        tracker = self.wire.found(current**2, measurement).tracker.copy()
         angle = tracker.push(current**2)
         return InternalModelState(
             tracker, angle, angle, (angle,) * self.delay, current, measurement - angle

@@ -10,10 +10,9 @@ from minorloop_head.control.observer import ObserverControl
 from minorloop_head.heated_wire import HeatedWire
 from papers.catheter.control.adaptive import AdaptiveControl
 from papers.catheter.control.feedforward import Feedforward
-from papers.catheter.control.feedforward_pi import FeedforwardPI
 from papers.catheter.control.internal_model import InternalModel
 from papers.catheter.control.model_reference import ModelReference
-from papers.catheter.control.pi import ProportionalIntegral
+from papers.catheter.control.pi import FeedforwardPI, ProportionalIntegral
 
 
 def _without_model(wire: HeatedWire, **options: Any) -> ProportionalIntegral:

@@ -14,9 +14,7 @@ import numpy as np
 
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
-from minorloop_head.control.controller import mean_slope, within
-from minorloop_head.heated_wire import HeatedWire
-from papers.catheter.control.inverse import InverseLoop
+from papers.catheter.control.internal_model import InverseLoop
 
 _NOISE = 0.1
 """Degrees of difference from the reference model that adapt nothing: twice the noise of a
@@ -28,30 +26,20 @@ gain change by less than twofold in surroundings in which it still moves."""
 
 @dataclass(frozen=True, eq=False)
 class ModelReferenceState:
-    """State of the loop.
-
-    Parameters
-    ----------
-    tracker : Tracker
-        Memory of the inverse operator; it is copied and never pushed.
-    weights : (float, float, float)
-        Of the target, of the reading, and a constant in degrees.
-    seen : float
-        Last reading in degrees.
-    model : float
-        Angle of the reference model before the delay.
-    past : tuple of float
-        Angles of the reference model, newest first, up to the age of a reading.
-    applied : float
-        Present current in A.
-    """
+    """State of the loop."""
 
     tracker: Tracker[Preisach]
+    """Memory of the inverse operator; it is copied and never pushed."""
     weights: tuple[float, float, float]
+    """Of the target, of the reading, and a constant in degrees."""
     seen: float
+    """Last reading in degrees."""
     model: float
+    """Angle of the reference model before the delay."""
     past: tuple[float, ...]
+    """Angles of the reference model, newest first, up to the age of a reading."""
     applied: float
+    """Present current in A."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,22 +54,6 @@ class ModelReference(InverseLoop):
     S is the stroke. While the current is at a limit, the model follows the target that would
     have given the applied current.
 
-    Parameters
-    ----------
-    wire : HeatedWire
-        Its operator is inverted.
-    response : float
-        lambda: time constant of the reference model, in seconds.
-    adaptation : float
-        gamma: rate of adaptation in 1/s, 0 to 100; 0 for none.
-    interval, delay, highest
-        As in `Loop`.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
-
     References
     ----------
     Song and Li, Mechatronics 9, 1999, pp. 391-410: a reference model around the inverse
@@ -94,14 +66,10 @@ class ModelReference(InverseLoop):
     and follow circles best (specimens 1000 to 1002).
     """
 
-    wire: HeatedWire
     response: float = 0.4
+    """lambda: time constant of the reference model, in seconds."""
     adaptation: float = 4.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        within("response", self.response, self.interval, 60.0, "s")
-        within("adaptation", self.adaptation, 0.0, 100.0, "1/s")
+    """gamma: rate of adaptation in 1/s; 0 for none."""
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> ModelReferenceState:
         """Return a state that keeps the present current if the reference is the measurement."""
@@ -136,8 +104,7 @@ class ModelReference(InverseLoop):
     @property
     def _ratio(self) -> float:
         """Weight of the target for the identified wire: its lag over that of the model."""
-        lag = self.wire.lag + self.wire.latent * mean_slope(self.wire)
-        return lag / self.response
+        return self.wire_lag / self.response
 
     def _adapted(
         self, weights: tuple[float, float, float], target: float, reading: float, error: float

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, check_kind
-from minorloop_head.control.controller import MOST_DELAY, within
+from minorloop.arrays import FloatArray
+from minorloop_head.control.controller import MOST_DELAY
 from minorloop_head.heated_wire import HeatedWire
 from papers.catheter.control.internal_model import InternalModel
 
@@ -30,21 +30,14 @@ branches are flat."""
 
 @dataclass(frozen=True)
 class Margins:
-    """Edges of stability, each with the rest of the plant as in the model.
-
-    Parameters
-    ----------
-    gain : float
-        Greatest slope of the plant over that of the model.
-    delay : float
-        Longest delay of the sensor beyond that of the model, in seconds, in whole intervals.
-    lag : float
-        Shortest lag of the plant over that of the model; 0 if there is none.
-    """
+    """Edges of stability, each with the rest of the plant as in the model."""
 
     gain: float
+    """Greatest slope of the plant over that of the model."""
     delay: float
+    """Longest delay of the sensor beyond that of the model, in seconds, in whole intervals."""
     lag: float
+    """Shortest lag of the plant over that of the model; 0 if there is none."""
 
 
 def poles(law: InternalModel, *, gain: float = 1.0, delay: int = 0, lag: float = 1.0) -> FloatArray:
@@ -52,40 +45,25 @@ def poles(law: InternalModel, *, gain: float = 1.0, delay: int = 0, lag: float =
 
     With H = z^-d (1 - a) / (z - a) of the model and P of the plant, the loop has the poles of
     1 + C (P - H) = 0, C = m + (1 - m) (1 - b) / (z - b), where a and b are the decays of the
-    lags tau_H and lambda in an interval and m = tau_H / lambda.
+    lags tau_H and lambda in an interval and m = tau_H / lambda (Morari and Zafiriou, Robust Process
+    Control, 1989, chapters 3 and 4).
 
     Parameters
     ----------
     law : InternalModel
-    gain : float
-        Slope of the plant over that of the model, above 0.
+    gain, lag : float
+        Slope and lag of the plant over those of the model, above 0.
     delay : int
         Intervals by which the readings are older than the model's.
-    lag : float
-        Lag of the plant over that of the model, above 0.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
-
-    References
-    ----------
-    Morari and Zafiriou, Robust Process Control, 1989, chapters 3 and 4.
     """
-    within("gain", gain, 0.0, _LARGEST)
-    within("delay", delay, 0, MOST_DELAY, "intervals")
-    within("lag", lag, 1.0 / _LARGEST, _LARGEST)
     ratio = law.model_lag / law.response
     own = math.exp(-law.interval / law.model_lag)
     plant = math.exp(-law.interval / (law.model_lag * lag))
     filtered = math.exp(-law.interval / law.response)
     corrector = [ratio, (1.0 - ratio) * (1.0 - filtered) - ratio * filtered]
-    late = np.zeros(law.delay + delay + 1)
-    late[0] = 1.0
+    late, sooner = np.zeros(law.delay + delay + 1), np.zeros(delay + 1)
+    late[0] = sooner[0] = 1.0
     beside = np.polymul([1.0, -filtered], np.polymul([1.0, -own], [1.0, -plant]))
-    sooner = np.zeros(delay + 1)
-    sooner[0] = 1.0
     missing = np.polysub(
         gain * (1.0 - plant) * np.array([1.0, -own]),
         np.polymul((1.0 - own) * np.array([1.0, -plant]), sooner),
@@ -95,21 +73,7 @@ def poles(law: InternalModel, *, gain: float = 1.0, delay: int = 0, lag: float =
 
 
 def margins(law: InternalModel, *, gain: float = 1.0, lag: float = 1.0) -> Margins:
-    """Return the edges of stability of a loop.
-
-    Parameters
-    ----------
-    law : InternalModel
-    gain : float
-        Slope of the plant over that of the model for the margins of delay and lag.
-    lag : float
-        Lag of the plant over that of the model for the margins of gain and delay.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its range.
-    """
+    """Return the edges of stability; those that are not sought are of the plant that is given."""
     unstable = (
         k for k in range(1, MOST_DELAY) if poles(law, gain=gain, delay=k, lag=lag)[0] >= 1.0
     )
@@ -127,18 +91,7 @@ def robust_margins(law: InternalModel) -> Margins:
     The inverse may mistake one branch of the loop for the other, which is a gain, or the wire may
     be where nothing transforms, so that its lag lacks the latent heat. Both together do not
     occur: where the slope is great, so is the latent heat.
-
-    Parameters
-    ----------
-    law : InternalModel
-        Such as ``InternalModel(wire=wire)``.
-
-    Raises
-    ------
-    ParameterError
-        If it is another law.
     """
-    check_kind("law", law, InternalModel)
     cold = law.wire.lag / law.model_lag
     found = [margins(law, gain=slope_ratios(law.wire)[1]), margins(law, lag=cold)]
     return Margins(
@@ -162,20 +115,15 @@ def slope_ratios(wire: HeatedWire) -> tuple[float, float]:
 
     An inverse that mistakes one branch for the other meets this gain. Slopes are compared at
     equal angles, over the middle 80 % of the stroke.
-
-    Parameters
-    ----------
-    wire : HeatedWire
     """
     levels = wire.operator.levels
     up = np.linspace(levels[0], levels[-1], 10 * levels.size)
     angles = wire.operator.simulate(np.concatenate([up, up[::-1]]))
     low, high = wire.operator.range
     at = np.linspace(low + _ENDS * (high - low), high - _ENDS * (high - low), _POINTS)
-    slopes = []
-    for power, angle in ((up, angles[: up.size]), (up, angles[up.size :][::-1])):
-        rising = np.maximum.accumulate(angle)
-        slopes.append(1.0 / np.gradient(np.interp(at, rising, power), at))
-    ratio = slopes[0] / slopes[1]
-    ratios = np.concatenate([ratio, 1.0 / ratio])
+    rising, falling = (
+        1.0 / np.gradient(np.interp(at, np.maximum.accumulate(angle), up), at)
+        for angle in (angles[: up.size], angles[up.size :][::-1])
+    )
+    ratios = np.concatenate([rising / falling, falling / rising])
     return float(ratios.min()), float(ratios.max())

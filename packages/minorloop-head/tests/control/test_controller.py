@@ -121,7 +121,6 @@ def test_clocks_and_limits_out_of_range_are_refused(option, message):
         ("observer", {"response": 0.0}),
         ("observer", {"correction": 1e3}),
         ("observer", {"steepness": -1.0}),
-        ("feedforward", {"response": math.inf}),
     ],
 )
 def test_gains_out_of_range_are_refused(name, option):

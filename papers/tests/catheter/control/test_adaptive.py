@@ -3,9 +3,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
-from minorloop.errors import ParameterError
 from minorloop_head.control.observer import ObserverControl
 from minorloop_head.twins.wire import Wire
 from papers.catheter.control.adaptive import AdaptiveControl
@@ -82,12 +80,3 @@ def test_the_observer_uses_the_applied_current():
     _, state = law.step(law.begin(), 40.0, 0.0)
     cut = law.step(replace(state, applied=0.0), 40.0, 0.0)[1]
     assert cut.estimate.wire.power < law.step(state, 40.0, 0.0)[1].estimate.wire.power
-
-
-@pytest.mark.parametrize(
-    "option",
-    [{"settling": 0.0}, {"forgetting": 0.0}, {"prior": 0.0}, {"largest_update": 2.0}],
-)
-def test_bad_options_are_refused(option):
-    with pytest.raises(ParameterError):
-        adaptive(**option)

@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
 from papers.catheter.control.model_reference import ModelReference
 from wires import made_up
 
@@ -68,9 +67,3 @@ def test_a_missing_reading_adapts_nothing():
     law = ModelReference(wire=made_up())
     _, state = law.step(law.begin(), 20.0, 3.0)
     assert law.step(state, 20.0, math.nan)[1].weights == state.weights
-
-
-@pytest.mark.parametrize("options", [{"response": 0.0}, {"adaptation": -1.0}])
-def test_bad_options_are_refused(options):
-    with pytest.raises(ParameterError, match=next(iter(options))):
-        ModelReference(wire=made_up(), **options)
