@@ -50,9 +50,9 @@ def rows(quick: bool = False) -> list[Row]:
 
 def _calibrate(seed: int, errors: dict[str, list[float]], within: dict[str, list[bool]]) -> float:
     """Calibrate one head; return the processor time, and add to errors and uncertainties."""
+    from benchmarks.target_pictures import CalibrationScene
     from minorloop_head.procedures import calibrate as steps
     from minorloop_head.vision.targets import Target
-    from papers.catheter.calibration_scene import CalibrationScene
 
     target = Target("charuco", 9, 7, 3e-3)
     scene = CalibrationScene(target, seed)

@@ -368,9 +368,9 @@ CALIBRATE = f"head calibrate {SMALL} --head head.json --serial H-07"
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     """Folders of pictures from a small camera, and what they should give."""
+    from benchmarks.target_pictures import CalibrationScene
     from minorloop_head.twins.camera import LENS
     from minorloop_head.vision.targets import Target
-    from papers.catheter.calibration_scene import CalibrationScene
 
     folder = tmp_path_factory.mktemp("pictures")
     drawn = CalibrationScene(Target("charuco", 7, 5, 4e-3), 1000, LENS.scaled(0.5))

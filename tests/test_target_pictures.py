@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.target_pictures import TargetCamera
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import rotation_x
 from minorloop_head.twins.camera import LENS, ImageSensor
-from papers.catheter.target_view import TargetCamera
 
 SMALL = LENS.scaled(0.25)
 HALF = np.zeros((4, 8), dtype=bool)
