@@ -16,7 +16,7 @@ from minorloop.lab.drivers.serial_line import parse, write
 from minorloop.operators.preisach import Preisach
 from minorloop_head.board import BoardAxis, BoardSource, board_source
 from minorloop_head.heated_wire import HeatedWire
-from papers.catheter.control.feedforward import Feedforward
+from papers.catheter.control.laws import Feedforward
 
 INTERVAL = 0.04
 COUPLING = np.array([[1.0, 0.07], [0.06, 1.0]])

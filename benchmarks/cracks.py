@@ -25,7 +25,8 @@ from minorloop_head.vision.crack_evidence import (
     whole_features,
 )
 from minorloop_head.vision.cracks import DarkWall, dark_wall, whole_courses
-from papers.catheter.crack_trials import CrackSearch, crack_figures, score_cracks, search_cracks
+from papers.catheter.crack_trials import crack_figures, score_cracks, search_cracks
+from papers.harness import Results
 
 ON, OFF = 0.15e-3, 0.3e-3
 """Distances from the course in metres of places that are and are not on a crack."""
@@ -55,7 +56,7 @@ def regression(features: FloatArray, right: FloatArray, weight: float, ridge: fl
     return np.append(b[0] - (b[1:] * mean / sd).sum(), b[1:] / sd)
 
 
-def off_course(search: CrackSearch, line: Profiles) -> FloatArray:
+def off_course(search: Results, line: Profiles) -> FloatArray:
     """Return the distance (N,) of each place of a line from the crack; infinite without one."""
     radius = search.camera.radius
     if not len(search.course):
@@ -64,14 +65,14 @@ def off_course(search: CrackSearch, line: Profiles) -> FloatArray:
     return between(places, search.course, radius).min(axis=1)
 
 
-def dark_lines(search: CrackSearch) -> DarkWall | None:
+def dark_lines(search: Results) -> DarkWall | None:
     """Return the dark lines of a scene, except at the rims of holes."""
     wall = search.findings.wall
     holes = [(*map(float, hole.place), hole.diameter) for hole in search.findings.holes]
     return wall and dark_wall(wall.stack, wall.window, search.camera.radius, holes)
 
 
-def fit(searches: list[CrackSearch]) -> dict[str, Any]:
+def fit(searches: list[Results]) -> dict[str, Any]:
     """Return both sets of weights, and evidence and truth of all whole lines."""
     walls = [(search, dark_lines(search)) for search in searches]
     lines = [

@@ -36,11 +36,7 @@ _MOST, _MOST_SCENES = 1000, 100_000
 
 def run(
     name: Annotated[
-        str,
-        typer.Argument(
-            show_default=False,
-            help=f"Which one: {', '.join(STUDIES)}.",
-        ),
+        str, typer.Argument(show_default=False, help=f"Which one: {', '.join(STUDIES)}.")
     ],
     out: Annotated[
         Path | None,

@@ -9,7 +9,7 @@ but not its law; and the law of Bouc and Wen, but not its parameters, from a sta
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -18,13 +18,12 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.identification.oscillator import identify_oscillator
-from minorloop.identification.oscillator_result import OscillatorIdentification
 from minorloop.operators.differential import BoucWen
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.report import Table
 from minorloop.twins import bouc_wen as plant
-from papers.drawing import new_figure
-from papers.harness import Study, rms
+from papers.drawing import Paint, draw, panel
+from papers.harness import Results, Study, rms
 
 SUBSTEPS = 5
 """Steps of the integration in an interval: 3,750 a second, a fourth of those of the twin."""
@@ -50,113 +49,62 @@ PUBLISHED = (
 _COLOURS = {"linear": "C3", "plays": "C1", "unknown": "C0", "grey": "C2"}
 
 
-@dataclass(frozen=True, eq=False)
-class Scored:
-    """A model with its errors on both tests."""
-
-    found: OscillatorIdentification
-    """The model and its fit."""
-    multisine: FloatArray
-    sweep: FloatArray
-    """Shape (T,). Simulated less true displacements in m."""
-    seconds: float
-    """Seconds of the identification."""
-
-    def figures(self) -> dict[str, float]:
-        """Errors, and the number of parameters."""
-        return {
-            "multisine": rms(self.multisine),
-            "sweep": rms(self.sweep),
-            "training": self.found.error,
-            "parameters": int(self.found.free.sum()),
-            "seconds": self.seconds,
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class BenchmarkStudy:
-    """The models of one training record."""
-
-    seed: int
-    """Seed of the records."""
-    test: plant.BenchmarkRecord
-    sweep: plant.BenchmarkRecord
-    """The two tests."""
-    models: dict[str, Scored]
-    """By the names in `MODELS`."""
-    held: float
-    """Error of the grey box in m on the multisine if its force is held between samples."""
-
-    def figures(self) -> dict[str, Any]:
-        """Every number by the name under which it is printed."""
-        grey = self.models["grey"].found
-        truth = true_parameters()
-        found = {name: one.figures() for name, one in self.models.items()}
-        worst = float(np.abs(grey.parameters / truth - 1).max())
-        return {
-            **found,
-            "grey": {**found["grey"], "worst_parameter": worst},
-            "held": {"multisine": self.held},
-            "output": {"multisine": rms(self.test.y), "sweep": rms(self.sweep.y)},
-        }
-
-
-def run_study(seed: int) -> BenchmarkStudy:
+def run_study(seed: int) -> Results:
     """Fit and score all models.
 
-    Parameters
-    ----------
-    seed : int
-        Draws both multisines, the noise, and which parameters of the start are too large.
+    The seed draws both multisines, the noise, and which parameters of the start are too large.
+    ``models`` has by the names in `MODELS` what was ``found``, and the simulated less true
+    displacements (T,) in m of both tests, ``multisine`` and ``sweep``; ``test`` and ``sweep`` are
+    the records.
     """
     training, test = plant.training_record(seed), plant.multisine_test(seed)
     sweep = plant.sweep_test()
     # The filters are a data sheet of the converter. The first two pass what the third one passes.
     stages = tuple(plant.filters()[-1:])
-
-    def identified(start: Any, fixed: tuple[str, ...] = ()) -> OscillatorIdentification:
-        return identify_oscillator(
-            training.t,
-            training.u,
-            training.y,
-            start,
-            period=training.period,
-            substeps=SUBSTEPS,
-            stages=stages,
-            fixed=fixed,
-        )
+    options: dict[str, Any] = {"substeps": SUBSTEPS, "stages": stages}
 
     def error(
         model: Oscillator, record: plant.BenchmarkRecord, between: Any = "band"
     ) -> FloatArray:
         # A converter holds a sample until the next one; `held` is over the interval before it.
         force = np.roll(record.u, 1) if between == "held" else record.u
-        y = model.simulate(
-            record.t,
-            force,
-            between=between,
-            substeps=SUBSTEPS,
-            periodic=record.period is not None,
-            stages=stages,
-        )
+        periodic = record.period is not None
+        y = model.simulate(record.t, force, between=between, periodic=periodic, **options)
         return np.asarray(y - record.y)
 
-    def scored(fit: Callable[[], OscillatorIdentification]) -> Scored:
+    def scored(start: Any, fixed: tuple[str, ...] = ()) -> Results:
         began = perf_counter()
-        found = fit()
+        found = identify_oscillator(
+            training.t, training.u, training.y, start, period=training.period, fixed=fixed,
+            **options,
+        )  # fmt: skip
         seconds = perf_counter() - began
-        return Scored(found, error(found.model, test), error(found.model, sweep), seconds)
+        errors = {"multisine": error(found.model, test), "sweep": error(found.model, sweep)}
+        figures = {
+            **{name: rms(each) for name, each in errors.items()},
+            "training": found.error,
+            "parameters": int(found.free.sum()),
+            "seconds": seconds,
+        }
+        return Results(figures, found=found, **errors)
 
-    models = {"unknown": scored(lambda: identified("unknown"))}
-    known = models["unknown"].found.model
+    unknown = scored("unknown")
+    known = unknown.found.model
     nothing = ("alpha", "gamma", "delta", "exponent")
     spring = known.stiffness[0]
     still = Oscillator(known.mass, known.damping, 2 * spring, BoucWen(_NO_SLOPE, 0.0, 0.0))
-    models["linear"] = scored(lambda: identified(still, nothing))
-    models["plays"] = scored(lambda: identified(_plays(models["linear"].found.model, training.y)))
-    models["grey"] = scored(lambda: identified(rough_start(seed)))
-    held = rms(error(models["grey"].found.model, test, "held"))
-    return BenchmarkStudy(seed, test, sweep, {name: models[name] for name in MODELS}, held)
+    linear = scored(still, nothing)
+    plays = scored(_plays(linear.found.model, training.y))
+    grey = scored(rough_start(seed))
+    models = {"linear": linear, "plays": plays, "unknown": unknown, "grey": grey}
+    worst = float(np.abs(grey.found.parameters / true_parameters() - 1).max())
+    figures = {
+        **{name: one.figures() for name, one in models.items()},
+        "grey": {**grey.figures(), "worst_parameter": worst},
+        "held": {"multisine": rms(error(grey.found.model, test, "held"))},
+        "output": {"multisine": rms(test.y), "sweep": rms(sweep.y)},
+    }
+    return Results(figures, seed=seed, test=test, sweep=sweep, models=models)
 
 
 _NO_SLOPE = 1e-3
@@ -196,63 +144,67 @@ def published_table(figures: Mapping[str, Any]) -> Table:
     return Table(("model", "multisine, rms error [m]", "parameters", "source"), rows)
 
 
-def draw_spectra(study: BenchmarkStudy) -> Any:
+def draw_spectra(study: Results) -> Any:
     """Draw the spectrum of the multisine response, and of the error of each model."""
-    figure, axes = new_figure(1, 1, height=4.0)
-    signals = {"displacement": study.test.y} | {
-        MODELS[name]: one.multisine for name, one in study.models.items()
-    }
-    colours = ["0.3", *(_COLOURS[name] for name in study.models)]
-    for (words, signal), colour in zip(signals.items(), colours, strict=True):
-        size = 2 * np.abs(np.fft.rfft(signal)) / signal.size
+
+    def spectrum(signal: FloatArray) -> tuple[FloatArray, FloatArray]:
         # Means over 32 lines: single lines of a random-phase multisine scatter.
-        rows = size[1:].reshape(-1, 32)
+        rows = (2 * np.abs(np.fft.rfft(signal)) / signal.size)[1:].reshape(-1, 32)
         middle = (np.arange(len(rows)) + 0.5) * 32 * plant.RATE / signal.size
-        axes.semilogy(middle, np.sqrt(np.mean(rows**2, axis=1)), color=colour, lw=1.2, label=words)
-    axes.set(xlabel="frequency [Hz]", ylabel="amplitude [m]", xlim=(0, plant.RATE / 2))
-    axes.legend(frameon=False, fontsize=9)
-    return figure
+        return middle, np.sqrt(np.mean(rows**2, axis=1))
+
+    lines = _lines(study, "multisine", study.test.y, spectrum)
+    limits = {"yscale": "log", "xlim": (0, plant.RATE / 2)}
+    return draw(panel("frequency [Hz]", "amplitude [m]", *lines, **limits), height=4.0)
 
 
-def draw_sweep(study: BenchmarkStudy) -> Any:
+def draw_sweep(study: Results) -> Any:
     """Draw the largest errors of each model against the frequency of the sweep."""
-    figure, axes = new_figure(1, 1, height=3.6)
     first, last, _, _ = plant.SWEEP
-    signals = [("displacement", study.sweep.y, "0.3")]
-    signals += [(MODELS[name], one.sweep, _COLOURS[name]) for name, one in study.models.items()]
-    for words, signal, colour in signals:
+
+    def largest(signal: FloatArray) -> tuple[FloatArray, list[float]]:
         parts = np.array_split(np.abs(signal), 200)
-        frequency = np.linspace(first, last, len(parts))
-        axes.semilogy(frequency, [part.max() for part in parts], color=colour, lw=1.2, label=words)
-    axes.set(xlabel="frequency of the sweep [Hz]", ylabel="largest, absolute [m]")
-    axes.legend(frameon=False, fontsize=9)
-    return figure
+        return np.linspace(first, last, len(parts)), [part.max() for part in parts]
+
+    lines = _lines(study, "sweep", study.sweep.y, largest)
+    words = "frequency of the sweep [Hz]", "largest, absolute [m]"
+    return draw(panel(*words, *lines, yscale="log"), height=3.6)
 
 
-def draw_law(study: BenchmarkStudy) -> Any:
+def _lines(study: Results, test: str, y: FloatArray, curve: Callable[..., Any]) -> list[Any]:
+    """Return curves of the displacement and of the errors of each model."""
+    errors = [
+        (*curve(getattr(one, test)), f"{_COLOURS[name]} - 1.2", MODELS[name])
+        for name, one in study.models.items()
+    ]
+    return [(*curve(y), "0.3 - 1.2", "displacement"), *errors]
+
+
+def draw_law(study: Results) -> Any:
     """Draw the free slopes with their uncertainty, and those of the plant."""
-    figure, axes = new_figure(1, 2, height=3.6, sharey=True)
     found = study.models["unknown"].found
     law = found.model.operator
-    first = found.parameters.size - 2 * law.levels.size
-    sd = np.split(found.sd[first:], 2)
-    _, _, _, alpha, gamma, delta, exponent = true_parameters()
+    sd = np.split(found.sd[found.parameters.size - 2 * law.levels.size :], 2)
     z = np.linspace(law.levels[0], law.levels[-1], 400)
-    true = BoucWen(alpha, gamma, delta, exponent).slopes(z)
-    sides = (("rising", law.rising), ("falling", law.falling))
-    for axis, (name, values), one, both in zip(axes, sides, sd, true, strict=True):
-        axis.plot(z, both / 1e3, color="0.3", lw=1, label="plant")
-        axis.errorbar(
-            law.levels, values / 1e3, 2 * one / 1e3, fmt="o-", ms=3, lw=1, color="C0", label="found"
+    true = BoucWen(*true_parameters()[3:]).slopes(z)
+    most = 1.2 * max(float(both.max()) for both in true) / 1e3
+
+    def bands(values: FloatArray, one: FloatArray) -> Paint:
+        style = {"fmt": "o-", "ms": 3, "lw": 1, "color": "C0", "label": "found"}
+        return lambda axes: axes.errorbar(law.levels, values / 1e3, 2 * one / 1e3, **style)
+
+    sides = zip(("rising", "falling"), (law.rising, law.falling), sd, true, strict=True)
+    panels = [
+        panel(
+            "hysteretic force [N]", "slope [N/mm]", (z, both / 1e3, "0.3", "plant"),
+            bands(values, one), title=f"displacement {name}", ylim=(0, most),
         )
-        axis.set(title=f"displacement {name}", xlabel="hysteretic force [N]")
-        axis.legend(frameon=False, fontsize=9)
-    axes[0].set_ylabel("slope [N/mm]")
-    axes[0].set_ylim(0, 1.2 * max(float(both.max()) for both in true) / 1e3)
-    return figure
+        for name, values, one, both in sides
+    ]  # fmt: skip
+    return draw(*panels, columns=2, height=3.6, sharey=True)
 
 
-def parameter_table(study: BenchmarkStudy) -> Table:
+def parameter_table(study: Results) -> Table:
     """Return the parameters that were found beside the true ones."""
     found = study.models["grey"].found
     rows = [
@@ -265,8 +217,6 @@ def parameter_table(study: BenchmarkStudy) -> Table:
 
 
 STUDY = Study(
-    "benchmark",
-    "The Bouc-Wen benchmark: hysteresis inside a vibrating structure",
-    run_study,
+    "benchmark", "The Bouc-Wen benchmark: hysteresis inside a vibrating structure", run_study,
     page=__name__,
-)
+)  # fmt: skip

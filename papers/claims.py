@@ -41,7 +41,8 @@ class Claim:
     def row(self, figures: Mapping[str, Any]) -> tuple[str, str, str, str, str]:
         """Return the cells of the row: figure, paper, this run, required, verdict."""
         value = figure(figures, self.key)
-        asked = self._asked(value)
+        bounds = self._bounds(value)
+        asked = f"{bounds} ({self.bound})" if bounds else ""
         if isinstance(value, bool):
             known = math.isfinite(self.most) or math.isfinite(self.least)
             wanted = self.least > 0 if math.isfinite(self.least) else self.most > 0
@@ -63,12 +64,8 @@ class Claim:
         shown = f"{text} (of {count:.0f})" if self.count else text
         return self.what, self.paper, shown, asked or "-", verdict
 
-    def _asked(self, value: float) -> str:
-        """Return the bounds and whose they are as a short text; empty where there is none."""
-        bounds = self._bounds(value)
-        return f"{bounds} ({self.bound})" if bounds else ""
-
     def _bounds(self, value: float) -> str:
+        """Return the bounds as a short text; empty where there is none."""
         if math.isfinite(self.least) and math.isfinite(self.most):
             return f"{self._text(self.least)} to {self._text(self.most)}"
         if math.isfinite(self.least):

@@ -8,10 +8,11 @@ synthetic plane.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 from papers.claims import figure
 from papers.facts import identify_settled
-from papers.harness import medians, rms
+from papers.harness import Results, medians, rms
 
 NOISE = 0.0053
 """Standard deviation of every measurement, over full scale."""
@@ -59,68 +60,39 @@ class DesignSetup:
     begin: Callable[[float, int], Hold]
 
 
-@dataclass(frozen=True, eq=False)
-class Score:
+class Score(NamedTuple):
     """Errors of one model on data that were not fitted, over full scale."""
 
     holds: int
     holdout: float
     positioning: float
-    coverage: float
-    width_ratio: float
+    coverage: float = math.nan
+    width_ratio: float = math.nan
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """One plant measured in four ways.
-
-    ``curves`` are the scores of each method; ``inputs`` (28,) what the adaptive sequence
-    applied; ``shown`` its prediction of the unseen inputs after 12 holds, ``truth`` (40,) what
-    they gave.
-    """
-
-    plant: DesignSetup
-    scale: float
-    curves: dict[str, list[Score]]
-    inputs: FloatArray
-    shown: Prediction
-    truth: FloatArray
-    choice_seconds: float
-    fit_seconds: float
-
-    def score(self, method: str, holds: int) -> Score:
-        """That of a method at a number of holds."""
-        return next(score for score in self.curves[method] if score.holds == holds)
-
-
-@dataclass(frozen=True, eq=False)
-class DesignStudy:
-    """One specimen of each twin, and one rough plane."""
-
-    seed: int
-    twins: dict[str, Comparison]
-    rough: Comparison
-
-    def figures(self) -> dict[str, Any]:
-        """Every number by the name under which it is printed."""
-        found: dict[str, Any] = {name: _twin_figures(one) for name, one in self.twins.items()}
-        found["rough"] = {
-            "holdout_28": self.rough.score("adaptive", HOLDS[-1]).holdout,
-            "baseline_28": self.rough.score("staircase", HOLDS[-1]).holdout,
-            "baseline_56": self.rough.score("staircase", 56).holdout,
-        }
-        every = (*self.twins.values(), self.rough)
-        found["seconds"] = {
-            "choice": max(one.choice_seconds for one in every),
-            "fit_56": max(one.fit_seconds for one in every),
-        }
-        return found
-
-
-def run_study(seed: int) -> DesignStudy:
+def run_study(seed: int) -> Results:
     """Measure a specimen of each twin and a rough plane with all four methods."""
     twins = {name: compare(_twin(name, seed), seed) for name in TWINS}
-    return DesignStudy(seed, twins, compare(_rough(seed), seed))
+    rough = compare(_rough(seed), seed)
+    every, last = (*twins.values(), rough), HOLDS[-1]
+    figures = {
+        **{name: one.figures() for name, one in twins.items()},
+        "rough": {
+            "holdout_28": score_at(rough.curves["adaptive"], last).holdout,
+            "baseline_28": score_at(rough.curves["staircase"], last).holdout,
+            "baseline_56": score_at(rough.curves["staircase"], 56).holdout,
+        },
+        "seconds": {
+            "choice": max(one.choice_seconds for one in every),
+            "fit_56": max(one.fit_seconds for one in every),
+        },
+    }
+    return Results(figures, seed=seed, twins=twins)
+
+
+def score_at(scores: Sequence[Score], holds: int) -> Score:
+    """Return the score at a number of holds."""
+    return next(score for score in scores if score.holds == holds)
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -143,34 +115,33 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def compare(plant: DesignSetup, seed: int) -> Comparison:
-    """Measure a plant with four methods, and score every model on the same unseen inputs."""
+def compare(plant: DesignSetup, seed: int) -> Results:
+    """Measure a plant with four methods, and score every model on the same unseen inputs.
+
+    ``curves`` are the scores of each method; ``inputs`` (28,) what the adaptive sequence
+    applied; ``shown`` its prediction of the unseen inputs after 12 holds, ``truth`` (40,) what
+    they gave.
+    """
     trial = _Trial(plant, seed)
     grid = uniform_levels(plant.low, plant.high, BANDS)
     stairs = excitation.decaying_staircase(uniform_levels(plant.low, plant.high, STAIRS))
     rng = np.random.default_rng([seed, 2])
     random = np.concatenate([[plant.low], rng.uniform(plant.low, plant.high, ALL_HOLDS[-1] - 1)])
     designed = design(grid, HOLDS[-1])
+    models, choice = trial.adaptive(grid, designed[:FIRST])
     curves = {
         "staircase": [trial.score(trial.plain(stairs[:n])) for n in ALL_HOLDS],
         "random": [trial.score(trial.with_prior(grid, random[:n])) for n in ALL_HOLDS],
         "design": [trial.score(trial.with_prior(grid, designed[:n])) for n in HOLDS],
-        "adaptive": [],
+        "adaptive": [trial.score(models[n]) for n in HOLDS],
     }
-    models, choice = trial.adaptive(grid, designed[:FIRST])
-    curves["adaptive"] = [trial.score(models[n]) for n in HOLDS]
     began = perf_counter()
     trial.with_prior(grid, stairs)
-    return Comparison(
-        plant=plant,
-        scale=trial.scale,
-        curves=curves,
-        inputs=models[HOLDS[-1]].u,
-        shown=trial.predicted(models[12]),
-        truth=trial.unseen_outputs,
-        choice_seconds=choice,
-        fit_seconds=perf_counter() - began,
-    )
+    return Results(
+        _figures(curves), plant=plant, scale=trial.scale, curves=curves,
+        inputs=models[HOLDS[-1]].u, shown=trial.predicted(models[12]), truth=trial.unseen_outputs,
+        choice_seconds=choice, fit_seconds=perf_counter() - began,
+    )  # fmt: skip
 
 
 class _Trial:
@@ -220,18 +191,16 @@ class _Trial:
 
     def score(self, fit: Identification) -> Score:
         """Return the errors on unseen inputs and at the targets."""
-        predicted = fit.model.simulate(np.append(self.plant.low, self.unseen))[1:]
-        missed = predicted - self.unseen_outputs
-        holdout = rms(missed)
+        missed = fit.model.simulate(np.append(self.plant.low, self.unseen))[1:]
+        holdout = rms(missed - self.unseen_outputs)
         inputs = fit.model.invert(self.targets, unreachable="clip").u
         achieved = self.settled(np.append(self.plant.low, inputs), noise=0.0)[1:]
-        positioning = rms(achieved - self.targets)
-        coverage = width = float("nan")
-        if fit.posterior is not None:
-            shown = self.predicted(fit)
-            coverage = shown.covers(self.unseen_outputs)
-            width = float(np.mean(shown.sd)) / holdout
-        return Score(fit.u.size, holdout / self.scale, positioning / self.scale, coverage, width)
+        errors = holdout / self.scale, rms(achieved - self.targets) / self.scale
+        if fit.posterior is None:
+            return Score(fit.u.size, *errors)
+        shown = self.predicted(fit)
+        width = float(np.mean(shown.sd)) / holdout
+        return Score(fit.u.size, *errors, shown.covers(self.unseen_outputs), width)
 
     def predicted(self, fit: Identification) -> Prediction:
         """Return predictions of the true outputs for the unseen inputs, with bands."""
@@ -245,17 +214,10 @@ class _Trial:
         )  # fmt: skip
 
 
-def _twin_figures(one: Comparison) -> dict[str, Any]:
-    at_12, baseline = one.score("adaptive", 12), one.score("staircase", 56)
-    late = [one.score("adaptive", holds) for holds in HOLDS if holds >= 16]
-    curves = {
-        method: {
-            "holds": [score.holds for score in scores],
-            "holdout": [score.holdout for score in scores],
-            "positioning": [score.positioning for score in scores],
-        }
-        for method, scores in one.curves.items()
-    }
+def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
+    at_12, baseline = score_at(curves["adaptive"], 12), score_at(curves["staircase"], 56)
+    late = [score for score in curves["adaptive"] if score.holds >= 16]
+    names = ("holds", "holdout", "positioning")
     return {
         "positioning_12": at_12.positioning,
         "holdout_12": at_12.holdout,
@@ -264,7 +226,10 @@ def _twin_figures(one: Comparison) -> dict[str, Any]:
         "beats_baseline_at_12": at_12.positioning < baseline.positioning,
         "coverage_16_28": float(np.mean([score.coverage for score in late])),
         "width_ratio": float(np.mean([score.width_ratio for score in late])),
-        "curves": curves,
+        "curves": {
+            method: {name: [getattr(score, name) for score in scores] for name in names}
+            for method, scores in curves.items()
+        },
     }
 
 

@@ -1,17 +1,137 @@
-"""Parts of the figures of all studies. Matplotlib is imported only when one is drawn."""
+"""The figures of all studies are drawn here, as panels. Matplotlib is imported when one is drawn.
+
+A panel is a function that paints axes; `panel`, `bars` and `photo` make those that studies share.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.drawing.layout import new_figure
 from minorloop.positioning_report import COLOURS, HOUR, MINUTE
 from papers.claims import Claim, figure
 
 __all__ = ["COLOURS", "HOUR", "MINUTE", "every_specimen", "new_figure"]
+
+Paint: TypeAlias = Callable[[Any], None]
+"""Draws on the axes that it is given."""
+WITH_ROOM = {"loc": "upper center", "bbox_to_anchor": (0.5, 1.2)}
+"""Place of a legend above its axes."""
+
+
+def draw(*panels: Paint, columns: int = 1, height: float = 3.8, **options: Any) -> Any:
+    """Return a figure with panels, row by row; options are those of ``Figure.subplots``."""
+    rows = -(-len(panels) // columns)
+    drawn, axes = new_figure(rows, columns, height, squeeze=False, **options)
+    for one in axes.flat[len(panels) :]:
+        one.set_axis_off()
+    for one, paint in zip(axes.flat, panels, strict=False):
+        paint(one)
+    return drawn
+
+
+def panel(x: str, y: str, *lines: Any, legend: Any = None, **options: Any) -> Paint:
+    """Return a panel of curves.
+
+    Parameters
+    ----------
+    x, y : str
+        Labels of the axes.
+    *lines : tuple or Paint
+        Abscissae, ordinates, look and, for a legend, words. A look is a colour, a form of
+        matplotlib such as ``o-``, and a width of the line or size of marks: ``C0 o- 0.8``.
+    legend : mapping, optional
+        Options of the legend.
+    **options
+        As of ``Axes.set``.
+    """
+
+    def paint(axes: Any) -> None:
+        for line in lines:
+            if callable(line):
+                line(axes)
+                continue
+            across, up, look, *words = line
+            axes.plot(across, up, label=words[0] if words else None, **_style(look))
+        axes.set(xlabel=x, ylabel=y, **options)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(frameon=False, **(legend or {}))
+
+    return paint
+
+
+def _style(look: str) -> dict[str, Any]:
+    colour, *rest = look.split()
+    form, size = (*rest, *("-", "1.0")[len(rest) :])
+    line = next((each for each in ("--", "-", ":") if each in form), "")
+    return {
+        "color": colour,
+        "ls": line or "none",
+        "marker": form.replace(line, "") or None,
+        "lw": float(size) if line else None,
+        "ms": 3.5 if line else float(size),
+    }
+
+
+def level(value: float, look: str = "0.3 - 0.8") -> Paint:
+    """Return a horizontal line."""
+    style = {key: each for key, each in _style(look).items() if key in ("color", "ls", "lw")}
+    return lambda axes: axes.axhline(value, **style)
+
+
+def bars(x: str, y: str, groups: Mapping[str, tuple[npt.ArrayLike, str]], **options: Any) -> Paint:
+    """Return a panel of values (n,) by their words, with a colour each, side by side."""
+    width = 0.8 / len(groups)
+
+    def paint(axes: Any) -> None:
+        for number, (words, (values, colour)) in enumerate(groups.items()):
+            place = np.arange(np.size(values)) + 1
+            shift = (number - 0.5 * (len(groups) - 1)) * width
+            axes.bar(place + shift, values, width=0.96 * width, color=colour, label=words)
+        axes.set_xticks(place)
+        panel(x, y, level(0.0), **options)(axes)
+
+    return paint
+
+
+def photo(
+    image: Any,
+    title: str = "",
+    *lines: Any,
+    middle: npt.ArrayLike | None = None,
+    half: float = np.inf,
+    **options: Any,
+) -> Paint:
+    """Return a picture with lines over it, or the part of it about a pixel.
+
+    Parameters
+    ----------
+    image : (H, W) array, optional
+    title : str
+    *lines
+        As of `panel`.
+    middle : (2,) array_like, optional
+        Pixel; the whole picture is drawn without it.
+    half : float
+        Half the side of the part in pixels.
+    **options
+        As of ``Axes.imshow``.
+    """
+
+    def paint(axes: Any) -> None:
+        axes.grid(False)
+        panel("", "", *lines, title=title, xticks=[], yticks=[])(axes)
+        if image is not None:
+            axes.imshow(image, **{"cmap": "gray", "vmin": 0, "vmax": 255} | options)
+        if middle is not None and np.isfinite([*np.ravel(middle), half]).all():
+            u, v = np.ravel(middle)
+            axes.set(xlim=(u - half, u + half), ylim=(v + half, v - half))
+
+    return paint
 
 
 def every_specimen(claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], seed: int) -> Any:

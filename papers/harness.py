@@ -14,6 +14,7 @@ from functools import partial
 from importlib import import_module
 from multiprocessing import active_children, get_context
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -65,8 +66,23 @@ class Study:
     def report(
         self, first: Any, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
     ) -> Report:
-        """Return the page; see `study_report` for the parameters."""
-        return study_report(self.title, self.page, self.claims, first, figures, runs)
+        """Return the page, as of `study_report`."""
+        return study_report(self, first, figures, runs)
+
+
+class Results(SimpleNamespace):
+    """What a run gave: its figures by the names under which they are printed, and what is drawn.
+
+    What is drawn, scored or gathered is an attribute each; who makes them says which.
+    """
+
+    def __init__(self, figures: Mapping[str, Any] | None = None, **parts: Any) -> None:
+        super().__init__(**parts)
+        self._figures = figures or {}
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures."""
+        return dict(self._figures)
 
 
 def figures_of(result: Any) -> dict[str, Any]:
@@ -120,20 +136,16 @@ def median(values: npt.ArrayLike) -> float:
     return float(np.median(found)) if found.size else math.nan
 
 
-class Specimens:
-    """Figures of the specimens that are done; those of an unfinished study are kept in its folder.
+def quantile(values: npt.ArrayLike, share: float) -> float:
+    """Return the value that a share of the values is not above, one of them; NaN of none."""
+    found = np.asarray(values, dtype=np.float64)
+    return float(np.quantile(found, share, method="higher")) if found.size else math.nan
 
-    Parameters
-    ----------
-    study : Study
-    wanted : int
-        Number of specimens.
-    seed : int
-        Of the first.
-    unfinished : path, optional
-        File for the figures so far.
-    text : callable
-        Figures as the text of a file.
+
+class Specimens:
+    """Figures of the specimens that are done, of so many, from a seed on.
+
+    Those of an unfinished study are kept in a file, as the text of which they are given.
     """
 
     def __init__(
@@ -151,16 +163,9 @@ class Specimens:
         self.gathered: dict[str, Any] = {}
 
     def run(self, module: str, options: Mapping[str, Any], now: Callable[..., None]) -> None:
-        """Run all specimens: the first here, the others on the other cores meanwhile.
+        """Run the study of a module: the first specimen here, the others on other cores meanwhile.
 
-        Parameters
-        ----------
-        module : str
-            Of the study.
-        options : mapping
-            Of its run.
-        now : callable
-            Says what is done.
+        What is done is said by ``now``.
         """
         work, told = partial(_figures_of, module, options), dict(options)
         if "told" in self._study.options:

@@ -11,36 +11,28 @@ from __future__ import annotations
 
 import itertools
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, uniform_levels
+from minorloop.arrays import uniform_levels
 from minorloop.connect import connect
-from minorloop.dynamics.cascade import Cascade, CascadeInversion
+from minorloop.dynamics.cascade import Cascade
 from minorloop.identification import excitation
 from minorloop.identification.baseline import nrmse
 from minorloop.identification.frequency import FrequencyResponse, Preamble, frequency_response
-from minorloop.identification.rational import RationalFit
-from minorloop.identification.representability import Representability, representability
+from minorloop.identification.representability import representability
 from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import FURTHER, hold_each
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
-from minorloop.positioning import (
-    AppliedSequence,
-    ExperimentProtocol,
-    Positioning,
-    drive,
-    run_positioning,
-)
+from minorloop.positioning import ExperimentProtocol, Positioning, drive, run_positioning
 from minorloop.twins.ipmc import Ipmc
 from minorloop.twins.ipmc_laser import NOISE
 from papers.facts import ProbeInputs, identify_settled, twin_facts
-from papers.harness import rms
-from papers.short_holds import ShortHolds, run_short_holds
-from papers.tracking import DriftTracking, run_tracking, synthetic_figures
+from papers.harness import Results, rms
+from papers.short_holds import run_short_holds
+from papers.tracking import run_tracking, synthetic_figures
 
 CURVATURE_NOISE = 0.025
 """Standard deviation of the curvature in the other experiments, in 1/m: the laser's, converted."""
@@ -58,144 +50,77 @@ SWEEP_PERIOD, SWEEP_REACH, SWEEP_INTERVAL = 40.0, 5.0, 0.05
 """Period, amplitude and sample interval of the trajectory: seconds, 1/m, seconds."""
 
 
-@dataclass(frozen=True, eq=False)
-class FollowedSweep:
-    """A trajectory followed with the inverse of the operator alone and with that of the cascade."""
-
-    inversion: CascadeInversion
-    alone: Record
-    cascade: Record
-
-    def errors(self) -> dict[str, float]:
-        """Root-mean-square errors in 1/m, over the second half."""
-        late = slice(self.inversion.t.size // 2, None)
-        return {
-            f"rms_{name}": rms(record.y[late] - self.inversion.targets[late])
-            for name, record in (("operator", self.alone), ("cascade", self.cascade))
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class Repetition:
-    """A record that returns to the same memories, and the errors of three models."""
-
-    u: FloatArray
-    y: FloatArray
-    found: Representability
-    nrmse: dict[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class IpmcStudy:
-    """All results of one specimen."""
-
-    seed: int
-    facts: dict[str, Any]
-    major: Record
-    positioning: Positioning
-    plays_drive: AppliedSequence
-    reversible: Positioning
-    fine: Positioning
-    response: FrequencyResponse
-    dynamics: RationalFit
-    sweep: FollowedSweep
-    tracking: DriftTracking
-    synthetic: dict[str, Any]
-    repetition: Repetition
-    sensing: Record
-    short_holds: ShortHolds
-    seconds: float
-
-    def figures(self) -> dict[str, Any]:
-        """Return all figures by the names under which they are printed."""
-        spread = self.response.gain_spread(high=HALF_HERTZ)
-        at_one = self.response.gain_spread(HERTZ, HERTZ)
-        before, after = self.response.phase_spread(high=HALF_HERTZ)
-        tracking, found = self.tracking, self.repetition.found
-        return {
-            "twin": self.facts,
-            "positioning": {
-                **_ratios(self.positioning),
-                "rms_preisach": self.positioning.preisach.rms,
-                "rms_plays": self.plays_drive.rms,
-                "rms_quadratic": self.positioning.quadratic.rms,
-                "max_preisach": self.positioning.preisach.worst,
-                "max_quadratic": self.positioning.quadratic.worst,
-                "coverage": self.positioning.coverage,
-            },
-            "positioning_reversible": {
-                **_ratios(self.reversible),
-                "rms_preisach": self.reversible.preisach.rms,
-                "coverage": self.reversible.coverage,
-            },
-            "positioning_fine": _ratios(self.fine),
-            "gain_spread": {
-                "ratio_below_half_hz": spread.ratio,
-                "before_db": spread.before,
-                "after_db": spread.after,
-                "at_one_hz": at_one.ratio,
-                "before_at_one_hz_db": at_one.before,
-                "after_at_one_hz_db": at_one.after,
-            },
-            "phases": {"before_deg": before, "after_deg": after, **_phases(self.response)},
-            "dynamics": {
-                "order": self.dynamics.model.order,
-                "relative_error": self.dynamics.error,
-                "dc_gain": self.dynamics.model.dc_gain,
-                **self.sweep.errors(),
-            },
-            "recursive": {
-                **self.synthetic,
-                "twin_over_batch": tracking.rms(tracking.recursive) / tracking.rms(tracking.batch),
-                "twin_over_fixed": tracking.rms(tracking.recursive) / tracking.rms(tracking.fixed),
-            },
-            "representability": {
-                "congruency": found.congruency,
-                "wiping_out": found.wiping_out,
-                "floor": found.floor,
-                **{f"{name}_nrmse": value for name, value in self.repetition.nrmse.items()},
-            },
-            "short_holds": self.short_holds.figures(),
-            "sensing": {"peak_to_peak_mv": float(np.ptp(self.sensing.y))},
-            "seconds": self.seconds,
-        }
-
-
-def run_study(seed: int) -> IpmcStudy:
-    """Carry out the whole study on one specimen.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of specimen, noise, targets and random voltages.
-    """
+def run_study(seed: int) -> Results:
+    """Carry out the whole study on the specimen of a seed."""
     began = time.perf_counter()
     base = run_positioning(seed, NOISE, ExperimentProtocol(laser=True, diagonal="uniform"))
     reversible = run_positioning(seed, NOISE, ExperimentProtocol(laser=True))
+    fine = run_positioning(seed, NOISE, ExperimentProtocol(laser=True, bands=FINE))
     model = reversible.identification.model
     plays = GeneralisedPrandtlIshlinskii.fit(base.voltages, base.settled)
     setup = base.protocol
     inputs = plays.invert(base.targets, unreachable="clip").u
+    plays_drive = drive(seed, NOISE, setup, inputs, base.targets, 3)
     response = _response(seed, model)
     dynamics = response.fit()
-    return IpmcStudy(
-        seed=seed,
-        facts=twin_facts(Ipmc, PROBES),
-        major=_major_loop(seed, setup),
-        positioning=base,
-        plays_drive=drive(seed, NOISE, setup, inputs, base.targets, 3),
-        reversible=reversible,
-        fine=run_positioning(seed, NOISE, ExperimentProtocol(laser=True, bands=FINE)),
-        response=response,
-        dynamics=dynamics,
-        sweep=_sweep(seed, Cascade(model, dynamics.model)),
-        tracking=run_tracking(seed),
-        synthetic=synthetic_figures(seed),
-        repetition=_repetition(seed, setup),
-        sensing=_sensing(seed),
-        short_holds=run_short_holds(seed),
-        seconds=time.perf_counter() - began,
-    )
+    sweep = _sweep(seed, Cascade(model, dynamics.model))
+    tracking = run_tracking(seed)
+    repetition = _repetition(seed, setup)
+    sensing = _sensing(seed)
+    short_holds = run_short_holds(seed)
+    facts = twin_facts(Ipmc, PROBES)
+    spread = response.gain_spread(high=HALF_HERTZ)
+    at_one = response.gain_spread(HERTZ, HERTZ)
+    before, after = response.phase_spread(high=HALF_HERTZ)
+    found = repetition.found
+    figures = {
+        "twin": facts,
+        "positioning": {
+            **_ratios(base),
+            "rms_preisach": base.preisach.rms,
+            "rms_plays": plays_drive.rms,
+            "rms_quadratic": base.quadratic.rms,
+            "max_preisach": base.preisach.worst,
+            "max_quadratic": base.quadratic.worst,
+            "coverage": base.coverage,
+        },
+        "positioning_reversible": {
+            **_ratios(reversible),
+            "rms_preisach": reversible.preisach.rms,
+            "coverage": reversible.coverage,
+        },
+        "positioning_fine": _ratios(fine),
+        "gain_spread": {
+            "ratio_below_half_hz": spread.ratio,
+            "before_db": spread.before,
+            "after_db": spread.after,
+            "at_one_hz": at_one.ratio,
+            "before_at_one_hz_db": at_one.before,
+            "after_at_one_hz_db": at_one.after,
+        },
+        "phases": {"before_deg": before, "after_deg": after, **_phases(response)},
+        "dynamics": {
+            "order": dynamics.model.order,
+            "relative_error": dynamics.error,
+            "dc_gain": dynamics.model.dc_gain,
+            **sweep.figures(),
+        },
+        "recursive": {**synthetic_figures(seed), **tracking.figures()},
+        "representability": {
+            "congruency": found.congruency,
+            "wiping_out": found.wiping_out,
+            "floor": found.floor,
+            **{f"{name}_nrmse": value for name, value in repetition.nrmse.items()},
+        },
+        "short_holds": short_holds.figures(),
+        "sensing": {"peak_to_peak_mv": float(np.ptp(sensing.y))},
+        "seconds": time.perf_counter() - began,
+    }
+    return Results(
+        figures, seed=seed, facts=facts, major=_major_loop(seed, setup), positioning=base,
+        plays_drive=plays_drive, response=response, dynamics=dynamics, sweep=sweep,
+        tracking=tracking, repetition=repetition, sensing=sensing, short_holds=short_holds,
+    )  # fmt: skip
 
 
 def _ratios(result: Positioning) -> dict[str, float]:
@@ -240,8 +165,12 @@ def _response(seed: int, model: Preisach) -> FrequencyResponse:
     )
 
 
-def _sweep(seed: int, cascade: Cascade) -> FollowedSweep:
-    """Follow a sine in curvature with growing amplitude, with both inverses."""
+def _sweep(seed: int, cascade: Cascade) -> Results:
+    """Follow a sine in curvature with growing amplitude, with both inverses.
+
+    Figures are rms errors in 1/m over the second half, with the inverse of the operator alone and
+    with that of the cascade.
+    """
     t = np.arange(0.0, 4 * SWEEP_PERIOD, SWEEP_INTERVAL)
     rest = float(cascade.operator.simulate([-1.2, 0.0])[-1])
     swell = np.minimum(t / SWEEP_PERIOD, 1.0)
@@ -255,11 +184,18 @@ def _sweep(seed: int, cascade: Cascade) -> FollowedSweep:
         strip.apply(-1.2, 400.0, 400.0)
         strip.apply(0.0, 400.0, 400.0)
         records.append(strip.drive(t, np.clip(inputs, -1.2, 1.2)))
-    return FollowedSweep(inversion, records[0], records[1])
+    late = slice(t.size // 2, None)
+    names, targets = ("rms_operator", "rms_cascade"), inversion.targets
+    errors = [rms(record.y[late] - targets[late]) for record in records]
+    figures = dict(zip(names, errors, strict=True))
+    return Results(figures, inversion=inversion, alone=records[0], cascade=records[1])
 
 
-def _repetition(seed: int, setup: ExperimentProtocol) -> Repetition:
-    """Measure two staircases and random levels, in which memories and branches repeat."""
+def _repetition(seed: int, setup: ExperimentProtocol) -> Results:
+    """Measure two staircases and random levels, in which memories and branches repeat.
+
+    The results have the errors of three models on this record.
+    """
     grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
     stairs = excitation.decaying_staircase(grid)
     random = np.random.default_rng(seed).choice(grid, RANDOM_HOLDS)
@@ -273,7 +209,7 @@ def _repetition(seed: int, setup: ExperimentProtocol) -> Repetition:
         "plays": nrmse(plays.simulate(u) - y, y),
         "quadratic": nrmse(quadratic - y, y),
     }
-    return Repetition(u, y, representability(u, y), errors)
+    return Results({}, found=representability(u, y), nrmse=errors)
 
 
 def _sensing(seed: int) -> Record:

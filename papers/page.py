@@ -20,7 +20,7 @@ from string import Formatter
 from typing import Any, TypeAlias
 
 from minorloop.report import Picture, Report, Table
-from papers.claims import Claim, cell, claim_table
+from papers.claims import cell, claim_table
 from papers.drawing import every_specimen
 
 Names: TypeAlias = ChainMap[str, Any]
@@ -28,29 +28,15 @@ _SHARED = {"claim_table": claim_table, "every_specimen": every_specimen, "len": 
 
 
 def study_report(
-    title: str,
-    module: str,
-    claims: Sequence[Claim],
-    first: Any,
-    figures: Mapping[str, Any],
-    runs: Sequence[Mapping[str, Any]],
+    study: Any, first: Any, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
 ) -> Report:
-    """Return the report of a study.
+    """Return the report of a `Study`.
 
-    Parameters
-    ----------
-    title : str
-    module : str
-        With what the template draws and calls; the template is beside it, with the ending ``.md``.
-    claims : sequence of Claim
-    first : object
-        The first specimen, which is drawn: ``study`` in the template.
-    figures : mapping
-        Over all specimens.
-    runs : sequence of mapping
-        The figures of each specimen.
+    Its page, a module, has what the template draws and calls; the template is beside it, with the
+    ending ``.md``. The first specimen is drawn, ``study`` in the template; ``figures`` are over all
+    specimens, ``runs`` of each.
     """
-    page = import_module(module)
+    page = import_module(study.page)
     assert page.__file__ is not None
     text = Path(page.__file__).with_suffix(".md").read_text("utf-8")
     many = len(runs) > 1
@@ -58,14 +44,14 @@ def study_report(
         "study": first,
         "figures": figures,
         "runs": runs,
-        "claims": claims,
+        "claims": study.claims,
         "count": len(runs),
         "specimens": f"{len(runs)} simulated specimen{'s' if many else ''}",
     }
     computed = page.names(first, figures, runs) if hasattr(page, "names") else {}
     names = ChainMap(own, computed, dict(figures), vars(page), _SHARED)
     summary, *sections = re.split(r"^## ", text, flags=re.MULTILINE)
-    report = Report(title, filled(summary, names))
+    report = Report(study.title, filled(summary, names))
     for section in sections:
         heading, *blocks = re.split(r"\n\s*\n", section.strip())
         for known in _repeated(blocks, names):

@@ -8,9 +8,6 @@ creep, and with one that is constant.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
 from minorloop.arrays import FloatArray, uniform_levels
@@ -20,7 +17,7 @@ from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import FURTHER
 from papers.facts import identify_settled
-from papers.harness import rms
+from papers.harness import Results, rms
 
 LOW, HIGH, BANDS = -1.2, 1.2, 10
 """Least and greatest voltage, and bands of the models."""
@@ -36,39 +33,13 @@ _FIRST = 20
 """First of the experiments of a specimen here; the study of the strip has those before."""
 
 
-@dataclass(frozen=True, eq=False)
-class ShortHolds:
-    """Targets on one specimen, in 1/m."""
-
-    targets: FloatArray
-    """Shape (n,). Wanted curvatures."""
-    errors: dict[str, FloatArray]
-    """Errors of what is read at the end of each short hold, by the model of the inverse:
-    ``creep``, ``settled``, and ``early``, a model of values at the end of short holds."""
-    delivered: dict[str, FloatArray]
-    """Errors of ``creep`` and ``settled`` at the end of each of the short holds in which a target
-    is delivered."""
-
-    def figures(self) -> dict[str, Any]:
-        """Return all figures by the names under which they are printed."""
-        ends = {f"rms_{name}": rms(errors) for name, errors in self.errors.items()}
-        ratio = ends["rms_settled"] / ends["rms_creep"]
-        return {
-            **ends,
-            **{f"rms_minute_{name}": rms(errors) for name, errors in self.delivered.items()},
-            "ratio": ratio,
-            "ratio_min": ratio,
-            "minutes_saved": self.targets.size * (SETTLED - SHORT) / 60,
-        }
-
-
-def run_short_holds(seed: int) -> ShortHolds:
+def run_short_holds(seed: int) -> Results:
     """Identify one strip, and drive it to targets with three inverses.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of specimen, noise and targets.
+    ``targets`` (n,) are curvatures in 1/m; ``errors`` those of what is read at the end of each
+    short hold, by the model of the inverse: ``creep``, ``settled``, and ``early``, a model of
+    values at the end of short holds; ``delivered`` (n, `DELIVERED`) those of the first two at the
+    end of each of the short holds in which a target is delivered.
     """
     grid = uniform_levels(LOW, HIGH, BANDS)
     voltages = excitation.decaying_staircase(grid)
@@ -95,14 +66,21 @@ def run_short_holds(seed: int) -> ShortHolds:
         "early": early.invert(targets, unreachable="clip").u,
     }
     minutes = {"creep": with_creep(again), "settled": np.repeat(inputs["settled"], DELIVERED)}
-    return ShortHolds(
-        targets,
-        {name: _ends(_held(_strip(seed, 2), u, SHORT)) - targets for name, u in inputs.items()},
-        {
-            name: (_ends(_held(_strip(seed, 2), u, SHORT)) - again).reshape(-1, DELIVERED)
-            for name, u in minutes.items()
-        },
-    )
+    errors = {name: _ends(_held(_strip(seed, 2), u, SHORT)) - targets for name, u in inputs.items()}
+    delivered = {
+        name: (_ends(_held(_strip(seed, 2), u, SHORT)) - again).reshape(-1, DELIVERED)
+        for name, u in minutes.items()
+    }
+    ends = {f"rms_{name}": rms(each) for name, each in errors.items()}
+    ratio = ends["rms_settled"] / ends["rms_creep"]
+    figures = {
+        **ends,
+        **{f"rms_minute_{name}": rms(each) for name, each in delivered.items()},
+        "ratio": ratio,
+        "ratio_min": ratio,
+        "minutes_saved": targets.size * (SETTLED - SHORT) / 60,
+    }
+    return Results(figures, targets=targets, errors=errors, delivered=delivered)
 
 
 def _strip(seed: int, experiment: int, noise: float = 0.0) -> Actuator:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,8 @@ from minorloop.identification.dynamics import identify_dynamics
 from minorloop.identification.result import Identification
 from minorloop.report import Table
 from minorloop.twins.stage import RATE, TRAVEL, VOLTAGE, Stage
-from papers.drawing import new_figure
-from papers.harness import Study, rms
+from papers.drawing import draw, panel
+from papers.harness import Results, Study, rms
 
 SINES = ((1.0, 3.0), (5.0, 1.2), (20.0, 0.5), (50.0, 0.3), (100.0, 0.15), (200.0, 0.1))
 """Frequencies in Hz and durations in s of the record."""
@@ -44,72 +43,19 @@ RISE, LASTING = 0.1, 0.2
 PERIODS = 3
 """Least number of periods."""
 _INVERSES = {
-    "without_time": ("inverse of the hysteresis alone", "C3", "s"),
-    "dynamics": ("inverse with resonance and creep", "C0", "o"),
+    "without_time": ("inverse of the hysteresis alone", "C3 s"),
+    "dynamics": ("inverse with resonance and creep", "C0 o"),
 }
-"""Name, colour and mark of both inverses."""
+"""Name, and colour and mark of both inverses."""
 _SHOWN, _PERIODS = 100, 3
 """Frequency in Hz of the sine that is drawn against time, and its last periods."""
 
 
-@dataclass(frozen=True, eq=False)
-class FollowedSine:
-    """A sine that was followed twice."""
+def run_study(seed: int) -> Results:
+    """Identify the specimen of a seed, and drive it along all sines.
 
-    targets: FloatArray
-    """Shape (T,). Wanted positions in um, from the end of the rise on."""
-    dynamics: FloatArray
-    without_time: FloatArray
-    """Shape (T,). Errors in um with the inverse of operator, resonance and creep, and with that of
-    the operator alone."""
-
-
-@dataclass(frozen=True, eq=False)
-class StageStudy:
-    """All results of one specimen."""
-
-    seed: int
-    """Seed of specimen and noise."""
-    found: DynamicIdentification
-    """Operator with dynamics, of the whole record."""
-    tracked: dict[int, FollowedSine]
-    """By frequency in Hz."""
-    seconds: float
-    """Seconds of the identification with dynamics."""
-
-    def figures(self) -> dict[str, Any]:
-        """Return all figures by the names under which they are printed."""
-        errors = {
-            name: {
-                f"hz_{frequency}": rms(getattr(one, name)) / TRAVEL
-                for frequency, one in self.tracked.items()
-            }
-            for name in ("dynamics", "without_time")
-        }
-        ratio = errors["without_time"]["hz_100"] / errors["dynamics"]["hz_100"]
-        return {
-            **errors,
-            "ratio_at_100_hz": ratio,
-            "worst": {"ratio_at_100_hz_min": ratio},
-            "resonance_off": abs(self._resonance / Stage(self.seed).resonance - 1),
-            "nrmse": self.found.nrmse,
-            "seconds": self.seconds,
-        }
-
-    @property
-    def _resonance(self) -> float:
-        """Natural frequency that was found, in Hz."""
-        poles = self.found.model.linear.poles
-        return float(np.abs(poles[np.argmax(np.abs(poles.imag))])) / (2 * np.pi)
-
-
-def run_study(seed: int) -> StageStudy:
-    """Identify one specimen and drive it along all sines.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of specimen and noise.
+    ``found`` is the operator with dynamics, of the whole record; ``tracked`` has by frequency in Hz
+    what `_tracked` returns.
     """
     stage, u = Stage(seed), record()
     y = stage.positions(u)
@@ -121,7 +67,22 @@ def run_study(seed: int) -> StageStudy:
         u[:first:EVERY], y[:first:EVERY], levels=25, diagonal="uniform", slope=False, lag=0
     )
     tracked = {frequency: _tracked(stage, found, slow, frequency) for frequency in FREQUENCIES}
-    return StageStudy(seed, found, tracked, seconds)
+    errors = {
+        name: {f"hz_{frequency}": rms(one[name]) / TRAVEL for frequency, one in tracked.items()}
+        for name in ("dynamics", "without_time")
+    }
+    ratio = errors["without_time"]["hz_100"] / errors["dynamics"]["hz_100"]
+    poles = found.model.linear.poles
+    resonance = float(np.abs(poles[np.argmax(np.abs(poles.imag))])) / (2 * np.pi)
+    figures = {
+        **errors,
+        "ratio_at_100_hz": ratio,
+        "worst": {"ratio_at_100_hz_min": ratio},
+        "resonance_off": abs(resonance / stage.resonance - 1),
+        "nrmse": found.nrmse,
+        "seconds": seconds,
+    }
+    return Results(figures, seed=seed, found=found, tracked=tracked)
 
 
 def record() -> FloatArray:
@@ -136,15 +97,7 @@ def record() -> FloatArray:
 
 
 def targets(frequency: float, rest: float) -> tuple[FloatArray, int]:
-    """Return wanted positions (T,) in um, and the sample at which the sine begins.
-
-    Parameters
-    ----------
-    frequency : float
-        In Hz.
-    rest : float
-        Position at rest in um.
-    """
+    """Return wanted positions (T,) from rest on, in um, and the sample at which the sine begins."""
     rising = round(RISE * RATE)
     rise = (1 - np.cos(np.pi * np.arange(rising) / rising)) / 2
     periods = max(PERIODS, round(LASTING * frequency))
@@ -160,54 +113,59 @@ def times(u: FloatArray) -> FloatArray:
 
 def _tracked(
     stage: Stage, found: DynamicIdentification, slow: Identification, frequency: int
-) -> FollowedSine:
-    """Drive the stage along one sine with both inverses; errors are without noise of a sensor."""
+) -> dict[str, FloatArray]:
+    """Drive the stage along one sine with both inverses, and return targets and errors (T,) in um.
+
+    They are counted from the end of the rise on, without the noise of a sensor: ``targets``, and
+    the errors with the inverse of operator, resonance and creep, ``dynamics``, and with that of the
+    operator alone, ``without_time``.
+    """
     wanted, rising = targets(frequency, float(found.model.operator.simulate([0.0])[0]))
-    inputs = (
-        found.invert(times(wanted), wanted, before=0.0, unreachable="clip").u,
-        slow.model.invert(wanted, unreachable="clip").u,
-    )
-    errors = [(stage.positions(np.clip(u, 0.0, VOLTAGE), 0.0) - wanted)[rising:] for u in inputs]
-    return FollowedSine(wanted[rising:], errors[0], errors[1])
+    inputs = {
+        "dynamics": found.invert(times(wanted), wanted, before=0.0, unreachable="clip").u,
+        "without_time": slow.model.invert(wanted, unreachable="clip").u,
+    }
+    errors = {
+        name: (stage.positions(np.clip(u, 0.0, VOLTAGE), 0.0) - wanted)[rising:]
+        for name, u in inputs.items()
+    }
+    return {"targets": wanted[rising:], **errors}
 
 
-def found_table(study: StageStudy) -> Table:
+def found_table(study: Results) -> Table:
     """Return what was identified."""
     return Table(("", ""), study.found.rows)
 
 
 def draw_errors(figures: Mapping[str, Any]) -> Any:
     """Draw the rms errors of both inverses over the range against frequency."""
-    figure, axes = new_figure(1, 1, height=3.8)
-    for name, (words, colour, mark) in _INVERSES.items():
-        errors = [100 * figures[name][f"hz_{frequency}"] for frequency in FREQUENCIES]
-        axes.loglog(FREQUENCIES, errors, f"{mark}-", color=colour, label=words)
-    axes.set(xlabel="frequency of the target [Hz]", ylabel="rms error [% of range]")
-    axes.grid(alpha=0.25, which="both")
-    axes.legend(frameon=False)
-    return figure
+    lines = []
+    for name, (words, look) in _INVERSES.items():
+        errors = [100 * figures[name][f"hz_{each}"] for each in FREQUENCIES]
+        lines.append((FREQUENCIES, errors, f"{look}-", words))
+    scales = {"xscale": "log", "yscale": "log"}
+    return draw(panel("frequency of the target [Hz]", "rms error [% of range]", *lines, **scales))
 
 
-def draw_sine(study: StageStudy) -> Any:
+def draw_sine(study: Results) -> Any:
     """Draw the last periods of one sine, and the errors of both inverses."""
-    figure, (above, below) = new_figure(2, 1, height=5.0, sharex=True)
-    one = study.tracked[_SHOWN]
-    last = slice(-round(_PERIODS * RATE / _SHOWN), None)
-    t = 1e3 * np.arange(one.targets[last].size) / RATE
-    above.plot(t, one.targets[last], color="0.3", lw=2.5, alpha=0.5, label="target")
-    for name, (words, colour, _) in _INVERSES.items():
-        error = getattr(one, name)[last]
-        above.plot(t, one.targets[last] + error, color=colour, lw=1, label=words)
-        below.plot(t, 100 * error / TRAVEL, color=colour, lw=1)
-    above.set(ylabel="position [um]")
-    below.set(xlabel="time [ms]", ylabel="error [% of range]")
-    above.legend(frameon=False, fontsize=9)
-    return figure
+    last, one = slice(-round(_PERIODS * RATE / _SHOWN), None), study.tracked[_SHOWN]
+    wanted = one["targets"][last]
+    t = 1e3 * np.arange(wanted.size) / RATE
+    above: list[Any] = [(t, wanted, "0.6 - 2.5", "target")]
+    below = []
+    for name, (words, look) in _INVERSES.items():
+        error, colour = one[name][last], look.split()[0]
+        above.append((t, wanted + error, colour, words))
+        below.append((t, 100 * error / TRAVEL, colour))
+    return draw(
+        panel("", "position [um]", *above, legend={"fontsize": 9}),
+        panel("time [ms]", "error [% of range]", *below),
+        height=5.0,
+        sharex=True,
+    )
 
 
 STUDY = Study(
-    "stage",
-    "A fast stage along sines of 1 to 200 Hz, without its sensor",
-    run_study,
-    page=__name__,
+    "stage", "A fast stage along sines of 1 to 200 Hz, without its sensor", run_study, page=__name__
 )

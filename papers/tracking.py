@@ -7,7 +7,6 @@ The exponential window has the same mean age as that batch, so that both use the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.preisach import Preisach
 from minorloop.twins.ipmc import Ipmc
 from papers.facts import identify_settled
-from papers.harness import rms
+from papers.harness import Results, rms
 
 VOLTAGE, BANDS, HOLD = 1.2, 10, 200.0
 NOISE = 0.006
@@ -32,24 +31,6 @@ FADING, FADING_NOISE = -0.02, 0.05
 _DIVERGED = 0.5
 """Error over the range from which the recursion counts as diverged. A stable one stays within a few
 percent, and a diverging one exceeds every bound."""
-
-
-@dataclass(frozen=True, eq=False)
-class DriftTracking:
-    """Outputs of the drifting twin, with predictions from the samples before.
-
-    ``measured``, ``recursive`` and ``batch`` (n,) in 1/m, over the part that is scored; ``fixed``
-    has the predictions of a model that was identified once, before.
-    """
-
-    measured: FloatArray
-    recursive: FloatArray
-    batch: FloatArray
-    fixed: FloatArray
-
-    def rms(self, predicted: FloatArray) -> float:
-        """Root-mean-square error of a prediction, in 1/m."""
-        return rms(predicted - self.measured)
 
 
 def synthetic_figures(seed: int) -> dict[str, Any]:
@@ -86,8 +67,12 @@ def _errors(model: Preisach, u: FloatArray, swing: float, rng: np.random.Generat
     return np.array(errors[SETTLING_IN:])
 
 
-def run_tracking(seed: int) -> DriftTracking:
-    """Follow a fading strip through three staircases and then random voltages."""
+def run_tracking(seed: int) -> Results:
+    """Follow a fading strip through three staircases and then random voltages.
+
+    ``measured`` (n,) has its outputs in 1/m over the part that is scored, ``predicted`` those from
+    the samples before: ``recursive``, ``batch``, and ``fixed`` of a model identified once, before.
+    """
     grid = uniform_levels(-VOLTAGE, VOLTAGE, BANDS)
     stairs = excitation.decaying_staircase(grid)
     random = np.random.default_rng(seed).uniform(-VOLTAGE, VOLTAGE, stairs.size // 2)
@@ -97,12 +82,16 @@ def run_tracking(seed: int) -> DriftTracking:
     strip.safe()
     scored = slice(2 * stairs.size, u.size)
     once = identify_settled(u[: stairs.size], y[: stairs.size], levels=grid)
-    return DriftTracking(
-        measured=y[scored],
-        recursive=_recursive_predictions(grid, u, y, stairs.size)[scored],
-        batch=_batch_predictions(grid, u, y, stairs.size, scored.start),
-        fixed=once.model.simulate(u)[scored],
-    )
+    predicted = {
+        "recursive": _recursive_predictions(grid, u, y, stairs.size)[scored],
+        "batch": _batch_predictions(grid, u, y, stairs.size, scored.start),
+        "fixed": once.model.simulate(u)[scored],
+    }
+    errors = {name: rms(each - y[scored]) for name, each in predicted.items()}
+    figures = {
+        f"twin_over_{other}": errors["recursive"] / errors[other] for other in ("batch", "fixed")
+    }
+    return Results(figures, measured=y[scored], predicted=predicted)
 
 
 def _recursive_predictions(grid: Levels, u: FloatArray, y: FloatArray, window: int) -> FloatArray:

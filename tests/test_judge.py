@@ -10,7 +10,7 @@ from benchmarks.judge import _wave_kernels as kernels
 from benchmarks.judge import scenes, sound, surface
 from minorloop_head.geometry import Mount, Pinhole, wall_point
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
-from papers.catheter.judged import JUDGE, judge_words, outdated
+from papers.catheter.judged import JUDGE, outdated
 
 SPEED = 1500.0
 ROOT = Path(__file__).parents[1]
@@ -121,7 +121,6 @@ def test_documents_give_the_kept_figures_of_the_judge_beside_a_recall():
     words = (ROOT / "docs/studies.md").read_text()
     for each in (JUDGE["corroded"], JUDGE["soil"]):
         assert f"{100 * each['recall']:.1f} %" in words
-    assert recall.replace(" ", "") in judge_words()
 
 
 def test_a_kept_figure_that_is_another_one_now_is_named():

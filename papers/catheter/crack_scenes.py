@@ -8,23 +8,16 @@ light, stains only dim it, and a crack returns hardly any light of any lamp.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop_head.geometry import Pose, wall_lengths, wall_point
-from minorloop_head.twins.camera import LENS, Camera
+from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.pipe import Crack, Pipe, Scratch, Weld, draw_dent, draw_dirt, draw_finish
 from minorloop_head.vision.reflectance_map import LEAST_SEEN
-from papers.catheter.scene_view import (
-    AimedCamera,
-    draw_head,
-    draw_place,
-    focus_near,
-    metered_gain,
-)
+from papers.catheter.scene_view import SceneView, aimed, draw_head, draw_place
 
 NARROWEST, WIDEST = 30e-6, 200e-6
 SHORTEST, LONGEST = 2e-3, 15e-3
@@ -47,25 +40,10 @@ _TRIES = 60
 """Most views drawn for a scene; most seeds need one or two."""
 
 
-@dataclass(frozen=True, eq=False)
-class CrackView(AimedCamera):
-    """A camera before a wall, and the truth of what it sees."""
+def draw_crack_view(seed: int, *, crack: bool) -> SceneView:
+    """Draw a view of a wall with a crack, 30 to 200 um wide and 2 to 15 mm long, or without.
 
-    pipe: Pipe
-    """The wall. For scoring only."""
-    width: float
-    """Of the crack where it is neither at a tip nor in a branch, in metres; 0 without one."""
-
-
-def draw_crack_view(seed: int, *, crack: bool) -> CrackView:
-    """Draw a view of a wall with or without a crack.
-
-    Parameters
-    ----------
-    seed : int
-        Of the view. The head turns 18 to 30 degrees from the axis, as for holes.
-    crack : bool
-        Whether there is a crack, 30 to 200 um wide and 2 to 15 mm long, of any direction.
+    The head turns 18 to 30 degrees from the axis, as for holes.
 
     Raises
     ------
@@ -80,14 +58,11 @@ def draw_crack_view(seed: int, *, crack: bool) -> CrackView:
         if not _in_view(mount.pose(pan, tilt), cracks[0]):
             continue
         wall = _wall(rng, place, cracks, crack)
-        seeds = rng.integers(2**31, size=2).tolist()
-        camera = Camera(wall, mount, seed=seeds[0], specimen=seeds[1])
-        camera.look(pan, tilt)
-        focus_near(rng, camera, mount.pose(pan, tilt))
-        gain = metered_gain(camera) * math.exp(rng.uniform(math.log(0.5), math.log(2.0)))
+        camera, gain = aimed(rng, wall, mount, pan, tilt)
         if 0.1 <= gain <= 20:
             camera.expose(0.01, gain)
-            return CrackView(camera, mount, pan, tilt, gain, wall, width if crack else 0.0)
+            seen = width if crack else 0.0
+            return SceneView(camera, mount, pan, tilt, gain, pipe=wall, width=seen)
     raise ParameterError(f"no view found for seed {seed} in {_TRIES} tries; give another seed")
 
 
@@ -96,11 +71,9 @@ def fine_course(crack: Crack, radius: float) -> tuple[FloatArray, FloatArray]:
     corners = np.array(crack.points)
     along = wall_lengths(corners, radius)
     fine = np.arange(0.0, along[-1], FINE)
-    course = [
-        np.interp(fine, along, np.unwrap(corners[:, 0])),
-        np.interp(fine, along, corners[:, 1]),
-    ]
-    return np.stack(course, axis=1), np.interp(fine, along, np.array(crack.widths))
+    phi, z, widths = np.unwrap(corners[:, 0]), corners[:, 1], np.array(crack.widths)
+    course = np.stack([np.interp(fine, along, phi), np.interp(fine, along, z)], axis=1)
+    return course, np.interp(fine, along, widths)
 
 
 def _in_view(pose: Pose, crack: Crack) -> bool:
@@ -166,10 +139,8 @@ def _wall(
 
     def somewhere() -> tuple[float, float]:
         if rng.random() < _BESIDE:
-            phi, z = course[int(rng.integers(len(course)))] + rng.normal(0, 0.7e-3, 2) / [
-                Pipe.radius,
-                1.0,
-            ]
+            corner = course[int(rng.integers(len(course)))]
+            phi, z = corner + rng.normal(0, 0.7e-3, 2) / [Pipe.radius, 1.0]
         else:
             phi = place[0] + rng.uniform(-_AROUND, _AROUND)
             z = place[1] + rng.uniform(-_ALONG, _ALONG)
@@ -191,40 +162,29 @@ def _wall(
 
 def _scratch(rng: np.random.Generator, phi: float, z: float) -> Scratch:
     """Draw a scratch of 1 to 10 mm, straight or bent, clean or with dirt in it."""
-    return Scratch(
-        phi,
-        z,
-        rng.uniform(0, np.pi),
-        rng.uniform(1e-3, 10e-3),
-        rng.uniform(0.06e-3, 0.2e-3),
-        slope=rng.uniform(0.1, 0.8),
-        albedo=rng.uniform(0.5, 1.3),
-        bend=rng.normal(0, 15.0),
+    angle, length, width = (
+        rng.uniform(*each) for each in ((0, np.pi), (1e-3, 10e-3), (0.06e-3, 0.2e-3))
     )
+    slope, albedo = rng.uniform(0.1, 0.8), rng.uniform(0.5, 1.3)
+    return Scratch(phi, z, angle, length, width, slope, albedo, rng.normal(0, 15.0))
 
 
 def _drawing_mark(rng: np.random.Generator, phi: float, z: float) -> Scratch:
     """Draw a groove of the drawing die: along the pipe, long and shallow."""
-    return Scratch(
-        phi,
-        z,
-        np.pi / 2 + rng.normal(0, 0.01),
-        rng.uniform(6e-3, 30e-3),
-        rng.uniform(0.05e-3, 0.15e-3),
-        slope=rng.uniform(0.1, 0.5),
-        albedo=rng.uniform(0.7, 1.1),
+    angle, length = np.pi / 2 + rng.normal(0, 0.01), rng.uniform(6e-3, 30e-3)
+    width, slope, albedo = (
+        rng.uniform(*each) for each in ((0.05e-3, 0.15e-3), (0.1, 0.5), (0.7, 1.1))
     )
+    return Scratch(phi, z, angle, length, width, slope, albedo)
 
 
 def _weld(rng: np.random.Generator, phi: float, z: float) -> Weld:
     """Draw a weld round or along the pipe; its ripples have sharp valleys."""
-    return Weld(
-        phi,
-        z,
-        float(rng.choice([0.0, np.pi / 2])) + rng.normal(0, 0.02),
-        rng.uniform(10e-3, 30e-3),
-        rng.uniform(1.5e-3, 4e-3),
-        height=rng.uniform(0.05e-3, 0.2e-3),
-        pitch=rng.uniform(0.3e-3, 1e-3),
-        ripple=rng.uniform(0.05, 0.3),
-    )
+    angle = float(rng.choice([0.0, np.pi / 2])) + rng.normal(0, 0.02)
+    length, width, height, pitch, ripple = (
+        rng.uniform(*each)
+        for each in (
+            (10e-3, 30e-3), (1.5e-3, 4e-3), (0.05e-3, 0.2e-3), (0.3e-3, 1e-3), (0.05, 0.3)
+        )
+    )  # fmt: skip
+    return Weld(phi, z, angle, length, width, height=height, pitch=pitch, ripple=ripple)

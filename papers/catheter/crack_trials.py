@@ -26,12 +26,12 @@ from minorloop_head.ultrasound.crack_depth import CrackDepth, crack_depth
 from minorloop_head.vision.calibrated_camera import CalibratedCamera, Window
 from minorloop_head.vision.cracks import TracedCrack
 from minorloop_head.vision.defects import Findings, find_holes
-from minorloop_head.vision.reflectance_map import LitFrame
 from papers.catheter import scoring
-from papers.catheter.crack_scenes import FINE, CrackView, draw_crack_view, fine_course
+from papers.catheter.crack_scenes import FINE, draw_crack_view, fine_course
 from papers.catheter.detection import misjudged, shots, wilson
 from papers.catheter.scan_trials import CAMERA_SD, FLOODED, Scanned, draw_probe, scan, strayed
-from papers.harness import mean, median
+from papers.catheter.scene_view import SceneView
+from papers.harness import Results, mean, median
 
 SAME = 0.2e-3
 """Distance in metres within which two courses are the same: required."""
@@ -47,11 +47,9 @@ class CrackOutcome:
     """Result of one scene."""
 
     seed: int
-    """Of the scene."""
     width: float
     """Drawn width of the crack in metres; 0 without a crack."""
     found: bool
-    """Whether the crack was found."""
     shares: tuple[float, float]
     """Shares of the drawn course that was traced, and of the traced one that was drawn."""
     length_error: float
@@ -67,36 +65,23 @@ class CrackOutcome:
     """Standard deviation of the width that is stated, in metres; NaN if not found."""
 
 
-@dataclass(frozen=True, eq=False)
-class CrackSearch:
-    """Pictures of a scene, what was traced, and the truth on the same map."""
+def search_cracks(seed: int, crack: bool) -> Results:
+    """Take an acquisition of one scene by its calibrated camera, and trace its cracks.
 
-    view: CrackView
-    """The scene."""
-    camera: CalibratedCamera
-    """The calibrated camera."""
-    frames: tuple[LitFrame, ...]
-    """The acquisition."""
-    traces: tuple[TracedCrack, ...]
-    """What was found."""
-    findings: Findings
-    """Holes and the map."""
-    course: FloatArray
-    """Shape (N, 2). Phi and z of the visible part of the crack in steps of 50 um; empty without
-    one."""
-    widths: FloatArray
-    """Shape (N,). True widths there, in metres."""
-
-
-def search_cracks(seed: int, crack: bool) -> CrackSearch:
-    """Take an acquisition of one scene, and trace its cracks."""
+    ``findings`` are holes and the map; ``course`` (N, 2) is phi and z of the visible part of the
+    crack on the same map, in steps of 50 um, empty without one; ``widths`` (N,) are the true ones
+    there, in metres.
+    """
     view, rng = draw_crack_view(seed, crack=crack), np.random.default_rng([seed, int(crack), 22])
     camera = misjudged(view, rng)
     frames = tuple(shots(view, rng))
     found = find_holes(frames, camera)
     traces = traces_of(found, camera.radius)
     course, widths = _visible(view, camera, found)
-    return CrackSearch(view, camera, frames, traces, found, course, widths)
+    return Results(
+        view=view, camera=camera, frames=frames, traces=traces, findings=found, course=course,
+        widths=widths,
+    )  # fmt: skip
 
 
 def score_cracks(seed: int, crack: bool, *, scan: bool = False) -> CrackOutcome:
@@ -116,17 +101,9 @@ def scanned_depth(
 ) -> CrackDepth:
     """Scan across a crack where it is widest, with the noise of a mission, and measure its depth.
 
-    Parameters
-    ----------
-    seed : int
-        Of probe, mount and noise.
-    cracks : tuple of Crack
-        The true ones.
-    traced : TracedCrack
-        As the camera sees it.
-    places : (N, 2) array
-        Its places in the pipe without the error of the mount in the acquisition; the scan has its
-        own mount, with its own error, which the camera shares.
+    Among the true ``cracks`` one is ``traced``; ``places`` (N, 2) are those of the trace in the
+    pipe without the error of the mount in the acquisition: the scan has its own mount, with its own
+    error, which the camera shares.
     """
     rng = np.random.default_rng([seed, 23])
     place, width = widest(traced)
@@ -139,23 +116,23 @@ def scanned_depth(
     twin = Ultrasound(pipe, mount, probe.transducer, temperature=warm, specimen=seed, seed=seed)
     known = places + error
     centre = (float(known[at, 0]), float(known[at, 1]))
-    used, bursts = scan(
-        Scanned(
-            probe=probe, centre=centre, twin=twin, pipe=pipe, mount=mount, rng=rng, specimen=seed
-        )
+    trial = Scanned(
+        probe=probe, centre=centre, twin=twin, pipe=pipe, mount=mount, rng=rng, specimen=seed
     )
+    used, bursts = scan(trial)
     return crack_depth(bursts, used, known, width)
 
 
-def _true_places(search: CrackSearch, traced: TracedCrack) -> FloatArray:
+def _true_places(search: Results, traced: TracedCrack) -> FloatArray:
     """Return the places (N, 2) of the wall that are at the pixels of a trace."""
     view, camera = search.view, search.camera
     pixels = camera.pixel(traced.places, view.pan, view.tilt)
     true = replace(camera, lens=scoring.true_lens(view.camera), mount=view.mount)
-    return true.place(pixels, view.pan, view.tilt)
+    places: FloatArray = true.place(pixels, view.pan, view.tilt)
+    return places
 
 
-def _right(search: CrackSearch) -> list[tuple[TracedCrack, BoolArray]]:
+def _right(search: Results) -> list[tuple[TracedCrack, BoolArray]]:
     """Return the traces on the crack, and which of their places are on it."""
     right = []
     for trace in search.traces if len(search.course) else ():
@@ -166,35 +143,26 @@ def _right(search: CrackSearch) -> list[tuple[TracedCrack, BoolArray]]:
     return right
 
 
-def outcome_of(seed: int, search: CrackSearch) -> CrackOutcome:
+def outcome_of(seed: int, search: Results) -> CrackOutcome:
     """Compare the traces of a scene with the truth."""
-    radius, course = search.camera.radius, search.course
+    radius, course, none = search.camera.radius, search.course, (math.nan, math.nan)
     if not len(course):
-        return CrackOutcome(
-            seed, 0.0, False, (math.nan, math.nan), math.nan, math.nan, len(search.traces)
-        )
+        return CrackOutcome(seed, 0.0, False, none, *none, len(search.traces))
     right = _right(search)
     drawn = np.zeros(len(course), dtype=bool)
     for trace, _ in right:
         drawn |= between(trace.places, course, radius).min(axis=0) < SAME
     false = len(search.traces) - len(right)
     found = bool(drawn.mean() >= SHARE)
-    shares = (float(drawn.mean()), math.nan)
+    share, width = float(drawn.mean()), search.view.width
     if not found:
-        return CrackOutcome(seed, search.view.width, False, shares, math.nan, math.nan, false)
-    shares = (shares[0], float(np.concatenate([near for _, near in right]).mean()))
-    length = sum(trace.length for trace, _ in right)
+        return CrackOutcome(seed, width, False, (share, math.nan), *none, false)
+    shares = (share, float(np.concatenate([near for _, near in right]).mean()))
+    length = sum(trace.length for trace, _ in right) / (len(course) * FINE) - 1
     widths = np.concatenate([trace.widths[near] for trace, near in right])
-    return CrackOutcome(
-        seed,
-        search.view.width,
-        True,
-        shares,
-        length / (len(course) * FINE) - 1,
-        float(np.median(widths) - np.median(search.widths[drawn])),
-        false,
-        width_sd=max((trace for trace, _ in right), key=lambda trace: trace.length).width_sd,
-    )
+    off = float(np.median(widths) - np.median(search.widths[drawn]))
+    sd = max((trace for trace, _ in right), key=lambda trace: trace.length).width_sd
+    return CrackOutcome(seed, width, True, shares, length, off, false, width_sd=sd)
 
 
 def crack_figures(outcomes: Sequence[CrackOutcome]) -> dict[str, Any]:
@@ -241,10 +209,10 @@ def _rate_interval(count: int, of: int) -> tuple[float, float]:
 
 
 def _visible(
-    view: CrackView, camera: CalibratedCamera, found: Findings
+    view: SceneView, camera: CalibratedCamera, found: Findings
 ) -> tuple[FloatArray, FloatArray]:
     """Return places (N, 2) on the map of the camera, and widths (N,), of the visible crack."""
-    places, widths = [], []
+    places, widths = [np.empty((0, 2))], [np.empty(0)]
     for crack in view.pipe.cracks if found.wall is not None else ():
         course, wide = fine_course(crack, camera.radius)
         pixels = scoring.true_pixel(view.camera, course[:, 0], course[:, 1])
@@ -252,8 +220,6 @@ def _visible(
         seen = _on_map(found, on_map, camera.radius)
         places.append(on_map[seen])
         widths.append(wide[seen])
-    if not places:
-        return np.empty((0, 2)), np.empty(0)
     return np.concatenate(places), np.concatenate(widths)
 
 

@@ -37,8 +37,8 @@ from minorloop_head.vision.defects import (
 )
 from minorloop_head.vision.reflectance_map import ALONE, LitFrame
 from papers.catheter import scoring
-from papers.catheter.scene_view import AimedCamera, SceneView, draw_view
-from papers.catheter.sized_view import DIAMETERS, SizedView, draw_sized_view
+from papers.catheter.scene_view import SceneView, draw_view
+from papers.catheter.sized_view import DIAMETERS, draw_sized_view
 from papers.harness import mean
 
 PIVOT, ANGLE = 0.2e-3, math.radians(0.05)
@@ -64,9 +64,8 @@ class SceneOutcome:
     mode: str
     """One of ``MODES``; ``flooded`` or ``sizes`` for switched lights in such scenes."""
     hole: bool
-    """Whether there is one."""
     found: bool
-    """Whether it was found."""
+    """Whether there is one, and whether it was found."""
     off: float
     size: float
     """Distance from the true place in metres, and relative error of the diameter; NaN if not
@@ -74,7 +73,6 @@ class SceneOutcome:
     false: int
     """Number of false findings."""
     seed: int = 0
-    """Of the scene."""
     inside: str = ""
     """Appearance of the hole inside; empty without one."""
     evidence: float = -math.inf
@@ -89,14 +87,12 @@ class SceneOutcome:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Images of a scene, and the findings in them."""
+    """Images of a scene by its calibrated camera, and the findings in them."""
 
     view: SceneView
     """The scene and its truth."""
     camera: CalibratedCamera
-    """The calibrated camera."""
     frames: tuple[LitFrame, ...]
-    """The acquisition."""
     holes: tuple[Hole, ...]
     """All findings, however weak, strongest first."""
     place: FloatArray
@@ -118,7 +114,7 @@ class Search:
 
     def on_mark(self, hole: Hole) -> bool:
         """Return whether a finding is at a slot or at corrosion."""
-        if not isinstance(self.view, SizedView):
+        if not self.view.marks:
             return False
         pixels = scoring.true_pixel(self.view.camera, *np.array(self.view.marks).T)
         places = self.camera.place(pixels, self.view.pan, self.view.tilt)
@@ -139,10 +135,10 @@ class Search:
 
 
 def search_scene(
-    seed: int, hole: bool, modes: Sequence[str] = (SWITCHED,), *, plain: bool = False
+    seed: int, hole: bool, modes: Sequence[str] = (SWITCHED,), **options: Any
 ) -> list[Search]:
-    """Take images of one scene and search them, in every mode."""
-    return _search(draw_view(seed, hole=hole, plain=plain), seed, modes)
+    """Take images of one scene and search them, in every mode; options are of `draw_view`."""
+    return _search(draw_view(seed, hole=hole, **options), seed, modes)
 
 
 def _search(
@@ -162,7 +158,7 @@ def _search(
     return searches
 
 
-def misjudged(view: AimedCamera, rng: np.random.Generator) -> CalibratedCamera:
+def misjudged(view: SceneView, rng: np.random.Generator) -> CalibratedCamera:
     """Return the calibrated camera of a view, with the error of its pivot."""
     way = rng.uniform(0, 2 * np.pi)
     off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
@@ -180,34 +176,20 @@ def score_scene(
 
 
 def score_kind(seed: int, hole: bool, kind: str) -> SceneOutcome:
-    """Search one scene in water, or one with a hole or pit of any size, and compare with the truth.
-
-    Parameters
-    ----------
-    seed : int
-    hole : bool
-        Whether there is one.
-    kind : str
-        ``FLOODED`` or ``SIZED``; the latter is searched in all sizes.
-    """
+    """Search a scene in water, ``FLOODED``, or of all sizes, ``SIZED``; compare with the truth."""
     if kind == FLOODED:
-        (search,) = _search(draw_view(seed, hole=hole, flooded=True), seed)
+        (search,) = search_scene(seed, hole, flooded=True)
     else:
         (search,) = _search(draw_sized_view(seed, hole=hole), seed, diameters=DIAMETERS)
     return _outcome(seed, kind, search)
 
 
 def plain_edges(seed: int) -> FloatArray:
-    """Return distances of the outline of a hole from its true edge, without disturbances.
+    """Return distances (N,) of the outline of a hole from its true edge, without disturbances.
 
     The scene has a dark hole without a chamfer and, within 3 mm, no glint, dent, bead, scratch
     or dirt. Errors of pivot, angles and calibration, blur, gain and noise are those of every scene.
-
-    Returns
-    -------
-    (N,) array
-        From each point of the outline to the nearest of the true edge, in pixels of a 320 by 240
-        image; infinite where the hole was not found.
+    Distances are in pixels of a 320 by 240 image; infinite where the hole was not found.
     """
     (search,) = search_scene(seed, True, plain=True)
     for hole in search.holes:
@@ -236,9 +218,7 @@ def detection_figures(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
             "false_per_acquisition": false,
             "scenes": len(holes),
             "centre_mm_p90": 1e3 * float(np.quantile([h.off for h in hits], 0.9)) if hits else 1e9,
-            "size_within_15pct": float(np.mean([abs(h.size) < 0.15 for h in hits]))
-            if hits
-            else 0.0,
+            "size_within_15pct": mean([abs(h.size) < 0.15 for h in hits]) if hits else 0.0,
         }
     return found
 
@@ -262,13 +242,7 @@ def _of_sizes(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
 
 
 def recall_curve(outcomes: Sequence[SceneOutcome]) -> tuple[FloatArray, FloatArray]:
-    """Return false findings per acquisition (N,) and recall (N,) for decreasing evidence.
-
-    Parameters
-    ----------
-    outcomes : sequence of SceneOutcome
-        Of one mode.
-    """
+    """Return false findings per acquisition (N,) and recall (N,) of one mode, by less evidence."""
     right = np.array([each.evidence for each in outcomes if each.hole])
     wrong = np.array([value for each in outcomes for value in each.alarms])
     least = np.unique(np.concatenate([right[np.isfinite(right)], wrong]))[::-1]
@@ -307,7 +281,7 @@ def _outcome(seed: int, mode: str, search: Search) -> SceneOutcome:
     )
 
 
-def shots(view: AimedCamera, rng: np.random.Generator, mode: str = SWITCHED) -> list[LitFrame]:
+def shots(view: SceneView, rng: np.random.Generator, mode: str = SWITCHED) -> list[LitFrame]:
     """Take an acquisition of a view."""
     turns: FloatArray = np.zeros((len(SEQUENCE), 2))
     lights: Sequence[tuple[bool, ...]] = SEQUENCE

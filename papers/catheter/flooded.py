@@ -27,11 +27,8 @@ def water(temperature: float) -> Surroundings:
 def needed(probe: Probe | None = None) -> FloatArray:
     """Return the least and largest reading (2, 2) of the joints in a raster, in degrees.
 
-    Parameters
-    ----------
-    probe : Probe, optional
-        Whose raster is bent alone, from a catheter that stays, square to the wall at a tilt of 0.
-        Without it the raster of the default probe, whose rows are rolled.
+    The raster of a probe that is given is bent alone, from a catheter that stays, square to the
+    wall at a tilt of 0; otherwise it is that of the default probe, whose rows are rolled.
     """
     view = _calibration(probe or Probe())
     if probe is None:

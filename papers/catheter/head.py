@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain, product
 from typing import Any, TypeAlias
 
@@ -26,12 +25,12 @@ from minorloop_head.twins.head import Head
 from minorloop_head.twins.sensor import Fault
 from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
 from minorloop_head.twins.wire import Wire
-from papers.catheter import servo_integral
+from papers.catheter import inspection_servo
 from papers.catheter.control.internal_model import InternalModel
 from papers.catheter.control.laws import LAWS
 from papers.catheter.control.planning import PlannedPowers, Planner
-from papers.catheter.control.robustness import Margins, robust_margins
-from papers.catheter.head_camera import CameraStudy, run_camera
+from papers.catheter.control.robustness import robust_margins
+from papers.catheter.head_camera import run_camera
 from papers.catheter.head_loop import (
     DELAY,
     DISTURBED,
@@ -47,13 +46,12 @@ from papers.catheter.head_loop import (
     stairs,
     step_figures,
 )
-from papers.catheter.head_ramps import HIGH, LOW, PERIOD, Ramps, ramp_figures, run_ramps
-from papers.catheter.head_static import CURRENT, HOLD, Static, run_static
+from papers.catheter.head_ramps import HIGH, LOW, PERIOD, ramp_figures, run_ramps
+from papers.catheter.head_static import CURRENT, HOLD, run_static
 from papers.catheter.scoring import truth
-from papers.catheter.servo_integral import IntegralStudy
-from papers.catheter.sight import SightStudy, gather_sight, run_sight
+from papers.catheter.sight import gather_sight, run_sight
 from papers.catheter.unreachable import CLEARLY, cause_found, true_reach
-from papers.harness import mean, medians, rms
+from papers.harness import Results, mean, medians, rms
 
 DEFAULT = "observer"
 TARGETS = (20.0, 30.0, 40.0)
@@ -109,134 +107,22 @@ PLAN_INTERVAL, PLAN_HOLD = 0.5, 4.0
 PLANNED = (40.0, 40.0, 40.0, 10.0, 10.0, 35.0, 5.0, 5.0, 25.0, 0.0)
 """Targets of the planner in degrees, which fall faster than a wire cools."""
 
+Key: TypeAlias = tuple[str, str]
+"""Names of an experiment and of the controller in it."""
 Experiment: TypeAlias = tuple[str, str, Reference, float, dict[str, Any]]
 """Its name, that of the controller, targets, seconds, and options of `run_loop`."""
 
 
-@dataclass(frozen=True, eq=False)
-class HeadStudy:
-    """Results of one specimen.
+def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Results:
+    """Run the whole study on the specimen of a seed.
 
     ``facts`` are of the nominal twin; ``runs`` all closed and open loops by the name of the
-    experiment and the controller; ``reach`` the true angle under full current, in degrees, in those
-    in other surroundings or with aged wires; ``ramps`` those of Fig 8 by case; ``plan`` the planned
-    and the inverse sequence for the same targets, with ``planned`` (2, N) the true angles of a wire
-    that is driven by them; ``margins`` the predicted edges of stability of the internal model;
-    ``longest_delay`` of the sensor in s with which it was found to be stable; ``sight`` what its
-    camera tracks and its tool touches; ``integral`` a point held with the integral of Eq. (10) and
-    without; ``camera`` the head without sensors at its joints.
-    """
-
-    seed: int
-    facts: dict[str, float]
-    static: Static
-    runs: dict[tuple[str, str], HeadRun]
-    reach: dict[str, float]
-    ramps: dict[str, Ramps]
-    plan: tuple[PlannedPowers, PlannedPowers]
-    planned: FloatArray
-    margins: Margins
-    longest_delay: float
-    sight: SightStudy
-    integral: IntegralStudy
-    camera: CameraStudy
-    seconds: float
-
-    def figures(self) -> dict[str, Any]:
-        """Return every number by the name under which it is printed."""
-        found: dict[str, Any] = {"twin": self.facts, **self.static.figures()}
-        found["steps"] = step_figures([self.runs[f"step {x:g}", DEFAULT] for x in TARGETS])
-        found["rivals"] = {name: self._rival(name) for name in LAWS}
-        disturbed = [f"{where}, step {x:g}" for where in DISTURBED for x in TARGETS]
-        found["steps_disturbed"] = step_figures([self.runs[each, DEFAULT] for each in disturbed])
-        for key, what in (("open_loop", "stairs"), ("open_loop_plus_10K", "stairs, warmer")):
-            found[key] = {"rms_deg": _settled_rms(self.runs[what, "feedforward"])}
-        found["fig8"] = {**ramp_figures(self.ramps), "closed_deg": self._closed_ramps()}
-        found["ambient_ramp"] = {"max_deg": _ramp_worst(self.runs["ambient ramp", DEFAULT])}
-        for period in (*PERIODS, *FASTER):
-            found[f"circle_{period:g}s"] = _round(self.runs[f"circle {period:g} s", DEFAULT])
-        found["aged"] = {f"{name}_rms_deg": _late_rms(self.runs["aged", name]) for name in OLD}
-        found["unreachable"] = self._unreachable()
-        found["limits"] = {
-            "violations": sum(run.violations for run in (*self.runs.values(), *self.camera.runs)),
-            "hottest_C": max(float(run.truth.hottest.max()) for run in self.runs.values()),
-            "stress_MPa": max(float(run.truth.stress.max()) for run in self.runs.values()) / 1e6,
-        }
-        found["planning"] = self._planning()
-        predicted = DELAY + self.margins.delay
-        found["robust"] = {
-            "predicted_edge": predicted,
-            "measured_edge": self.longest_delay,
-            "measured_ratio": self.longest_delay / predicted,
-            "gain": self.margins.gain,
-            "lag": self.margins.lag,
-        }
-        found["camera"] = self.camera.figures()
-        took = np.concatenate([run.step_seconds[1:] for run in self._of(DEFAULT)]) * 1e3
-        found["realtime"] = {
-            "step_ms_median": float(np.median(took)),
-            "step_ms_p999": float(np.quantile(took, 0.999)),
-        }
-        found |= {**gather_sight([self.sight]), **self.integral.figures()}
-        return {**found, "sight": self.sight, "seconds": self.seconds}
-
-    def _of(self, controller: str) -> Iterator[HeadRun]:
-        return (run for (_, name), run in self.runs.items() if name == controller)
-
-    def _rival(self, name: str) -> dict[str, float]:
-        """Return the figures of one controller; each ran the same steps and disturbances."""
-        steps = [self.runs[f"step {x:g}", name] for x in TARGETS]
-        disturbed = [self.runs[f"{where}, step {TARGETS[-1]:g}", name] for where in DISTURBED]
-        return {
-            **controller_figures(steps, disturbed),
-            "ambient_ramp_max_deg": _ramp_worst(self.runs["ambient ramp", name]),
-            "circle_rms_deg": _round(self.runs[RIVALS_CIRCLE, name])["rms_deg"],
-        }
-
-    def _closed_ramps(self) -> float:
-        """Return the rms error of the ramps in closed loop, in degrees."""
-        run = self.runs["ramps", DEFAULT]
-        return rms(run.error[run.t > CIRCLE_WAIT, 0])
-
-    def _unreachable(self) -> dict[str, Any]:
-        found, causes, false = [], [], 0
-        for (what, _), run in self.runs.items():
-            reach = self.reach.get(what, np.inf)
-            alarms = [alarm for alarm in run.alarms if alarm.axis == 0]
-            if what in IMPOSSIBLE and run.wanted[-1, 0] - reach > CLEARLY:
-                found.append(alarms[0].t if alarms else np.inf)
-                causes += [cause_found(each.verdict, IMPOSSIBLE[what][1]) for each in alarms[:1]]
-            false += sum(alarm.verdict.reference <= reach for alarm in alarms)
-            false += len(run.alarms) - len(alarms)
-        return {
-            "cases": len(found),
-            "detected": bool(np.isfinite(found).all()),
-            "after_s": max(found),
-            "cause_right": float(np.mean([right for right in causes if right is not None])),
-            "cause_open": float(np.mean([right is None for right in causes])),
-            "false_alarms": false,
-        }
-
-    def _planning(self) -> dict[str, float]:
-        planned, inverse = self.plan
-        errors = [float(np.sum((y - planned.targets) ** 2)) for y in self.planned]
-        return {
-            "cost_ratio": planned.cost / inverse.cost,
-            "driven_cost_ratio": errors[0] / errors[1],
-            "rms_deg": planned.rms,
-            "inverse_rms_deg": inverse.rms,
-        }
-
-
-def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> HeadStudy:
-    """Run the whole study on one specimen.
-
-    Parameters
-    ----------
-    seed : int
-        Draws specimen, noise and targets.
-    told : callable
-        Is given the name of each part that is done.
+    experiment and the controller; ``reach`` is the true angle under full current, in degrees, in
+    those in other surroundings or with aged wires; ``ramps`` are those of Fig 8 by case; ``plan``
+    the planned and the inverse sequence for the same targets, with ``planned`` (2, N) the true
+    angles of a wire that is driven by them; ``sight`` what its camera tracks and its tool touches;
+    ``integral`` a point held with the integral of Eq. (10) and without; ``camera`` the head without
+    sensors at its joints.
     """
     began = time.perf_counter()
     static = run_static(seed)
@@ -244,35 +130,121 @@ def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> Hea
     wires = (static.wires[0].model, static.wires[1].model)
     controls = every_control(wires, static.coupling)
     tried = chain(_steps(controls), _others(seed, controls), _hard(controls))
-    runs = _run(seed, controls, tried)
-    edges, longest = _later_sensors(seed, controls["internal_model"].axes[0].controller)
+    runs, reach = _run(seed, controls, tried), _reaches(seed)
+    robust = _later_sensors(seed, controls["internal_model"].axes[0].controller)
     told("closed loops")
-    plan, inverse = _plans(static)
-    driven = [_driven(seed, each) for each in (plan, inverse)]
+    plan = _plans(static)
+    planned = np.array([_driven(seed, each) for each in plan])
     slow = run_ramps(seed)
     told("ramps")
     sight = run_sight(seed, controls[DEFAULT])
     told("sight")
-    integral = servo_integral.run_study(seed)
+    integral = inspection_servo.run_integral(seed)
     told("integral")
     camera = run_camera(seed, static.inputs, static.settled, static.arbitrary)
     told("camera alone")
-    return HeadStudy(
-        seed=seed,
-        facts=head_facts(),
-        static=static,
-        runs=runs,
-        reach=_reaches(seed),
-        ramps=slow,
-        plan=(plan, inverse),
-        planned=np.array(driven),
-        margins=edges,
-        longest_delay=longest,
-        sight=sight,
-        integral=integral,
-        camera=camera,
-        seconds=time.perf_counter() - began,
-    )
+    facts = head_facts()
+    figures = {
+        "twin": facts,
+        **static.figures(),
+        **loop_figures(runs),
+        "fig8": {**ramp_figures(slow), "closed_deg": _closed_ramps(runs)},
+        "unreachable": unreachable_figures(runs, reach),
+        "limits": _limits(runs, camera.runs),
+        "planning": _planning(plan, planned),
+        "robust": robust,
+        "camera": camera.figures(),
+        **gather_sight([sight]),
+        **integral.figures(),
+        "sight": sight,
+        "seconds": time.perf_counter() - began,
+    }
+    return Results(
+        figures, seed=seed, facts=facts, static=static, runs=runs, reach=reach, ramps=slow,
+        plan=plan, planned=planned, sight=sight, integral=integral, camera=camera,
+    )  # fmt: skip
+
+
+def loop_figures(runs: Mapping[Key, HeadRun]) -> dict[str, Any]:
+    """Return the figures of steps, staircases, circles and a rising ambient."""
+    disturbed = [f"{where}, step {x:g}" for where in DISTURBED for x in TARGETS]
+    own = [run for (_, name), run in runs.items() if name == DEFAULT]
+    took = np.concatenate([run.step_seconds[1:] for run in own]) * 1e3
+    found: dict[str, Any] = {
+        "steps": step_figures([runs[f"step {x:g}", DEFAULT] for x in TARGETS]),
+        "rivals": {name: _rival(runs, name) for name in LAWS},
+        "steps_disturbed": step_figures([runs[each, DEFAULT] for each in disturbed]),
+        "open_loop": {"rms_deg": _settled_rms(runs["stairs", "feedforward"])},
+        "open_loop_plus_10K": {"rms_deg": _settled_rms(runs["stairs, warmer", "feedforward"])},
+        "ambient_ramp": {"max_deg": _ramp_worst(runs["ambient ramp", DEFAULT])},
+        "aged": {f"{name}_rms_deg": _late_rms(runs["aged", name]) for name in OLD},
+        "realtime": {
+            "step_ms_median": float(np.median(took)),
+            "step_ms_p999": float(np.quantile(took, 0.999)),
+        },
+    }
+    for period in (*PERIODS, *FASTER):
+        found[f"circle_{period:g}s"] = _round(runs[f"circle {period:g} s", DEFAULT])
+    return found
+
+
+def _rival(runs: Mapping[Key, HeadRun], name: str) -> dict[str, float]:
+    """Return the figures of one controller; each ran the same steps and disturbances."""
+    steps = [runs[f"step {x:g}", name] for x in TARGETS]
+    disturbed = [runs[f"{where}, step {TARGETS[-1]:g}", name] for where in DISTURBED]
+    return {
+        **controller_figures(steps, disturbed),
+        "ambient_ramp_max_deg": _ramp_worst(runs["ambient ramp", name]),
+        "circle_rms_deg": _round(runs[RIVALS_CIRCLE, name])["rms_deg"],
+    }
+
+
+def _closed_ramps(runs: Mapping[Key, HeadRun]) -> float:
+    """Return the rms error of the ramps in closed loop, in degrees."""
+    run = runs["ramps", DEFAULT]
+    return rms(run.error[run.t > CIRCLE_WAIT, 0])
+
+
+def unreachable_figures(
+    runs: Mapping[Key, HeadRun], reaches: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return how many targets out of reach were given up, when and why, and the false alarms."""
+    found, causes, false = [], [], 0
+    for (what, _), run in runs.items():
+        reach = reaches.get(what, np.inf)
+        alarms = [alarm for alarm in run.alarms if alarm.axis == 0]
+        if what in IMPOSSIBLE and run.wanted[-1, 0] - reach > CLEARLY:
+            found.append(alarms[0].t if alarms else np.inf)
+            causes += [cause_found(each.verdict, IMPOSSIBLE[what][1]) for each in alarms[:1]]
+        false += sum(alarm.verdict.reference <= reach for alarm in alarms)
+        false += len(run.alarms) - len(alarms)
+    return {
+        "cases": len(found),
+        "detected": bool(np.isfinite(found).all()),
+        "after_s": max(found),
+        "cause_right": float(np.mean([right for right in causes if right is not None])),
+        "cause_open": float(np.mean([right is None for right in causes])),
+        "false_alarms": false,
+    }
+
+
+def _limits(runs: Mapping[Key, HeadRun], by_camera: Iterable[HeadRun]) -> dict[str, float]:
+    return {
+        "violations": sum(run.violations for run in (*runs.values(), *by_camera)),
+        "hottest_C": max(float(run.truth.hottest.max()) for run in runs.values()),
+        "stress_MPa": max(float(run.truth.stress.max()) for run in runs.values()) / 1e6,
+    }
+
+
+def _planning(plan: Sequence[PlannedPowers], driven: FloatArray) -> dict[str, float]:
+    planned, inverse = plan
+    errors = [float(np.sum((y - planned.targets) ** 2)) for y in driven]
+    return {
+        "cost_ratio": planned.cost / inverse.cost,
+        "driven_cost_ratio": errors[0] / errors[1],
+        "rms_deg": planned.rms,
+        "inverse_rms_deg": inverse.rms,
+    }
 
 
 def _reaches(seed: int) -> dict[str, float]:
@@ -324,17 +296,14 @@ def every_control(wires: tuple[HeatedWire, ...], coupling: FloatArray) -> dict[s
     return {name: head_control(law, wires, coupling=coupling) for name, law in LAWS.items()}
 
 
-def run_steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
-    """Run Fig 10 with every controller, and the highest step in other surroundings.
-
-    The keys are the experiment, such as ``step 20``, and the name of the controller.
-    """
+def run_steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[Key, HeadRun]:
+    """Run Fig 10 with every controller, and the highest step in other surroundings."""
     return _run(seed, controls, _steps(controls))
 
 
 def _run(
     seed: int, controls: Mapping[str, HeadControl], experiments: Iterable[Experiment]
-) -> dict[tuple[str, str], HeadRun]:
+) -> dict[Key, HeadRun]:
     """Run experiments on one specimen."""
     return {
         (what, name): run_loop(
@@ -399,14 +368,13 @@ def _nearly_all(control: HeadControl) -> list[float]:
     return [STROKE_SHARE * axis.observer.wire.operator.range[1] for axis in control.axes]
 
 
-def _later_sensors(seed: int, law: Controller) -> tuple[Margins, float]:
+def _later_sensors(seed: int, law: Controller) -> dict[str, float]:
     """Drive a wire by the internal model with sensors that are later than it knows.
 
     It has no guard, which would find such readings late. Returns the predicted edges of stability,
     and the longest delay in s up to which the loop is stable.
     """
-    if not isinstance(law, InternalModel):
-        raise TypeError("the delay is that of the internal model")
+    assert isinstance(law, InternalModel)
     edges = robust_margins(law)
     predicted, measured = DELAY + edges.delay, DELAY
     for share in LATER:
@@ -419,10 +387,16 @@ def _later_sensors(seed: int, law: Controller) -> tuple[Margins, float]:
         if np.ptp(end) > OSCILLATES:
             break
         measured = share * predicted
-    return edges, measured
+    return {
+        "predicted_edge": predicted,
+        "measured_edge": measured,
+        "measured_ratio": measured / predicted,
+        "gain": edges.gain,
+        "lag": edges.lag,
+    }
 
 
-def _plans(static: Static) -> tuple[PlannedPowers, PlannedPowers]:
+def _plans(static: Results) -> tuple[PlannedPowers, PlannedPowers]:
     """Plan a sequence, and the inverse one, for targets that fall faster than a wire cools."""
     planner = Planner(wire=static.wires[0].model, interval=PLAN_INTERVAL)
     targets = np.repeat(PLANNED, round(PLAN_HOLD / PLAN_INTERVAL))

@@ -31,11 +31,19 @@ from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore
 from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.control import laws
-from papers.catheter.head_loop import TICK, HeadRun, constant, run_loop, step_figures
+from papers.catheter.head_loop import (
+    DISTURBED,
+    TICK,
+    HeadRun,
+    constant,
+    controller_figures,
+    run_loop,
+    step_figures,
+)
 from papers.catheter.head_static import BANDS, COMMAND, CURRENT, FIRST_LOOP, HOLD, STEP, Arbitrary
 from papers.catheter.picture_sensor import PictureSensor
 from papers.catheter.scoring import places_seen, true_pixel
-from papers.harness import rms
+from papers.harness import Results, Study, rms
 
 EVERY = 2
 """Frames of the step that identifies a lag of seconds, of which one is used: 12.5 a second."""
@@ -124,61 +132,15 @@ class WallCircle:
         return rms(np.linalg.norm(self.reached - self.wanted, axis=1))
 
 
-@dataclass(frozen=True, eq=False)
-class CameraStudy:
-    """Results of one specimen by its camera alone."""
-
-    seen: SeenWires
-    static_error: FloatArray
-    """Shape (n,). Settled angles of the identified pan less the true ones, on random commands, in
-    degrees."""
-    arbitrary: Arbitrary
-    """The arbitrary input, predicted by the identified pan."""
-    steps: Mapping[tuple[str, float], HeadRun]
-    circles: Mapping[str, WallCircle]
-    reading_error: FloatArray
-    """Shape (2,). Root-mean-square error of the angles of pictures, in degrees."""
-    missed: float
-    """Share of the pictures without angles."""
-    seconds: float
-
-    @property
-    def runs(self) -> tuple[HeadRun, ...]:
-        """All closed loops."""
-        return (*self.steps.values(), *(circle.run for circle in self.circles.values()))
-
-    def figures(self) -> dict[str, Any]:
-        """Return the numbers by the name under which they are printed."""
-        return {
-            "static_rms_deg": rms(self.static_error),
-            "arbitrary": self.arbitrary.figures(),
-            "steps": self._worst(LAWS[0]),
-            "internal_model": self._worst(LAWS[1]),
-            **{name: {"rms_mm": each.rms} for name, each in self.circles.items()},
-            "reading_rms_deg": rms(self.reading_error),
-            "pictures_missed_pct": 100.0 * self.missed,
-            "holds_lost": self.seen.lost,
-            "seconds": self.seconds,
-        }
-
-    def _worst(self, law: str) -> dict[str, float]:
-        runs = [run for (name, _), run in self.steps.items() if name == law]
-        return step_figures(runs)
-
-
 def run_camera(
     seed: int, commands: FloatArray, settled: FloatArray, arbitrary: Arbitrary
-) -> CameraStudy:
+) -> Results:
     """Identify a specimen from pictures, check the model, and close the loop on pictures.
 
-    Parameters
-    ----------
-    seed : int
-        Draws specimen, pipe, camera and errors of its calibration.
-    commands, settled : (n,) array
-        Random commands in V, and the angles in degrees after holds of them, to check the model.
-    arbitrary : Arbitrary
-        An arbitrary input, and the angle under it as a sensor of the joint reads it, for the same.
+    The model is checked by random ``commands`` (n,) in V and the angles ``settled`` (n,) in degrees
+    after holds of them, and by an arbitrary input with the angle that a sensor of the joint reads.
+    ``steps`` are by law and target, ``circles`` by name, and ``runs`` all closed loops. The error
+    of readings is that of the angles of pictures.
     """
     began = time.process_time()
     seen = identify_seen(seed)
@@ -193,27 +155,30 @@ def run_camera(
         for name, control in controls.items()
         for target in (STEPS if name in LAWS[:2] else STEPS[-1:])
     }
-    circles = {
-        name: run_circle(
-            seed,
-            controls[LAWS[0]],
-            circle,
-            given_camera(seed, seen.view, used=used, bores=(circle.hole,)),
-        )
-        for name, circle in CIRCLES.items()
-    }
+    circles = {}
+    for name, circle in CIRCLES.items():
+        camera = given_camera(seed, seen.view, used=used, bores=(circle.hole,))
+        circles[name] = run_circle(seed, controls[LAWS[0]], circle, camera)
     runs = [*steps.values(), *(circle.run for circle in circles.values())]
     errors = np.concatenate([run.read[AGE:] - run.truth.angle[:-AGE] for run in runs])
-    return CameraStudy(
-        seen=seen,
-        static_error=seen.wires[0].operator.simulate(power) - settled,
-        arbitrary=replace(arbitrary, predicted={"power": predicted}),
-        steps=steps,
-        circles=circles,
-        reading_error=np.sqrt(np.nanmean(errors**2, axis=0)),
-        missed=sum(len(sensor.missed) for sensor in used) / sum(s.ticks for s in used),
-        seconds=time.process_time() - began,
-    )
+    worst = {
+        law: step_figures([run for (name, _), run in steps.items() if name == law])
+        for law in LAWS[:2]
+    }
+    figures = {
+        "static_rms_deg": rms(seen.wires[0].operator.simulate(power) - settled),
+        "arbitrary": replace(arbitrary, predicted={"power": predicted}).figures(),
+        "steps": worst[LAWS[0]],
+        "internal_model": worst[LAWS[1]],
+        **{name: {"rms_mm": each.rms} for name, each in circles.items()},
+        "reading_rms_deg": rms(np.sqrt(np.nanmean(errors**2, axis=0))),
+        "pictures_missed_pct": 100.0
+        * sum(len(sensor.missed) for sensor in used)
+        / sum(sensor.ticks for sensor in used),
+        "holds_lost": seen.lost,
+        "seconds": time.process_time() - began,
+    }
+    return Results(figures, steps=steps, circles=circles, runs=tuple(runs))
 
 
 def seen_control(name: str, seen: SeenWires) -> HeadControl:
@@ -230,12 +195,11 @@ def given_camera(
     bores: tuple[Bore, ...] = (),
 ) -> Callable[[Head], PictureSensor]:
     """Return what gives a head its camera, which is kept in a list."""
+    kept = [] if used is None else used
 
     def give(head: Head) -> PictureSensor:
-        sensor = PictureSensor(head, seed, view=view, bores=bores)
-        if used is not None:
-            used.append(sensor)
-        return sensor
+        kept.append(PictureSensor(head, seed, view=view, bores=bores))
+        return kept[-1]
 
     return give
 
@@ -249,15 +213,9 @@ def run_step(
     surroundings: Surroundings | None = None,
 ) -> HeadRun:
     """Step pan of a cold head to a target in degrees, by the camera alone."""
+    options: dict[str, Any] = {"surroundings": surroundings, "camera": camera}
     return run_loop(
-        law,
-        control,
-        constant(target),
-        STEP_SECONDS,
-        specimen=seed,
-        seed=seed,
-        surroundings=surroundings,
-        camera=camera,
+        law, control, constant(target), STEP_SECONDS, specimen=seed, seed=seed, **options
     )
 
 
@@ -265,30 +223,21 @@ def run_circle(
     seed: int, control: HeadControl, circle: Circle, camera: Callable[[Head], PictureSensor]
 ) -> WallCircle:
     """Move the optical axis round a hole that was picked in the first picture."""
-    joints: list[Callable[[float], tuple[float, float]]] = []
-    kept: list[PictureSensor] = []
+    kept: list[tuple[PictureSensor, FloatArray]] = []
 
     def give(head: Head) -> PictureSensor:
         sensor = camera(head)
-        kept.append(sensor)
-        place = _picked(sensor, circle.hole, seed)
-        joints.append(lambda t: _aimed(sensor, place, _on_circle(t + LEAD, circle)))
+        kept.append((sensor, _picked(sensor, circle.hole, seed)))
         return sensor
 
-    run = run_loop(
-        LAWS[0],
-        control,
-        lambda t: joints[0](t),
-        WAIT + circle.period,
-        specimen=seed,
-        seed=seed,
-        camera=give,
-    )
-    late = run.t > WAIT
+    def way(t: float) -> tuple[float, float]:
+        return _aimed(*kept[0], _on_circle(t + LEAD, circle))
+
+    seconds = WAIT + circle.period
+    run = run_loop(LAWS[0], control, way, seconds, specimen=seed, seed=seed, camera=give)
+    late, sensor = run.t > WAIT, kept[0][0]
     wanted = np.array([_on_circle(t, circle) for t in run.t[late]])
-    reached = places_seen(
-        kept[0].mount, run.truth.angle[late], circle.hole, kept[0].tip.pipe.radius
-    )
+    reached = places_seen(sensor.mount, run.truth.angle[late], circle.hole, sensor.tip.pipe.radius)
     return WallCircle(run.t[late], 1e3 * wanted, 1e3 * reached, run)
 
 
@@ -366,3 +315,28 @@ def _step(sensor: PictureSensor, axis: int) -> tuple[FloatArray, FloatArray, Flo
     angle = np.array(seen)
     known = np.isfinite(angle)
     return t[known], current[known], angle[known]
+
+
+CIRCLE = "circle_30s"
+"""The circle of all controllers, the faster one whose error is limited."""
+
+
+def run_study(seed: int, told: Callable[[str], None] = lambda part: None) -> dict[str, Any]:
+    """Identify a specimen from pictures, run every controller on pictures, return the figures."""
+    began = time.perf_counter()
+    seen, circle = identify_seen(seed), CIRCLES[CIRCLE]
+    rivals = {}
+    for law in LAWS:
+        control, camera = seen_control(law, seen), given_camera(seed, seen.view)
+        steps = [run_step(seed, law, control, target, camera) for target in STEPS]
+        disturbed = [
+            run_step(seed, law, control, STEPS[-1], camera, around) for around in DISTURBED.values()
+        ]
+        by_hole = given_camera(seed, seen.view, bores=(circle.hole,))
+        round_hole = run_circle(seed, control, circle, by_hole)
+        rivals[law] = {**controller_figures(steps, disturbed), "circle_rms_mm": round_hole.rms}
+        told(law)
+    return {"rivals": rivals, "seconds": time.perf_counter() - began}
+
+
+STUDY = Study("rivals", "Controllers of a head by its camera alone", run_study)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from minorloop_head.control.guard_state import Event
 from minorloop_head.control.head import HeadControl
 from minorloop_head.control.reach import Unreachable
 from minorloop_head.twins.head import Head
-from minorloop_head.twins.sensor import Fault
 from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.picture_sensor import PictureSensor
 from papers.catheter.scoring import Truth, truth
@@ -107,40 +106,16 @@ def run_loop(
     *,
     specimen: int | None,
     seed: int,
-    surroundings: Surroundings | None = None,
-    faults: Sequence[Fault] = (),
-    ageing: float = 0.0,
-    delay: float = DELAY,
     camera: Callable[[Head], PictureSensor] | None = None,
+    **options: Any,
 ) -> HeadRun:
     """Run a control loop on a cold head and return it with its truth.
 
-    Parameters
-    ----------
-    name : str
-        Of the controller, for the record.
-    control : HeadControl
-        Under test.
-    reference : callable
-        Targets in degrees at a time in seconds.
-    seconds : float
-        Duration.
-    specimen, seed, surroundings, faults, ageing, delay
-        As in `Head`.
-    camera : callable, optional
-        Gives a head the camera that is its only sensor then.
+    The controller that is named follows targets in degrees. ``camera`` gives a head the camera that
+    is its only sensor then; specimen, seed and options are those of `Head`.
     """
-    head = Head(
-        specimen,
-        NOISE,
-        seed,
-        tick=TICK,
-        delay=delay,
-        surroundings=surroundings,
-        faults=faults,
-        ageing=ageing,
-        log_truth=True,
-    )
+    options = {"delay": DELAY, **options}
+    head = Head(specimen, NOISE, seed, tick=TICK, log_truth=True, **options)
     plant: Head | PictureSensor = head if camera is None else camera(head)
     steps = round(seconds / TICK)
     wanted, read, current = (np.empty((steps, 2)) for _ in range(3))

@@ -25,6 +25,7 @@ from minorloop_head.twins.surroundings import Cooling, Course, Surroundings
 from papers.catheter.head_loop import NOISE, TICK
 from papers.catheter.head_static import COMMAND, CURRENT, heating_lag, identify_mesh
 from papers.catheter.scoring import body_temperature
+from papers.harness import rms
 
 LOW, HIGH, RAMPS, PERIOD, BEFORE = 5.0, 40.0, 10, 120.0, 30.0
 """Ramps in degrees, the upper end within the stroke of the weakest wire; how many; seconds for one
@@ -95,8 +96,7 @@ class Ramps:
         """(n, 2) rms error of each ramp up and down, in degrees."""
         middles = 0.5 * (self.ends[:-1] + self.ends[1:])
         cuts = np.searchsorted(self.t, np.sort(np.concatenate([self.ends, middles])))
-        parts = [self.error[a:b] for a, b in pairwise(cuts)]
-        return np.array([np.sqrt(np.mean(part**2)) for part in parts]).reshape(-1, 2)
+        return np.array([rms(self.error[a:b]) for a, b in pairwise(cuts)]).reshape(-1, 2)
 
     def figures(self) -> dict[str, float]:
         """Return the errors of the first and the last ramp, up and down, and their ratio."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from minorloop.report import Table
 from papers.catheter.head_loop import NOISE, TICK
@@ -23,14 +23,11 @@ WORDS = {
 """Name of each controller in reports, the default first."""
 
 
-@dataclass(frozen=True)
-class ControllerFigure:
+class ControllerFigure(NamedTuple):
     """A figure of a controller, of which less is better."""
 
     key: str
-    """Name among the figures of a controller."""
     words: str
-    """What it is."""
     unit: str
     digits: int = 2
     """Behind the decimal point."""
@@ -45,6 +42,12 @@ class ControllerFigure:
     def text(self, figures: Mapping[str, float]) -> str:
         """Return the figure of one controller as a cell of a table."""
         return cell(figures[self.key], f".{self.digits}f")
+
+    def less(self, one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+        """Return whether one controller is better than another, by a difference that counts."""
+        low, high = float(one[self.key]), float(other[self.key])
+        shown = round(low, self.digits) < round(high, self.digits)
+        return shown and not high - low <= self.least + _ROUNDING
 
 
 _LOWEST = 20.0
@@ -75,29 +78,13 @@ def where_better(
 
     Figures count as they are shown: a difference behind the last digit is none. Nor is one of up to
     a tick of the loop in a time, or the noise of a reading in an overshoot.
-
-    Parameters
-    ----------
-    quantities : sequence of ControllerFigure
-    figures : mapping
-        Of each controller by its name.
-    default : str
-        Name of the default.
     """
-    said = []
+    said = ""
     for each in quantities:
-        better = [name for name, of in figures.items() if _less(each, of, figures[default])]
+        better = [name for name, of in figures.items() if each.less(of, figures[default])]
         if better:
             parts = [f"{WORDS[name]} {each.text(figures[name])}" for name in (default, *better)]
-            said.append(
-                f"{each.words[0].upper()}{each.words[1:]} in {each.unit}: {', '.join(parts)}."
-            )
+            said += f" {each.words[0].upper()}{each.words[1:]} in {each.unit}: {', '.join(parts)}."
     if not said:
         return f"No other controller is better than the {WORDS[default]} on any of these figures."
-    return f"On these figures others are better than the {WORDS[default]}: {' '.join(said)}"
-
-
-def _less(quantity: ControllerFigure, one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    low, high = float(one[quantity.key]), float(other[quantity.key])
-    shown = round(low, quantity.digits) < round(high, quantity.digits)
-    return shown and not high - low <= quantity.least + _ROUNDING
+    return f"On these figures others are better than the {WORDS[default]}:{said}"

@@ -31,7 +31,7 @@ from minorloop_head.twins.head import Head
 from minorloop_head.twins.surroundings import Surroundings
 from papers.catheter.head_loop import NOISE, TICK
 from papers.facts import identify_settled
-from papers.harness import rms
+from papers.harness import Results, rms
 
 COMMAND, CURRENT = 1.2, 0.4
 """Full command in V, and its current in A."""
@@ -79,10 +79,8 @@ class Arbitrary:
     def moving(self) -> npt.NDArray[np.bool_]:
         """(T,) where the wire moves: the rest is predicted by any model."""
         gap = MOVING_GAP / 2
-        change = np.interp(self.t + gap, self.t, self.angle) - np.interp(
-            self.t - gap, self.t, self.angle
-        )
-        return np.asarray(np.abs(change) > MOVING * MOVING_GAP)
+        later, before = (np.interp(self.t + off, self.t, self.angle) for off in (gap, -gap))
+        return np.asarray(np.abs(later - before) > MOVING * MOVING_GAP)
 
     @property
     def minor_loops(self) -> int:
@@ -105,102 +103,64 @@ class Arbitrary:
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class Static:
-    """Results of settled measurements of one specimen; angles in degrees.
+def run_static(seed: int) -> Results:
+    """Identify both wires of one specimen, and validate the models on other commands.
 
-    ``paper`` is the plane on the mesh of commands in V, ``dots`` its relays; ``wires`` the two
+    Angles are in degrees. ``paper`` is the plane on the mesh of commands in V; ``wires`` the two
     axes on heating power; ``coupling`` (2, 2) that of the sensors. ``inputs`` (n,) are random
-    commands in V that no model was fitted to and ``settled`` (n,) the angles after them;
-    ``targets`` (m,) with ``stepping`` (m,) and ``exact`` (m,), the results of two inverses on the
-    identified plane, and ``driven``, the angles to which they drive the wire. ``arbitrary`` is the
-    continuous input.
+    commands in V that no model was fitted to, ``settled`` (n,) the angles after them and
+    ``predictions`` (n,) those of each model; ``targets`` (m,) with ``model`` (m,) by name the
+    results of two inverses on the identified plane, and ``driven`` the angles to which they drive
+    the wire. ``arbitrary`` is the continuous input. Errors of inverses are in percent of the
+    model's range.
     """
-
-    paper: Identification
-    dots: RelayModel
-    wires: tuple[HeatedIdentification, HeatedIdentification]
-    coupling: FloatArray
-    inputs: FloatArray
-    settled: FloatArray
-    targets: FloatArray
-    stepping: FloatArray
-    exact: FloatArray
-    driven: dict[str, FloatArray]
-    arbitrary: Arbitrary
-
-    @property
-    def between(self) -> npt.NDArray[np.bool_]:
-        """(n,) holds between the ends of the stroke: at the ends any model is right."""
-        low, high = self.wires[0].model.operator.range
-        edge = EDGE * (high - low)
-        return np.asarray((self.settled > low + edge) & (self.settled < high - edge))
-
-    @property
-    def predictions(self) -> dict[str, FloatArray]:
-        """Angles (n,) of each model after the validation commands."""
-        power = (self.inputs * CURRENT / COMMAND) ** 2
-        return {
-            "power": self.wires[0].model.operator.simulate(power),
-            "mesh": self.paper.model.simulate(self.inputs),
-            "dots": self.dots.simulate(self.inputs),
-        }
-
-    def figures(self) -> dict[str, Any]:
-        """Return errors in degrees, and those of inverses in percent of the model's range."""
-        settled = {name: rms(y - self.settled) for name, y in self.predictions.items()}
-        low, high = self.paper.model.range
-        stepping, exact = (
-            100 * rms(y - self.targets) / (high - low) for y in (self.stepping, self.exact)
-        )
-        driven = {name: rms(y - self.targets) for name, y in self.driven.items()}
-        return {
-            "static": {
-                "rms_deg": settled["power"],
-                "mesh_rms_deg": settled["mesh"],
-                "dots_rms_deg": settled["dots"],
-                "max_deg": float(np.abs(self.predictions["power"] - self.settled).max()),
-                "moving_rms_deg": rms((self.predictions["power"] - self.settled)[self.between]),
-                "moving_holds": int(self.between.sum()),
-            },
-            "arbitrary": self.arbitrary.figures(),
-            "stepping_inverse": {"rms_pct": stepping, "driven_rms_deg": driven["stepping"]},
-            "exact_inverse": {
-                "rms_pct": exact,
-                "driven_rms_deg": driven["exact"],
-                "times_better": stepping / max(exact, 1e-13),
-            },
-        }
-
-
-def run_static(seed: int) -> Static:
-    """Identify both wires of one specimen, and validate the models on other commands."""
     paper = identify_mesh(seed)
     dots = RelayModel.from_preisach(paper.model)
-    wires, readings = zip(*(_wire(seed, axis) for axis in range(2)), strict=True)
+    wires, coupling = _identified(seed)
     rng = np.random.default_rng([seed, 5])
     inputs = rng.uniform(0.0, COMMAND, VALIDATION)
     low, high = paper.model.range
     edge = _MARGIN * (high - low)
     targets = rng.uniform(low + edge, high - edge, TARGETS)
-    stepping = dots.stepping_inverse(targets)
-    exact = paper.model.invert(targets)
-    return Static(
-        paper=paper,
-        dots=dots,
-        wires=(wires[0], wires[1]),
-        coupling=identify_coupling(readings),
-        inputs=inputs,
-        settled=_settled(seed, 0, inputs * CURRENT / COMMAND)[:, 0],
-        targets=targets,
-        stepping=stepping.y,
-        exact=exact.y,
-        driven={
-            name: _settled(seed, 0, np.clip(u, 0.0, COMMAND) * CURRENT / COMMAND)[:, 0]
-            for name, u in (("stepping", stepping.u), ("exact", exact.u))
+    settled = _settled(seed, 0, inputs * CURRENT / COMMAND)[:, 0]
+    predictions = {
+        "power": wires[0].model.operator.simulate((inputs * CURRENT / COMMAND) ** 2),
+        "mesh": paper.model.simulate(inputs),
+        "dots": dots.simulate(inputs),
+    }
+    inverses = {"stepping": dots.stepping_inverse(targets), "exact": paper.model.invert(targets)}
+    driven = {
+        name: _settled(seed, 0, np.clip(found.u, 0.0, COMMAND) * CURRENT / COMMAND)[:, 0]
+        for name, found in inverses.items()
+    }
+    arbitrary = _arbitrary(seed, wires[0].model, paper.model)
+    errors = {name: y - settled for name, y in predictions.items()}
+    own, (least, most) = EDGE * np.ptp(wires[0].model.operator.range), wires[0].model.operator.range
+    # Holds between the ends of the stroke: at the ends any model is right.
+    between = (settled > least + own) & (settled < most - own)
+    figures: dict[str, Any] = {
+        "static": {
+            "rms_deg": rms(errors["power"]),
+            "mesh_rms_deg": rms(errors["mesh"]),
+            "dots_rms_deg": rms(errors["dots"]),
+            "max_deg": float(np.abs(errors["power"]).max()),
+            "moving_rms_deg": rms(errors["power"][between]),
+            "moving_holds": int(between.sum()),
         },
-        arbitrary=_arbitrary(seed, wires[0].model, paper.model),
-    )
+        "arbitrary": arbitrary.figures(),
+    }
+    for name, found in inverses.items():
+        figures[f"{name}_inverse"] = {
+            "rms_pct": 100 * rms(found.y - targets) / (high - low),
+            "driven_rms_deg": rms(driven[name] - targets),
+        }
+    stepping, exact = (figures[f"{name}_inverse"] for name in inverses)
+    exact["times_better"] = stepping["rms_pct"] / max(exact["rms_pct"], 1e-13)
+    return Results(
+        figures, paper=paper, wires=wires, coupling=coupling, inputs=inputs, settled=settled,
+        predictions=predictions, targets=targets, driven=driven, arbitrary=arbitrary,
+        model={name: found.y for name, found in inverses.items()},
+    )  # fmt: skip
 
 
 def heating_lag(seed: int, model: Preisach, surroundings: Surroundings | None = None) -> float:
@@ -247,8 +207,13 @@ def identify_mesh(seed: int, surroundings: Surroundings | None = None) -> Identi
 
 def identify_head(seed: int) -> tuple[tuple[HeatedWire, HeatedWire], FloatArray]:
     """Identify both wires of one specimen and the coupling of its sensors, for its control."""
-    found, readings = zip(*(_wire(seed, axis) for axis in range(2)), strict=True)
-    return (found[0].model, found[1].model), identify_coupling(readings)
+    wires, coupling = _identified(seed)
+    return (wires[0].model, wires[1].model), coupling
+
+
+def _identified(seed: int) -> tuple[tuple[HeatedIdentification, ...], FloatArray]:
+    wires, readings = zip(*(_wire(seed, axis) for axis in range(2)), strict=True)
+    return wires, identify_coupling(readings)
 
 
 def _wire(seed: int, axis: int) -> tuple[HeatedIdentification, FloatArray]:

@@ -9,33 +9,28 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from multiprocessing import parent_process
 from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
 from minorloop.threads import one_thread
 from minorloop_head.vision.defects import SIZED
-from papers.catheter.crack_trials import CrackOutcome, crack_figures, score_cracks
+from papers.catheter.crack_trials import crack_figures, score_cracks
 from papers.catheter.detection import (
     FLOODED,
-    SceneOutcome,
     detection_figures,
     plain_edges,
     score_kind,
     score_scene,
 )
 from papers.catheter.flooded import reach_figures
-from papers.catheter.inspection_servo import Scene, ServoRun, servo_figures
-from papers.catheter.mission import Mission, run_mission
-from papers.catheter.missions import mission_figures, touch_figures
-from papers.catheter.scan_trials import ScoredScan
-from papers.catheter.scans import SCANS, scan_figures, scored_scans
-from papers.catheter.sweep_trials import ScoredSweep, c_scan_figures, run_sweep
-from papers.harness import for_each, mean, medians
+from papers.catheter.inspection_servo import Scene, servo_figures
+from papers.catheter.mission import mission_figures, run_mission, touch_figures
+from papers.catheter.scan_trials import SCANS, run_scans, scan_figures
+from papers.catheter.sweep_trials import c_scan_figures, run_sweep
+from papers.harness import Results, for_each, mean, medians
 
 FIRST_SCENE, SCENES, FIRST_PLAIN, FIRST_CRACK = 50_000, 4, 2_000_000, 3_000_000
 FIRST_FLOODED, FIRST_SIZED = 4_000_000, 5_000_000
@@ -47,72 +42,39 @@ scan takes five times as long as a scene."""
 _SCORED = ("outcomes", "cracks", "edges", "scored", "sweep")
 
 
-@dataclass(frozen=True, eq=False)
-class InspectionStudy:
-    """Results of one specimen."""
-
-    seed: int
-    servo: dict[str, Any]
-    runs: dict[str, ServoRun]
-    outcomes: tuple[SceneOutcome, ...]
-    cracks: tuple[CrackOutcome, ...]
-    edges: FloatArray
-    scored: dict[str, tuple[ScoredScan, ...]]
-    mission: Mission
-    sweep: ScoredSweep
-    reach: dict[str, float]
-    seconds: float
-
-    def figures(self) -> dict[str, Any]:
-        """Return the input of `gather`; outcomes, cracks and scans by their names."""
-        return {
-            **self.servo,
-            "outcomes": self.outcomes,
-            "cracks": self.cracks,
-            "edges": self.edges,
-            "scored": self.scored,
-            "mission": self.mission.figures(),
-            "sweep": self.sweep,
-            "reach": self.reach,
-            "seconds": self.seconds,
-        }
-
-
 @one_thread()
 def run_study(
     seed: int,
     scenes: int = SCENES,
     scans: int = SCANS,
     told: Callable[[str], None] = lambda part: None,
-) -> InspectionStudy:
-    """Run the study for one specimen.
+) -> Results:
+    """Run the study for the specimen of a seed.
 
-    Parameters
-    ----------
-    seed : int
-        Of head, pipe, camera, probe and noise.
-    scenes : int
-        Number of scenes with a hole, without, with a crack and without, for the scores of
-        detection; plain edges on a quarter as many, and scans across a quarter of the cracks.
-    scans : int
-        Number of pits with a flat floor for the score of depths and bands; the last has the size
-        for the score of fusion.
-    told : callable
-        Is given the name of each part that is done, with its processor time.
+    Detection is scored on so many ``scenes`` with a hole, without, with a crack and without, plain
+    edges on a quarter as many, and scans across a quarter of the cracks; depths and bands on so
+    many ``scans`` of pits with a flat floor, of which the last has the size for the score of
+    fusion. The name of a part that is done is told with its processor time.
     """
     work = partial(_part, seed, scenes, scans)
     # One of several specimens has a core of its own; the first of them, or a single one, does not
     # leave the others idle.
     share = parent_process() is None
-    count = len(_SHARES)
+    count, total = len(_SHARES), 0.0
     found: dict[str, Any] = {}
-    total = 0.0
     for name, part, seconds in (
         for_each(work, count, 0, ordered=False) if share else map(work, range(count))
     ):
         told(f"{name}: {seconds:.0f} s")
         found, total = found | part, total + seconds
-    return InspectionStudy(seed=seed, **found, seconds=total)
+    return results(seed, found, total)
+
+
+def results(seed: int, found: Mapping[str, Any], seconds: float) -> Results:
+    """Return the parts of a specimen; the figures are the input of `gather`."""
+    kept = {key: found[key] for key in (*_SCORED, "reach")}
+    figures = {**found["servo"], **kept, "mission": found["mission"].figures(), "seconds": seconds}
+    return Results(figures, seed=seed, seconds=seconds, **found)
 
 
 def _part(seed: int, scenes: int, scans: int, number: int) -> tuple[str, dict[str, Any], float]:
@@ -122,28 +84,28 @@ def _part(seed: int, scenes: int, scans: int, number: int) -> tuple[str, dict[st
     return name, found, time.process_time() - began
 
 
-def _servo(seed: int, scenes: int, scans: int) -> dict[str, Any]:
+def _servo(seed: int, *_: int) -> dict[str, Any]:
     servo, runs = servo_figures(Scene(seed))
     return {"servo": servo, "runs": runs}
 
 
-def _holes(seed: int, scenes: int, scans: int) -> dict[str, Any]:
-    plain = -(-scenes // _PLAIN_SHARE)
+def _holes(seed: int, scenes: int, *_: int) -> dict[str, Any]:
+    plain, first = -(-scenes // _PLAIN_SHARE), seed * scenes
     outcomes = [
         outcome
-        for k in range(scenes)
+        for k in range(first, first + scenes)
         for hole in (True, False)
         for outcome in (
-            *score_scene(FIRST_SCENE + seed * scenes + k, hole),
-            score_kind(FIRST_FLOODED + seed * scenes + k, hole, FLOODED),
-            score_kind(FIRST_SIZED + seed * scenes + k, hole, SIZED),
+            *score_scene(FIRST_SCENE + k, hole),
+            score_kind(FIRST_FLOODED + k, hole, FLOODED),
+            score_kind(FIRST_SIZED + k, hole, SIZED),
         )
     ]
     edges = np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)])
     return {"outcomes": tuple(outcomes), "edges": edges}
 
 
-def _cracks(seed: int, scenes: int, scans: int) -> dict[str, Any]:
+def _cracks(seed: int, scenes: int, *_: int) -> dict[str, Any]:
     outcomes = (
         score_cracks(FIRST_CRACK + seed * scenes + k, crack, scan=k % _SCANNED == 0)
         for k in range(scenes)
@@ -152,36 +114,24 @@ def _cracks(seed: int, scenes: int, scans: int) -> dict[str, Any]:
     return {"cracks": tuple(outcomes)}
 
 
-def _depths(seed: int, scenes: int, scans: int) -> dict[str, Any]:
-    return {"scored": scored_scans(seed, scans)}
-
-
-def _mission(seed: int, scenes: int, scans: int) -> dict[str, Any]:
-    return {"mission": run_mission(seed), "reach": reach_figures(seed)}
-
-
-def _sweep(seed: int, scenes: int, scans: int) -> dict[str, Any]:
-    return {"sweep": run_sweep(seed)}
-
-
-_SHARES = (
+_SHARES: Sequence[tuple[str, Callable[[int, int, int], dict[str, Any]]]] = (
     ("servo", _servo),
-    ("mission", _mission),
-    ("sweep", _sweep),
-    ("scans of pits", _depths),
+    ("mission", lambda seed, *_: {"mission": run_mission(seed), "reach": reach_figures(seed)}),
+    ("sweep", lambda seed, *_: {"sweep": run_sweep(seed)}),
+    ("scans of pits", lambda seed, _, scans: run_scans(seed, scans)),
     ("scenes of holes", _holes),
     ("scenes of cracks", _cracks),
 )
-"""Parts of a specimen, the longest first."""
+"""Parts of a specimen, the longest first: of its seed, and of the numbers of scenes and scans."""
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return medians over specimens; shares and spreads over all that was scored."""
-    plain = [{k: v for k, v in run.items() if k not in _SCORED} for run in runs]
-    found = medians([{k: v for k, v in run.items() if k != "mission"} for run in plain])
+    scored = (*_SCORED, "mission")
+    found = medians([{k: v for k, v in run.items() if k not in scored} for run in runs])
     every = [outcome for run in runs for outcome in run["outcomes"]]
     edges = np.concatenate([run["edges"] for run in runs])
-    found |= {
+    return found | {
         "detection": {
             **detection_figures(every),
             "plain_edge_px_p90": float(np.quantile(edges, 0.9, method="higher")),
@@ -193,4 +143,3 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "cscan": c_scan_figures([run["sweep"] for run in runs]),
         "reach": {key: mean([run["reach"][key] for run in runs]) for key in runs[0]["reach"]},
     }
-    return found

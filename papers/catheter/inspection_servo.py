@@ -9,6 +9,7 @@ figures are at the scale of a 320 by 240 image.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -31,10 +32,12 @@ from minorloop_head.twins.head import Head
 from minorloop_head.twins.pipe import Bore, Pipe
 from minorloop_head.twins.rig import Rig, SimulatedTip
 from minorloop_head.twins.surroundings import Sway
+from minorloop_head.vision.hold import PointHold
 from minorloop_head.vision.tracking import TRACKED
 from papers.catheter import scoring
 from papers.catheter.head_static import identify_head
-from papers.harness import rms
+from papers.drawing import draw, panel
+from papers.harness import Study, rms
 
 TICK = 0.04
 APPROACH = 14.0
@@ -67,7 +70,6 @@ class ServoRun:
     shifted by what was tracked. ``place`` (T, 2) is the true point from the middle, in pixels.
     """
 
-    name: str
     t: FloatArray
     off: FloatArray
     verdicts: tuple[str, ...]
@@ -154,9 +156,8 @@ class Scene:
         """Return a cold head with its camera; it is assumed to be on the axis of the pipe."""
         plant = Rig(Head(self.seed, 0.05, self.seed, delay=TICK), Catheter(self.seed), sway=sway)
         tip = SimulatedTip(self.pipe, mount=self.mount, specimen=self.seed, seed=self.seed)
-        calibration = HeadCalibration(
-            lens=tip.camera.calibration, leds=tip.camera.leds, roll=self.mount.roll
-        )
+        lens, leds = tip.camera.calibration, tip.camera.leds
+        calibration = HeadCalibration(lens=lens, leds=leds, roll=self.mount.roll)
         control = self.control if sensor else self.blind
         return InspectionRig(plant, tip, control, calibration, sensors=sensor)
 
@@ -184,12 +185,12 @@ class Watch:
         self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
         self.verdicts.append(verdict)
 
-    def run(self, name: str, after: int = 0) -> ServoRun:
+    def run(self, after: int = 0) -> ServoRun:
         """Return the run from a tick on."""
         place, left = np.array(self.place[after:]), np.array(self.left[after:])
         t = TICK * np.arange(1.0, len(place) + 1.0)
         off = np.hypot(*place.T)
-        return ServoRun(name, t, off, tuple(self.verdicts[after:]), left, place)
+        return ServoRun(t, off, tuple(self.verdicts[after:]), left, place)
 
     def _point(self) -> FloatArray:
         """Return the hole (3,) in camera coordinates."""
@@ -214,15 +215,11 @@ def run_servo(
     Without a sensor, no reading of a joint is used.
     """
     rig = scene.rig(sway, sensor=sensor)
-    centring = Centring(
-        calibration=rig.calibration,
-        still=math.inf,
-        patience=seconds + TICK,  # a tick passes before the first frame is tracked
-        integral_gain=Centring.integral_gain if integral else 0.0,
-        by_image=not sensor,
-    )
-    name = "sensor" if sensor else "camera only"
-    return watched(scene, rig, centring).run(name if integral else f"{name}, no integral")
+    patience = seconds + TICK  # a tick passes before the first frame is tracked
+    gain = Centring.integral_gain if integral else 0.0
+    options: dict[str, Any] = {"patience": patience, "integral_gain": gain, "by_image": not sensor}
+    centring = Centring(calibration=rig.calibration, still=math.inf, **options)
+    return watched(scene, rig, centring).run()
 
 
 def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
@@ -231,7 +228,7 @@ def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
     watch = Watch(scene, rig)
     go = Go(still=math.inf, turning=APPROACH + seconds)
     rig.run(go, go.begin(angles=scene.aim), watch)
-    return watch.run("still", round(APPROACH / TICK))
+    return watch.run(round(APPROACH / TICK))
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +252,7 @@ def run_motion(scene: Scene) -> ServoRun:
     rig = scene.rig()
     patience = MOTION_SECONDS + TICK
     centring = Centring(calibration=rig.calibration, still=math.inf, patience=patience)
-    return watched(scene, rig, centring, Swinging(centring, scene.aim)).run("motion")
+    return watched(scene, rig, centring, Swinging(centring, scene.aim)).run()
 
 
 def watched(
@@ -301,3 +298,97 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
         "tracking": {"lost_fraction": runs["motion"].lost, "reacquire_s": runs["motion"].reacquire},
     }
     return figures, runs
+
+
+CASES: Mapping[str, tuple[Sway | None, float]] = {
+    "still": (None, SERVO),
+    "drift": (Sway(amplitude=math.radians(2.0), pan=0.01, tilt=0.008), SERVO),
+    "sway": (Sway(), SWAY_SECONDS),
+}
+"""Motion of the base, and seconds of a run. The slow turn is up to 0.13 degrees a second."""
+WITHOUT, PRINTED = ", no integral", "printed"
+BEGUN = 8.0
+"""Seconds after which a point on a turning base is scored: it has long been centred by then."""
+PRINTED_SECONDS, PRINTED_END = 12.0, 4.0
+"""Duration of the run with the printed sign, and its end that is scored, in seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class IntegralStudy:
+    """Runs of one specimen by name: cases with the integral and without, and the printed sign."""
+
+    runs: Mapping[str, ServoRun]
+
+    def figures(self) -> dict[str, Any]:
+        """Return what the integral changes, in pixels of 320 and seconds."""
+        found = {
+            "sway_ratio": self._rms("sway", SWAY_WAIT) / self._rms(f"sway{WITHOUT}", SWAY_WAIT),
+            "printed_px": self._rms(PRINTED, PRINTED_SECONDS - PRINTED_END),
+        }
+        for key, words in (("", ""), ("without_", WITHOUT)):
+            found |= {
+                f"{key}settle_s": self.runs[f"still{words}"].settle,
+                f"{key}offset_px": self.runs[f"still{words}"].offset(SERVO - STEADY),
+                f"{key}still_px": self._rms(f"still{words}", SERVO - STEADY),
+                f"{key}drift_px": self._rms(f"drift{words}", BEGUN),
+                f"{key}sway_px": self._rms(f"sway{words}", SWAY_WAIT),
+            }
+        return {"integral": found}
+
+    def _rms(self, name: str, after: float) -> float:
+        return self.runs[name].rms(after)
+
+
+def run_integral(seed: int, told: Callable[[str], None] = lambda part: None) -> IntegralStudy:
+    """Hold a point in all cases with the specimen of a seed."""
+    scene = Scene(seed)
+    runs: dict[str, ServoRun] = {}
+    for case, (sway, seconds) in CASES.items():
+        for words in ("", WITHOUT):
+            runs[f"{case}{words}"] = run_servo(
+                scene, sensor=False, sway=sway, seconds=seconds, integral=not words
+            )
+        told(case)
+    return IntegralStudy({**runs, PRINTED: run_printed(scene)})
+
+
+class _PrintedHold(PointHold):
+    """A hold with the integral of Eq. (10) as it is printed: with a plus."""
+
+    def correction(self, integral: FloatArray, error: FloatArray | None) -> FloatArray:
+        return -super().correction(integral, error)
+
+
+class _PrintedCentring(Centring):
+    def _hold(self, reading: Reading) -> PointHold:
+        hold = super()._hold(reading)
+        return _PrintedHold(servo=hold.servo, near=math.pi, slip=math.pi)
+
+
+def run_printed(scene: Scene) -> ServoRun:
+    """Centre the hole by the camera alone with the printed sign of the integral."""
+    rig = scene.rig(sensor=False)
+    patience = PRINTED_SECONDS + TICK
+    centring = _PrintedCentring(
+        calibration=rig.calibration, still=math.inf, patience=patience, by_image=True
+    )
+    return watched(scene, rig, centring).run()
+
+
+def draw_integral(study: IntegralStudy) -> Any:
+    """Draw distances against time by the camera alone: still, drifting and swayed base."""
+    cases = {"still": "still base", "drift": "base turns slowly", "sway": "sway of 1 degree"}
+    panels = []
+    for case, title in cases.items():
+        looks = [(f"{case}{WITHOUT}", "without", "C3"), (case, "with the integral", "C0")]
+        looks += [(PRINTED, "printed sign", "C7")] if case == "still" else []
+        lines = [
+            (study.runs[name].t, study.runs[name].off, f"{colour} - 0.9", words)
+            for name, words, colour in looks
+        ]
+        y = "off the middle [px of 320]" if case == "still" else ""
+        panels.append(panel("time [s]", y, *lines, title=title, yscale="log"))
+    return draw(*panels, columns=3, height=3.6, sharey=True)
+
+
+STUDY = Study("integral", "The integral of Eq. (10)", run_integral)

@@ -29,27 +29,10 @@ _DECIMALS = {"size_within_15pct": 2}
 """Of the kept figures; the others have three."""
 
 
-def judge_words() -> str:
-    """Return sentences on the kept figures."""
-    low, high = JUDGE["recall_interval"]
-    corroded, soil = JUDGE["corroded"], JUDGE["soil"]
-    return (
-        "These scenes are drawn by the twin of the camera. On scenes of another renderer, Mitsuba "
-        f"3, which this study does not run, {JUDGE['recall']:.1%} of {SCENES} holes were found "
-        f"(95 % interval {low:.0%} to {high:.0%}) with {JUDGE['false_per_acquisition']:.3f} false "
-        f"findings an acquisition; on corroded walls {corroded['recall']:.1%} with "
-        f"{corroded['false_per_acquisition']:.3f}, of holes full of soil {soil['recall']:.1%}. "
-        "These are kept figures, printed by make judge."
-    )
-
-
 def outdated(found: Mapping[str, Any]) -> list[str]:
     """Return a line for each kept figure that is another one now.
 
-    Parameters
-    ----------
-    found : mapping
-        Figures under ``all``, and of each kind of wall and of hole under its name.
+    What is found has figures under ``all``, and of each kind of wall and of hole under its name.
     """
     parts = {name: each for name, each in JUDGE.items() if isinstance(each, Mapping)}
     return [

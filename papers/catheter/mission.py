@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from typing import Any
 
@@ -51,12 +52,13 @@ from minorloop_head.twins.pipe import Bore, Crack
 from minorloop_head.ultrasound.pits import PitDepth
 from minorloop_head.ultrasound.profile import Profile
 from minorloop_head.vision.cracks import TracedCrack
-from minorloop_head.vision.defects import Findings, Hole, strongest
+from minorloop_head.vision.defects import Hole, strongest
 from minorloop_head.vision.reflectance_map import ReflectanceMap
 from papers.catheter import mission_cracks, scoring
 from papers.catheter.mission_cracks import SeenCrack
-from papers.catheter.mission_scene import RADIUS, MissionTruth, distance, draw_mission, reachable
-from papers.catheter.ring_map import ring_of
+from papers.catheter.mission_scene import RADIUS, distance, draw_mission, reachable
+from papers.catheter.pipe_map import ring_of
+from papers.harness import Results, Study, mean, median
 
 RING, VIEWS = math.radians(25.0), 8
 """Deflection of the views from one place in radians, and their number."""
@@ -71,23 +73,20 @@ PROMISED = 3.0
 """Most standard deviations by which the depth of a pit may be wrong, and count as measured: the
 90 % band is scored by its coverage, and excludes one in ten."""
 
+_OF_CRACKS = ("crack_length_error_pct", "crack_width_error_pct", "crack_off_mm")
+_OF_PITS = ("centred_px", "touch_mm", "position_mm", "diameter_error_pct", "depth_error_mm")
+
 
 @dataclass(frozen=True, eq=False)
 class Mission:
     """Result of a mission."""
 
     seed: int
-    """Of pipe and rig."""
     truth: Bore
-    """The pit. For scoring only, as the next two."""
     truth_crack: Crack
-    """The crack."""
     truth_water: float
-    """Height of the water, in m."""
+    """The pit, the crack, and the height of the water in m. For scoring only."""
     log: tuple[LogEntry, ...] = ()
-    """Its steps."""
-    near: Findings | None = None
-    """Of the near view of the candidate."""
     first: npt.NDArray[np.uint8] | None = None
     centred: npt.NDArray[np.uint8] | None = None
     """Shape (H, W). Images of the finding when picked, and with the axis sent to it."""
@@ -103,9 +102,8 @@ class Mission:
     ring: DepthMap | None = None
     """About the pit, and once round the pipe."""
     profile: Profile | None = None
-    """Of the sweep round the pipe."""
     water: WaterLine | None = None
-    """Of the same sweep."""
+    """Of the sweep round the pipe."""
     cracks: tuple[SeenCrack, ...] = ()
     """That were seen again in a near view."""
     touch: float = np.nan
@@ -143,8 +141,10 @@ class Mission:
 
     def figures(self) -> dict[str, Any]:
         """Return errors of the result; NaN where nothing was found."""
-        place = width = depth = np.nan
+        place = width = depth = water = np.nan
         promised = False
+        if self.water is not None and self.water.seen:
+            water = 1e3 * abs(self.water.height - self.truth_water)
         if self.pit is not None:
             place = 1e3 * scoring.apart((self.pit.phi, self.pit.z), self.truth, RADIUS)
             width = 100 * abs(self.pit.diameter / self.truth.diameter - 1)
@@ -173,9 +173,7 @@ class Mission:
             "position_mm": place,
             "diameter_error_pct": width,
             "depth_error_mm": depth,
-            "water_error_mm": np.nan
-            if self.water is None or not self.water.seen
-            else 1e3 * abs(self.water.height - self.truth_water),
+            "water_error_mm": water,
             **mission_cracks.crack_figures(self.cracks, self.truth_crack),
         }
 
@@ -191,15 +189,7 @@ class Overview:
 
 @one_thread()
 def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
-    """Inspect one pipe with a pit and a crack in it, without an operator.
-
-    Parameters
-    ----------
-    seed : int
-        Of pipe and rig.
-    head : HeadFile, optional
-        Of the head of this seed, which is identified without it.
-    """
+    """Inspect one pipe with a pit and a crack in it, without an operator, as of `draw_mission`."""
     began = time.process_time()
     (rig, truth), seen = draw_mission(seed, head), Overview()
     mission = Mission(seed, truth.bore, truth.crack, float(truth.water.level or 0.0))
@@ -216,7 +206,7 @@ def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
     return replace(best, log=tuple(rig.log), processor=time.process_time() - began)
 
 
-def _examined(rig: InspectionRig, truth: MissionTruth, mission: Mission, seen: Overview) -> Mission:
+def _examined(rig: InspectionRig, truth: Results, mission: Mission, seen: Overview) -> Mission:
     """Look around from place after place, and visit candidates, until echoes confirm a pit.
 
     Candidates that are not seen again in a near view come last. If none is confirmed, the one with
@@ -263,15 +253,15 @@ def _approached(
     focus(rig)
     centred = photo(rig).image
     near, found, again = extract(rig, hole)
-    steps = tuple(rig.log[began:])
     one = replace(
-        mission, near=near, first=first, pixel=pixel, centred=centred, off=off, steps=steps
-    )
-    return replace(one, picked=hole.place, found=found), again, near.wall
+        mission, first=first, pixel=pixel, centred=centred, off=off, picked=hole.place,
+        found=found, steps=tuple(rig.log[began:]),
+    )  # fmt: skip
+    return one, again, near.wall
 
 
 def _measured(
-    rig: InspectionRig, truth: MissionTruth, one: Mission, view: ReflectanceMap | None
+    rig: InspectionRig, truth: Results, one: Mission, view: ReflectanceMap | None
 ) -> Mission:
     """Touch and measure; if echoes give a depth, sweep round the pipe and reconstruct."""
     hole = one.found
@@ -340,3 +330,46 @@ def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hol
     words += f"; {lines} line{'s' if lines > 1 else ''}" if lines else ""
     rig.say("look around", f"from {1e3 * advance:g} mm, {VIEWS} views: {words}")
     return list(each)
+
+
+def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return shares and medians over the missions of several pipes."""
+    return {"mission": mission_figures(runs), "touch": touch_figures(runs)}
+
+
+def touch_figures(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return how many missions touched a pit, and which share within the bound."""
+    tried = [mission for mission in missions if not math.isnan(mission["touch_mm"])]
+    return {"of": len(tried), "within_bound": mean([one["touched"] for one in tried])}
+
+
+def mission_figures(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return shares of all missions, and medians over those with a result."""
+    measured = [mission for mission in missions if mission["measured"]]
+    within = [mission for mission in missions if mission["reachable"]]
+    beyond = [mission for mission in missions if not mission["reachable"]]
+    cracks = [mission for mission in missions if mission["crack_found"]]
+    deep = [mission for mission in cracks if mission["crack_measured"]]
+    return {
+        "of": len(missions),
+        "each": [dict(mission) for mission in missions],
+        "pits_measured": sum(one["measured"] for one in within) / max(len(within), 1),
+        "reachable": len(within),
+        "unreachable_said": mean([one["refused"] for one in beyond]),
+        "refused_in_vain": sum(one["refused"] for one in within),
+        "measured": mean([one["measured"] for one in missions]),
+        **{key: _median(missions, key) for key in ("seconds", "processor_s")},
+        **{key: _median(measured, key) for key in (*_OF_PITS, "water_error_mm")},
+        "cracks_found": len(cracks) / len(missions),
+        "false_cracks": sum(mission["false_cracks"] for mission in missions) / len(missions),
+        **{key: _median(cracks, key) for key in _OF_CRACKS},
+        "crack_measured": mean([one["crack_measured"] for one in cracks]),
+        "crack_depth_error_mm": _median(deep, "crack_depth_error_mm"),
+    }
+
+
+def _median(missions: Sequence[Mapping[str, Any]], key: str) -> float:
+    return median([mission[key] for mission in missions if not math.isnan(mission[key])])
+
+
+STUDY = Study("missions", "Unattended missions in flooded pipes", run_mission, gather)

@@ -108,14 +108,9 @@ def _again(
 
 
 def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
-    """Return the errors of cracks; NaN if none is the true one.
+    """Return the errors of the cracks that are reported; NaN if none is the true one.
 
-    Parameters
-    ----------
-    cracks : sequence of SeenCrack
-        As reported; any that does not lie on the true one is false.
-    truth : Crack
-        For scoring only.
+    Any that does not lie on the true one is false.
     """
     course, widths = fine_course(truth, RADIUS)
     right = [one for one in cracks if one_course(one.course.places, course, RADIUS)]
@@ -124,12 +119,8 @@ def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
         "false_cracks": len(cracks) - len(right),
         "crack_measured": any(np.isfinite(one.found.depth) for one in right),
     }
-    names = (
-        "crack_length_error_pct",
-        "crack_width_error_pct",
-        "crack_off_mm",
-        "crack_depth_error_mm",
-    )
+    names = [f"crack_{each}" for each in ("length_error_pct", "width_error_pct", "off_mm")]
+    names.append("crack_depth_error_mm")
     if not right:
         return figures | dict.fromkeys(names, np.nan)
     best = max(right, key=lambda one: one.course.length)

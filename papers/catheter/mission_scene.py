@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from minorloop_head.twins.rig import Rig, SimulatedTip
 from minorloop_head.twins.surroundings import Filling, Surroundings, Sway
 from papers.catheter import scoring
 from papers.catheter.inspection_servo import wires_of
+from papers.harness import Results
 
 RADIUS = 10e-3
 SWAY = Sway()
@@ -35,31 +36,12 @@ CRACKED, CLEAR = (18e-3, 31e-3), 3e-3
 """Range of cracks along the pipe, and least distance from the pit, in metres."""
 
 
-@dataclass(frozen=True, eq=False)
-class MissionTruth:
-    """Truth of a scene. For scoring only."""
+def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig, Results]:
+    """Draw a rig in a pipe with a pit and a crack, and return it with the truth, for scoring only.
 
-    bore: Bore
-    """The pit."""
-    crack: Crack
-    pipe: Pipe
-    """Without water."""
-    water: Filling
-    """Of the flooded pipe."""
-    plant: Rig
-    """Head and catheter."""
-    offset: tuple[float, float]
-    """Of the pivot of the head off the axis of the pipe, in metres."""
-
-
-def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig, MissionTruth]:
-    """Draw a rig in a pipe with a pit and a crack, and return it with the truth.
-
-    Parameters
-    ----------
-    seed : int
-    head : HeadFile, optional
-        Of the head of this seed, which is identified without it.
+    The truth has the pit, ``bore``, and the ``crack``; the ``pipe`` without ``water``; the
+    ``plant``, head and catheter, and the ``offset`` of the pivot of the head off the axis of the
+    pipe, in metres. The head of this seed is identified if its file is not given.
 
     Raises
     ------
@@ -68,14 +50,11 @@ def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig
     """
     control = _control(seed, head)
     rng = np.random.default_rng([seed, 31])
-    bore = Bore(
-        float(rng.uniform(-np.pi, np.pi)),
-        float(rng.uniform(19e-3, 30e-3)),
-        float(rng.uniform(0.9e-3, 1.1e-3)),
-        depth=float(rng.uniform(0.3e-3, 0.8e-3)),
-        brightness=0.0,
-        lining=0.08,
+    phi, z, wide, deep = (
+        float(rng.uniform(*ends))
+        for ends in ((-np.pi, np.pi), (19e-3, 30e-3), (0.9e-3, 1.1e-3), (0.3e-3, 0.8e-3))
     )
+    bore = Bore(phi, z, wide, depth=deep, brightness=0.0, lining=0.08)
     crack = crack_beside(bore, np.random.default_rng([seed, 35]))
     dry = replace(Pipe.draw(seed), bores=(bore,), cracks=(crack,))
     wet = [bore.phi, *(phi for phi, _ in crack.points)]
@@ -108,10 +87,10 @@ def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig
         tool=tip.tool.calibration,
     )
     rig = InspectionRig(plant, tip, control, calibration, base=SeenBase(calibration))
-    return rig, MissionTruth(bore, crack, dry, flooded, plant, (x, y))
+    return rig, Results(bore=bore, crack=crack, pipe=dry, water=flooded, plant=plant, offset=(x, y))
 
 
-def reachable(rig: InspectionRig, truth: MissionTruth) -> bool:
+def reachable(rig: InspectionRig, truth: Results) -> bool:
     """Return whether the wires truly reach a raster in the water. For scoring only."""
     view = rig.calibration
     needs = [view.joints(pair) for pair in RasterScan(calibration=view).needs.T]

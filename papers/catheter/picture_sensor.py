@@ -51,16 +51,7 @@ Disturbance: TypeAlias = Callable[[int, Frame], Frame | None]
 
 
 def known_view(tip: SimulatedTip, mount: Mount, seed: int) -> HeadCalibration:
-    """Return the calibration of a tip with errors that a calibration leaves.
-
-    Parameters
-    ----------
-    tip : SimulatedTip
-    mount : Mount
-        The true one.
-    seed : int
-        Draws the errors.
-    """
+    """Return the calibration of a tip on its true mount, with errors by seed that one leaves."""
     rng = np.random.default_rng([seed, 57])
     lens = tip.camera.calibration
 
@@ -97,25 +88,12 @@ class Missed:
 
 
 class PictureSensor:
-    """A head whose only sensor is its camera.
+    """A head whose only sensor is its camera; it is cold, and its own sensors are not read.
 
     ``ticks`` counts its pictures, ``missed`` lists those that did not show the angles, ``latest``
-    has the joints (2,) in degrees by the newest one, and ``view`` is what is known of the camera.
-
-    Parameters
-    ----------
-    head : Head
-        Cold, at its beginning; its own sensors are not read.
-    seed : int
-        Draws pipe, camera, errors of the calibration and lost pictures.
-    view : HeadCalibration, optional
-        What is known of the camera; with the errors of a calibration without it.
-    bores : tuple of Bore
-        Holes in the wall.
-    dropped : float
-        Share of the pictures that are lost.
-    disturb : Disturbance, optional
-        Changes pictures.
+    has the joints (2,) in degrees by the newest one, and ``view`` is what is known of the camera:
+    what is given, or with the errors of a calibration. The seed draws pipe, camera, these errors,
+    and the pictures that are lost, a share of ``dropped``; ``disturb`` changes the others.
     """
 
     def __init__(
@@ -190,21 +168,11 @@ class PictureSensor:
     def hold(
         self, u: FloatArray, seconds: float, pictures: int, *, follow: bool = False
     ) -> FloatArray:
-        """Hold two currents, and return the mean angles (2,) of pictures at the end, in degrees.
+        """Hold two currents in A, and return the mean angles (2,) of so many pictures at the end.
 
-        The angles may be far from the last ones, and the view has to be found again; NaN if it is
-        not.
-
-        Parameters
-        ----------
-        u : (2,) array
-            In A.
-        seconds : float
-        pictures : int
-            Number of pictures at the end.
-        follow : bool
-            Whether to take pictures on the way too: where the wall has not been seen before, the
-            view at the end can only be found from there.
+        They are in degrees. The angles may be far from the last ones, and the view has to be found
+        again; NaN if it is not. To ``follow`` takes pictures on the way too: where the wall has not
+        been seen before, the view at the end can only be found from there.
         """
         way = _WAY if follow else ()
         for pause in way:

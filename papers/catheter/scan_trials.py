@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,7 +35,7 @@ from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import PitDepth, measure_pit
 from minorloop_head.vision.calibrated_camera import Image
 from papers.catheter import scoring
-from papers.harness import mean, median
+from papers.harness import Study, mean, median
 
 KINDS = ("pit", "dished", "dented", "hole", "mark", "dry")
 GYROSCOPE_NOISE = math.radians(0.05)
@@ -66,14 +66,12 @@ _ROLL_SD, _ADVANCE_SD = 5e-3, 0.05e-3
 
 @dataclass(eq=False, kw_only=True)
 class Scanned:
-    """A probe before a place of a pipe, and its truth."""
+    """A probe as it is calibrated, before a place of a pipe, and its truth."""
 
     probe: CalibratedProbe
-    """As calibrated."""
     centre: tuple[float, float]
     """Phi and z of the place by the camera."""
     twin: Ultrasound
-    """Of the probe."""
     pipe: Pipe
     """With water, if any."""
     mount: Mount
@@ -91,7 +89,6 @@ class ScanSite:
     """A place of a pipe: what is known of it, and its truth."""
 
     probe: CalibratedProbe
-    """As calibrated."""
     centre: tuple[float, float]
     """Phi and z of the mouth by the camera."""
     diameter: float
@@ -145,8 +142,6 @@ def draw_trial(
 
     Parameters
     ----------
-    seed : int
-        Of all draws.
     kind : {"pit", "dished", "dented", "hole", "mark", "dry"}
         A pit with a flat floor, a pit that is 0.1 mm shallower at its rim, a pit in or beside a
         dent, a through-hole, a spot of dirt, or a pit in a dry pipe.
@@ -157,8 +152,6 @@ def draw_trial(
         echo of a plain wall if there is no floor.
     bore : Bore, optional
         Its diameter and depth replace the drawn ones.
-    pose : {"camera", "gyroscope", "joints"}
-        What gives the pose of a burst.
     """
     check_option("kind", kind, KINDS)
     check_option("pose", pose, POSES)
@@ -178,39 +171,24 @@ def draw_trial(
         water=None if kind == "dry" else FLOODED,
         thickness=thickness,
     )
+    seeds: dict[str, Any] = {"specimen": seed, "seed": seed}
     level = 1.0
     if kind in ("pit", "dished", "dented", "dry"):
-        level = scoring.floor_level(
-            Ultrasound(
-                pipe, true, transducer, noise=0.0, temperature=warm, specimen=seed, seed=seed
-            )
-        )
+        quiet = Ultrasound(pipe, true, transducer, noise=0.0, temperature=warm, **seeds)
+        level = scoring.floor_level(quiet)
     noise = level * 10 ** (-snr / 20) * math.sqrt(RasterScan.shots)
-    settings: dict[str, Any] = {
-        "noise": noise,
-        "gain": min(0.5, 0.5 / (0.7 + 4 * noise)),
-        "temperature": warm,
-    }
-    twin = Ultrasound(pipe, true, transducer, specimen=seed, seed=seed, **settings)
-    centre = (
-        phi + float(rng.normal(0, CAMERA_SD)) / pipe.radius,
-        _Z + float(rng.normal(0, CAMERA_SD)),
-    )
+    gain = min(0.5, 0.5 / (0.7 + 4 * noise))
+    settings: dict[str, Any] = {"noise": noise, "gain": gain, "temperature": warm}
+    twin = Ultrasound(pipe, true, transducer, **seeds, **settings)
+    around, along = (float(rng.normal(0, CAMERA_SD)) for _ in range(2))
     seen = pit.diameter * float(np.exp(rng.normal(0, 0.05)))
     # The camera has the same mount, so that its places have the error of the mount.
     probe, (turned, moved) = strayed(rng, probe)
-    centre = (centre[0] + turned, centre[1] + moved)
-    about = (probe, centre, seen, pit, kind == "dry", (turned, moved))
+    centre = (phi + around / pipe.radius + turned, _Z + along + moved)
     return ScanTrial(
-        *about,
-        twin=twin,
-        pipe=pipe,
-        mount=true,
-        settings=settings,
-        rng=rng,
-        pose=pose,
-        specimen=seed,
-    )
+        probe, centre, seen, pit, kind == "dry", (turned, moved),
+        twin=twin, pipe=pipe, mount=true, settings=settings, rng=rng, pose=pose, specimen=seed,
+    )  # fmt: skip
 
 
 def _dent_beside(pit: Bore, rng: np.random.Generator) -> Dent:
@@ -260,13 +238,8 @@ def strayed(
 def scan(trial: Scanned) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
     """Scan a raster by the procedure of mission and console, while flow sways the head.
 
-    Joints and catheter follow at once; the joints are measured with noise.
-
-    Returns
-    -------
-    probe : CalibratedProbe
-        At the place of the scan.
-    bursts : tuple of Burst
+    Joints and catheter follow at once; the joints are measured with noise. The probe returned is at
+    the place of the scan.
     """
     head = _Head(trial)
     scanning = RasterScan(calibration=head.view, metering=head.metering)
@@ -308,15 +281,11 @@ class _Head:
         angles = self._joints + _JOINT_NOISE * rng.standard_normal(2)
         image = self._picture(request, t, angles)
         shots = self._shots(request.shots)
+        base = self._turned(t, image if shots else None)
         return Reading(
-            t=t,
-            angles=angles,
-            place=self._place,
-            base=self._turned(t, image if shots else None),
-            image=image,
-            shots=tuple(shots),
+            t=t, angles=angles, place=self._place, base=base, image=image, shots=tuple(shots),
             fired=bool(shots),
-        )
+        )  # fmt: skip
 
     def _sway(self, t: float) -> FloatArray:
         """Return the true turn (2,) of the base."""
@@ -366,15 +335,10 @@ class _Head:
 def _calibration(probe: CalibratedProbe) -> HeadCalibration:
     """Return the calibration of a head with this probe in this pipe."""
     return HeadCalibration(
-        lens=LENS,
-        leds=np.empty((0, 3)),
-        offset=probe.mount.offset,
-        lever=probe.mount.lever,
-        probe=probe.transducer,
-        radius=probe.radius,
-        thickness=probe.thickness,
+        lens=LENS, leds=np.empty((0, 3)), offset=probe.mount.offset, lever=probe.mount.lever,
+        probe=probe.transducer, radius=probe.radius, thickness=probe.thickness,
         temperature=probe.temperature,
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,9 +346,7 @@ class ScoredScan:
     """One scan with its truth."""
 
     site: ScanSite
-    """Where."""
     found: PitDepth
-    """The estimate."""
     seconds: float
     """Processor time of ``measure_pit``."""
     wall: DepthMap
@@ -461,10 +423,8 @@ def modality_wrong(scored: Iterable[ScoredScan]) -> int:
     wrong = 0
     for run in scored:
         dry, hole = run.site.dry, run.site.truth.through
-        claimed = np.isfinite(run.found.depth)
-        wrong += bool((dry or hole) and claimed) or run.modality != (
-            "camera" if dry else "ultrasound"
-        )
+        made_up = bool((dry or hole) and np.isfinite(run.found.depth))
+        wrong += made_up or run.modality != ("camera" if dry else "ultrasound")
     return wrong
 
 
@@ -474,8 +434,8 @@ def _error(run: ScoredScan) -> float:
 
 def _miss(run: ScoredScan) -> float:
     found, truth = run.found, run.site.truth
-    radius = run.site.probe.radius
-    return float(wall_distance((found.phi, found.z), (truth.phi, truth.z), radius))
+    places = (found.phi, found.z), (truth.phi, truth.z)
+    return float(wall_distance(*places, run.site.probe.radius))
 
 
 def _covered(run: ScoredScan) -> BoolArray:
@@ -492,3 +452,64 @@ def _covered(run: ScoredScan) -> BoolArray:
     near = square <= (1 + 0.2e-3 / bore.diameter) ** 2
     inside: BoolArray = (np.abs(run.wall.depth - truth) <= PER_DEVIATION * run.wall.sd)[near]
     return inside
+
+
+SCANS = 6
+"""Flat pits for each specimen; the last has the size for the score of fusion."""
+_FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
+_FIRST = 60_000
+"""Seed of the first scan."""
+
+
+def run_scans(seed: int, scans: int = SCANS) -> dict[str, Any]:
+    """Scan pits with a flat floor, and places where there is no depth.
+
+    ``scored`` are the scans by the kind of place, or by what gave the pose.
+    """
+    first = _FIRST + (scans + 4) * seed
+    drawn = {
+        "pit": [draw_trial(first + 4 + k) for k in range(max(scans - 1, 1))],
+        "fused": [draw_trial(first, bore=_FUSED)],
+        "gyroscope": [draw_trial(first + 4, pose="gyroscope")],
+        "joints": [draw_trial(first + 4, pose="joints")],
+        "unfocused": [draw_trial(first + 4, lens=False)],
+        "dished": [draw_trial(first + 1, kind="dished")],
+        "dented": [draw_trial(first + 1, kind="dented")],
+        "hole": [draw_trial(first + 2, kind="hole")],
+        "dry": [draw_trial(first + 3, kind="dry")],
+    }
+    return {"scored": {kind: tuple(map(run_trial, each)) for kind, each in drawn.items()}}
+
+
+def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the figures over the scans of several specimens."""
+    return scan_figures([run["scored"] for run in runs])
+
+
+def scan_figures(scored: Sequence[Mapping[str, Sequence[ScoredScan]]]) -> dict[str, Any]:
+    """Return bias, deviation and bands of depths, and how often one was made up."""
+    kinds = {kind: [one for each in scored for one in each[kind]] for kind in scored[0]}
+    return {
+        "depth": {
+            **depth_figures(kinds["pit"]),
+            **{
+                f"{kind}_{key}": value
+                for kind in ("gyroscope", "joints", "unfocused", "dented")
+                for key, value in depth_figures(kinds[kind]).items()
+            },
+            "dished_error_mm": dished_figure(kinds["dished"]),
+            "seconds_worst": max(one.seconds for each in kinds.values() for one in each),
+        },
+        "fusion": {
+            **fusion_figures(kinds["fused"]),
+            **band_figures([*kinds["pit"], *kinds["fused"]]),
+        },
+        "modality": {
+            "wrong": sum(bool(np.isfinite(one.found.depth)) for one in kinds["hole"])
+            + modality_wrong(kinds["dry"]),
+            "scans": len(kinds["hole"]) + len(kinds["dry"]),
+        },
+    }
+
+
+STUDY = Study("scans", "Depths of pits by ultrasound", run_scans, gather)

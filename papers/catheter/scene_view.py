@@ -30,45 +30,30 @@ _TRIES = 60
 
 
 @dataclass(frozen=True, eq=False)
-class AimedCamera:
-    """A camera in place.
-
-    Parameters
-    ----------
-    camera : Camera
-        Exposed for all LEDs on, looking where the head is.
-    mount : Mount
-        True place of the head.
-    pan, tilt : float
-        Of the head, in radians.
-    gain : float
-        Of the exposure with all LEDs on.
-    flooded : bool
-        Whether the pipe is full of water.
-    """
+class SceneView:
+    """A camera in place, and the truth of what it sees."""
 
     camera: Camera
+    """Exposed for all LEDs on, looking where the head is."""
     mount: Mount
+    """True place of the head."""
     pan: float
     tilt: float
+    """Of the head, in radians."""
     gain: float
-    flooded: bool = field(default=False, kw_only=True)
-
-
-@dataclass(frozen=True, eq=False)
-class SceneView(AimedCamera):
-    """A camera in place, and the truth of what it sees.
-
-    Parameters
-    ----------
-    place : (float, float)
-        Phi and z of the place in question.
-    hole : Bore, optional
-        The hole at that place, or None.
-    """
-
-    place: tuple[float, float]
-    hole: Bore | None
+    """Of the exposure with all LEDs on."""
+    flooded: bool = False
+    """Whether the pipe is full of water."""
+    place: tuple[float, float] = (np.nan, np.nan)
+    """Phi and z of the place in question. For scoring only, as the rest."""
+    hole: Bore | None = None
+    """The hole at that place, or None."""
+    marks: tuple[tuple[float, float], ...] = ()
+    """Phi and z of slots and of corrosion."""
+    pipe: Pipe = field(default_factory=Pipe)
+    """The wall with a crack."""
+    width: float = 0.0
+    """Of the crack where it is neither at a tip nor in a branch, in metres; 0 without one."""
 
 
 def draw_view(
@@ -79,18 +64,16 @@ def draw_view(
     plain: bool = False,
     flooded: bool = False,
 ) -> SceneView:
-    """Draw a view.
+    """Draw a view by seed, with a hole or without.
+
+    The head turns 18 to 30 degrees from the axis, its pivot is up to 1 mm off it, and the gain
+    varies by 4 to 1 about the metered one. The diameter of the hole is 0.85 to 1.15 mm, its minor
+    axis at least 9 pixels of a 320 by 240 image.
 
     Parameters
     ----------
-    seed : int
-        Seed of the view. The head turns 18 to 30 degrees from the axis, its pivot is up to 1 mm
-        off it, and the gain varies by 4 to 1 about the metered one.
-    hole : bool
-        Whether there is a hole. Its diameter is 0.85 to 1.15 mm, its minor axis at least 9
-        pixels of a 320 by 240 image.
     inside : {"dark", "backlit", "white"}, optional
-        What is seen in the hole; drawn if not given.
+        Seen in the hole; drawn if not given.
     plain : bool
         Leave out dents, beads, scratches, dirt, the chamfer of the hole, and views with a
         saturated pixel within 3 mm of the place; the hole is dark.
@@ -127,15 +110,11 @@ def _try_view(
     if plain:
         wall = replace(wall, dents=(), scratches=(), dirt=())
     water = TurbidWater.draw(rng) if flooded else None
-    seed, specimen = (int(rng.integers(2**31)) for _ in range(2))
-    camera = Camera(wall, mount, seed=seed, specimen=specimen, flooded=water)
-    camera.look(pan, tilt)
-    focus_near(rng, camera, mount.pose(pan, tilt))
-    gain = metered_gain(camera) * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
+    camera, gain = aimed(rng, wall, mount, pan, tilt, water)
     if not 0.1 <= gain <= 20:
         return None
     camera.expose(0.01, gain)
-    view = SceneView(camera, mount, pan, tilt, gain, place, bore if hole else None, flooded=flooded)
+    view = SceneView(camera, mount, pan, tilt, gain, flooded, place, bore if hole else None)
     if plain:
         return view if not (_saturated(view, bore) < _REACH).any() else None
     return view if _has_a_glint(view, bore) else None
@@ -231,19 +210,27 @@ def _half_slopes(point: FloatArray, led: FloatArray, lens: FloatArray) -> FloatA
     return np.array([float(half @ around), float(half[2])]) / up
 
 
-def focus_near(rng: np.random.Generator, camera: Camera, pose: Pose) -> None:
-    """Focus on the middle of the image, within 15 %, and wait for the focus."""
+def aimed(
+    rng: np.random.Generator,
+    wall: Pipe,
+    mount: Mount,
+    pan: float,
+    tilt: float,
+    water: TurbidWater | None = None,
+) -> tuple[Camera, float]:
+    """Return a camera before a wall, in focus within 15 %, and a gain about the metered one."""
+    seed, specimen = (int(rng.integers(2**31)) for _ in range(2))
+    camera = Camera(wall, mount, seed=seed, specimen=specimen, flooded=water)
+    camera.look(pan, tilt)
+    pose = mount.pose(pan, tilt)
     _, _, length = meet_wall(pose.position, pose.rotation[:, 2], 10e-3)
     camera.focus_at(float(np.clip(length * rng.uniform(0.85, 1.15), 4e-3, 60e-3)))
     while abs(camera.focus * camera._focus_wanted - 1) > 1e-9:
         camera._advance(camera.sensor.interval)
-
-
-def metered_gain(camera: Camera) -> float:
-    """Return the gain at which the brighter parts of the image are of middle grey."""
     camera.expose(0.01, 1.0)
-    level = float(np.percentile(camera.frame().image, 60))
-    return _METERED / max(level, 2.0)
+    # Metered so that the brighter parts of the image are of middle grey.
+    metered = _METERED / max(float(np.percentile(camera.frame().image, 60)), 2.0)
+    return camera, metered * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
 
 
 def _has_a_glint(view: SceneView, bore: Bore) -> bool:

@@ -71,11 +71,7 @@ def apart(place: npt.ArrayLike, bore: Bore, radius: float) -> float:
 def ends(head: Head, surroundings: Surroundings) -> FloatArray:
     """Return the least and largest settled angle (axes, 2) of the wires in degrees.
 
-    Parameters
-    ----------
-    head : Head
-        A fresh twin; it is used up.
-    surroundings : Surroundings
+    The head is a fresh twin; it is used up.
     """
     head.surround(surroundings)
     found = []
@@ -86,14 +82,9 @@ def ends(head: Head, surroundings: Surroundings) -> FloatArray:
 
 
 def reaches(head: Head, surroundings: Surroundings, needs: FloatArray) -> bool:
-    """Return whether the wires of a head reach all readings between two.
+    """Return whether the wires of a fresh head reach all readings between two.
 
-    Parameters
-    ----------
-    head, surroundings
-        As of `ends`.
-    needs : (2, 2) array
-        Least and largest reading of each joint, in degrees.
+    ``needs`` (2, 2) are the least and largest reading of each joint, in degrees.
     """
     couple = np.array([[1.0, head._cross[0]], [head._cross[1], 1.0]])
     least, largest = ends(head, surroundings).T
@@ -123,22 +114,9 @@ def true_tool(tip: Any) -> Tool:
 
 
 def places_seen(mount: Mount, joints: FloatArray, bore: Bore, radius: float) -> FloatArray:
-    """Return where the true optical axis meets the wall, round and along it from a bore.
+    """Return where (T, 2) the true optical axis meets the wall, round and along it from a bore.
 
-    Parameters
-    ----------
-    mount : Mount
-        The true one.
-    joints : (T, 2) array
-        True pan and tilt of the joints, in degrees.
-    bore : Bore
-    radius : float
-        Of the pipe, in metres.
-
-    Returns
-    -------
-    (T, 2) array
-        In metres.
+    ``joints`` (T, 2) are true pan and tilt in degrees, on the true mount; places are in metres.
     """
     places = np.empty((len(joints), 2))
     for n, (pan, tilt) in enumerate(np.radians(joints) - STRAIGHT):
@@ -151,15 +129,7 @@ def places_seen(mount: Mount, joints: FloatArray, bore: Bore, radius: float) -> 
 def middle_of(mount: Mount, plant: Rig, place: npt.ArrayLike, radius: float) -> FloatArray:
     """Return a place (2,) of the wall in true camera coordinates (3,).
 
-    Parameters
-    ----------
-    mount : Mount
-        The true one, for the catheter at 0.
-    plant : Rig
-    place : (2,) array_like
-        Phi and z.
-    radius : float
-        Of the pipe, in metres.
+    The true mount is that for the catheter at 0.
     """
     phi, z = np.asarray(place, dtype=np.float64).tolist()
     pose = mount.pose(*line_of_sight(plant).tolist())

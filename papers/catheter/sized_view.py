@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from minorloop.errors import ParameterError
 from minorloop_head.twins import pipe as drawing
-from minorloop_head.twins.camera import Camera
 from minorloop_head.twins.pipe import Bore, Crack, Dirt, Pipe
-from papers.catheter.scene_view import (
-    SceneView,
-    draw_head,
-    draw_place,
-    focus_near,
-    metered_gain,
-    minor_axis,
-)
+from papers.catheter.scene_view import SceneView, aimed, draw_head, draw_place, minor_axis
 
 DIAMETERS = (0.4e-3, 3e-3)
 """Diameters of the mouths, in metres, equally likely on a logarithmic scale; required."""
@@ -33,14 +26,7 @@ _CLEAR = 0.4e-3
 """Least distance from the rim to a slot or corrosion, in metres: what touches a rim hides it."""
 
 
-@dataclass(frozen=True, eq=False)
-class SizedView(SceneView):
-    """A view, and phi and z of its slots and of its corrosion."""
-
-    marks: tuple[tuple[float, float], ...] = ()
-
-
-def draw_sized_view(seed: int, *, hole: bool) -> SizedView:
+def draw_sized_view(seed: int, *, hole: bool) -> SceneView:
     """Draw a view with a hole or a pit, or the same kind of wall without.
 
     Raises
@@ -57,17 +43,12 @@ def draw_sized_view(seed: int, *, hole: bool) -> SizedView:
         if minor_axis(mount.pose(pan, tilt), bore) < LEAST_AXIS:
             continue
         wall = _wall(rng, bore, hole)
-        noise, specimen = (int(rng.integers(2**31)) for _ in range(2))
-        camera = Camera(wall, mount, seed=noise, specimen=specimen)
-        camera.look(pan, tilt)
-        focus_near(rng, camera, mount.pose(pan, tilt))
-        gain = metered_gain(camera) * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
+        camera, gain = aimed(rng, wall, mount, pan, tilt)
         camera.expose(0.01, float(np.clip(gain, 0.1, 20.0)))
         slots = [_middle(slot) for slot in wall.cracks]
         marks = [(mark.phi, mark.z) for mark in wall.dirt if mark.albedo < _DARK]
-        return SizedView(
-            camera, mount, pan, tilt, gain, (phi, z), bore if hole else None, (*slots, *marks)
-        )
+        about = (camera, mount, pan, tilt, gain, False, (phi, z), bore if hole else None)
+        return SceneView(*about, marks=(*slots, *marks))
     raise ParameterError(f"no view found for seed {seed} in {_TRIES} tries; give another seed")
 
 
@@ -82,10 +63,7 @@ def _bore(rng: np.random.Generator) -> Bore:
 
 def _wall(rng: np.random.Generator, bore: Bore, hole: bool) -> Pipe:
     """Return a wall with clutter, slots and corrosion."""
-
-    def somewhere() -> tuple[float, float]:
-        return _beside(rng, bore, 0.0)
-
+    somewhere = partial(_beside, rng, bore, 0.0)
     return Pipe(
         finish=drawing.draw_finish(rng),
         bores=(bore,) if hole else (),

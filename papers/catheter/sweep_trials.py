@@ -33,7 +33,7 @@ from papers.catheter import scoring
 from papers.catheter.crack_scenes import FINE, fine_course
 from papers.catheter.pipe_map import PipeMap, pipe_map
 from papers.catheter.scan_trials import GYROSCOPE_NOISE
-from papers.harness import Study, mean, median
+from papers.harness import Results, Study, mean, median
 
 PITS = 3
 """Pits in the swept part of a pipe: 0.8 to 1.5 mm wide and 0.3 to 1 mm deep."""
@@ -63,23 +63,6 @@ _RING, _VIEWS, _FROM = math.radians(25.0), 8, 4.5e-3
 which they show the swept part."""
 
 
-@dataclass(eq=False, kw_only=True)
-class SweepTrial:
-    """A partly flooded pipe and the head in it."""
-
-    calibration: HeadCalibration
-    """As calibrated."""
-    tip: SimulatedTip
-    """With camera and probe."""
-    catheter: Catheter
-    rng: np.random.Generator
-    """Of the noise of joints and gyroscope, and of the sway."""
-    pipe: Pipe
-    """For scoring only."""
-    level: float
-    """Height of the water in metres. For scoring only."""
-
-
 @dataclass(frozen=True, eq=False)
 class ScoredSweep:
     """One sweep with its truth."""
@@ -95,8 +78,13 @@ class ScoredSweep:
     """Of the head, from the first line to the last."""
 
 
-def draw_sweep(seed: int, pits: int = PITS) -> SweepTrial:
-    """Draw a pipe with pits and a crack under water, and a head in it, by seed."""
+def draw_sweep(seed: int, pits: int = PITS) -> Results:
+    """Draw a pipe with pits and a crack under water, and a head in it, by seed.
+
+    The ``tip`` has camera and probe, ``calibration`` is the known one; ``rng`` is of the noise of
+    joints and gyroscope, and of the sway; ``pipe``, and ``level``, the height of the water in
+    metres, are for scoring only.
+    """
     rng = np.random.default_rng([seed, 41])
     drawn = Pipe.draw(seed)
     bores: list[Bore] = []
@@ -131,7 +119,7 @@ def draw_sweep(seed: int, pits: int = PITS) -> SweepTrial:
         thickness=thickness * float(rng.uniform(0.97, 1.03)),
         temperature=warm + float(rng.normal(0, 0.3)),
     )
-    return SweepTrial(
+    return Results(
         calibration=calibration, tip=tip, catheter=Catheter(seed, 0.02, seed), rng=rng,
         pipe=pipe, level=level,
     )  # fmt: skip
@@ -164,7 +152,7 @@ def _off(crack: Crack, phi: float, z: float) -> float:
 
 @one_thread()
 def sweep(
-    trial: SweepTrial,
+    trial: Results,
     around: tuple[float, float] = AROUND,
     along: tuple[float, float] = ALONG,
 ) -> SweepState:
@@ -188,13 +176,10 @@ def sweep(
             here = now + late * (now - before) / catheter.tick
             tip.move_to((*(joints + _SWAY.at(begin + t + late)), 0.0, 0.0, *here))
             shots += tip.shots(1)
+        angles = joints + _JOINT_NOISE * rng.standard_normal(2)
+        base = _SWAY.at(begin + t) + GYROSCOPE_NOISE * rng.standard_normal(2)
         reading = Reading(
-            t=t,
-            angles=joints + _JOINT_NOISE * rng.standard_normal(2),
-            place=place,
-            base=_SWAY.at(begin + t) + GYROSCOPE_NOISE * rng.standard_normal(2),
-            shots=tuple(shots),
-            fired=bool(shots),
+            t=t, angles=angles, place=place, base=base, shots=tuple(shots), fired=bool(shots)
         )
         state, request = scanning.step(state, reading)
         before, place = now, np.asarray(catheter.exchange(request.rates / _UNITS)) * _UNITS
@@ -203,7 +188,7 @@ def sweep(
     return state
 
 
-def pictures(trial: SweepTrial, patch: Patch) -> list[FloatArray]:
+def pictures(trial: Results, patch: Patch) -> list[FloatArray]:
     """Return what the camera sees of a patch in views to all sides, before the sweep."""
     tip, rng, seen = trial.tip, trial.rng, []
     for k in range(_VIEWS):
@@ -239,12 +224,9 @@ def run_sweep(seed: int, pits: int = PITS) -> ScoredSweep:
 
 def pit_found(run: ScoredSweep, bore: Bore) -> EchoFind | None:
     """Return the pit of a map that is nearest to a true one; None if none is near."""
-    near = [
-        (off, find)
-        for find in run.scan.finds
-        if find.kind == PIT and (off := _apart(find.place, (bore.phi, bore.z))) <= SAME
-    ]
-    return min(near, key=lambda one: one[0])[1] if near else None
+    pits = [find for find in run.scan.finds if find.kind == PIT]
+    off = [_apart(find.place, (bore.phi, bore.z)) for find in pits]
+    return pits[int(np.argmin(off))] if off and min(off) <= SAME else None
 
 
 def on_crack(run: ScoredSweep, find: EchoFind) -> bool:
@@ -341,7 +323,7 @@ def c_scan_figures(runs: Sequence[ScoredSweep]) -> dict[str, float]:
 
 
 def run_study(seed: int) -> dict[str, ScoredSweep]:
-    """Sweep one pipe, with pipe, water, probe and noise by seed; return what is gathered."""
+    """Sweep one pipe; return what is gathered."""
     return {"sweep": run_sweep(seed)}
 
 

@@ -8,14 +8,14 @@ figures are at the scale of a 320 by 240 image.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from collections.abc import Sequence as Many
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
 from minorloop_head.geometry import Mount, meet_wall
 from minorloop_head.procedures.meter import LIMITS
@@ -25,6 +25,7 @@ from minorloop_head.twins.surroundings import Sway
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.tracking import TRACKED, PatchTracker
 from papers.catheter import scoring
+from papers.harness import Results, mean, quantile
 
 WALLS: Mapping[str, str] = {
     "drawn": "usual texture",
@@ -59,39 +60,6 @@ _SPREAD = 120.0
 """Standard deviation in pixels of 640 of picked points about the middle."""
 
 
-@dataclass(frozen=True, eq=False)
-class Sequence:
-    """Pictures of a wall, what the head measured with them, and the truth."""
-
-    wall: str
-    """Its kind."""
-    images: np.ndarray
-    """Shape (T, height, width)."""
-    angles: FloatArray
-    """Shape (T, 2). Pan and tilt as the joints measured them."""
-    camera: CalibratedCamera
-    """As it is known."""
-    picked: FloatArray
-    """Shape (P, 2). Pixels of the first frame, the hole first."""
-    true: FloatArray
-    """Shape (T, P, 2). True pixels of what they show. For scoring only."""
-
-
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """One point of a sequence.
-
-    ``error`` (T,) in pixels of 320; whether it was ``tracked`` (T,), and whether the frame showed
-    its patch, ``shown`` (T,).
-    """
-
-    wall: str
-    hole: bool
-    error: FloatArray
-    tracked: BoolArray
-    shown: BoolArray
-
-
 def wall_of(kind: str, seed: int, hole: Bore) -> Pipe:
     """Return a pipe whose wall is of one of the ``WALLS``."""
     pipe = replace(Pipe.draw(seed), bores=(hole,))
@@ -99,34 +67,25 @@ def wall_of(kind: str, seed: int, hole: Bore) -> Pipe:
         dull = replace(pipe.finish, stain=0.02, streak=0.01, brush=0.01)
         pipe = replace(pipe, finish=dull, dents=(), scratches=(), dirt=())
     if kind == "repeated":
-        steps = range(-8, 9)
-        spots = [
-            Dirt(hole.phi + PITCH * i / pipe.radius, hole.z + PITCH * j, 0.35e-3, 0.5, 0.1e-3, 0.0)
-            for i in steps
-            for j in steps
+        places = [
+            (hole.phi + PITCH * i / pipe.radius, hole.z + PITCH * j)
+            for i, j in product(range(-8, 9), repeat=2)
             if (i, j) != (0, 0) and 0 < hole.z + PITCH * j < pipe.length
         ]
-        pipe = replace(pipe, dirt=tuple(spots))
+        spots = tuple(Dirt(*place, 0.35e-3, 0.5, 0.1e-3, 0.0) for place in places)
+        pipe = replace(pipe, dirt=spots)
     if kind == "polished":
-        bright = replace(
-            pipe.finish,
-            roughness_around=0.08,
-            roughness_along=0.05,
-            diffuse=0.3,
-            specular=0.6,
-        )
-        pipe = replace(pipe, finish=bright)
+        smooth = replace(pipe.finish, roughness_around=0.08, roughness_along=0.05)
+        pipe = replace(pipe, finish=replace(smooth, diffuse=0.3, specular=0.6))
     return pipe
 
 
-def draw_sequence(kind: str, seed: int) -> Sequence:
-    """Draw a wall, a motion of the head and the pictures by seed.
+def draw_sequence(kind: str, seed: int) -> Results:
+    """Draw one of the ``WALLS``, a motion of the head and the pictures by seed.
 
-    Parameters
-    ----------
-    kind : str
-        One of ``WALLS``.
-    seed : int
+    ``images`` (T, height, width) are the pictures and ``angles`` (T, 2) pan and tilt as the joints
+    measured them with these; ``camera`` is the known one; ``picked`` (P, 2) are pixels of the first
+    frame, the hole first, and ``true`` (T, P, 2) the true ones of what they show, for scoring only.
     """
     rng = np.random.default_rng([seed, 52, list(WALLS).index(kind)])
     away, way = math.radians(rng.uniform(*AWAY)), float(rng.uniform(0, 2 * np.pi))
@@ -161,11 +120,17 @@ def draw_sequence(kind: str, seed: int) -> Sequence:
         images.append(camera.frame().image)
     read = joints[:FRAMES] + JOINT_NOISE * rng.standard_normal((FRAMES, 2))
     seen = CalibratedCamera(camera.calibration, known, camera.leds)
-    return Sequence(kind, np.array(images), read, seen, picked, true)
+    return Results(
+        wall=kind, images=np.array(images), angles=read, camera=seen, picked=picked, true=true
+    )
 
 
-def follow(sequence: Sequence) -> list[Followed]:
-    """Follow the points of a sequence; one that the tracker refuses to pick is left out."""
+def follow(sequence: Results) -> list[Results]:
+    """Follow the points of a sequence; one that the tracker refuses to pick is left out.
+
+    Of each, ``error`` (T,) is in pixels of 320, ``tracked`` (T,) whether it was, and ``shown`` (T,)
+    whether the frame showed its patch.
+    """
     tracker = PatchTracker(sequence.camera)
     edge = np.array(sequence.images.shape[:0:-1]) - _BORDER
     found = []
@@ -181,39 +146,36 @@ def follow(sequence: Sequence) -> list[Followed]:
             tracked[n] = track.verdict == TRACKED
         true = sequence.true[1:, k]
         shown = np.asarray(((true > _BORDER) & (true < edge)).all(axis=-1))
-        found.append(Followed(sequence.wall, k == 0, error[1:], tracked[1:], shown))
+        about = {"wall": sequence.wall, "hole": k == 0, "shown": shown}
+        found.append(Results(error=error[1:], tracked=tracked[1:], **about))
     return found
 
 
-def run_tracking(seed: int) -> list[Followed]:
+def run_tracking(seed: int) -> list[Results]:
     """Follow the points of one sequence of each wall."""
     return [each for kind in WALLS for each in follow(draw_sequence(kind, seed))]
 
 
-def tracking_figures(followed: Many[Followed]) -> dict[str, Any]:
+def tracking_figures(followed: Sequence[Results]) -> dict[str, Any]:
     """Return the errors of holes, and those of plain wall while it counted as tracked."""
     holes = [each for each in followed if each.hole]
     walls = [each for each in followed if not each.hole]
+    errors, texture = (
+        np.concatenate([np.empty(0), *(each.error[each.tracked] for each in points)])
+        for points in (holes, walls)
+    )
+    lost, given_up = (
+        np.concatenate([np.empty(0), *(~each.tracked[each.shown] for each in points)])
+        for points in (holes, walls)
+    )
     return {
-        "true_error_px_p95": _quantile(holes, 0.95),
-        "lost_fraction": _lost(holes),
-        "texture_error_px_p99": _quantile(walls, 0.99),
-        "texture_lost_fraction": _lost(walls),
+        "true_error_px_p95": quantile(errors, 0.95),
+        "lost_fraction": mean(lost),
+        "texture_error_px_p99": quantile(texture, 0.99),
+        "texture_lost_fraction": mean(given_up),
         "texture_drifted": sum(bool((each.error[each.tracked] > GRADED).any()) for each in walls),
         "texture_points": len(walls),
     }
-
-
-def _quantile(points: Many[Followed], share: float) -> float:
-    errors = [each.error[each.tracked] for each in points]
-    together = np.concatenate(errors) if errors else np.empty(0)
-    return float(np.quantile(together, share, method="higher")) if together.size else math.nan
-
-
-def _lost(points: Many[Followed]) -> float:
-    shown = [~each.tracked[each.shown] for each in points]
-    together = np.concatenate(shown) if shown else np.empty(0)
-    return float(together.mean()) if together.size else math.nan
 
 
 def _expose(camera: Camera, aim: FloatArray, focus: float) -> None:

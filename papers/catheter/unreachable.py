@@ -40,16 +40,17 @@ _STILL_AIR = 75.0
 
 @dataclass(frozen=True)
 class ImpossibleTarget:
-    """A target, where the wire ends under full current, and what the guard said of it.
-
-    ``target`` and ``reach`` are in degrees, ``cause`` is the true one; ``alarm`` is the first.
-    """
+    """A target, where the wire ends under full current, and what the guard said of it."""
 
     cause: Reason
+    """The true one."""
     target: float
     reach: float
+    """In degrees."""
     alarm: Alarm | None
+    """The first of the axis."""
     others: int
+    """Alarms of the other axis."""
 
     @property
     def short(self) -> float:
@@ -58,13 +59,7 @@ class ImpossibleTarget:
 
 
 def run_study(seed: int) -> dict[str, Any]:
-    """Run the targets of one specimen.
-
-    Parameters
-    ----------
-    seed : int
-        Draws specimen, noise, surroundings and targets.
-    """
+    """Run the targets of one specimen; the seed draws noise, surroundings and targets too."""
     began = time.perf_counter()
     wires, coupling = identify_head(seed)
     control = head_control("observer", wires, coupling=coupling)
@@ -79,20 +74,11 @@ def run_study(seed: int) -> dict[str, Any]:
         reach = true_reach(seed, around)
         for off in (rng.uniform(*BEYOND), -rng.uniform(*WITHIN)):
             target = min(reach + float(off), top)
-            run = run_loop(
-                "observer",
-                control,
-                constant(target),
-                SECONDS,
-                specimen=seed,
-                seed=seed,
-                surroundings=around,
-            )
-            alarms = [alarm for alarm in run.alarms if alarm.axis == 0]
-            others = len(run.alarms) - len(alarms)
-            cases.append(
-                ImpossibleTarget(cause, target, reach, alarms[0] if alarms else None, others)
-            )
+            options: dict[str, Any] = {"specimen": seed, "seed": seed, "surroundings": around}
+            run = run_loop("observer", control, constant(target), SECONDS, **options)
+            own = [alarm for alarm in run.alarms if alarm.axis == 0]
+            first, others = own[0] if own else None, len(run.alarms) - len(own)
+            cases.append(ImpossibleTarget(cause, target, reach, first, others))
     return {"cases": tuple(cases), "seconds": time.perf_counter() - began}
 
 

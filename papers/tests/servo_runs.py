@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from papers.catheter.inspection_servo import ServoRun
-from papers.catheter.servo_integral import CASES, PRINTED, WITHOUT
+from papers.catheter.inspection_servo import CASES, PRINTED, WITHOUT, ServoRun
 
 
 def held_points(off=0.1, without=0.4, printed=90.0):
@@ -12,7 +11,7 @@ def held_points(off=0.1, without=0.4, printed=90.0):
     def run(distance):
         t = 0.04 * np.arange(1.0, 1001.0)
         place = np.stack([np.full(t.size, distance), np.zeros(t.size)], axis=1)
-        return ServoRun("x", t, np.full(t.size, distance), ("tracked",) * t.size, place=place)
+        return ServoRun(t, np.full(t.size, distance), ("tracked",) * t.size, place=place)
 
     each = {f"{case}{words}": d for case in CASES for words, d in (("", off), (WITHOUT, without))}
     return {name: run(distance) for name, distance in {**each, PRINTED: printed}.items()}

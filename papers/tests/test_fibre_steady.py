@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from papers.fibre_steady import fibre_at_rest, run_steady
+from papers.fibre import fibre_at_rest, run_steady
 
 
 def test_seven_voltages_are_predicted_and_targets_reached():

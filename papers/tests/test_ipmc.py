@@ -23,7 +23,7 @@ def test_one_specimen_keeps_every_bound(study):
 
 
 def test_the_cascade_follows_better_than_the_operator_alone(study):
-    errors = study.sweep.errors()
+    errors = study.sweep.figures()
     assert errors["rms_cascade"] < 0.5 * errors["rms_operator"]
     assert study.dynamics.model.dc_gain == pytest.approx(1, abs=1e-9)
     assert study.dynamics.model.stable

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from papers.page import filled, study_report, table_of
+from papers.harness import Study
+from papers.page import filled, table_of
 
 NAMES = ChainMap(
     {
@@ -68,7 +69,7 @@ def test_sections_are_repeated_or_left_out(tmp_path, monkeypatch):
     module.with_suffix(".md").write_text(TEMPLATE)
     monkeypatch.syspath_prepend(tmp_path)
     study, figures = SimpleNamespace(cracks=("x", "y")), {"a": "table"}
-    report = study_report("Title", "made_page", (), study, figures, [figures])
+    report = Study("made", "Title", print, page="made_page").report(study, figures, [figures])
     assert (report.title, report.summary) == ("Title", "On 1 simulated specimen.")
     sections = [(one["heading"], one["paragraphs"], one["table"]) for one in report.sections]
     assert sections == [

@@ -2,10 +2,9 @@ from papers.tracking import run_tracking, synthetic_figures
 
 
 def test_the_recursion_is_as_good_as_a_moving_batch_and_better_than_a_fixed_model():
-    result = run_tracking(0)
-    recursive = result.rms(result.recursive)
-    assert recursive <= 1.25 * result.rms(result.batch)
-    assert recursive < 0.6 * result.rms(result.fixed)
+    figures = run_tracking(0).figures()
+    assert figures["twin_over_batch"] <= 1.25
+    assert figures["twin_over_fixed"] < 0.6
 
 
 def test_synthetic_planes_are_followed():

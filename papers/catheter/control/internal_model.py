@@ -38,19 +38,25 @@ class InverseLoop(Loop):
 
 
 @dataclass(frozen=True, eq=False)
-class InternalModelState:
-    """State of the loop."""
+class InverseState:
+    """State of a loop around the inverse."""
 
     tracker: Tracker[Preisach]
     """Memory of the inverse operator; it is copied and never pushed."""
+    past: tuple[float, ...]
+    """Angles of a model, newest first, up to the age of a reading."""
+    applied: float
+    """Present current in A."""
+
+
+@dataclass(frozen=True, eq=False)
+class InternalModelState(InverseState):
+    """State of the loop."""
+
     filter: float
     """State of the controller C(s), in degrees."""
     lag: float
     """Angle of the model H(s) before its delay."""
-    past: tuple[float, ...]
-    """Angles of the model, newest first, up to the age of a reading."""
-    applied: float
-    """Present current in A."""
     missing: float
     """Last difference between plant and model, in degrees."""
 
@@ -82,7 +88,7 @@ class InternalModel(InverseLoop):
         tracker = self.wire.found(current**2, measurement).tracker.copy()
         angle = tracker.push(current**2)
         return InternalModelState(
-            tracker, angle, angle, (angle,) * self.delay, current, measurement - angle
+            tracker, (angle,) * self.delay, current, angle, angle, measurement - angle
         )
 
     def step(

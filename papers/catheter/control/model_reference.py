@@ -12,9 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from minorloop.operators.preisach import Preisach
-from minorloop.operators.tracker import Tracker
-from papers.catheter.control.internal_model import InverseLoop
+from papers.catheter.control.internal_model import InverseLoop, InverseState
 
 _NOISE = 0.1
 """Degrees of difference from the reference model that adapt nothing: twice the noise of a
@@ -25,21 +23,15 @@ gain change by less than twofold in surroundings in which it still moves."""
 
 
 @dataclass(frozen=True, eq=False)
-class ModelReferenceState:
+class ModelReferenceState(InverseState):
     """State of the loop."""
 
-    tracker: Tracker[Preisach]
-    """Memory of the inverse operator; it is copied and never pushed."""
     weights: tuple[float, float, float]
     """Of the target, of the reading, and a constant in degrees."""
     seen: float
     """Last reading in degrees."""
     model: float
     """Angle of the reference model before the delay."""
-    past: tuple[float, ...]
-    """Angles of the reference model, newest first, up to the age of a reading."""
-    applied: float
-    """Present current in A."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,9 +69,8 @@ class ModelReference(InverseLoop):
         angle = tracker.push(current**2)
         ratio = self._ratio
         weights = (ratio, 1.0 - ratio, angle - measurement)
-        return ModelReferenceState(
-            tracker, weights, measurement, measurement, (measurement,) * self.delay, current
-        )
+        past = (measurement,) * self.delay
+        return ModelReferenceState(tracker, past, current, weights, measurement, measurement)
 
     def step(
         self, state: ModelReferenceState, reference: float, measurement: float
@@ -97,9 +88,8 @@ class ModelReference(InverseLoop):
             weights = self._adapted(state.weights, followed, seen, seen - models[-1])
         v = weights[0] * reference + weights[1] * seen + weights[2]
         current = self.inverse(tracker, v)
-        return current, ModelReferenceState(
-            tracker, weights, seen, model, models[: self.delay], current
-        )
+        past = models[: self.delay]
+        return current, ModelReferenceState(tracker, past, current, weights, seen, model)
 
     @property
     def _ratio(self) -> float:

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from papers.catheter import camera_rivals, head
+from papers.catheter import head, head_camera
 from papers.catheter.control.laws import LAWS
 from papers.catheter.head_loop import constant, run_loop
 from papers.claims import claim_table
@@ -29,14 +29,14 @@ def by_sensors(monkeypatch):
         return SimpleNamespace(wires=wires, coupling=coupling, view=None)
 
     circled = lambda seed, control, circle, camera: SimpleNamespace(rms=circle.period)  # noqa: E731
-    monkeypatch.setattr(camera_rivals, "identify_seen", identified)
-    monkeypatch.setattr(camera_rivals, "run_step", short)
-    monkeypatch.setattr(camera_rivals, "run_circle", circled)
+    monkeypatch.setattr(head_camera, "identify_seen", identified)
+    monkeypatch.setattr(head_camera, "run_step", short)
+    monkeypatch.setattr(head_camera, "run_circle", circled)
     return ran
 
 
 def test_all_controllers_with_readings_have_the_same_runs(by_sensors):
-    found = camera_rivals.run_study(SEED)
+    found = head_camera.run_study(SEED)
     assert set(found["rivals"]) == set(LAWS) - {"feedforward"}
     of = [
         {(target, around) for law, target, around in by_sensors if law == each}
@@ -47,5 +47,5 @@ def test_all_controllers_with_readings_have_the_same_runs(by_sensors):
     own = [each["energy_A2s"] for each in found["rivals"].values()]
     assert 0.0 < min(own) < max(own)
     assert {each["circle_rms_mm"] for each in found["rivals"].values()} == {30.0}
-    table = claim_table(camera_rivals.STUDY.claims, found)
-    assert len(table.rows) == len(camera_rivals.STUDY.claims)
+    table = claim_table(head_camera.STUDY.claims, found)
+    assert len(table.rows) == len(head_camera.STUDY.claims)

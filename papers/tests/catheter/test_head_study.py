@@ -1,4 +1,5 @@
 import re
+from copy import deepcopy
 from functools import cache
 from types import SimpleNamespace
 
@@ -14,14 +15,13 @@ from papers.catheter import (
     head_camera,
     head_report,
     head_static,
-    servo_integral,
-    sight_trials,
-    touch_trials,
+    inspection_servo,
+    sight,
     tracking_trials,
 )
 from papers.catheter.head_loop import circle, constant, ramps, run_loop, stairs
+from papers.catheter.inspection_servo import IntegralStudy
 from papers.catheter.picture_sensor import PictureSensor
-from papers.catheter.servo_integral import IntegralStudy
 from papers.claims import claim_table
 from servo_runs import held_points
 
@@ -50,8 +50,8 @@ def study():
         walls = {name: tracking_trials.WALLS[name] for name in ("drawn", "repeated")}
         patch.setattr(tracking_trials, "WALLS", walls)
         patch.setattr(tracking_trials, "FRAMES", 16)
-        patch.setattr(touch_trials, "TOUCHES", 1)
-        patch.setattr(sight_trials, "ATTITUDE_SECONDS", 3.0)
+        patch.setattr(sight, "TOUCHES", 1)
+        patch.setattr(sight, "ATTITUDE_SECONDS", 3.0)
         by_camera = {
             "LAWS": ("observer", "internal_model"), "STEPS": (20.0,), "STEP_SECONDS": 10.0,
             "WAIT": 4.0, "identify_seen": seen_wires,
@@ -59,7 +59,7 @@ def study():
         }  # fmt: skip
         for name, value in by_camera.items():
             patch.setattr(head_camera, name, value)
-        patch.setattr(servo_integral, "run_study", lambda seed: IntegralStudy(held_points()))
+        patch.setattr(inspection_servo, "run_integral", lambda seed: IntegralStudy(held_points()))
         yield head.run_study(1)
 
 
@@ -112,8 +112,7 @@ def test_an_alarm_is_false_only_where_the_target_is_within_the_true_reach():
         ("aged", "observer"): SimpleNamespace(wanted=np.array([[20.0, 0.0]]), alarms=(alarm,)),
     }
     reach = {what: 30.0, "convection 90, step 40": 37.6, "convection 65, step 40": 42.0, "aged": 39}
-    study = SimpleNamespace(runs=runs, reach=reach)
-    found = head.HeadStudy._unreachable(study)
+    found = head.unreachable_figures(runs, reach)
     assert (found["cases"], found["false_alarms"]) == (1, 2)
     assert found["after_s"] == 9.0
 
@@ -155,7 +154,7 @@ def test_times_of_the_machine_are_figures_without_a_claim(figures):
 @pytest.mark.whole
 def test_medians_add_up_what_must_never_happen(study):
     one = study.figures()
-    other = study.figures()
+    other = deepcopy(study.figures())
     other["limits"]["violations"] = 3
     other["unreachable"]["detected"] = False
     found = head.gather([one, other])

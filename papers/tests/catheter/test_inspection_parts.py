@@ -42,7 +42,6 @@ from papers.catheter import (
     mission_cracks,
     mission_scene,
     scan_trials,
-    scans,
     scoring,
 )
 from papers.catheter import mission as missions
@@ -55,13 +54,11 @@ from papers.catheter.detection import (
     score_scene,
     wilson,
 )
-from papers.catheter.detection_report import limits
+from papers.catheter.inspection_report import missed_holes, picked_off, save_mission
 from papers.catheter.inspection_servo import ServoRun
-from papers.catheter.mission import run_mission
+from papers.catheter.mission import gather, mission_figures, run_mission
 from papers.catheter.mission_cracks import SeenCrack
-from papers.catheter.mission_report import place_words, save_mission
 from papers.catheter.mission_scene import draw_mission
-from papers.catheter.missions import gather, mission_figures
 from papers.catheter.pipe_map import pipe_map
 from papers.catheter.sweep_trials import ScoredSweep
 from papers.claims import claim_table, figure
@@ -135,8 +132,7 @@ def test_the_report_says_why_a_picked_place_is_not_that_of_the_finding(mission):
     pit = mission.finding
     off = 1e3 * wall_distance(mission.picked, (pit.phi, pit.z), 10e-3)
     assert 0.0 < off < 0.3
-    assert f"is {off:.2f} mm from this one" in place_words(mission)
-    assert place_words(replace(mission, pit=None)) == ""
+    assert picked_off(mission) == pytest.approx(off)
     (pick, *_) = [step.outcome for step in mission.log if step.what == "pick"]
     phi, z = np.degrees(mission.picked[0]), 1e3 * mission.picked[1]
     assert pick.startswith(f"phi {phi:.1f} deg, z {z:.2f} mm")
@@ -289,11 +285,10 @@ def test_less_evidence_finds_more_holes():
     false, recall = recall_curve(outcomes)
     np.testing.assert_allclose(false, [0.25, 0.25, 0.5, 0.75])
     np.testing.assert_allclose(recall, [0.0, 0.5, 0.5, 0.5])
-    assert "Missed were 1 of 2 holes" in limits(outcomes)
-    perfect = [SceneOutcome("switched", True, True, 0.0, 0.0, 0, evidence=2.0)]
-    assert limits(perfect) == (
-        "None of 1 holes was missed. There were 0 false findings in 1 acquisitions."
-    )
+    counts = missed_holes(outcomes)
+    assert [counts[key] for key in ("missed", "holes", "dark", "unseen", "false", "of")] == [
+        1, 2, 0, 1, 0, 4
+    ]  # fmt: skip
 
 
 def test_recall_and_false_findings_are_shares():
@@ -506,7 +501,7 @@ def test_settling_and_losses_of_a_run():
     off = np.array([9.0, 5.0, 1.0, 3.0, 1.0, 1.0])
     verdicts = ("tracked", "lost", "lost", "tracked", "tracked", "tracked")
     place = np.array([[9.0, 0.0]] * 4 + [[1.0, 0.0], [0.0, 1.0]])
-    run = ServoRun("x", 0.04 * np.arange(1.0, 7.0), off, verdicts, place=place)
+    run = ServoRun(0.04 * np.arange(1.0, 7.0), off, verdicts, place=place)
     assert run.offset(0.17) == pytest.approx(np.sqrt(0.5))
     assert run.settle == pytest.approx(0.16)
     assert run.lost == pytest.approx(1 / 3)
@@ -537,7 +532,7 @@ def test_everything_is_gathered_and_reported(mission):
     kinds = dict.fromkeys(
         ("pit", "gyroscope", "joints", "unfocused", "dished", "dented", "hole", "fused"), (scored,)
     ) | {"dry": (dry,)}
-    run = ServoRun("x", np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2)
+    run = ServoRun(np.array([18.0, 19.0]), np.ones(2), ("tracked",) * 2)
     outcomes = [
         SceneOutcome(mode, hole, hole, 1e-5, 0.0, 0)
         for mode in ("switched", "single", "dither", "flooded", "sizes")
@@ -553,20 +548,21 @@ def test_everything_is_gathered_and_reported(mission):
         "sway": {"ratio": 0.5, "stabilised_ratio": 0.1},
         "tracking": {"lost_fraction": 0.0, "reacquire_s": 0.0},
     }
-    study = inspection.InspectionStudy(
-        1, servo, dict.fromkeys(RUNS, run),
-        tuple(outcomes), tuple(cracks), np.full(48, 0.3), kinds, mission,
-        swept(), flooded.reach_figures(1), 1.0,
-    )  # fmt: skip
+    parts = {
+        "servo": servo, "runs": dict.fromkeys(RUNS, run), "outcomes": tuple(outcomes),
+        "cracks": tuple(cracks), "edges": np.full(48, 0.3), "scored": kinds, "mission": mission,
+        "sweep": swept(), "reach": flooded.reach_figures(1),
+    }  # fmt: skip
+    study = inspection.results(1, parts, 1.0)
     runs = [study.figures()] * 2
     found = inspection.gather(runs)
     assert len(claim_table(inspection_report.STUDY.claims, found).rows) == len(
         inspection_report.STUDY.claims
     )
     assert found["modality"]["wrong"] == 0
-    alone = scans.gather([{"scored": kinds}] * 2)
+    alone = scan_trials.gather([{"scored": kinds}] * 2)
     assert all(found[name] == alone[name] for name in ("depth", "fusion", "modality"))
-    assert all(figure(alone, claim.key) is not None for claim in scans.STUDY.claims)
+    assert all(figure(alone, claim.key) is not None for claim in scan_trials.STUDY.claims)
     assert found["cracks"]["recall_100um"] == found["cracks"]["recall_50um"] == 1.0
     assert figure(found, "mission.measured") == figure(found, "mission.cracks_found") == 1.0
     assert figure(found, "mission.false_cracks") == 0
@@ -582,13 +578,14 @@ def test_everything_is_gathered_and_reported(mission):
 
 
 def test_a_specimen_has_the_results_of_all_parts_and_says_which_is_done(monkeypatch):
-    rest = ("outcomes", "cracks", "edges", "scored", "mission", "sweep", "reach")
-    told = []
+    rest = ("outcomes", "cracks", "edges", "scored", "sweep", "reach")
+    told, drive = [], SimpleNamespace(figures=dict)
     monkeypatch.setattr(inspection, "parent_process", object)  # as in a process of its own
-    parts = [lambda *_: {"servo": 7, "runs": {}}, lambda *given: dict.fromkeys(rest, given)]
+    servo = {"servo": {"settle_s": 7}, "runs": {}, "mission": drive}
+    parts = [lambda *_: servo, lambda *given: dict.fromkeys(rest, given)]
     monkeypatch.setattr(inspection, "_SHARES", list(zip(("servo", "rest"), parts, strict=True)))
     study = inspection.run_study(7, scenes=2, scans=3, told=told.append)
     assert told == ["servo: 0 s", "rest: 0 s"]
-    assert study.servo == 7
+    assert study.figures()["settle_s"] == 7
     assert {getattr(study, name) for name in rest} == {(7, 2, 3)}
     assert study.seconds >= 0.0

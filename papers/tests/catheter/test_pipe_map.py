@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import SignalError
 from minorloop_head.reconstruction.depth_map import (
     BOTH,
     CAMERA,
@@ -15,7 +14,7 @@ from minorloop_head.reconstruction.depth_map import (
     unseen_map,
 )
 from minorloop_head.ultrasound.c_scan import CScan
-from papers.catheter.pipe_map import blend, pipe_map
+from papers.catheter.pipe_map import blend, echo_map, pipe_map
 
 PATCH = Patch(-0.05, 20e-3, 2, 11)  # phi from -0.05 to 0.05 in steps of 0.01
 
@@ -98,6 +97,10 @@ def test_a_hole_stays_a_hole():
     assert np.isposinf(both.depth).all()
 
 
-def test_maps_of_different_patches_are_not_blended():
-    with pytest.raises(SignalError, match="different patches"):
-        blend(unseen_map(SMALL), unseen_map(PATCH))
+def test_the_sonar_fills_what_its_footprints_reach():
+    wall = echo_map(SMALL, [(0.3, 20e-3), (0.3, 25e-3)], [0.2e-3, 9.0], [1e-6, np.nan])
+    middle = SMALL.rows // 2
+    assert wall.depth[middle, middle] == pytest.approx(0.2e-3)
+    assert wall.source[middle, middle] == ECHOES
+    assert wall.source[0, 0] == UNSEEN
+    assert np.isnan(wall.depth[0, 0])

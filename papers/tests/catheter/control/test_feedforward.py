@@ -1,7 +1,7 @@
 import math
 
 from minorloop_head.twins.wire import Wire
-from papers.catheter.control.feedforward import Feedforward
+from papers.catheter.control.laws import Feedforward
 from wires import angle, identified, made_up
 
 

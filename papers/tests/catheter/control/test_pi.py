@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from papers.catheter.control.pi import FeedforwardPI, ProportionalIntegral
+from papers.catheter.control.laws import FeedforwardPI, ProportionalIntegral
 from wires import made_up
 
 
