@@ -21,6 +21,7 @@ from benchmarks._plants import Case, a_case
 from benchmarks._timing import Row
 from minorloop import identify
 from minorloop.errors import MinorloopError
+from minorloop.identification import Plane
 
 WRONG, MOST_SILENT, MOST_FALSE = 0.05, 0.01, 0.03
 SOUND = "sound"
@@ -63,7 +64,7 @@ def judged(kind: str, seed: int) -> Verdict:
     u, y = (case.u, case.y) if kind == SOUND else KINDS[kind].damage(case, rng)
     plant = f"{case.kind}, {case.shape}"
     try:
-        result = identify(u, y, levels=case.levels, holdout=case.holdout)
+        result = identify(u, y, Plane(case.levels), holdout=case.holdout)
     except MinorloopError as error:  # refused, which says more than a warning
         return Verdict(kind, seed, plant, np.inf, (str(error),), (str(error),))
     residual = result.model.simulate(case.unseen) - case.truth

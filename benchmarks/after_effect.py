@@ -15,7 +15,8 @@ import numpy as np
 
 from benchmarks._timing import Row
 from minorloop.arrays import FloatArray
-from minorloop.identification import identify_after_effect
+from minorloop.identification import Viscosity, identify
+from minorloop.lab.records import Record
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 from papers.harness import medians
@@ -131,10 +132,9 @@ def _rock() -> list[Row]:
     span = float(np.ptp(y[np.isfinite(y)]))
     levels = 65.5 * np.sinh(2.5 * np.linspace(-1, 1, 41)) / np.sinh(2.5)
     began = time.perf_counter()
-    found = identify_after_effect(
-        t, u, y, creep="thermal", rate=False, levels=levels, curves=label,
-        start_of_curve="positive", skip=SKIP, groups=label // 1000,
-    )  # fmt: skip
+    runs = label // 1000
+    record = Record(u, y, t, curves=label, groups=runs, start_of_curve="positive", skip=SKIP)
+    found = identify(record, Viscosity(levels, creep="thermal", rate=False))
     took = time.perf_counter() - began
     t, u, y, label = read_runs((PREDICTED,))
     bands = found.predict(t, u, bands=0.9, curves=label)

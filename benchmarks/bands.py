@@ -18,6 +18,7 @@ from benchmarks._plants import Array, Plant, bouc_wen, magnet
 from benchmarks._timing import Row
 from minorloop import Preisach, connect, excitation, identify
 from minorloop.arrays import uniform_levels
+from minorloop.lab.records import Record
 from minorloop.positioning import ExperimentProtocol, run_positioning
 from minorloop.twins.ipmc_laser import NOISE
 
@@ -260,7 +261,7 @@ def _wires(specimens: range) -> list[Row]:
     for specimen in specimens:
         rng = np.random.default_rng([specimen, 1645])
         y = _angles(specimen, u, 0)
-        fit = identify(u, y, curves=labels, start_of_curve="as-left")
+        fit = identify(Record(u, y, curves=labels, start_of_curve="as-left"))
         others = excitation.decaying_staircase(levels), np.append(0.0, rng.uniform(0, HIGHEST, 40))
         for inputs, found in zip(others, shares.values(), strict=True):
             readings = _angles(specimen, inputs, 1)

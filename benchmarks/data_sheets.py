@@ -11,6 +11,7 @@ import minorloop as ml
 from benchmarks._plants import Array
 from benchmarks._timing import Row, seconds
 from minorloop.identification.bands import PER_DEVIATION
+from minorloop.identification.pipeline import Options
 from minorloop.lab.columns import read_columns
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -112,7 +113,9 @@ def _fit(u: Array, y: Array, mean: str) -> ml.Identification:
         "slope": False,
         "lag": 0,
     }
-    return ml.identify(u, y, prior="gaussian", mean=mean, start="positive", **options)
+    return Options.of({"prior": "gaussian", "mean": mean, "start": "positive", **options}).identify(
+        ml.Record(u, y)
+    )
 
 
 def of_loops(file: str) -> Material:

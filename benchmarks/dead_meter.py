@@ -52,7 +52,7 @@ class _Metered:
         if len(self._levels) > self._dies:
             y = np.full(y.size, self._reading)
         self._reading = float(y[-1])
-        return Record(record.t, record.u, y, record.inputs, record.outputs)
+        return Record(record.u, y, record.t, record.inputs, record.outputs)
 
     def exchange(self, u: float) -> float:
         return float(self.apply(u, self.tick, self.tick).y[-1])

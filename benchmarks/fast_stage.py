@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks._timing import Row
 from minorloop.arrays import FloatArray
-from minorloop.identification.dynamics import identify_dynamics
+from minorloop.identification import Dynamics, Plane, identify
+from minorloop.lab.records import Record
 
 RATE, STEPS = 5000.0, 4
 """Samples per second, and steps of the simulation for each."""
@@ -97,7 +98,7 @@ def measure(seed: int) -> tuple[float, dict[int, float], float]:
     stage, u = Stage(seed), record()
     y = stage.positions(u, NOISE)
     began = time.perf_counter()
-    found = identify_dynamics(times(u), u, y, levels="auto", diagonal="auto", slope="auto")
+    found = identify(Record(u, y, times(u)), Dynamics(Plane("auto", diagonal="auto", slope="auto")))
     seconds = time.perf_counter() - began
     errors = {}
     for frequency in REQUIRED:

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks._timing import Row
-from minorloop import Preisach, identify
+from minorloop import Preisach
+from minorloop.identification.pipeline import Options
+from minorloop.lab.records import Record
 
 Array = np.ndarray
 Shape = Callable[[np.random.Generator, int], Array]
@@ -104,7 +106,7 @@ def measured(bands: int, samples: int, seeds: range, name: str) -> Row:
         for seed in seeds:
             model, u, y = a_record(shape, bands, samples, seed)
             began = time.process_time()
-            fit = identify(u, y, levels=model.levels, **options)
+            fit = Options.of({"levels": model.levels, **options}).identify(Record(u, y))
             found.append((time.process_time() - began, shape.__name__, seed, fit.kkt))
     times = [one[0] for one in found]
     worst, shape, seed, _ = max(found)
@@ -125,7 +127,7 @@ def found_rows(seeds: range, sizes: list[tuple[int, int]]) -> Iterator[Row]:
     for name, options in OPTIONS.items():
         for shape in SHAPES:
             model, u, y = a_record(shape, 40, 900, 0)
-            identify(u, y, levels=model.levels, **options)
+            Options.of({"levels": model.levels, **options}).identify(Record(u, y))
         for bands, samples in sizes:
             yield measured(bands, samples, seeds, name)
 

@@ -16,7 +16,10 @@ import numpy.typing as npt
 from benchmarks._timing import FIXED, Row
 from minorloop import excitation, identify
 from minorloop.arrays import FloatArray, uniform_levels
+from minorloop.identification import Plane
+from minorloop.identification.pipeline import Options
 from minorloop.lab.columns import read_columns
+from minorloop.lab.records import Record
 from minorloop.twins.fibre import Fibre
 from minorloop.twins.ipmc import Ipmc
 
@@ -79,7 +82,9 @@ def _inside(u: FloatArray, y: FloatArray, labels: Labels) -> float:
     names, within = np.unique(labels), []
     for k in range(FOLDS):
         out = np.isin(labels, names[k::FOLDS])
-        found = identify(u[~out], y[~out], curves=labels[~out], **OPTIONS, **FIXED)
+        found = Options.of({**OPTIONS, **FIXED}).identify(
+            Record(u[~out], y[~out], curves=labels[~out])
+        )
         band = found.predict(u[out], bands=0.9, curves=labels[out])
         within.append((y[out] >= band.lower) & (y[out] <= band.upper))
     return float(np.concatenate(within).mean())
@@ -102,7 +107,7 @@ def _of_specimens(
 
     y = np.concatenate([measured(specimen, stairs) for specimen in seen])
     labels = np.repeat(np.arange(groups), stairs.size)
-    found = identify(np.tile(stairs, groups), y, levels=levels, curves=labels, **FIXED)
+    found = identify(Record(np.tile(stairs, groups), y, curves=labels), Plane(levels, **FIXED))
     inputs = np.concatenate([[low, high], chance.uniform(low, high, 30)])
     band = found.predict(inputs, bands=0.9)
     inside = []

@@ -10,6 +10,7 @@ from scipy.optimize import nnls
 from benchmarks._timing import FIXED, Row, best, dearer, faster, in_child, within
 from benchmarks.one_fit import a_record
 from minorloop import identify
+from minorloop.identification import Plane, Smooth
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 
 HARDEST = ((100, 100_000, "0"), (200, 20_000, "0"), (200, 20_000, "auto"))
@@ -37,7 +38,7 @@ def _against_nnls(kind: str, bands: int, samples: int) -> Row:
     dense = np.column_stack([plain, -plain[:, -1]])  # the offset may have either sign
     fits, norms = [], []
     ours, theirs = best(
-        lambda: fits.append(identify(u, y, levels=model.levels, smoothness=0.0, **FIXED)),
+        lambda: fits.append(identify(u, y, Plane(model.levels, **FIXED), prior=Smooth(0.0))),
         lambda: norms.append(nnls(dense, y)[1]),
         rounds=7,
     )

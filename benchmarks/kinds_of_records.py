@@ -17,6 +17,7 @@ from benchmarks import real_records
 from benchmarks._plants import Array
 from benchmarks._timing import FIXED, Row, best, seconds
 from minorloop import Preisach, excitation, identify
+from minorloop.identification import Plane, Smooth
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.lab.columns import read_columns
 
@@ -65,7 +66,7 @@ def _compared(name: str, u: Array, y: Array) -> list[Row]:
     fits, norms, squares = [], [], []
 
     def ours() -> None:
-        fits.append(identify(u, y, levels=levels, smoothness=0.0, **FIXED))
+        fits.append(identify(u, y, Plane(levels, **FIXED), prior=Smooth(0.0)))
 
     matrix = DesignMatrix(PlaneSpec(levels), u, np.ones(u.size, dtype=bool), "negative").dense()
     dense, wanted = np.column_stack([matrix, -matrix[:, -1]]), y - y.mean()
@@ -104,7 +105,7 @@ def _growth(
         model, u, y = record(size)
 
         def fit(model: Preisach = model, u: Array = u, y: Array = y) -> object:
-            return identify(u, y, levels=model.levels, smoothness=0.0, **FIXED)
+            return identify(u, y, Plane(model.levels, **FIXED), prior=Smooth(0.0))
 
         times.append(min(seconds(fit) for _ in range(2)))
     power = np.polyfit(np.log(sizes), np.log(times), 1)[0]

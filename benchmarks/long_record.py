@@ -10,7 +10,9 @@ import numpy as np
 
 from benchmarks._plants import Array
 from benchmarks.one_fit import peak_gigabytes
-from minorloop import Preisach, identify
+from minorloop import Preisach
+from minorloop.identification.pipeline import Options
+from minorloop.lab.records import Record
 
 AUTO = dict.fromkeys(("diagonal", "slope", "lag"), "auto")
 
@@ -32,10 +34,12 @@ def main() -> None:
     """``python -m benchmarks.long_record SAMPLES LEVELS``, as many levels or auto."""
     samples, levels = int(sys.argv[1]), sys.argv[2]
     options = {**AUTO, "levels": levels if levels == "auto" else int(levels)}
-    str(identify(*a_record(50_000), holdout=0.3, **options))  # loads the kernels
+    str(
+        Options.of({"holdout": 0.3, **options}).identify(Record(*a_record(50_000)))
+    )  # loads the kernels
     u, y = a_record(samples)
     began = time.perf_counter()
-    found = identify(u, y, holdout=0.3, **options)
+    found = Options.of({"holdout": 0.3, **options}).identify(Record(u, y))
     str(found)
     seconds = time.perf_counter() - began
     figures = {"seconds": seconds, "peak_gb": peak_gigabytes(), "error": found.holdout_nrmse}

@@ -47,7 +47,7 @@ class _FastMeter:
         t = self._clock + sample_interval * np.arange(1, round(duration / sample_interval) + 1)
         self._clock += duration
         y = 2.0 * u + u**3 + 0.001 * self._chance.normal(size=t.size)
-        return Record(t, np.full(t.size, u), y, "voltage [V]", "tip [mm]")
+        return Record(np.full(t.size, u), y, t, "voltage [V]", "tip [mm]")
 
     def exchange(self, u: float) -> float:
         return float(self.apply(u, self.tick, self.tick).y[-1])

@@ -12,6 +12,9 @@ import numpy as np
 
 from benchmarks._timing import FIXED, seconds
 from minorloop import Preisach, identify
+from minorloop.identification import Plane, Smooth
+from minorloop.identification.pipeline import Options
+from minorloop.lab.records import Record
 
 NOISE = 0.005
 
@@ -45,10 +48,12 @@ def main(bands: int, samples: int, smoothness: str) -> None:
     model, u, y = a_record(bands, samples)
     small, small_u, small_y = a_record(5, 100)
     strength = smoothness if smoothness == "auto" else float(smoothness)
-    identify(small_u, small_y, levels=small.levels, smoothness=strength, **FIXED)  # compile first
+    identify(
+        small_u, small_y, Plane(small.levels, **FIXED), prior=Smooth(strength)
+    )  # compile first
     fits = []
     options = {"levels": model.levels, "smoothness": strength, **FIXED}
-    elapsed = seconds(lambda: fits.append(identify(u, y, **options)))
+    elapsed = seconds(lambda: fits.append(Options.of(options).identify(Record(u, y))))
     figures = {"seconds": elapsed, "kkt": fits[0].kkt, "peak_gb": peak_gigabytes()}
     print(json.dumps(figures))
 

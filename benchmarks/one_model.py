@@ -24,6 +24,7 @@ from benchmarks._timing import Row
 from benchmarks.real_records import DATA
 from minorloop.cli import main as command_line
 from minorloop.fleet import identify_fleet, read_manifest
+from minorloop.identification.pipeline import Options
 from minorloop.modelfile import ModelFile, read
 from minorloop.page.lab_work import identify_file, look
 
@@ -175,8 +176,8 @@ def by_command(table: Table, folder: Path) -> tuple[ModelFile, float | None]:
 def by_python(table: Table, folder: Path) -> tuple[ModelFile, float | None]:
     path = folder / "python.json"
     record = ml.read(table.file, **table.columns)  # type: ignore[arg-type]
-    found = ml.identify(record, holdout=HOLDOUT, **table.options)
-    ml.save(found, path, input=record.record.input, output=record.record.output, force=True)
+    found = Options.of({"holdout": HOLDOUT, **table.options}).identify(record)
+    ml.save(found, path, input=record.input, output=record.output, force=True)
     return _read(path)
 
 

@@ -13,8 +13,10 @@ from benchmarks.one_fit import a_record
 from benchmarks.real_records import LEAST, MOST, NOT_WORSE
 from benchmarks.real_records import a_record as like_real
 from minorloop import Preisach, excitation, identify
-from minorloop.identification import Identification
+from minorloop.identification import Gaussian, Identification, Plane, Smooth
 from minorloop.identification.design import next_input
+from minorloop.identification.pipeline import Options
+from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory
 
 PLANES = ("smooth", "two populations", "uniform", "exponential squared", "few relays")
@@ -66,8 +68,8 @@ def _planes(kind: str, seeds: int, sizes: tuple[tuple[int, int], ...]) -> Row:
             y = plant.simulate(u) + spread * rng.normal(size=u.size)
             truth, fits = plant.simulate(others), []
             options = {"levels": plant.levels, **FIXED}
-            took += seconds(lambda: fits.append(identify(u, y, **options)))  # noqa: B023
-            fits.append(identify(u, y, levels=plant.levels, smoothness=0.0, **FIXED))
+            took += seconds(lambda: fits.append(Options.of(options).identify(Record(u, y))))  # noqa: B023
+            fits.append(identify(u, y, Plane(plant.levels, **FIXED), prior=Smooth(0.0)))
             ours, plain = (np.sqrt(np.mean((fit.predict(others) - truth) ** 2)) for fit in fits)
             ratios.append(ours / plain)
             readings = truth + spread * rng.normal(size=truth.size)
@@ -95,7 +97,7 @@ def _last_third(seeds: int) -> Row:
         y += 1e-3 * np.ptp(y) * rng.normal(size=y.size)
         fits: list[Identification] = []
         options = {"levels": 25, "holdout": 1 / 3, **FIXED}
-        took += seconds(lambda: fits.append(identify(u, y, **options)))  # noqa: B023
+        took += seconds(lambda: fits.append(Options.of(options).identify(Record(u, y))))  # noqa: B023
         off = np.abs(fits[0].predict(u) - y)
         half = fits[0].predict(u, bands=0.9).half_width
         inside.append(np.mean((off <= half)[fits[0].held_out]))
@@ -124,9 +126,9 @@ def _few() -> list[Row]:
     y = model.simulate(stairs) + noise * np.random.default_rng(1).normal(size=stairs.size)
 
     def fit() -> object:
-        return identify(stairs, y, levels=model.levels, prior="gaussian", noise=noise, **FIXED)
+        return identify(Record(stairs, y, sd=noise), Plane(model.levels, **FIXED), prior=Gaussian())
 
-    found = identify(stairs, y, levels=model.levels, prior="gaussian", noise=noise, **FIXED)
+    found = identify(Record(stairs, y, sd=noise), Plane(model.levels, **FIXED), prior=Gaussian())
     memory = Memory.after(stairs, low=-1.0, high=1.0)
     choice, refit = best(lambda: next_input(found, memory), fit, rounds=3)
     return [
@@ -139,8 +141,8 @@ def _many(bands: int, samples: int) -> Row:
     model, u, y = a_record(bands, samples)
     fits = []
     ours, theirs = best(
-        lambda: fits.append(identify(u, y, levels=model.levels, prior="gaussian", **FIXED)),
-        lambda: identify(u, y, levels=model.levels, prior="none", **FIXED),
+        lambda: fits.append(identify(u, y, Plane(model.levels, **FIXED), prior=Gaussian())),
+        lambda: identify(u, y, Plane(model.levels, **FIXED), prior=Smooth()),
         rounds=2,
     )
     what = f"identify with the prior, L = {bands}, N = {samples:,}"

@@ -84,7 +84,7 @@ def score(specimen: int, hold: float, noise: float) -> Scored:
     distance = 1e3 * displacement_from_curvature(log.y, D0 / 1e3, H0 / 1e3)
     distance = distance + noise * H0**2 / 2e3 * chance.normal(size=distance.size)
     u = log.u + INPUT_NOISE * chance.normal(size=log.u.size)
-    raw = Record(log.t, u, distance, "voltage [V]", "distance [mm]")
+    raw = Record(u, distance, log.t, "voltage [V]", "distance [mm]")
     began = time.perf_counter()
     reduction = reduce(raw, conversion=LaserCurvature(D0, H0))
     seconds = time.perf_counter() - began

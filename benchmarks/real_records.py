@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -19,8 +20,12 @@ from benchmarks._plants import Array
 from benchmarks._timing import FIXED, Row, best, in_child, seconds, within
 from benchmarks.one_fit import peak_gigabytes
 from minorloop import Preisach, identify
+from minorloop.identification import Gaussian, Identification, Plane, Smooth
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.pipeline import Options
+from minorloop.identification.regularisation import prior_of
+from minorloop.lab.records import Record
 
 NOISE = 1e-3
 PROGRAMME = "clarabel"
@@ -146,7 +151,7 @@ def _compared(bands: int, samples: int, most: float, times: float) -> Row:
     """A fit within so many seconds, and so many times those of the sparse programme."""
     model, u, y = a_record(bands, samples)
     fits, squares = [], []
-    ours = [lambda: fits.append(identify(u, y, levels=model.levels, smoothness=0.0, **FIXED))]
+    ours = [lambda: fits.append(identify(u, y, Plane(model.levels, **FIXED), prior=Smooth(0.0)))]
     theirs = [lambda: squares.append(programme(bands, u, y))] * bool(find_spec(PROGRAMME))
     ours[0]()  # loads the kernels
     rounds = 9 if samples < 10_000 else 3
@@ -171,7 +176,7 @@ def _against_nnls(bands: int, samples: int) -> Row:
     ).dense()
     dense, norms = np.column_stack([plain, -plain[:, -1]]), []
     elapsed = seconds(lambda: norms.append(nnls(dense, y, maxiter=100_000)[1]))
-    fit = identify(u, y, levels=model.levels, smoothness=0.0, **FIXED)
+    fit = identify(u, y, Plane(model.levels, **FIXED), prior=Smooth(0.0))
     excess = u.size * fit.rmse**2 / norms[0] ** 2 - 1
     what = f"nnls L = {bands}, N = {samples:,}, like real, matrix given"
     accuracy = f"our objective {excess:+.0e} of its"
@@ -197,9 +202,9 @@ def _defaults() -> list[Row]:
     ]
     found = []
     for inputs, outputs, bands, most in cases:
-        fits = []
-        options = {"levels": bands, **FIXED}
-        took = best(lambda: fits.append(identify(inputs, outputs, **options)), rounds=5)[0]  # noqa: B023
+        fits = list[Identification]()
+        identified = partial(identify, inputs, outputs, Plane(bands, **FIXED))
+        took = best(lambda: fits.append(identified()), rounds=5)[0]  # noqa: B023
         what = f"identify L = {bands}, N = {inputs.size:,}, like real, default"
         banded = fits[-1].posterior is not None
         found.append(within(what, took, most, f"kkt {fits[-1].kkt:.0e}", banded))
@@ -237,9 +242,11 @@ def _piezo() -> Row:
         "holdout": 0.3676,
         **dict.fromkeys(("lag", "diagonal", "slope"), "auto"),
     }
-    plain = identify(u, y, **options, prior="none")
+    plain = Options.of({"prior": "none", **options}).identify(Record(u, y))
     found = []
-    took = seconds(lambda: found.append(identify(u, y, **options, prior="gaussian")))
+    took = seconds(
+        lambda: found.append(Options.of({"prior": "gaussian", **options}).identify(Record(u, y)))
+    )
     prior = found[0]
     scored = np.flatnonzero(prior.held_out)
     inside = np.abs((prior.prediction - prior.y)[scored]) <= PER_DEVIATION * prior.deviation(scored)
@@ -251,9 +258,11 @@ def _magnet(words: str, name: str, field: str, moment: str, most: float) -> Row:
     """Every other reversal curve is fitted, the others are predicted."""
     u, y = _curves(name, field, moment, 0)
     options = {"levels": 51, "spacing": "adaptive", "start": "positive", **FIXED}
-    plain = identify(u, y, **options, prior="none")
+    plain = Options.of({"prior": "none", **options}).identify(Record(u, y))
     found = []
-    took = seconds(lambda: found.append(identify(u, y, **options, prior="gaussian")))
+    took = seconds(
+        lambda: found.append(Options.of({"prior": "gaussian", **options}).identify(Record(u, y)))
+    )
     prior = found[0]
     u, y = _curves(name, field, moment, 1)
     seen = np.isfinite(y)
@@ -275,7 +284,9 @@ def _deeper(words: str, name: str, field: str, moment: str) -> Row:
     levels = np.unique(np.append(u.min(), np.quantile(u, np.linspace(0, 1, 26))))
     fits = []
     took = seconds(
-        lambda: fits.append(identify(u[~deep], y[~deep], levels=levels, start="positive", **FIXED))
+        lambda: fits.append(
+            identify(Record(u[~deep], y[~deep], start="positive"), Plane(levels, **FIXED))
+        )
     )
     bands, seen = fits[0].predict(u[deep], bands=0.9), y[deep]
     inside = bands.covers(seen)
@@ -296,10 +307,11 @@ def _between() -> list[Row]:
     out = np.cumsum(u == u.max()) % 5 == 3
     errors, took = {}, 0.0
     for prior in ("gaussian", "none", "auto"):
-        fits = []
-        options = {"levels": 51, "spacing": "adaptive", "start": "positive", **FIXED}
-        known = np.where(out, np.nan, y)
-        took = seconds(lambda: fits.append(identify(u, known, prior=prior, **options)))  # noqa: B023
+        fits = list[Identification]()
+        record = Record(u, np.where(out, np.nan, y), start="positive")
+        law = Plane(51, spacing="adaptive", **FIXED)
+        identified = partial(identify, record, law, prior=prior_of(prior))
+        took = seconds(lambda: fits.append(identified()))  # noqa: B023
         off = (fits[0].prediction - y)[out & np.isfinite(y)]
         errors[prior] = float(np.sqrt(np.mean(off**2)) / np.ptp(y[out & np.isfinite(y)]))
     return [_default(f"{words}, every fifth curve without outputs, default", took, errors)]
@@ -350,20 +362,10 @@ def _ferrite() -> list[Row]:
     for out in np.unique(loop):
         errors, took, kept = {}, 0.0, loop != out
         for prior in ("gaussian", "none", "auto"):
-            fits = []
-            took = seconds(
-                lambda: fits.append(  # noqa: B023
-                    identify(
-                        u[kept],  # noqa: B023
-                        y[kept],  # noqa: B023
-                        curves=loop[kept],  # noqa: B023
-                        start_of_curve="demagnetised",
-                        prior=prior,  # noqa: B023
-                        levels=25,
-                        **FIXED,
-                    )
-                )
-            )
+            fits = list[Identification]()
+            record = Record(u[kept], y[kept], curves=loop[kept], start_of_curve="demagnetised")
+            identified = partial(identify, record, Plane(25, **FIXED), prior=prior_of(prior))
+            took = seconds(lambda: fits.append(identified()))  # noqa: B023
             off = fits[0].predict(u[~kept], curves=loop[~kept]) - y[~kept]
             errors[prior] = float(np.sqrt(np.mean(off**2)) / np.ptp(y[~kept]))
         what = f"ferrite, loop to {u[~kept].max():.0f} A/m held out, default"
@@ -376,14 +378,16 @@ def main(bands: int, samples: int, banded: bool) -> None:
     options = FIXED | ({"holdout": 1 / 3} if banded else {"smoothness": 0.0})
     for sizes in ((10, 500), (50, 2_000), (20, 30_000)):
         small, u, y = a_record(*sizes)
-        found = identify(u, y, levels=small.levels, **options)  # loads the kernels
+        found = Options.of({"levels": small.levels, **options}).identify(
+            Record(u, y)
+        )  # loads the kernels
     if banded:
-        identify(u[:500], y[:500], levels=30, prior="gaussian", **FIXED).predict(u[:9], bands=0.9)
+        identify(u[:500], y[:500], Plane(30, **FIXED), prior=Gaussian()).predict(u[:9], bands=0.9)
     model, u, y = a_record(bands, samples)
     fits = []
 
     def work() -> None:
-        found = identify(u, y, levels=model.levels, **options)
+        found = Options.of({"levels": model.levels, **options}).identify(Record(u, y))
         fits.append((found, found.deviation(np.flatnonzero(found.held_out)) if banded else None))
 
     figures = {"seconds": seconds(work), "peak_gb": peak_gigabytes()}

@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks._timing import FIXED, Row
 from minorloop import Preisach, identify
+from minorloop.identification import Plane
 from minorloop.identification.excitation import decaying_staircase
 
 BANDS = (range(4, 11), range(11, 21), range(21, 31), range(31, 41))
@@ -20,7 +21,7 @@ def error(bands: int, seed: int) -> float:
     levels = np.linspace(-1, 1, bands + 1)
     weights = np.tril(np.random.default_rng(seed).uniform(size=(bands, bands)))
     u = decaying_staircase(levels)
-    found = identify(u, Preisach(levels, weights).simulate(u), levels=levels, **FIXED).model
+    found = identify(u, Preisach(levels, weights).simulate(u), Plane(levels, **FIXED)).model
     return float(np.abs(found.weights - weights).max() / weights.max())
 
 

@@ -22,7 +22,7 @@ print(time.perf_counter() - began)
 """
 _MORE = {
     "simulate and invert": "",
-    "the same and identify": "minorloop.identify(u, u, levels=3)",
+    "the same and identify": "minorloop.identify(u, u, minorloop.Plane(3))",
 }
 
 

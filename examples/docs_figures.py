@@ -63,7 +63,7 @@ def draw_tutorial() -> Figure:
     strip = ml.connect("twin:ipmc", specimen=1, noise=0.05)
     voltages = ml.excitation.decaying_staircase(levels)
     curvatures = [strip.apply(float(u), 200.0, 200.0).y[-1] for u in voltages]
-    model = ml.identify(voltages, curvatures, levels=levels, diagonal="reversible").model
+    model = ml.identify(voltages, curvatures, ml.Plane(levels, diagonal="reversible")).model
     figure = Figure(figsize=(10, 3.9), layout="constrained")
     loop, plane = figure.subplots(1, 2, width_ratios=(1.15, 1))
     places = np.linspace(0, voltages.size - 1, 12 * voltages.size)

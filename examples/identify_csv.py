@@ -17,9 +17,9 @@ with TemporaryDirectory() as folder:
     curvatures = [strip.apply(float(u), 200.0, 1.0).y[-1] for u in voltages]
     path = Path(folder) / "strip.csv"
     ml.Record(
-        200.0 * np.arange(voltages.size), voltages, curvatures, "voltage [V]", "curvature [1/m]"
+        voltages, curvatures, 200.0 * np.arange(voltages.size), "voltage [V]", "curvature [1/m]"
     ).to_csv(path)
 
     record = ml.read(path, input="voltage", output="curvature")
-    found = ml.identify(record, levels=levels, diagonal="reversible", holdout=20 / voltages.size)
+    found = ml.identify(record, ml.Plane(levels, diagonal="reversible"), holdout=20 / voltages.size)
     print(found)

@@ -8,7 +8,7 @@ levels = np.linspace(-1.2, 1.2, 11)
 strip = ml.connect("twin:ipmc", specimen=0)
 voltages = ml.excitation.decaying_staircase(levels)
 curvatures = [strip.apply(float(u), 200.0, 1.0).y[-1] for u in voltages]
-found = ml.identify(voltages, curvatures, levels=levels, diagonal="reversible")
+found = ml.identify(voltages, curvatures, ml.Plane(levels, diagonal="reversible"))
 
 targets = [2.0, -3.5, 5.0, 0.0]
 wanted = found.model.invert(targets)

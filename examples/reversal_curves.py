@@ -11,6 +11,6 @@ voltages = ml.excitation.reversal_curves(levels)
 lengths = [fibre.apply(float(u), 300.0, 1.0).y[-1] for u in voltages]
 
 direct = identify_reversal_curves(voltages, lengths, levels)
-fitted = ml.identify(voltages, lengths, levels=levels, smoothness=0.0).model
+fitted = ml.identify(voltages, lengths, ml.Plane(levels), prior=ml.Smooth(0.0)).model
 print(f"{np.count_nonzero(direct.weights < 0)} negative weights without constraints")
 print(f"monotone: {direct.monotone} without constraints, {fitted.monotone} with them")

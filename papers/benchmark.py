@@ -17,7 +17,8 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.dynamics.oscillator import Oscillator
-from minorloop.identification.oscillator import identify_oscillator
+from minorloop.identification.oscillator import Vibration
+from minorloop.lab.records import Record
 from minorloop.operators.differential import BoucWen
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.report import Table
@@ -74,10 +75,8 @@ def run_study(seed: int) -> Results:
 
     def scored(start: Any, fixed: tuple[str, ...] = ()) -> Results:
         began = perf_counter()
-        found = identify_oscillator(
-            training.t, training.u, training.y, start, period=training.period, fixed=fixed,
-            **options,
-        )  # fmt: skip
+        law = Vibration(start, training.period, fixed=fixed, **options)
+        found = law.identify(Record(training.u, training.y, training.t))
         seconds = perf_counter() - began
         errors = {"multisine": error(found.model, test), "sweep": error(found.model, sweep)}
         figures = {

@@ -18,9 +18,10 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, Levels, uniform_levels
 from minorloop.connect import connect
-from minorloop.identification import Identification, excitation, identify
+from minorloop.identification import Gaussian, Identification, Plane, excitation, identify
 from minorloop.identification.bands import Prediction
 from minorloop.identification.design import design, next_input
+from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
@@ -208,10 +209,8 @@ class _Trial:
         return replace(whole, u=whole.u[1:], y=whole.y[1:], sd=whole.sd[1:]).without_noise()
 
     def _fit(self, grid: Levels, u: FloatArray, y: FloatArray) -> Identification:
-        return identify(
-            u, y, levels=grid, prior="gaussian", noise=NOISE * self.scale, diagonal="reversible",
-            slope=False, lag=0,
-        )  # fmt: skip
+        law = Plane(grid, diagonal="reversible", slope=False, lag=0)
+        return identify(Record(u, y, sd=NOISE * self.scale), law, prior=Gaussian())
 
 
 def _figures(curves: Mapping[str, Sequence[Score]]) -> dict[str, Any]:

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray, uniform_levels
-from minorloop.identification import Identification, excitation, identify
+from minorloop.identification import Identification, excitation
+from minorloop.identification.pipeline import Options
 from minorloop.lab.actuator import Actuator
+from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import hold_each
 
 
@@ -38,7 +40,7 @@ class ProbeInputs:
 def identify_settled(u: FloatArray, y: FloatArray, **options: Any) -> Identification:
     """Identify an operator from settled points, as they are: no lag, no slope, by least squares."""
     chosen = {"smoothness": 0.0, "diagonal": "reversible", **options}
-    return identify(u, y, slope=False, lag=0, **chosen)
+    return Options.of({"slope": False, "lag": 0, **chosen}).identify(Record(u, y))
 
 
 def twin_facts(make: Callable[[], Actuator], probes: ProbeInputs) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
-from minorloop.identification import excitation, identify_after_effect
+from minorloop.identification import Viscosity, excitation, identify
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import FURTHER
@@ -46,8 +46,8 @@ def run_short_holds(seed: int) -> Results:
     strip = _strip(seed, 0, NOISE)
     long, short = _held(strip, voltages, SETTLED), _held(strip, voltages, SHORT)
     record = Record.joined([*long, *short])
-    creeping = identify_after_effect(
-        record.t, record.u, record.y, levels=grid, creep="spectrum", rate=False
+    creeping = identify(
+        Record(record.u, record.y, record.t), Viscosity(grid, creep="spectrum", rate=False)
     ).model
     quick = _held(_strip(seed, 1, NOISE), voltages, SHORT)
     settled, early = (

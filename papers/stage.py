@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.identification import identify
+from minorloop.identification import Dynamics, Plane, identify
 from minorloop.identification.dynamic_result import DynamicIdentification
-from minorloop.identification.dynamics import identify_dynamics
 from minorloop.identification.result import Identification
+from minorloop.lab.records import Record
 from minorloop.report import Table
 from minorloop.twins.stage import RATE, TRAVEL, VOLTAGE, Stage
 from papers.drawing import draw, panel
@@ -60,11 +60,11 @@ def run_study(seed: int) -> Results:
     stage, u = Stage(seed), record()
     y = stage.positions(u)
     began = time.perf_counter()
-    found = identify_dynamics(times(u), u, y)
+    found = identify(Record(u, y, times(u)), Dynamics())
     seconds = time.perf_counter() - began
     first = round((REST + SINES[0][1]) * RATE)
     slow = identify(
-        u[:first:EVERY], y[:first:EVERY], levels=25, diagonal="uniform", slope=False, lag=0
+        u[:first:EVERY], y[:first:EVERY], Plane(25, diagonal="uniform", slope=False, lag=0)
     )
     tracked = {frequency: _tracked(stage, found, slow, frequency) for frequency in FREQUENCIES}
     errors = {

@@ -14,6 +14,7 @@ import pytest
 import documents
 import minorloop
 from documents import PAGES, ROOT, name_of
+from minorloop.identification import pipeline
 from minorloop.lab import actuator
 from minorloop.operators import operator
 
@@ -172,7 +173,7 @@ def described_fields(found):
 
 PROTOCOLS = [
     found
-    for module in (actuator, operator)
+    for module in (actuator, operator, pipeline)
     for found in vars(module).values()
     if getattr(found, "_is_protocol", False)
 ]

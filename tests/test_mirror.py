@@ -25,6 +25,8 @@ ELSEWHERE = {
     "minorloop/identification/band_model.py": "minorloop/test_scoring.py",
     "minorloop/identification/gram_rows.py": "minorloop/identification/test_design_matrix.py",
     "minorloop/identification/oscillator_result.py": "minorloop/identification/test_oscillator.py",
+    "minorloop/identification/pipeline.py": "minorloop/identification/test_preparation.py",
+    "minorloop/identification/regularisation.py": "minorloop/identification/test_prior_fit.py",
     "minorloop/identification/simulation_error.py": "minorloop/identification/test_oscillator.py",
     "minorloop/lab/drivers/parts.py": "minorloop/lab/drivers/test_bench.py",
     "minorloop/lab/readings.py": "minorloop/lab/test_reduction.py",

@@ -28,7 +28,7 @@ class Ideal(Ipmc):
 
     def apply(self, u, duration, sample_interval):
         record = super().apply(u, duration, sample_interval)
-        return type(record)(record.t, record.u, 2.0 * record.u + 1.0, "voltage [V]", "y")
+        return type(record)(record.u, 2.0 * record.u + 1.0, record.t, "voltage [V]", "y")
 
 
 def test_what_remembers_nothing_violates_nothing():

@@ -1,5 +1,6 @@
 import pytest
 
+from minorloop.identification import Dynamics, Plane
 from papers import stage
 from papers.claims import claim_table
 
@@ -12,16 +13,16 @@ def study():
         patch.setattr(stage, "FREQUENCIES", (50, 100))
         patch.setattr(stage, "PERIODS", 1)
         patch.setattr(stage, "LASTING", 0.05)
-        patch.setattr(stage, "identify_dynamics", quick)
+        patch.setattr(stage, "Dynamics", quick)
         yield stage.run_study(1000)
 
 
-def quick(t, u, y):
+def quick():
     """The structure that the search finds, without the search."""
-    return identify_dynamics(t, u, y, first="operator", poles=2, creep=True, levels=15)
+    return Dynamics(Plane(15), first="operator", poles=2, creep=True)
 
 
-identify_dynamics, EVERY = stage.identify_dynamics, stage.FREQUENCIES
+EVERY = stage.FREQUENCIES
 
 
 def test_the_inverse_with_dynamics_meets_its_bounds(study):

@@ -75,7 +75,7 @@ def _there_and_back(scratch: Path, name: str) -> bool:
     for row in cells_of(finding_table([finding]).encode())[1:]:
         _expect(not any(map(_formula, row)), f"the row {row}")
     try:
-        record = Record([0.0, 1.0], [-1.0, 2.0], [0.5, -3.0], _named(name), "answer")
+        record = Record([-1.0, 2.0], [0.5, -3.0], [0.0, 1.0], _named(name), "answer")
     except MinorloopError:
         _expect(not printable(name), "a name that can be printed is refused")
         return False

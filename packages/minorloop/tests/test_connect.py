@@ -88,7 +88,7 @@ def test_a_function_of_a_module_in_the_current_folder_makes_an_actuator():
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("home_made:strip", "has no function of a module; give module:PACKAGE.FUNCTION"),
+        ("home_made", "has no function of a module; give module:PACKAGE.FUNCTION"),
         ("home_made.nobody", "cannot be loaded: .*nobody.*; give module:PACKAGE.FUNCTION"),
         ("no_such_home.head", "cannot be loaded: No module named 'no_such_home'"),
         ("head", "has no function of a module"),

@@ -404,11 +404,11 @@ def test_files_full_of_marks_are_refused_before_decoding(unit, tmp_path, monkeyp
 
 def test_an_identification_with_an_interval_is_saved_with_its_lag_in_seconds(tmp_path):
     u = np.sin(np.arange(60) / 4)
-    found = minorloop.identify(u, u, levels=3, prior="none", slope=False, lag=2, interval=0.01)
+    record = minorloop.Record(u, u, 0.01 * np.arange(60))
+    law = minorloop.Plane(3, slope=False, lag=2)
+    found = minorloop.identify(record, law, prior=minorloop.Smooth())
     minorloop.save(found, tmp_path / "m.json")
     assert read(tmp_path / "m.json").lag_seconds == pytest.approx(0.02)
-    with pytest.raises(minorloop.errors.ParameterError, match=r"interval is 0; give a time > 0"):
-        minorloop.identify(u, u, interval=0)
 
 
 @pytest.fixture(scope="module")
@@ -417,7 +417,7 @@ def with_bands(tmp_path_factory):
     u = np.random.default_rng(1000).uniform(-1, 1, 200)
     noise = 0.01 * np.random.default_rng(1001).normal(size=200)
     path = tmp_path_factory.mktemp("bands") / "m.json"
-    save(minorloop.identify(u, np.abs(u) + noise, levels=4), path)
+    save(minorloop.identify(u, np.abs(u) + noise, minorloop.Plane(4)), path)
     return path.read_text()
 
 

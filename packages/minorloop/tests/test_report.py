@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options, Plane, identify
 from minorloop.errors import OutputError
+from minorloop.lab.records import Record
 from minorloop.report import Report, Table, identification_report
 
 
 def test_is_one_file_that_opens_offline(tmp_path):
     u = np.random.default_rng(0).uniform(-1, 1, 200)
-    result = identify(u, u**3, levels=4, holdout=0.2)
+    result = identify(u, u**3, Plane(4), holdout=0.2)
     page = identification_report(
         result, source="a & b.csv", input_label="voltage [V]", output_label="length [um]"
     )
@@ -32,7 +33,7 @@ def test_text_is_escaped():
 
 def an_identification(**options):
     u = np.random.default_rng(0).uniform(-1, 1, 200)
-    return identify(u, u**3, levels=4, **options)
+    return Options.of({"levels": 4, **options}).identify(Record(u, u**3))
 
 
 def test_states_what_was_held_out():

@@ -2,6 +2,7 @@ import numpy as np
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from minorloop import identify
+from minorloop.identification import Plane
 from minorloop.threads import one_thread
 
 
@@ -24,5 +25,5 @@ def test_linear_algebra_has_one_thread_inside_and_all_after():
 def test_an_identification_has_one_thread_from_the_first_comparison_on():
     u, threads = np.random.default_rng(0).uniform(-1, 1, 200), list[int]()
     with threadpool_limits(2, user_api="blas"):
-        identify(u, u, levels=3, progress=lambda stage: threads.append(blas_threads()))
+        identify(u, u, Plane(3), progress=lambda stage: threads.append(blas_threads()))
     assert set(threads) == {1}

@@ -1,4 +1,4 @@
-"""Compiled loops of the planner: arrays in, arrays out."""
+"""Compiled loops of the planner: arrays and `PlaneTables` in, arrays out."""
 
 import numpy as np
 from numba import njit

@@ -1383,7 +1383,7 @@ def test_a_run_that_is_continued_says_what_it_repeats_and_how_to_go_on(tmp_path,
             self.left -= 1
             t = 0.1 * np.arange(1.0, 11.0)
             names = ["current [A]"], ["angle [deg]"]
-            return Record(t, np.full(10, float(u)), np.ones(10), *names)
+            return Record(np.full(10, float(u)), np.ones(10), t, *names)
 
         def safe(self):
             """Do nothing."""

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.errors import ParameterError, SignalError
+from minorloop.identification import Smooth
 from minorloop_head.control.heating import (
     identify_coupling,
     identify_heating,
@@ -49,7 +50,7 @@ def test_a_staircase_after_the_curves_lowers_the_error_in_minor_loops():
     errors, sizes = [], []
     for minor_loops in (False, True):
         holds = wire_holds(levels, minor_loops=minor_loops)
-        found = identify(holds**2, settled(Wire(), holds), levels=levels**2, smoothness=0.0)
+        found = identify(holds**2, settled(Wire(), holds), Plane(levels**2), prior=Smooth(0.0))
         errors.append(np.sqrt(np.mean((found.model.simulate(inputs**2) - reached) ** 2)))
         sizes.append(holds.size)
     assert sizes == [45, 83]
@@ -63,7 +64,7 @@ def test_cold_wires_at_the_beginning_are_not_called_a_stuck_sensor():
     levels = moving_levels(loop, settled(wire, loop), 12)
     wire.reset()
     holds = wire_holds(levels, minor_loops=True)
-    found = identify(holds**2, settled(wire, holds), levels=levels**2, smoothness=0.0)
+    found = identify(holds**2, settled(wire, holds), Plane(levels**2), prior=Smooth(0.0))
     assert found.warnings == ()
 
 

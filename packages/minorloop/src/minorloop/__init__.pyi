@@ -24,11 +24,14 @@ from minorloop.errors import UnreachableError as UnreachableError
 from minorloop.figures import plot as plot
 from minorloop.identification import AfterEffectIdentification as AfterEffectIdentification
 from minorloop.identification import DynamicIdentification as DynamicIdentification
+from minorloop.identification import Dynamics as Dynamics
+from minorloop.identification import Gaussian as Gaussian
 from minorloop.identification import Identification as Identification
+from minorloop.identification import Plane as Plane
+from minorloop.identification import Smooth as Smooth
+from minorloop.identification import Viscosity as Viscosity
 from minorloop.identification import excitation as excitation
 from minorloop.identification import identify as identify
-from minorloop.identification import identify_after_effect as identify_after_effect
-from minorloop.identification import identify_dynamics as identify_dynamics
 from minorloop.identification import read as read
 from minorloop.identification.adaptive import Adaptive as Adaptive
 from minorloop.identification.arx import arx as arx
@@ -42,7 +45,7 @@ from minorloop.identification.design import next_input as next_input
 from minorloop.identification.frequency import Preamble as Preamble
 from minorloop.identification.frequency import describing_function as describing_function
 from minorloop.identification.frequency import frequency_response as frequency_response
-from minorloop.identification.oscillator import identify_oscillator as identify_oscillator
+from minorloop.identification.oscillator import Vibration as Vibration
 from minorloop.identification.oscillator_result import (
     OscillatorIdentification as OscillatorIdentification,
 )
@@ -53,7 +56,6 @@ from minorloop.lab.actuator import Actuator as Actuator
 from minorloop.lab.actuator import Channel as Channel
 from minorloop.lab.curvature import curvature_from_displacement as curvature_from_displacement
 from minorloop.lab.curvature import displacement_from_curvature as displacement_from_curvature
-from minorloop.lab.logs import Log as Log
 from minorloop.lab.plan import Plan as Plan
 from minorloop.lab.records import Record as Record
 from minorloop.lab.reduction import reduce as reduce

@@ -15,7 +15,7 @@ import numpy as np
 from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
 from minorloop.errors import NotInvertibleError, ParameterError, RecordError
-from minorloop.identification import Identification, excitation, identify
+from minorloop.identification import Gaussian, Identification, Plane, Smooth, excitation, identify
 from minorloop.identification.bands import Prediction
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.conversion import LaserCurvature
@@ -105,15 +105,9 @@ class Positioning:
 
         They follow from a second fit to the same measurements, with a prior on the plane.
         """
-        known = identify(
-            self.voltages,
-            self.settled,
-            levels=self.identification.model.levels,
-            diagonal=self.protocol.diagonal,
-            slope=False,
-            lag=0,
-            prior="gaussian",
-        )
+        levels = self.identification.model.levels
+        law = Plane(levels, diagonal=self.protocol.diagonal, slope=False, lag=0)
+        known = identify(self.voltages, self.settled, law, prior=Gaussian())
         inputs = np.append(-self.protocol.voltage, self.preisach.voltages)
         whole = known.predict(inputs, bands=0.9)
         return Prediction(whole.u[1:], whole.y[1:], whole.sd[1:], whole.probability)
@@ -177,9 +171,8 @@ def run_positioning(
     staircase, settled = _staircase(seed, noise, setup, voltages)
 
     progress("identifying")
-    identification = identify(
-        voltages, settled, levels=grid, smoothness=0.0, diagonal=setup.diagonal, slope=False, lag=0
-    )
+    law = Plane(grid, diagonal=setup.diagonal, slope=False, lag=0)
+    identification = identify(voltages, settled, law, prior=Smooth(0.0))
     polynomial = Polynomial.fit(voltages, settled, degree=2, low=-setup.voltage, high=setup.voltage)
 
     targets = np.random.default_rng(seed).uniform(-setup.reach, setup.reach, setup.targets)

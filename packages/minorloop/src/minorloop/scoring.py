@@ -1,5 +1,7 @@
 """Outputs of a model for another record, and how near they are to what was measured there."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -22,18 +24,17 @@ from minorloop.identification.accuracy import Accuracy, CurveAccuracy, accuracy,
 from minorloop.identification.after_effect_result import along
 from minorloop.identification.bands import BAND, Prediction
 from minorloop.identification.baseline import delayed, percent, polynomial_nrmse
-from minorloop.identification.curves import Curves, StartOfCurve, as_curves, as_groups
+from minorloop.identification.curves import Curves, as_curves, as_groups
 from minorloop.identification.record_checks import as_skip
 from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.rough_model import Basis, one_of_each
 from minorloop.identification.scores import worst_error
 from minorloop.lab.conversion import unit_factor
 from minorloop.lab.gaps import known_memory
-from minorloop.lab.logs import Log
 from minorloop.lab.records import Quantity, Record
 from minorloop.modelfile import Identified, Model, ModelFile, Provenance, read
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.memory import Saturation, Start
+from minorloop.operators.memory import Saturation, Start, StartOfCurve
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Preisach
 
@@ -96,7 +97,7 @@ class Simulation:
 
 def simulate(
     model: AnyModel,
-    record: Record | Log,
+    record: Record,
     *,
     start: Start = "negative",
     start_of_curve: StartOfCurve | None = None,
@@ -111,7 +112,7 @@ def simulate(
     ----------
     model : path, model, result of an identification, or ModelFile
         The model.
-    record : Record or Log
+    record : Record
         The inputs, and what each row has beside them, as `read` returns it; outputs are not used.
         The memory is reset where the label of the curve changes, and continues over gaps of the
         times as far as they show the input.
@@ -122,8 +123,8 @@ def simulate(
     between : {"band", "straight", "held"}, optional
         Force of an oscillator between rows; ``"band"`` if not given.
     """
-    known, log = _as_file(model), _as_log(record)
-    u = _in_unit(np.asarray(log.record.u), log.record.input, known.input)
+    known, log = _as_file(model), record.cut()
+    u = _in_unit(np.asarray(log.u), log.input, known.input)
     parts = as_curves(log.curves, u.size, start, start_of_curve)
     if isinstance(known.model, Oscillator):
         if parts.start != "negative":
@@ -138,7 +139,7 @@ def simulate(
                 "between (--between) is for oscillators, and the model is of kind "
                 f"{known.kind!r}; leave it out"
             )
-    if known.has_time and not log.record.timed:
+    if known.has_time and not log.timed:
         raise RecordError(
             "the model has dynamics and needs times; name the column of time (--time)"
         )
@@ -151,10 +152,10 @@ def simulate(
             "each curve begins with the memory 'negative'; the model does not hold how those of "
             "its record began: give start_of_curve (--start-of-curve) if they began otherwise"
         )
-    gaps, times = log.bridges, log.record.t
+    gaps, times = log.bridges, log.t
     t, inputs, added = gaps.inserted(times, u)
     y = np.delete(
-        _along(known, t if log.record.timed else None, inputs, parts, between),
+        _along(known, t if log.timed else None, inputs, parts, between),
         added + np.arange(added.size),
     )
     unknown = ~known_memory(u, gaps.unknown, gaps)
@@ -165,12 +166,12 @@ def simulate(
             f"{counted(count, 'output')} {are(count)} left empty, because the input may have "
             "turned in a gap, and the memory is unknown after it"
         )
-    if known.lag_seconds and not log.record.timed:
+    if known.lag_seconds and not log.timed:
         notes.append(
             f"the lag of {known.lag_seconds:.4g} s counts as {counted(known.lag, 'row')}, "
             "as in the record of the model; --time takes it in seconds"
         )
-    return Simulation(known, u, y, parts, times if log.record.timed else None, tuple(notes))
+    return Simulation(known, u, y, parts, times if log.timed else None, tuple(notes))
 
 
 def _as_file(model: AnyModel) -> ModelFile:
@@ -187,18 +188,6 @@ def _as_file(model: AnyModel) -> ModelFile:
     known = getattr(model, "band_model", None)
     bands = None if known is None else lambda: known
     return ModelFile(model.model, *names, model.lag, scores, warnings, model.lag_seconds, bands)
-
-
-def _as_log(record: Record | Log) -> Log:
-    """Return the rows of a record that are used, with what was found in its times."""
-    log = record if isinstance(record, Log) else Log.of(record)
-    if log.whole:
-        return log
-    part, whole = log.part, log.record
-    rows = whole.t[part], whole.u[part], whole.y[part]
-    cut = Log.of(Record(*rows, whole.inputs, whole.outputs, whole.time))
-    curves, groups = (None if x is None else x[part] for x in (log.curves, log.groups))
-    return replace(cut, curves=curves, groups=groups)
 
 
 def _in_unit(values: FloatArray, found: Quantity, wanted: Quantity) -> FloatArray:
@@ -541,7 +530,7 @@ class ModelScore(Drawn):
 
 def score(
     model: AnyModel,
-    record: Record | Log,
+    record: Record,
     *,
     start: Start = "negative",
     start_of_curve: StartOfCurve | None = None,
@@ -563,9 +552,9 @@ def score(
     ParameterError, RecordError
         As of `simulate`, or if no row is left to be scored.
     """
-    known, log = _as_file(model), _as_log(record)
+    known, log = _as_file(model), record.cut()
     found = simulate(known, log, start=start, start_of_curve=start_of_curve, between=between)
-    y = _in_unit(np.asarray(log.record.y), log.record.output, known.output)
+    y = _in_unit(np.asarray(log.y), log.output, known.output)
     rows = np.isfinite(y) & np.isfinite(found.y) & ~_early(found)
     rows &= ~as_skip(skip, found.curves.positions(y.size))
     if not rows.any():

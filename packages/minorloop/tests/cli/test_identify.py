@@ -11,7 +11,8 @@ import minorloop.report
 from minorloop import __version__, modelfile
 from minorloop.cli import _identification_output as output
 from minorloop.errors import OutputError
-from minorloop.identification import identify
+from minorloop.identification.pipeline import Options
+from minorloop.lab.records import Record
 from minorloop.operators.densities import LorentzianDensity
 from minorloop.operators.preisach import Preisach
 
@@ -36,7 +37,10 @@ def test_from_a_file_to_a_model_with_its_origin(run):
     found = modelfile.read("new.json")
     assert (str(found.input), str(found.output), found.lag) == ("voltage [V]", "length [um]", 0)
     chosen = {"lag": "auto", "diagonal": "auto", "slope": "auto"}  # as the command does
-    assert found.model == identify(*record(), levels=8, holdout=0.2, **chosen).model
+    assert (
+        found.model
+        == Options.of({"levels": 8, "holdout": 0.2, **chosen}).identify(Record(*record())).model
+    )
     origin = found.provenance
     assert (origin.data, origin.minorloop) == ("good.csv", __version__)
     assert origin.sha256 == hashlib.sha256(Path("good.csv").read_bytes()).hexdigest()
@@ -78,8 +82,8 @@ def test_json_has_what_is_documented(options, answer):
 def test_the_numbers_are_those_of_python(answer):
     found = answer(f"{IDENTIFY} --rows 50:350 --holdout 0.3 --spacing adaptive --levels 6")
     compared = dict.fromkeys(("diagonal", "slope", "lag"), "auto")
-    result = identify(
-        *(part[50:350] for part in record()), holdout=0.3, spacing="adaptive", levels=6, **compared
+    result = Options.of({"holdout": 0.3, "spacing": "adaptive", "levels": 6, **compared}).identify(
+        Record(*(part[50:350] for part in record()))
     )
     assert found["samples"] == result.samples == 210
     assert found["nrmse_holdout"] == result.holdout_nrmse
@@ -207,7 +211,7 @@ def test_a_model_that_cannot_be_saved_costs_neither_report_nor_numbers(run, monk
 def test_data_that_vanish_meanwhile_cost_nothing(run, monkeypatch):
     def vanishing(*args, **options):
         Path("good.csv").unlink()
-        return identify(*args, **options)
+        return Options.of(options).identify(Record(*args))
 
     monkeypatch.setattr(minorloop.identification, "identify", vanishing)
     digest = hashlib.sha256(Path("good.csv").read_bytes()).hexdigest()

@@ -77,7 +77,7 @@ class Bench:
 
     def apply(self, u, duration, sample_interval):
         t = np.arange(1, round(duration / sample_interval) + 1) * sample_interval
-        return ml.Record(t, np.full(t.size, u), np.full(t.size, 0.25), "voltage [V]", "tip [mm]")
+        return ml.Record(np.full(t.size, u), np.full(t.size, 0.25), t, "voltage [V]", "tip [mm]")
 
     def exchange(self, u):
         return 0.25

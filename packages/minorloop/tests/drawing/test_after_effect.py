@@ -1,7 +1,8 @@
 import numpy as np
 
 from minorloop.figures import plot
-from minorloop.identification.after_effect import identify_after_effect
+from minorloop.identification import Viscosity, identify
+from minorloop.lab.records import Record
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 
@@ -16,7 +17,7 @@ def test_a_model_is_drawn_with_its_holds():
 
 def test_an_identification_is_drawn_with_its_laws():
     u = np.repeat(np.random.default_rng(1000).uniform(-1, 1, 20), 5)
-    found = identify_after_effect(np.arange(100.0), u, u, levels=4, creep="none", rate=False)
+    found = identify(Record(u, u, np.arange(100.0)), Viscosity(4, creep="none", rate=False))
     record, *_, laws = plot(found).axes
     assert record.get_xlabel() == "time [s]"
     assert [bar.get_height() for bar in laws.patches] == [100 * found.tried[0].error]

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.drawing import identification
+from minorloop.identification import Smooth
+from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
 TRUTH = Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))
@@ -12,7 +14,7 @@ U = np.array([-1.0, 0.6, -0.4, 1.0, -1.0, 0.1, -0.7, 0.9, -1.0])
 @pytest.fixture(scope="module")
 def fit():
     y = TRUTH.simulate(U) + 0.1 * U**2
-    return identify(U, y, levels=4, prior="none", smoothness=0.1)
+    return identify(U, y, Plane(4), prior=Smooth(0.1))
 
 
 def test_record_and_residual_are_those_of_the_identification(fit):
@@ -25,7 +27,7 @@ def test_record_and_residual_are_those_of_the_identification(fit):
 
 
 def test_cells_that_are_not_excited_are_grey():
-    found = identify(U[:3], TRUTH.simulate(U[:3]), levels=4, prior="none", smoothness=0.1)
+    found = identify(U[:3], TRUTH.simulate(U[:3]), Plane(4), prior=Smooth(0.1))
     plane = found.plot().axes[1]
     grey = np.ma.masked_array(plane.collections[1].get_array()).reshape(4, 4)
     unexcited = np.tril(~found.excited)
@@ -39,8 +41,8 @@ def test_no_line_joins_points_across_rows_that_are_not_measured():
     y = TRUTH.simulate(u)
     y[100:120] = np.nan
     for found in (
-        identify(u, y, levels=4, prior="none", smoothness=0.1),
-        identify(u, y, levels=4, prior="none", smoothness=0.1, lag=2),
+        identify(u, y, Plane(4), prior=Smooth(0.1)),
+        identify(u, y, Plane(4, lag=2), prior=Smooth(0.1)),
     ):
         for line in found.plot().axes[0].lines:
             gaps = np.flatnonzero(np.isnan(line.get_ydata()))
@@ -49,7 +51,7 @@ def test_no_line_joins_points_across_rows_that_are_not_measured():
 
 def test_a_line_does_not_cross_a_leap_of_the_input():
     u = np.tile(np.linspace(-1, 1, 60), 8)
-    line = identify(u, u, levels=4, prior="none", smoothness=0.1).plot().axes[0].lines[1]
+    line = identify(u, u, Plane(4), prior=Smooth(0.1)).plot().axes[0].lines[1]
     leaps = np.flatnonzero(np.abs(np.diff(u)) > 1) + 1
     np.testing.assert_array_equal(
         np.flatnonzero(np.isnan(line.get_xdata())), leaps + np.arange(leaps.size)
@@ -60,7 +62,7 @@ def test_the_residual_is_drawn_by_amplitude_and_rate_and_against_time():
     u = np.concatenate([np.linspace(-a, a, 50) * s for a in (1.0, 0.5) for s in (1, -1)] * 2)
     y = TRUTH.simulate(u)
     y[200:] += 0.1 * (np.arange(200) % 2)
-    found = identify(u, y, levels=4, prior="none", smoothness=0.1)
+    found = identify(u, y, Plane(4), prior=Smooth(0.1))
     clock = 0.1 * np.arange(u.size)
     record, residual, amplitude, rate = found.plot(time=clock).axes[2:6]
     assert record.get_xlabel() == residual.get_xlabel() == "time [s]"
@@ -77,7 +79,7 @@ def test_the_residual_is_drawn_by_amplitude_and_rate_and_against_time():
 
 def test_one_rate_is_said_and_shown_from_0():
     u = np.tile(np.append(np.linspace(-1, 1, 40)[:-1], np.linspace(1, -1, 40)[:-1]), 3)
-    found = identify(u, TRUTH.simulate(u), levels=4, prior="none", smoothness=0.1)
+    found = identify(u, TRUTH.simulate(u), Plane(4), prior=Smooth(0.1))
     rate = found.plot().axes[5]
     assert rate.texts[0].get_text() == "90% of the samples have the same rate"
     np.testing.assert_allclose(rate.get_xlim(), [0, 2 * 2 / 39])
@@ -100,7 +102,7 @@ def test_of_many_dots_those_that_can_be_told_apart_are_drawn(monkeypatch):
     u = np.tile(np.append(np.linspace(-1, 1, 20), np.linspace(1, -1, 20)), 30)
     y = TRUTH.simulate(u)
     y[700] += 100
-    found = identify(u, y, levels=4, prior="none", smoothness=0.1)
+    found = identify(u, y, Plane(4), prior=Smooth(0.1))
     dots = found.plot().axes[0].lines[0]
     points = list(zip(dots.get_xdata(), dots.get_ydata(), strict=True))
     drawn = [points[k] for k in dots.get_markevery()]
@@ -112,7 +114,7 @@ def test_of_many_dots_those_that_can_be_told_apart_are_drawn(monkeypatch):
 def test_curves_are_drawn_with_their_rms_and_largest_errors():
     labels = np.repeat(np.arange(12), 9)
     found = identify(
-        np.tile(U, 12), np.tile(TRUTH.simulate(U), 12), levels=4, curves=labels, skip=1
+        Record(np.tile(U, 12), np.tile(TRUTH.simulate(U), 12), curves=labels, skip=1), Plane(4)
     )
     rms, largest, left_out = identification.draw_curves(found.curve_accuracy).axes[0].lines
     errors = [one.accuracy for one in found.curve_accuracy]

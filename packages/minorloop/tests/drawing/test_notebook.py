@@ -8,12 +8,13 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.drawing import notebook
 from minorloop.drawing.layout import new_figure
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError
 from minorloop.figures import Drawn, plot
+from minorloop.identification import Smooth
 from minorloop.identification.bands import Prediction
 from minorloop.identification.excitation import report
 from minorloop.identification.frequency import FrequencyResponse
@@ -35,7 +36,7 @@ GAINS = np.array([[1.0, 0.5 - 0.5j]])
 
 def a_reduction():
     u = np.repeat(U, 40)
-    return reduce(Record(np.arange(u.size) * 0.1, u, np.repeat(Y, 40), "u [V]", "y [1/m]"))
+    return reduce(Record(u, np.repeat(Y, 40), np.arange(u.size) * 0.1, "u [V]", "y [1/m]"))
 
 
 RESULTS = {
@@ -47,7 +48,7 @@ RESULTS = {
     ),
     "Polynomial": lambda: Polynomial([0.0, 1.0, 0.5], -1, 1),
     "Inversion": lambda: MODEL.invert([0.0, 1.0]),
-    "Identification": lambda: identify(U, Y, levels=4, prior="none", smoothness=0.1),
+    "Identification": lambda: identify(U, Y, Plane(4), prior=Smooth(0.1)),
     "Prediction": lambda: Prediction(U, Y, np.full(U.size, 0.1), 0.9),
     "FrequencyResponse": lambda: FrequencyResponse(
         np.array([1.0, 2.0]), np.ones(1), 0.0, GAINS, GAINS, np.zeros((1, 2)), np.zeros((1, 2))

@@ -86,7 +86,7 @@ def test_errors_in_a_fit_are_returned_as_text(six, tmp_path):
     def fit(task, **options):
         return identify_one(dataclasses.replace(task, options=options), tmp_path / "scratch.csv")
 
-    assert "unexpected keyword" in fit(tasks[0], colour=1)["error"]
+    assert "no option 'colour'" in fit(tasks[0], colour=1)["error"]
     assert "levels" in fit(tasks[0], levels=0)["error"]
     found = [fit(task, **OPTIONS) for task in tasks]
     assert ["error" in one for one in found] == [False, False, True, False, False]

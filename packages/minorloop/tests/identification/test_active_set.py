@@ -3,8 +3,8 @@ import pytest
 from scipy.optimize import nnls
 
 from benchmarks import optima
-from fixed_options import identify
-from minorloop.identification import active_set, gram_rows, least_squares
+from fixed_options import Plane, identify
+from minorloop.identification import Smooth, active_set, gram_rows, least_squares
 from plane_problems import a_problem, objective
 
 
@@ -77,7 +77,10 @@ def test_a_fit_that_did_not_converge_says_so(monkeypatch):
     monkeypatch.setattr(active_set, "refine", lambda rows, z, scaling: (z, False))
     problem, _ = optima.a_problem(70)
     found = identify(
-        problem.matrix.u, problem.y, levels=problem.matrix.spec.levels, signed=True, smoothness=0.0
+        problem.matrix.u,
+        problem.y,
+        Plane(problem.matrix.spec.levels, signed=True),
+        prior=Smooth(0.0),
     )
     assert not found.converged
     assert any("did not converge" in text for text in found.advice)

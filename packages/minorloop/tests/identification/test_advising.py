@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from fault_records import INPUTS, record
-from fixed_options import identify
-from minorloop.identification import excitation
+from fixed_options import Options, Plane, identify
+from minorloop.identification import Smooth, excitation
 from minorloop.lab.columns import read_columns
+from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
@@ -12,7 +13,7 @@ from plane_records import LEVELS, a_plane, a_record
 def test_warnings_come_first_and_go_with_every_inverse():
     u, y = record()
     y[40:120] = y[40]
-    found = identify(u, y, levels=8, holdout=0.3)
+    found = identify(u, y, Plane(8), holdout=0.3)
     assert "the output is stuck" in found.warnings[0]
     assert found.advice[: len(found.warnings)] == found.warnings
     inverse = found.invert([0.0])
@@ -23,7 +24,7 @@ def test_warnings_come_first_and_go_with_every_inverse():
 
 def test_a_large_error_on_held_out_data_is_a_warning():
     u, y = record()
-    found = identify(u, np.where(np.arange(y.size) > 300, y - 0.5, y), levels=8, holdout=0.3)
+    found = identify(u, np.where(np.arange(y.size) > 300, y - 0.5, y), Plane(8), holdout=0.3)
     assert f"on held-out data is {found.holdout_nrmse:.3%}" in " ".join(found.warnings)
 
 
@@ -31,7 +32,9 @@ def test_a_large_error_on_held_out_data_is_a_warning():
 def test_an_option_is_not_recommended_where_it_was_given_or_compared(option):
     u = INPUTS["levels"]
     for given, said in (({}, True), ({option: "auto"}, False)):
-        found = identify(u, u**3, levels=3, holdout=0.3, diagonal="uniform", **given)
+        found = Options.of({"levels": 3, "holdout": 0.3, "diagonal": "uniform", **given}).identify(
+            Record(u, u**3)
+        )
         worse = next(text for text in found.warnings if "polynomial" in text)
         assert (f"--{option}" in worse) == said
 
@@ -45,35 +48,35 @@ def test_an_option_is_not_recommended_where_it_was_given_or_compared(option):
     ],
 )
 def test_advice_names_a_poor_input(u, y, says):
-    advice = " ".join(identify(u, a_plane().simulate(u), levels=LEVELS).advice)
+    advice = " ".join(identify(u, a_plane().simulate(u), Plane(LEVELS)).advice)
     assert says in advice
     assert "no data were held out" in advice
 
 
 def test_other_advice():
     u, y = a_record()
-    assert "widen the levels" in " ".join(identify(1.1 * u, y, levels=LEVELS).advice)
-    polynomial = identify(u, u**3, levels=3, holdout=0.3)
+    assert "widen the levels" in " ".join(identify(1.1 * u, y, Plane(LEVELS)).advice)
+    polynomial = identify(u, u**3, Plane(3), holdout=0.3)
     assert "polynomial of the delayed input is better" in " ".join(polynomial.advice)
     changed = np.where(np.arange(y.size) > 1000, y + 10, y)
-    assert "more than twice" in " ".join(identify(u, changed, levels=10, holdout=0.3).advice)
-    assert identify(u, y, levels=LEVELS, holdout=0.3).advice == ()
+    assert "more than twice" in " ".join(identify(u, changed, Plane(10), holdout=0.3).advice)
+    assert identify(u, y, Plane(LEVELS), holdout=0.3).advice == ()
 
 
 def test_groups_that_differ_are_named():
     u, y = a_record(400)
     groups = np.arange(400) // 80
-    same = " ".join(identify(u, y, levels=10, groups=groups).advice)
+    same = " ".join(identify(Record(u, y, groups=groups), Plane(10)).advice)
     assert "no data were held out" not in same
     few = groups[::4]
-    differ = identify(u[:100], y[:100], levels=10, groups=few, smoothness=0.0)
+    differ = identify(Record(u[:100], y[:100], groups=few), Plane(10), prior=Smooth(0.0))
     assert "the error on left-out groups" in " ".join(differ.advice)
 
 
 def test_advice_names_a_falling_output():
     u, y = a_record(400)
-    assert "reverse the sign of the output" in " ".join(identify(u, -y, levels=10).advice)
-    assert "reverse the sign" not in " ".join(identify(u, y, levels=10).advice)
+    assert "reverse the sign of the output" in " ".join(identify(u, -y, Plane(10)).advice)
+    assert "reverse the sign" not in " ".join(identify(u, y, Plane(10)).advice)
 
 
 def test_a_smaller_range_at_the_end_is_no_overfitting():
@@ -83,7 +86,7 @@ def test_a_smaller_range_at_the_end_is_no_overfitting():
     u = np.where(t < 2100, 5.0, 0.25) * np.sin(t / 20)
     model = Preisach(np.linspace(-5, 5, 21), np.tril(np.ones((20, 20))))
     y = model.simulate(u) + rng.normal(0, 0.5, t.size)
-    found = identify(u, y, levels=20, holdout=0.3)
+    found = identify(u, y, Plane(20), holdout=0.3)
     assert found.holdout_nrmse > 2 * found.nrmse
     assert "more than twice" not in " ".join(found.advice)
 
@@ -92,17 +95,17 @@ def test_a_smaller_range_at_the_end_is_no_overfitting():
 def test_exchanged_columns_are_named_unless_weights_may_be_negative(shape):
     u, y = record(shape)
     says = "loops run clockwise"
-    assert says in " ".join(identify(y, u, levels=8, holdout=0.3).warnings)
-    assert says not in " ".join(identify(u, y, levels=8, holdout=0.3).warnings)
-    assert says not in " ".join(identify(y, u, levels=8, holdout=0.3, signed=True).warnings)
+    assert says in " ".join(identify(y, u, Plane(8), holdout=0.3).warnings)
+    assert says not in " ".join(identify(u, y, Plane(8), holdout=0.3).warnings)
+    assert says not in " ".join(identify(y, u, Plane(8, signed=True), holdout=0.3).warnings)
 
 
 def test_a_bit_that_never_changes_is_no_noise():
     u, y = record("levels")
     bit = np.ptp(y) / 8
     above = y - y.min()
-    assert not identify(u, y, levels=12).warnings
-    found = identify(u, y - bit * (np.floor(above / bit) % 2), levels=12)
+    assert not identify(u, y, Plane(12)).warnings
+    found = identify(u, y - bit * (np.floor(above / bit) % 2), Plane(12))
     assert "beyond noise" in " ".join(found.warnings)
 
 
@@ -110,7 +113,7 @@ def test_a_filter_is_more_than_the_lag_that_was_found():
     u, y = record("sine")
     filtered = np.convolve(y, np.full(12, 1 / 12))[: y.size]
     filtered[:12] = y[:12]
-    found = identify(u, filtered, levels=12, lag="auto")
+    found = identify(u, filtered, Plane(12, lag="auto"))
     assert found.lag > 0
     assert "beyond noise" in " ".join(found.warnings)
 
@@ -120,4 +123,4 @@ def test_advice_names_one_measured_major_loop(shared_data):
         shared_data / "piezo_micromanipulator_model.csv", ["input_V", "displacement_um"]
     )
     u, y = (column[200:] for column in columns.values())
-    assert "one major loop" in " ".join(identify(u, y, levels=25, lag=3, holdout=0.3).advice)
+    assert "one major loop" in " ".join(identify(u, y, Plane(25, lag=3), holdout=0.3).advice)

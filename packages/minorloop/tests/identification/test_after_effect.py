@@ -2,21 +2,23 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError, SignalError
+from minorloop.identification import Viscosity, identify
 from minorloop.identification.after_effect import (
     Constants,
     State,
     TimedRecord,
-    identify_after_effect,
     rows_of,
 )
 from minorloop.identification.after_effect_result import AfterEffectIdentification, along
 from minorloop.identification.curves import as_curves
 from minorloop.identification.design_matrix import PlaneSpec, pack
+from minorloop.lab.records import Record
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
 
 BANDS = 5
 LEVELS = np.linspace(-1, 1, BANDS + 1)
+SPECTRUM = Viscosity(LEVELS, "spectrum", False, times=[0.5, 5.0])
 
 
 def a_plane(seed=1000):
@@ -36,7 +38,7 @@ def holds(seed=1000, count=60, short=1.0, long=10.0):
 def a_record(model, noise=0.0, **options):
     t, u = holds(**options)
     y = model.simulate(t, u)
-    return t, u, y + noise * np.random.default_rng(1001).normal(size=y.size)
+    return Record(u, y + noise * np.random.default_rng(1001).normal(size=y.size), t)
 
 
 def creeping():
@@ -47,8 +49,7 @@ def creeping():
 
 @pytest.fixture(scope="module")
 def spectrum():
-    options = {"levels": LEVELS, "creep": "spectrum", "rate": False, "times": [0.5, 5.0]}
-    return identify_after_effect(*a_record(creeping(), noise=1e-2, count=150), **options)
+    return identify(a_record(creeping(), noise=1e-2, count=150), SPECTRUM)
 
 
 def test_a_spectrum_is_found_and_inverted(spectrum):
@@ -74,9 +75,8 @@ def test_bands_of_two_runs_contain_another_run():
     label = np.repeat([0, 1], t.size)
     y = np.concatenate([truth.simulate(t, u) + shift for shift in (-0.02, 0.02)])
     t2, u2 = np.concatenate([t, t[-1] + 1 + t]), np.tile(u, 2)
-    options = {"levels": LEVELS, "creep": "spectrum", "rate": False, "times": [0.5, 5.0]}
-    found = identify_after_effect(t2, u2, y, curves=label, groups=label, **options)
-    alone = identify_after_effect(t2, u2, y, curves=label, **options)
+    record = Record(u2, y, t2, curves=label)
+    found, alone = (identify(record.replace(groups=runs), SPECTRUM) for runs in (label, None))
     wide, narrow = (one.predict(t, u, bands=0.9).sd.mean() for one in (found, alone))
     # Student's factor of one degree of freedom is 3.8.
     assert wide > 2 * narrow
@@ -86,7 +86,7 @@ def test_bands_of_two_runs_contain_another_run():
 def test_a_fluctuation_field_is_found():
     truth = AfterEffect(a_plane(), 0.03, 30.0)
     record = a_record(truth, noise=1e-4)
-    found = identify_after_effect(*record, levels=LEVELS, creep="thermal", rate=False)
+    found = identify(record, Viscosity(LEVELS, creep="thermal", rate=False))
     assert found.law == "thermal"
     assert found.model.field[0] == pytest.approx(0.03, rel=0.15)
     assert found.model.settling == pytest.approx(30.0, rel=0.5)
@@ -115,8 +115,9 @@ def test_a_settling_time_that_two_pauses_do_not_determine_is_in_bands_and_advice
     t, u, label = reversals((0.0, 50.0), 1020)
     y = along(truth, t, u, as_curves(label, t.size, "positive", None))
     y += 0.1 * np.random.default_rng(1021).normal(size=y.size)
-    found = identify_after_effect(
-        t, u, y, levels=LEVELS, creep="thermal", rate=False, curves=label, start="positive"
+    found = identify(
+        Record(u, y, t, curves=label, start="positive"),
+        Viscosity(LEVELS, creep="thermal", rate=False),
     )
     t, u, label = reversals((350.0, 1500.0), 1022)
     wanted = along(truth, t, u, as_curves(label, t.size, "positive", None))
@@ -131,7 +132,7 @@ def test_a_record_without_effect_of_time_keeps_the_plane():
     truth = a_plane()
     t, u = holds()
     y = truth.simulate(u) + 1e-3 * np.random.default_rng(1006).normal(size=t.size)
-    found = identify_after_effect(t, u, y, levels=LEVELS, creep="spectrum")
+    found = identify(Record(u, y, t), Viscosity(LEVELS, creep="spectrum"))
     assert found.law == "none"
     assert found.model.times.size == found.model.field.size == 0
     assert "time explains nothing" in str(found)
@@ -142,9 +143,7 @@ def test_viscous_relays_are_found_from_two_rates():
     sweep = np.sin(np.linspace(0, 6 * np.pi, 300)) * np.linspace(1, 0.4, 300)
     u = np.concatenate([sweep, sweep])
     t = np.cumsum(np.repeat([0.02, 0.4], 300))
-    found = identify_after_effect(
-        t, u, truth.simulate(t, u), levels=LEVELS, creep="none", rate=True
-    )
+    found = identify(Record(u, truth.simulate(t, u), t), Viscosity(LEVELS, creep="none", rate=True))
     assert found.law == "viscous"
     assert found.model.settling == pytest.approx(0.05, rel=0.05)
 
@@ -160,7 +159,7 @@ def test_thresholds_and_creep_are_found_at_once(field, settling, laws):
     u = np.concatenate([sweep, sweep, holds(1011, 20)[1]])
     t = np.cumsum(np.repeat([0.02, 0.4, 0.3], 200))
     y = truth.simulate(t, u) + 1e-3 * np.random.default_rng(1012).normal(size=t.size)
-    found = identify_after_effect(t, u, y, levels=LEVELS, times=[1.0, 5.0])
+    found = identify(Record(u, y, t), Viscosity(LEVELS, times=[1.0, 5.0]))
     alone = {one.law: one.error for one in found.tried}
     assert found.law in [f"{law} and spectrum" for law in laws]
     assert found.left_out_error < 0.1 * min(alone[law] for law in (*laws, "spectrum"))
@@ -191,15 +190,15 @@ def test_curves_begin_anew():
     truth, parts = creeping(), 8
     t, u = holds(1007, parts)
     label = np.repeat(np.arange(parts), 10)
-    whole = identify_after_effect(
-        t,
-        u,
-        np.concatenate([truth.simulate(t[label == k], u[label == k]) for k in range(parts)]),
-        levels=LEVELS,
-        creep="spectrum",
-        rate=False,
-        curves=label,
-        skip=1,
+    whole = identify(
+        Record(
+            u,
+            np.concatenate([truth.simulate(t[label == k], u[label == k]) for k in range(parts)]),
+            t,
+            curves=label,
+            skip=1,
+        ),
+        Viscosity(LEVELS, creep="spectrum", rate=False),
     )
     assert isinstance(whole, AfterEffectIdentification)
     assert whole.fitted.sum() == 9 * parts
@@ -210,29 +209,27 @@ def test_curves_begin_anew():
 def test_one_rate_is_refused_with_what_to_measure():
     u = np.tile([-1.0, -0.5, 0.0, 0.5, 1.0, 0.5, 0.0, -0.5], 10)
     with pytest.raises(SignalError, match="one rate; record the same loops ten times as fast"):
-        identify_after_effect(np.arange(80.0), u, u, levels=4, rate=True)
+        identify(Record(u, u, np.arange(80.0)), Viscosity(4, rate=True))
 
 
 def test_a_spectrum_without_holds_is_refused():
     u = np.sin(np.arange(200.0))
     with pytest.raises(SignalError, match="so that no creep is seen; record holds"):
-        identify_after_effect(np.arange(200.0), u, u, levels=4, creep="spectrum")
+        identify(Record(u, u, np.arange(200.0)), Viscosity(4, creep="spectrum"))
 
 
 def test_bad_times_and_options_are_refused():
     t, u = holds(1008, 6)
     with pytest.raises(SignalError, match="t does not increase at index 3"):
-        identify_after_effect(np.where(np.arange(60) == 3, t[2], t), u, u)
-    with pytest.raises(SignalError, match="give one time for each input"):
-        identify_after_effect(t[:-1], u, u)
+        identify(Record(u, u, np.where(np.arange(60) == 3, t[2], t)), Viscosity())
     with pytest.raises(ParameterError, match="creep is 'slow'"):
-        identify_after_effect(t, u, u, creep="slow")
+        identify(Record(u, u, t), Viscosity(creep="slow"))
     with pytest.raises(ParameterError, match="give fewer levels"):
-        identify_after_effect(t, u, u, levels=100, creep="spectrum", times=[1.0, 2.0])
+        identify(Record(u, u, t), Viscosity(100, creep="spectrum", times=[1.0, 2.0]))
 
 
 def test_a_change_within_a_gap_is_a_warning():
     t, u = holds(1009, 10, long=1.0)
     t = t + np.where(np.arange(100) >= 50, 30.0, 0.0)
-    found = identify_after_effect(t, u, u, levels=4, creep="none", rate=False)
+    found = identify(Record(u, u, t), Viscosity(4, creep="none", rate=False))
     assert "changes in 1 gap of the times, first from" in found.warnings[0]

@@ -1,20 +1,22 @@
 import numpy as np
 
 import minorloop as ml
-from fixed_options import identify
+from fixed_options import Plane, identify
+from minorloop.identification import Smooth
 from minorloop.identification.alternation import alternate, earlier, without
-from minorloop.identification.dynamic_parts import DynamicRecord, Dynamics
+from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
+from minorloop.lab.records import Record
 
 T = 0.01 * np.arange(800)
 U = np.repeat(np.random.default_rng(1000).uniform(0, 1, 40), 20)
 U[:20] = 0
 PLANE = ml.Preisach(np.linspace(0, 1, 7), np.tril(np.ones((6, 6))))
-TRUE = Dynamics(0.01, 2.0, (float(np.log(0.03)),), (float(np.log(0.08)),))
-RECORD = DynamicRecord.of(T, U, TRUE.cascade(PLANE).simulate(T, U), {})
+TRUE = DynamicParts(0.01, 2.0, (float(np.log(0.03)),), (float(np.log(0.08)),))
+RECORD = DynamicRecord.of(Record(U, TRUE.cascade(PLANE).simulate(T, U), T), 0.0)
 
 
 def static(u, y):
-    return identify(u, y, levels=PLANE.levels, prior="none", smoothness=0.0)
+    return identify(u, y, Plane(PLANE.levels), prior=Smooth(0.0))
 
 
 def test_the_record_without_its_dynamics_is_that_of_the_operator():
@@ -24,7 +26,7 @@ def test_the_record_without_its_dynamics_is_that_of_the_operator():
 
 
 def test_alternation_finds_poles_on_both_sides():
-    begin = Dynamics(0.01, 1.0, (float(np.log(0.05)),), (float(np.log(0.05)),))
+    begin = DynamicParts(0.01, 1.0, (float(np.log(0.05)),), (float(np.log(0.05)),))
     found = alternate(RECORD, begin, static)
     np.testing.assert_allclose(found.dynamics.time_constants, [0.08, 0.03], rtol=0.1)
     assert found.error < 3e-3

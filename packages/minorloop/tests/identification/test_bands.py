@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options, Plane, identify
 from minorloop.errors import ParameterError
 from minorloop.identification import likelihood, prior_fit
 from minorloop.identification.bands import Prediction
+from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
@@ -14,7 +15,7 @@ U = np.random.default_rng(0).uniform(0, 1, 25)
 @pytest.fixture(scope="module")
 def fit():
     y = MODEL.simulate(U) + np.random.default_rng(1).normal(0, 0.1, 25)
-    return identify(U, y, levels=8)
+    return identify(U, y, Plane(8))
 
 
 def test_bands_cover_their_share():
@@ -50,7 +51,7 @@ def test_no_outputs_are_printed_as_none(fit):
 )
 def test_refuses_what_the_prior_cannot_use(options, says):
     with pytest.raises(ParameterError, match=says):
-        identify(U, U, **options)
+        Options.of(options).identify(Record(U, U))
 
 
 def many_plays(u):
@@ -68,7 +69,7 @@ def readings_in_bands(samples, levels, noise):
     rng = np.random.default_rng(1000)
     u = rng.uniform(-1, 1, samples + 200)
     y = many_plays(u) + noise * rng.normal(size=u.size)
-    found = identify(u[:samples], y[:samples], levels=np.linspace(-1, 1, levels + 1))
+    found = identify(u[:samples], y[:samples], Plane(np.linspace(-1, 1, levels + 1)))
     shown = found.predict(u, bands=0.9)
     return np.mean((np.abs(shown.y - y) <= shown.half_width)[samples:])
 

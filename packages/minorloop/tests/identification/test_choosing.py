@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options, Plane, identify
 from minorloop.errors import ParameterError
-from minorloop.identification import choosing
+from minorloop.identification import Smooth, choosing
 from minorloop.lab.columns import read_columns
+from minorloop.lab.records import Record
 from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
@@ -27,7 +28,10 @@ def magnet():
 def test_a_slope_is_chosen_where_the_output_is_nearly_linear():
     u, y = magnet()
     options = {"levels": 12, "start": "demagnetised", "holdout": 0.3, "prior": "none"}
-    plain, chosen = identify(u, y, **options), identify(u, y, **options, slope="auto")
+    plain, chosen = (
+        Options.of(options).identify(Record(u, y)),
+        Options.of({"slope": "auto", **options}).identify(Record(u, y)),
+    )
     assert chosen.model.slope > 0
     assert chosen.holdout_nrmse < 0.2 * plain.holdout_nrmse
     (choice,) = chosen.choices
@@ -38,7 +42,7 @@ def test_a_slope_is_chosen_where_the_output_is_nearly_linear():
 
 def test_the_simplest_structure_is_kept_where_others_are_no_better():
     u, y = a_record(600)
-    found = identify(u, y, levels=LEVELS, diagonal="auto", slope="auto", lag="auto")
+    found = identify(u, y, Plane(LEVELS, diagonal="auto", slope="auto", lag="auto"))
     assert (found.model.diagonal, found.model.slope, found.lag) == ("uniform", 0.0, 0)
 
 
@@ -47,20 +51,22 @@ def test_a_reversible_diagonal_is_chosen_where_small_loops_have_no_area():
     u = np.repeat(rng.uniform(-1.2, 1.2, 500), 2) + np.tile([0, 0.1], 500)
     u = np.clip(u, -1.2, 1.2)
     y = a_plane(diagonal="reversible").simulate(u) + 0.05 * rng.normal(size=u.size)
-    assert identify(u, y, levels=LEVELS, diagonal="auto").model.diagonal == "reversible"
+    assert identify(u, y, Plane(LEVELS, diagonal="auto")).model.diagonal == "reversible"
 
 
 def test_relays_are_compared_without_an_offset_only():
     u, y = a_record(300)
-    assert identify(u, y, levels=5, relay="auto").choices == ()
-    (choice,) = identify(u, y + 10, levels=5, relay="auto", offset=False).choices
+    assert identify(u, y, Plane(5, relay="auto")).choices == ()
+    (choice,) = identify(u, y + 10, Plane(5, relay="auto", offset=False)).choices
     assert "relays" in choice.chosen
 
 
 def test_rows_of_one_group_are_compared_in_contiguous_parts(monkeypatch):
     monkeypatch.setattr(choosing, "_MOST_ROWS", 150)
     u, y = a_record(300)
-    found = identify(u, y, levels=5, slope="auto", smoothness=0.0, groups=np.arange(300) >= 200)
+    found = identify(
+        Record(u, y, groups=np.arange(300) >= 200), Plane(5, slope="auto"), prior=Smooth(0.0)
+    )
     assert [one.name for one in found.choices] == ["structure"]
 
 
@@ -69,9 +75,9 @@ def test_lags_are_compared_on_the_same_rows_of_curves():
     y = a_magnet().simulate(u)[label >= 0]
     u, label = u[label >= 0], label[label >= 0]
     options = {"levels": 8, "curves": label, "start_of_curve": "negative", "smoothness": 0.0}
-    found = identify(u, y, **options, lag="auto")
+    found = Options.of({"lag": "auto", **options}).identify(Record(u, y))
     assert found.lag == 0
-    said = " ".join(identify(u, y, **options, lag=2).advice)
+    said = " ".join(Options.of({"lag": 2, **options}).identify(Record(u, y)).advice)
     assert f"the lag of 2 samples leaves {2 * 24} of {u.size} samples out" in said
     assert "samples out" not in " ".join(found.advice)
 
@@ -91,14 +97,14 @@ def reversal_curves():
 
 def test_a_spelling_mistake_is_refused():
     with pytest.raises(ParameterError, match="slope is 'odd'"):
-        identify(*a_record(50), slope="odd")
+        identify(Record(*a_record(50)), Plane(slope="odd"))
 
 
 def test_the_piezo_stage_as_recorded(shared_data):
     columns = read_columns(
         shared_data / "piezo_micromanipulator_minor_loops.csv", ["input_V", "displacement_um"]
     )
-    found = identify(*columns.values(), **AUTO, holdout=0.3)
+    found = identify(Record(*columns.values()), Plane(**AUTO), holdout=0.3)
     assert found.holdout_nrmse <= 0.005
     assert found.lag == 3
     assert [one.name for one in found.choices] == ["lag", "structure", "levels"]

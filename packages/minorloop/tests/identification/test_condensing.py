@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options
 from minorloop.identification import condensing, fitting
 from minorloop.identification.condensing import condense
+from minorloop.lab.records import Record
 from plane_records import LEVELS, a_plane
 
 
@@ -28,10 +29,10 @@ def slow(samples=4000, seed=0):
 )
 def test_a_condensed_record_has_the_same_fit(options, monkeypatch):
     u, y = slow()
-    whole = identify(u, y, levels=LEVELS, smoothness=1e-5, **options)
+    whole = Options.of({"levels": LEVELS, "smoothness": 1e-5, **options}).identify(Record(u, y))
     monkeypatch.setattr(condensing, "LONG", 1000)
     monkeypatch.setattr(fitting, "LONG", 1000)
-    short = identify(u, y, levels=LEVELS, smoothness=1e-5, **options)
+    short = Options.of({"levels": LEVELS, "smoothness": 1e-5, **options}).identify(Record(u, y))
     assert short.matrix.samples < 0.5 * whole.matrix.samples
     assert short.samples == whole.samples
     assert (short.rank, short.excited_fraction) == (whole.rank, whole.excited_fraction)

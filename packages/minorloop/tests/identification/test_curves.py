@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options, Plane, identify
 from minorloop.errors import ParameterError, SignalError
+from minorloop.identification import Smooth
 from minorloop.identification.curves import Curves
+from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory
 from plane_records import LEVELS, a_plane
 
@@ -22,11 +24,11 @@ def curves_of(start, seed=0, **options):
 @pytest.mark.parametrize("start", STARTS)
 def test_curves_whose_memory_is_reset_are_fitted_exactly(start):
     u, y = curves_of(start)
-    found = identify(u, y, levels=LEVELS, curves=LABELS, start_of_curve=start)
+    found = identify(Record(u, y, curves=LABELS, start_of_curve=start), Plane(LEVELS))
     assert found.nrmse < 1e-9
     np.testing.assert_allclose(found.prediction, y, atol=1e-7)
     np.testing.assert_allclose(found.predict(u, curves=LABELS), y, atol=1e-7)
-    continued = identify(u, y, levels=LEVELS, curves=LABELS, start_of_curve="as-left")
+    continued = identify(Record(u, y, curves=LABELS, start_of_curve="as-left"), Plane(LEVELS))
     assert continued.nrmse > 0.01
 
 
@@ -35,7 +37,7 @@ def test_a_lag_does_not_reach_into_the_previous_curve():
     late = np.concatenate(
         [np.r_[[y[k] for _ in range(3)], y[k : k + 117]] for k in range(0, 480, 120)]
     )
-    found = identify(u, late, levels=LEVELS, curves=LABELS, lag="auto")
+    found = identify(Record(u, late, curves=LABELS), Plane(LEVELS, lag="auto"))
     assert found.lag == 3
     assert found.samples == 4 * 117
     assert found.nrmse < 1e-9
@@ -45,7 +47,7 @@ def test_skipped_rows_set_the_memory_and_are_not_fitted():
     u, y = curves_of("negative")
     spoilt = y.copy()
     spoilt[np.arange(480) % 120 < 2] += 100.0
-    found = identify(u, spoilt, levels=LEVELS, curves=LABELS, skip=2, smoothness=0.0)
+    found = identify(Record(u, spoilt, curves=LABELS, skip=2), Plane(LEVELS), prior=Smooth(0.0))
     assert (found.samples, found.skipped) == (4 * 118, 8)
     np.testing.assert_allclose(found.prediction, y, atol=1e-6)
 
@@ -83,4 +85,4 @@ def test_driven_inputs_put_the_reset_before_each_later_curve():
 )
 def test_refuses(options, error, says):
     with pytest.raises(error, match=says):
-        identify(*curves_of("negative"), levels=5, **options)
+        Options.of({"levels": 5, **options}).identify(Record(*curves_of("negative")))

@@ -1,13 +1,15 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.errors import ParameterError
+from minorloop.identification import Gaussian, Smooth
 from minorloop.identification.design import budget, design, next_input
 from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.identification.likelihood import regressors
 from minorloop.identification.prior import Hyperparameters
 from minorloop.identification.prior_fit import posterior_after
+from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -19,7 +21,7 @@ NOW = Memory.after(U, low=0, high=1)
 
 @pytest.fixture(scope="module")
 def fit():
-    return identify(U, MODEL.simulate(U), levels=LEVELS, prior="gaussian", noise=0.05)
+    return identify(Record(U, MODEL.simulate(U), sd=0.05), Plane(LEVELS), prior=Gaussian())
 
 
 def test_a_design_goes_everywhere_and_never_repeats_itself_at_once():
@@ -97,7 +99,7 @@ def test_refuses_impossible_budgets(options, says):
 
 
 def test_needs_the_prior():
-    plain = identify(U, MODEL.simulate(U), levels=LEVELS, prior="none")
+    plain = identify(U, MODEL.simulate(U), Plane(LEVELS), prior=Smooth())
     with pytest.raises(ParameterError, match="needs the prior"):
         next_input(plain, NOW)
 
@@ -112,7 +114,7 @@ def test_needs_the_prior():
 )
 def test_next_input_refuses_what_it_cannot_use(change, says):
     u = np.linspace(0, 1, 5) ** 2
-    fit = identify(u, u, levels=4, prior="gaussian")
+    fit = identify(u, u, Plane(4), prior=Gaussian())
     given = {"identification": fit, "memory": Memory.after(u, low=0.0, high=1.0), **change}
     with pytest.raises(ParameterError, match=says):
         next_input(**given)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import minorloop as ml
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
@@ -19,7 +19,7 @@ CHOSEN = TriedDynamics(1, 0, 0.01, True, 0.002, True)
 def result(linear, first="operator", creep=None, off=0.0):
     model = Cascade(PLANE, linear, first, creep, 0.01)
     y = model.simulate(T, U) + off * np.sin(50 * T)
-    static = identify(U, PLANE.simulate(U), levels=4)
+    static = identify(U, PLANE.simulate(U), Plane(4))
     fitted = T < 1.5
     return DynamicIdentification(model, static, T, U, y, fitted, ~fitted, (CHOSEN,))
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.identification.alternation import Found
-from minorloop.identification.dynamic_parts import Dynamics
+from minorloop.identification.dynamic_parts import DynamicParts
 from minorloop.identification.dynamic_search import better, near, simplest
 
 
@@ -18,7 +18,7 @@ NOISE = 1 + 0.3 * np.random.default_rng(1000).normal(size=40)
 
 
 def fit(ahead, behind, squares, delay=0.0):
-    return Scored(Dynamics(1e-3, delay, (-3.0,) * ahead, (-3.0, -8.0)[:behind]), squares)
+    return Scored(DynamicParts(1e-3, delay, (-3.0,) * ahead, (-3.0, -8.0)[:behind]), squares)
 
 
 def test_a_small_gain_on_every_piece_is_worth_a_pole_and_chance_is_not():

@@ -58,7 +58,9 @@ LAGS = Linear.lags(6e-3, 2e-3)
 @cache
 def stage():
     u = sweeps()
-    return ml.identify_dynamics(time_of(u), u, measured(u, LAGS), holdout=0.1, **COARSE)
+    return ml.identify(
+        ml.Record(u, measured(u, LAGS), time_of(u)), ml.Dynamics(ml.Plane(**COARSE)), holdout=0.1
+    )
 
 
 def test_finds_two_poles_after_the_operator():
@@ -98,7 +100,9 @@ def amplifier_and_sensor():
     u = sweeps((4.0, 20.0, 50.0, 9.0))
     filtered = Linear.lags(6e-3).simulate(time_of(u), u, before=float(u[0]))
     y = measured(filtered, Linear.lags(2e-3), noise=4 * NOISE)
-    return ml.identify_dynamics(time_of(u), u, y, poles=2, creep=False, **COARSE)
+    return ml.identify(
+        ml.Record(u, y, time_of(u)), ml.Dynamics(ml.Plane(**COARSE), poles=2, creep=False)
+    )
 
 
 def test_finds_poles_on_both_sides_of_the_operator():
@@ -122,21 +126,17 @@ def virgin(u):
 
 def test_a_virgin_start_is_not_fitted():
     u = sweeps((4.0, 20.0, 9.0, 3.0))
-    found = ml.identify_dynamics(
-        time_of(u), u, virgin(u), first="operator", poles=2, creep=False, **COARSE
+    found = ml.identify(
+        ml.Record(u, virgin(u), time_of(u)),
+        ml.Dynamics(ml.Plane(**COARSE), first="operator", poles=2, creep=False),
     )
     assert found.startup > 100
     assert not found.fitted[: found.startup].any()
     assert any("rows are not fitted" in text for text in found.advice)
     np.testing.assert_allclose(found.model.linear.time_constants, [6e-3, 2e-3], rtol=0.05)
-    given = ml.identify_dynamics(
-        time_of(u),
-        u,
-        virgin(u),
-        first="operator",
-        poles=1,
-        creep=False,
-        **COARSE | {"start": "demagnetised"},
+    given = ml.identify(
+        ml.Record(u, virgin(u), time_of(u), start="demagnetised"),
+        ml.Dynamics(ml.Plane(**COARSE), first="operator", poles=1, creep=False),
     )
     assert given.fitted.all()
 
@@ -144,8 +144,9 @@ def test_a_virgin_start_is_not_fitted():
 def test_finds_dynamics_before_the_operator():
     u = np.repeat(np.random.default_rng(1001).uniform(0, 100, 50), 40)
     u[:40] = 0.0
-    found = ml.identify_dynamics(
-        time_of(u), u, measured(u, Linear.lags(12e-3), "linear"), poles=1, creep=False, **COARSE
+    found = ml.identify(
+        ml.Record(u, measured(u, Linear.lags(12e-3), "linear"), time_of(u)),
+        ml.Dynamics(ml.Plane(**COARSE), poles=1, creep=False),
     )
     assert found.model.first == "linear"
     np.testing.assert_allclose(found.model.linear.time_constants[0], 12e-3, rtol=0.03)
@@ -157,8 +158,9 @@ def test_finds_dynamics_before_the_operator():
 def test_finds_dead_time_and_a_resonance():
     omega, u = 2 * np.pi * 40, sweeps()
     system = Linear([omega**2], [1, 0.2 * omega, omega**2], delay=3 / RATE)
-    found = ml.identify_dynamics(
-        time_of(u), u, measured(u, system), first="operator", poles=2, creep=False, **COARSE
+    found = ml.identify(
+        ml.Record(u, measured(u, system), time_of(u)),
+        ml.Dynamics(ml.Plane(**COARSE), first="operator", poles=2, creep=False),
     )
     assert found.model.linear.delay == pytest.approx(3 / RATE, abs=0.2 / RATE)
     poles = found.model.linear.poles
@@ -172,7 +174,9 @@ def test_finds_creep():
     u = np.repeat(np.random.default_rng(1002).uniform(0, 100, 20), 150)
     u[:150] = 0.0
     y = measured(u, Linear.lags(4e-3), creep=Creep([0.3], [0.2], 0.8))
-    found = ml.identify_dynamics(time_of(u), u, y, first="operator", poles=1, **COARSE)
+    found = ml.identify(
+        ml.Record(u, y, time_of(u)), ml.Dynamics(ml.Plane(**COARSE), first="operator", poles=1)
+    )
     assert found.model.creep.strengths.sum() == pytest.approx(0.2, abs=0.04)
     assert found.model.creep.dc_gain == pytest.approx(1)
     assert found.nrmse < 5e-3
@@ -181,15 +185,10 @@ def test_finds_creep():
 
 def test_with_the_prior_it_has_bands():
     u = sweeps((20.0,))[:120]
-    found = ml.identify_dynamics(
-        time_of(u),
-        u,
-        measured(u, LAGS),
-        first="operator",
-        poles=1,
-        creep=False,
-        levels=5,
-        prior="gaussian",
+    found = ml.identify(
+        ml.Record(u, measured(u, LAGS), time_of(u)),
+        ml.Dynamics(ml.Plane(5), first="operator", poles=1, creep=False),
+        prior=ml.Gaussian(),
     )
     assert found.static.posterior is not None
 
@@ -197,8 +196,7 @@ def test_with_the_prior_it_has_bands():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"lag": 3}, "lag cannot be combined with dynamics"),
-        ({"groups": np.zeros(500)}, "groups cannot be combined"),
+        ({"plane": ml.Plane(lag=3)}, "lag cannot be combined with dynamics"),
         ({"poles": 4}, 'poles is 4; give "auto" or 0 to 3'),
         ({"first": "both"}, "first is 'both'"),
         ({"creep": "some"}, "creep is 'some'"),
@@ -207,15 +205,15 @@ def test_with_the_prior_it_has_bands():
 def test_refuses_options(options, message):
     u = sweeps()[:500]
     with pytest.raises(ParameterError, match=message):
-        ml.identify_dynamics(time_of(u), u, u, **options)
+        ml.identify(ml.Record(u, u, time_of(u)), ml.Dynamics(**options))
 
 
 def test_refuses_records():
     u = sweeps()[:500]
     t = time_of(u)
-    with pytest.raises(SignalError, match="sample evenly"):
-        ml.identify_dynamics(np.append(t[:-1], 2 * t[-1]), u, u)
+    with pytest.raises(ParameterError, match=r"groups .* cannot be combined"):
+        ml.identify(ml.Record(u, u, t, groups=np.zeros(500)), ml.Dynamics())
     y = np.full(500, np.nan)
     y[::10] = u[::10]
     with pytest.raises(SignalError, match="50 outputs are fitted, and dynamics need 100"):
-        ml.identify_dynamics(t, u, y)
+        ml.identify(ml.Record(u, y, t), ml.Dynamics())

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options, Plane, identify
+from minorloop.identification import Gaussian
+from minorloop.lab.records import Record
 from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
 
@@ -20,7 +22,7 @@ def fitted(levels, **options):
     u = curves(np.linspace(0.9, -0.1, 12))
     y = MAGNET.simulate(u, "positive")
     y += 1e-3 * np.ptp(y) * np.random.default_rng(1000).normal(size=u.size)
-    return identify(u, y, levels=levels, start="positive", **options)
+    return Options.of({"levels": levels, "start": "positive", **options}).identify(Record(u, y))
 
 
 @pytest.mark.parametrize("levels", [LEVELS[::2], 12], ids=["over all inputs", "over the record"])
@@ -33,7 +35,7 @@ def test_curves_deeper_than_those_fitted_lie_in_their_bands(levels):
 def test_bands_within_the_record_stay_narrow(count):
     found, seen = fitted(LEVELS[::2]), curves([0.5, 0.2])
     u, y = found.u[-count:], found.y[-count:]
-    part = identify(u, y, levels=LEVELS[::2], start="positive", prior="gaussian")
+    part = identify(Record(u, y, start="positive"), Plane(LEVELS[::2]), prior=Gaussian())
     beyond = part.predict(curves([-0.5]), bands=0.9).half_width.max()
     assert part.predict(seen, bands=0.9).half_width.max() < 0.3 * beyond
 

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options, Plane, identify
 from minorloop.errors import SignalError
-from minorloop.identification import excitation
+from minorloop.identification import Smooth, excitation
+from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
@@ -12,7 +13,7 @@ from plane_records import LEVELS, a_plane, a_record
 @pytest.mark.parametrize("unit", [1e-7, 1.0, 1e6])
 def test_a_plane_is_found_from_its_decaying_staircase(options, unit):
     plane, u = a_plane(), excitation.decaying_staircase(LEVELS)
-    found = identify(u, unit * plane.simulate(u), levels=LEVELS, **options)
+    found = Options.of({"levels": LEVELS, **options}).identify(Record(u, unit * plane.simulate(u)))
     error = np.abs(found.model.weights - unit * plane.weights).max()
     assert error <= 1e-10 * unit * plane.weights.max()
     assert (found.rank, found.unknowns, found.samples) == (56, 56, 56)
@@ -28,7 +29,9 @@ def test_every_other_structure_is_found_too(options):
     plane, u = a_plane(**options), excitation.decaying_staircase(LEVELS)
     u = np.concatenate([u, np.random.default_rng(0).uniform(-1.2, 1.2, 200)])
     wanted = {**options, "slope": True} if "slope" in options else options
-    found = identify(u, plane.simulate(u), levels=LEVELS, smoothness=0.0, **wanted)
+    found = Options.of({"levels": LEVELS, "smoothness": 0.0, **wanted}).identify(
+        Record(u, plane.simulate(u))
+    )
     np.testing.assert_allclose(found.model.weights, plane.weights, atol=1e-8)
     assert found.model.slope == pytest.approx(plane.slope, abs=1e-8)
 
@@ -36,7 +39,7 @@ def test_every_other_structure_is_found_too(options):
 def test_samples_not_measured_move_the_memory_only():
     u, y = a_record(noise=0.0)
     gaps = np.random.default_rng(1).uniform(size=y.size) < 0.5
-    found = identify(u, np.where(gaps, np.nan, y), levels=LEVELS)
+    found = identify(u, np.where(gaps, np.nan, y), Plane(LEVELS))
     assert found.samples == np.count_nonzero(~gaps)
     np.testing.assert_allclose(found.model.weights, a_plane().weights, atol=1e-7)
 
@@ -45,7 +48,7 @@ def test_samples_not_measured_move_the_memory_only():
 def test_a_lag_is_found_and_predicted(lag):
     u, y = a_record()
     late = np.concatenate([np.full(lag, y[0]), y[: y.size - lag]])
-    found = identify(u, late, levels=LEVELS, lag="auto")
+    found = identify(u, late, Plane(LEVELS, lag="auto"))
     assert found.lag == lag
     np.testing.assert_allclose(found.predict(u)[lag:], late[lag:], atol=0.05 * np.ptp(y))
 
@@ -55,7 +58,7 @@ def test_signed_weights_fit_a_butterfly():
     butterfly = Preisach(LEVELS, np.tril(1.0 * np.sign(i[:, None] + i - 9)))
     u, _ = a_record()
     y = butterfly.simulate(u)
-    plain, signed = (identify(u, y, levels=LEVELS, signed=signed) for signed in (False, True))
+    plain, signed = (identify(u, y, Plane(LEVELS, signed=signed)) for signed in (False, True))
     assert signed.nrmse < 1e-6 < 0.1 < plain.nrmse
     np.testing.assert_allclose(signed.model.weights, butterfly.weights, atol=1e-4)
     assert "cannot be inverted" in " ".join(signed.advice)
@@ -71,7 +74,8 @@ def test_outputs_count_by_their_standard_deviations(rows, options):
     sd = np.where(chance.uniform(size=u.size) < 0.5, 0.01, 1.0)
     rough = y + sd * chance.normal(size=u.size)
     alike, weighted = (
-        identify(u, rough, levels=LEVELS, noise=noise, **options) for noise in (None, sd)
+        Options.of({"levels": LEVELS, "noise": noise, **options}).identify(Record(u, rough))
+        for noise in (None, sd)
     )
     errors = [np.sqrt(np.mean((found.prediction - y) ** 2)) for found in (alike, weighted)]
     assert errors[1] < 0.5 * errors[0]
@@ -81,9 +85,9 @@ def test_outputs_count_by_their_standard_deviations(rows, options):
 def test_equal_standard_deviations_are_as_good_as_none_and_missing_ones_as_the_greatest():
     u, y = a_record(noise=0.01)
     sd = np.full(u.size, 0.02)
-    plain = identify(u, y, levels=LEVELS, prior="none")
+    plain = identify(u, y, Plane(LEVELS), prior=Smooth())
     for noise in (sd, np.where(np.arange(u.size) % 3, sd, np.nan), 0 * sd):
-        found = identify(u, y, levels=LEVELS, prior="none", noise=noise)
+        found = identify(Record(u, y, sd=noise), Plane(LEVELS), prior=Smooth())
         np.testing.assert_allclose(found.model.weights, plain.model.weights, atol=1e-9)
 
 
@@ -98,4 +102,4 @@ def test_equal_standard_deviations_are_as_good_as_none_and_missing_ones_as_the_g
 def test_standard_deviations_that_cannot_be_are_refused(change, message):
     u, y = a_record(noise=0.01)
     with pytest.raises(SignalError, match=message):
-        identify(u, y, levels=LEVELS, noise=change(np.full(u.size, 0.1)))
+        identify(Record(u, y, sd=change(np.full(u.size, 0.1))), Plane(LEVELS))

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from plane_records import a_record
 
 
 def test_scores_are_what_they_say():
     u, y = a_record()
-    found = identify(u, y, levels=10, holdout=0.25)
+    found = identify(u, y, Plane(10), holdout=0.25)
     assert found.fitted.sum() == 1125
     assert found.held_out[1125:].all()
     predicted = found.model.simulate(u)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.identification import excitation
 from minorloop.identification.curves import Curves
 from minorloop.identification.fitting import FitRecord, on_steep_branch
@@ -22,13 +22,13 @@ def steep(seed):
 @pytest.mark.parametrize("curve", [np.exp, np.copy])
 def test_samples_of_a_curve_without_memory_are_no_outliers(curve):
     u = np.linspace(-1, 1, 150)
-    assert identify(u, curve(u), levels=10).suspects == ()
+    assert identify(u, curve(u), Plane(10)).suspects == ()
 
 
 def test_an_outlier_of_a_steep_branch_is_set_aside():
     u, y = steep(1005)
     y[25] += 3 * np.ptp(y)
-    assert identify(u, y, levels=8).suspects == (25,)
+    assert identify(u, y, Plane(8)).suspects == (25,)
 
 
 def test_samples_of_steep_branches_lie_between_their_neighbours():

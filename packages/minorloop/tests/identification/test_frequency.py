@@ -31,7 +31,7 @@ def driving(operator, first="operator", system=G):
     cascade = Cascade(operator, system, first)
 
     def drive(t, u):
-        return Record(5.0 + t, u, cascade.simulate(t, u, between="straight"))
+        return Record(u, cascade.simulate(t, u, between="straight"), 5.0 + t)
 
     return drive
 
@@ -159,13 +159,13 @@ def test_refuses_what_makes_no_sense():
 
 def test_refuses_records_that_do_not_fit():
     def short(t, u):
-        return Record(t[:-400], u[:-400], u[:-400])
+        return Record(u[:-400], u[:-400], t[:-400])
 
     def gap(t, u):
-        return Record(t, u, np.where(t > t[-9], np.nan, u))
+        return Record(u, np.where(t > t[-9], np.nan, u), t)
 
     def pair(t, u):
-        return Record(t, np.array([u, u]), u, inputs=("a", "b"))
+        return Record(np.array([u, u]), u, t, inputs=("a", "b"))
 
     for drive, why in (
         (short, "without gaps are needed"),

@@ -3,9 +3,9 @@ import pytest
 from scipy.optimize import nnls
 
 from benchmarks import fit_times, real_records
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.errors import ParameterError
-from minorloop.identification import active_set, everett_system, least_squares
+from minorloop.identification import Smooth, active_set, everett_system, least_squares
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import Problem
 from plane_problems import a_problem, objective
@@ -69,7 +69,7 @@ def test_the_sparse_system_finds_the_optimum_of_the_dense_one(monkeypatch):
 
 def test_the_optimality_holds_in_simulated_outputs():
     model, u, y = real_records.a_record(40, 1500)
-    found = identify(u, y, levels=model.levels, smoothness=0.0)
+    found = identify(u, y, Plane(model.levels), prior=Smooth(0.0))
     assert found.kkt <= 1e-10
     assert real_records.violation(found.model, u, y) <= 1e-10
 

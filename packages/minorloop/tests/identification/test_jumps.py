@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
+from minorloop.identification import Smooth
 from minorloop.identification.curves import Curves
 from minorloop.identification.jumps import find_jumps
 from minorloop.identification.scores import score_rows
@@ -40,8 +41,8 @@ def test_jumps_are_found_between_the_samples_around_their_thresholds(noise):
 def test_a_fit_with_narrow_bands_predicts_other_inputs():
     u, y = a_record()
     other, wanted = a_record(1001)
-    found = identify(u, y, smoothness=0.0)
-    smeared = identify(u, y, levels=LEVELS, smoothness=0.0)
+    found = identify(u, y, prior=Smooth(0.0))
+    smeared = identify(u, y, Plane(LEVELS), prior=Smooth(0.0))
     errors = [np.sqrt(np.mean((one.predict(other) - wanted) ** 2)) for one in (found, smeared)]
     assert errors[0] < 0.2 * errors[1]
     assert smeared.jumps == ()
@@ -54,7 +55,7 @@ def test_jumps_within_given_narrow_bands_count_and_these_thresholds_stay():
     other, wanted = a_record(1001)
     thresholds = np.array([-0.6, -0.217, 0.313, 0.52])
     levels = np.union1d(LEVELS, [thresholds - 1e-3, thresholds + 1e-3])
-    found = identify(u, y, levels=levels)
+    found = identify(u, y, Plane(levels))
     np.testing.assert_array_equal(found.model.levels, levels)
     assert len(found.jumps) == 4
     assert found.posterior is None

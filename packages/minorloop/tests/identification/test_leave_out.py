@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options, Plane, identify
+from minorloop.identification import Gaussian, Smooth
 from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
 from minorloop.identification.leave_out import left_out
+from minorloop.lab.records import Record
 from plane_records import a_plane
 
 LABELS = np.repeat(np.arange(10), 40)
@@ -31,7 +33,7 @@ def covered(u, y, labels, folds, **options):
     rows = []
     for k in range(folds):
         out = np.isin(labels, names[k::folds])
-        found = identify(u[~out], y[~out], curves=labels[~out], **options)
+        found = Options.of(options).identify(Record(u[~out], y[~out], curves=labels[~out]))
         rows.append(inside(found, u[out], y[out], labels[out]))
     return float(np.concatenate(rows).mean())
 
@@ -51,9 +53,9 @@ def test_a_left_out_group_is_predicted_by_a_fit_that_has_not_seen_it():
     y = a_plane().simulate(u)
     levels = np.linspace(-1, 1, 16)
     plain = {"levels": levels, "prior": "none", "smoothness": 0.0}
-    found = identify(u, y, groups=labels, **plain)
+    found = Options.of(plain).identify(Record(u, y, groups=labels))
     for k in range(5):
-        others = identify(u, np.where(labels == k, np.nan, y), **plain)
+        others = Options.of(plain).identify(Record(u, np.where(labels == k, np.nan, y)))
         expected = others.model.simulate(u)[labels == k]
         np.testing.assert_allclose(found.left_out[labels == k], expected, atol=1e-6)
 
@@ -65,10 +67,12 @@ def test_what_is_left_out_chooses_no_smoothness_and_no_hyperparameters(options, 
     y = a_plane().simulate(u)
     y += 0.01 * np.ptp(y) * rng.normal(size=200)
     levels = np.linspace(-1, 1, 11)
-    found = identify(u, y, groups=labels, levels=levels, **options)
+    found = Options.of({"levels": levels, **options}).identify(Record(u, y, groups=labels))
     for k in range(5):
         out = labels == k
-        others = identify(u, np.where(out, np.nan, y), levels=levels, **options)
+        others = Options.of({"levels": levels, **options}).identify(
+            Record(u, np.where(out, np.nan, y))
+        )
         expected = others.model.simulate(u)[out]
         assert np.abs(found.left_out[out] - expected).max() <= close * np.ptp(y)
 
@@ -77,14 +81,14 @@ def test_a_sample_that_was_left_out_as_an_outlier_is_not_scored():
     some = np.arange(LABELS.size) % 40 < 8
     u, y = (part[some] for part in specimens())
     y[23] += 8 * np.ptp(y)
-    found = identify(u, y, levels=8, curves=LABELS[some], prior="gaussian")
+    found = identify(Record(u, y, curves=LABELS[some]), Plane(8), prior=Gaussian())
     assert found.suspects == (23,)
     assert np.flatnonzero(np.isnan(found.left_out)).tolist() == [23]
 
 
 def test_samples_of_no_fold_are_in_all_fits():
     u, y = specimens()
-    plain = identify(u, y, levels=5, prior="none")
+    plain = identify(u, y, Plane(5), prior=Smooth())
     options = FitOptions(prior="none")
     record = FitRecord(u, y, plain.fitted, plain.curves, False)
     found = fit_plane(plain.matrix.spec, record, 0, options)

@@ -5,6 +5,7 @@ from fixed_options import identify
 from minorloop.identification import _prior_kernels as kernels
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.model_error import Reach, contiguous_parts
+from minorloop.identification.regularisation import prior_of
 
 CELLS = PlaneSpec(np.linspace(0, 1, 26))
 
@@ -74,7 +75,7 @@ def test_bands_of_a_major_loop_are_wide_on_minor_loops(prior):
     rng = np.random.default_rng(1008)
     u, fresh = triangle(8, 800), walk(rng, 400, 0.1)
     y = bouc_wen(u) + 1e-3 * rng.normal(size=u.size)
-    found = identify(u, y, holdout=0.3, prior=prior)
+    found = identify(u, y, prior=prior_of(prior), holdout=0.3)
     band = found.predict(fresh, bands=0.9)
     assert band.covers(bouc_wen(fresh)) > 0.6
     assert band.half_width.max() < 0.1 * np.ptp(y)

@@ -3,7 +3,9 @@ import pytest
 
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification.oscillator import identify_oscillator
+from minorloop.identification import identify
+from minorloop.identification.oscillator import Vibration
+from minorloop.lab.records import Record
 from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
@@ -28,7 +30,7 @@ def record(plant=PLANT, seed=1000, substeps=16):
     t = np.arange(TURNS * PERIOD) / 750
     y = plant.simulate(t[:PERIOD], u, periodic=True, substeps=substeps)
     noise = NOISE * np.random.default_rng(seed + 1).normal(size=t.size)
-    return t, np.tile(u, TURNS), np.tile(y, TURNS) + noise
+    return Record(np.tile(u, TURNS), np.tile(y, TURNS) + noise, t)
 
 
 def start(factors):
@@ -44,7 +46,7 @@ def settled():
 @pytest.fixture(scope="module")
 def found(settled):
     factors = np.array([0.5, 1.5, 0.5, 1.5, 0.5, 1.5, 1.5])
-    return identify_oscillator(*settled, start(factors), period=PERIOD)
+    return identify(settled, Vibration(start(factors), PERIOD))
 
 
 def test_parameters_are_found_from_a_start_that_is_half_off(found):
@@ -62,14 +64,14 @@ def test_a_start_that_explodes_is_bent_back():
     factors = np.array([1.5, 1.5, 0.5, 0.5, 0.5, 1.5, 1.5])
     mass, damping, stiffness, *law = np.array([2.0, 10, 5e4, 5e4, 800, -1100, 1]) * factors
     begin = Oscillator(mass, damping, stiffness, BoucWen(*law))
-    found = identify_oscillator(*record(plant), begin, period=PERIOD)
+    found = identify(record(plant), Vibration(begin, PERIOD))
     assert found.error < 1.2 * found.noise
 
 
 def test_fixed_parameters_stay(settled):
     begin = start(np.array([1.0, 1.3, 1.0, 1.0, 1.0, 1.0, 1.0]))
     fixed = ("mass", "stiffness", "alpha", "gamma", "delta", "exponent")
-    found = identify_oscillator(*settled, begin, period=PERIOD, fixed=fixed)
+    found = identify(settled, Vibration(begin, PERIOD, fixed=fixed))
     assert np.delete(found.parameters, 1).tolist() == np.delete(TRUE, 1).tolist()
     assert found.sd[1] > 0
     assert not np.delete(found.sd, 1).any()
@@ -78,7 +80,7 @@ def test_fixed_parameters_stay(settled):
 
 
 def test_an_unknown_law_is_found_from_the_record_alone(settled):
-    found = identify_oscillator(*settled, period=PERIOD)
+    found = identify(settled, Vibration(period=PERIOD))
     assert isinstance(found.model.operator, Duhem)
     assert found.free.sum() <= 35
     assert found.error < 1.5 * found.noise
@@ -94,8 +96,7 @@ def test_plays_in_feedback_are_found():
     radii = np.array([2e-4, 6e-4, 1.2e-3])
     plant = Oscillator(2.0, 20.0, 8e4, PrandtlIshlinskii(radii, [1e4, 8e3, 6e3]))
     begin = Oscillator(1.5, 30.0, 9e4, PrandtlIshlinskii(radii, np.zeros(3)))
-    t, u, y = record(plant, substeps=6)
-    found = identify_oscillator(t, u, y, begin, period=PERIOD, substeps=6)
+    found = identify(record(plant, substeps=6), Vibration(begin, PERIOD, substeps=6))
     wanted = np.array([2.0, 20.0, 8e4, 1e4, 8e3, 6e3])
     assert (np.abs(found.parameters - wanted) < 4 * found.sd).all()
     assert found.names[-1] == "weight 2"
@@ -107,7 +108,7 @@ def test_a_record_from_rest_with_gaps_is_enough():
     y = PLANT.simulate(t, u, substeps=16)
     y = y + NOISE * np.random.default_rng(1003).normal(size=t.size)
     y[300:320] = np.nan
-    found = identify_oscillator(t, u, y, start(np.full(7, 1.3)), skip=10)
+    found = identify(Record(u, y, t, skip=10), Vibration(start(np.full(7, 1.3))))
     assert found.record.scored.sum() == t.size - 30
     assert found.noise is None
     assert (np.abs(found.parameters - TRUE) < 4 * found.sd).all()
@@ -119,7 +120,7 @@ def test_a_period_from_rest_is_left_out(turns):
     """With it the damping was 34 % wrong, and the error below what counted as noise."""
     u, t = np.tile(multisine(1000), turns), np.arange(turns * PERIOD) / 750
     y = PLANT.simulate(t, u) + 1e-7 * np.random.default_rng(1001).normal(size=t.size)
-    found = identify_oscillator(t, u, y, PLANT, period=PERIOD)
+    found = identify(Record(u, y, t), Vibration(PLANT, period=PERIOD))
     assert found.record.unsettled == 1
     assert found.advice[0].startswith("the first period differs from the later ones")
     assert (np.abs(found.parameters - TRUE) < 4 * found.sd).all()
@@ -131,50 +132,50 @@ def test_a_record_that_begins_in_motion_has_advice():
     u = np.tile(multisine(1000), 2)
     y = PLANT.simulate(t, u) + 1e-6 * np.random.default_rng(1001).normal(size=t.size)
     rest, moving = slice(0, 800), slice(200, None)
-    begins = identify_oscillator(t[rest], u[rest], y[rest], PLANT)
+    begins = identify(Record(u[rest], y[rest], t[rest]), Vibration(PLANT))
     assert not begins.advice
-    found = identify_oscillator(t[moving], u[moving], y[moving], PLANT)
+    found = identify(Record(u[moving], y[moving], t[moving]), Vibration(PLANT))
     assert "times as large at the beginning of the record as later" in found.advice[0]
 
 
 def test_a_model_that_lacks_something_says_so(settled):
     begin = Oscillator(2.0, 10.0, 1e5, BoucWen(1e-3, 0.0, 0.0))
     fixed = ("alpha", "gamma", "delta", "exponent")
-    found = identify_oscillator(*settled, begin, period=PERIOD, fixed=fixed)
+    found = identify(settled, Vibration(begin, PERIOD, fixed=fixed))
     assert any("times the noise of the record" in text for text in found.advice)
 
 
 def test_bad_records_and_starts_say_what_to_do(settled):
-    t, u, y = settled
+    t, u, y = settled.t, settled.u, settled.y
     good = start(np.ones(7))
     with pytest.raises(SignalError, match="not a whole number of periods of 500"):
-        identify_oscillator(t, u, y, good, period=500)
+        identify(Record(u, y, t), Vibration(good, period=500))
     with pytest.raises(SignalError, match="the force differs between periods of 256"):
-        identify_oscillator(t, u, y, good, period=256)
+        identify(Record(u, y, t), Vibration(good, period=256))
     with pytest.raises(SignalError, match="force or displacement is constant"):
-        identify_oscillator(t, u, np.zeros_like(y), good, period=PERIOD)
+        identify(Record(u, np.zeros_like(y), t), Vibration(good, period=PERIOD))
     with pytest.raises(SignalError, match="no sample counts: skip is 2048, and the last"):
-        identify_oscillator(t, u, y, good, skip=2048)
+        identify(Record(u, y, t, skip=2048), Vibration(good))
     with pytest.raises(SignalError, match="no displacement of 512 is measured"):
-        identify_oscillator(t, u, np.full_like(y, np.nan), good, period=PERIOD)
+        identify(Record(u, np.full_like(y, np.nan), t), Vibration(good, period=PERIOD))
     with pytest.raises(SignalError, match="give evenly spaced times"):
-        identify_oscillator(np.where(t > 1, t + 0.1, t), u, y, good)
+        identify(Record(u, y, np.where(t > 1, t + 0.1, t)), Vibration(good))
     with pytest.raises(SignalError, match="20 samples count for 7 parameters"):
-        identify_oscillator(t[:20], u[:20], y[:20], good)
+        identify(Record(u[:20], y[:20], t[:20]), Vibration(good))
     with pytest.raises(ParameterError, match="fixed has 'weight'; give names out of mass, damping"):
-        identify_oscillator(t, u, y, good, fixed=["weight"])
-    with pytest.raises(ParameterError, match="fixed is given without a start"):
-        identify_oscillator(t, u, y, fixed=["mass"])
+        identify(Record(u, y, t), Vibration(good, fixed=["weight"]))
+    with pytest.raises(ParameterError, match="fixed is given without rough parameters"):
+        identify(Record(u, y, t), Vibration(fixed=["mass"]))
     plane = Oscillator(2.0, 10.0, 5e4, Preisach([-1e-3, 0, 1e-3], np.tril(np.ones((2, 2)))))
     with pytest.raises(ParameterError, match="is a Preisach, whose weights are not fitted"):
-        identify_oscillator(t, u, y, plane, period=PERIOD)
-    with pytest.raises(ParameterError, match="start is 'best'"):
-        identify_oscillator(t, u, y, "best")
+        identify(Record(u, y, t), Vibration(plane, period=PERIOD))
+    with pytest.raises(ParameterError, match="rough is 'best'"):
+        identify(Record(u, y, t), Vibration("best"))
     with pytest.raises(SignalError, match="which both must be positive"):
-        identify_oscillator(t, u, -y, period=PERIOD)
+        identify(Record(u, -y, t), Vibration(period=PERIOD))
 
 
 def test_an_unstable_start_is_one_sentence(settled):
     begin = Oscillator(2.0, -1e5, 5e4, BoucWen(5e4, 800.0, 900.0))
     with pytest.raises(SignalError, match="grows without bound, even tied to the record"):
-        identify_oscillator(*settled, begin, period=PERIOD)
+        identify(settled, Vibration(begin, PERIOD))

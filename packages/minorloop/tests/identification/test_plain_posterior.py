@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
+from minorloop.identification import Smooth
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.identification.excitation import decaying_staircase
+from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 from plane_records import a_plane
 
@@ -22,7 +24,7 @@ def test_bands_of_many_random_samples_cover_held_out_ones(smoothness):
     u = rng.uniform(*model.levels[[0, -1]], 900)
     y = model.simulate(u)
     y += 0.01 * np.ptp(y) * rng.normal(size=u.size)
-    found = identify(u, y, levels=model.levels, holdout=1 / 3, prior="none", smoothness=smoothness)
+    found = identify(u, y, Plane(model.levels), prior=Smooth(smoothness), holdout=1 / 3)
     assert found.posterior is None
     assert 0.85 <= covered(found) <= 0.95
 
@@ -38,14 +40,7 @@ def test_bands_of_as_many_unknowns_as_readings_are_no_narrower_than_the_noise(gi
         sd = {"one": noise, "each": np.full(u.size, noise), "none": None}[given]
         y = model.simulate(u) + noise * rng.normal(size=u.size)
         found = identify(
-            u,
-            y,
-            levels=6,
-            diagonal="reversible",
-            prior="none",
-            smoothness=0.0,
-            signed=True,
-            noise=sd,
+            Record(u, y, sd=sd), Plane(6, diagonal="reversible", signed=True), prior=Smooth(0.0)
         )
         assert found.rmse < 1e-6 * np.ptp(y)
         truth, bands = model.simulate(future), found.predict(future, bands=0.9)
@@ -62,5 +57,5 @@ def test_an_exact_fit_to_readings_without_noise_has_narrow_bands():
     model = Preisach(np.linspace(-10, 10, 7), np.tril(np.ones((6, 6))), diagonal="reversible")
     u = decaying_staircase(model.levels)
     y = model.simulate(u)
-    found = identify(u, y, levels=6, diagonal="reversible", noise=0.0)
+    found = identify(Record(u, y, sd=0.0), Plane(6, diagonal="reversible"))
     assert found.band_sd < 1e-3 * np.ptp(y)

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from long_branches import a_record_with_long_branches
-from minorloop.identification import likelihood, posterior, prior_system
+from minorloop.identification import Gaussian, likelihood, posterior, prior_system
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.posterior import SparsePosterior
 from minorloop.identification.prior import Hyperparameters, PlanePrior
@@ -49,7 +49,7 @@ def test_a_sparse_posterior_has_the_factor_of_its_variances(monkeypatch):
     for name, value in (("_LEAST_SPARSE", 0), ("_FILL", np.inf)):
         monkeypatch.setattr(prior_system, name, value)
     model, u, y = a_record_with_long_branches(each=40)
-    found = identify(u, y, levels=model.levels, prior="gaussian", slope=True).posterior
+    found = identify(u, y, Plane(model.levels, slope=True), prior=Gaussian()).posterior
     assert isinstance(found, SparsePosterior)
     new, every = np.random.default_rng(0).uniform(-1, 1, 20), np.ones(20, dtype=bool)
     rows = DesignMatrix(found.spec, new, every, "negative").dense()
@@ -73,7 +73,7 @@ def test_a_coarse_plane_has_the_variances_of_what_it_can_describe(sparse, monkey
         for name, value in (("_LEAST_SPARSE", 0), ("_FILL", np.inf)):
             monkeypatch.setattr(prior_system, name, value)
     model, u, y = a_record_with_long_branches(each=40)
-    found = identify(u, y, levels=model.levels, prior="gaussian", slope=True).posterior
+    found = identify(u, y, Plane(model.levels, slope=True), prior=Gaussian()).posterior
     apart = np.linspace(0, 0.1, found.spec.unknowns)
     found = replace(found, apart=apart)
     assert isinstance(found, SparsePosterior) == sparse

@@ -10,7 +10,6 @@ from benchmarks import one_model
 from minorloop.errors import ParameterError, RecordError, SignalError
 from minorloop.fleet._fitting import Task, identify_one
 from minorloop.fleet.manifest import Specimen
-from minorloop.lab.logs import Log
 from minorloop.lab.records import Record
 
 pytestmark = pytest.mark.usefixtures("without_layout")
@@ -59,30 +58,26 @@ def test_arrays_are_identified_as_their_file_is(tables, tmp_path):
 def test_a_record_of_arrays_has_its_times_checked():
     t = np.delete(0.01 * np.arange(400), slice(100, 200))
     u = np.sin(7 * t)
-    found = ml.identify(Record(t, u, u + 0.1 * u**2), levels=4, lag=0)
+    found = ml.identify(Record(u, u + 0.1 * u**2, t), ml.Plane(4, lag=0))
     assert any("1 gap in column 'time [s]'" in said for said in found.advice)
     assert found.samples < 300
 
 
 def test_what_cannot_be_is_refused(tables):
     record = ml.read(tables["even"].file, **tables["even"].columns)
-    y = record.record.y
-    for options, message in (
-        ({"y": y}, "y is given beside a record"),
-        ({"curves": np.zeros(y.size)}, "curves is given beside a record"),
-        ({"noise": np.ones(y.size)}, "noise is given beside a record"),
-        ({"lag": "3 ms"}, "the record has no time"),
-    ):
-        with pytest.raises(ParameterError, match=message):
-            ml.identify(record, **options)
+    y = record.y
+    with pytest.raises(ParameterError, match="y is given beside a record"):
+        ml.identify(record, y)
+    with pytest.raises(ParameterError, match="the record has no time"):
+        ml.identify(record, ml.Plane(lag="3 ms"))
     with pytest.raises(ParameterError, match="y is missing; give the outputs, or a record"):
         ml.identify(y)
     with pytest.raises(ParameterError, match="dynamics need times"):
-        ml.identify_dynamics(record)
+        ml.identify(record, ml.Dynamics())
     with pytest.raises(ParameterError, match="creep and rate need times"):
-        ml.identify_after_effect(record)
+        ml.identify(record, ml.Viscosity())
     back = ml.read(tables["clock set back"].file, **tables["clock set back"].columns)
     with pytest.raises(RecordError, match="set back after sample 199"):
-        ml.identify_after_effect(back)
+        ml.identify(back, ml.Viscosity())
     with pytest.raises(SignalError, match="the input is 1 throughout"):
-        ml.identify(Log(Record(np.arange(9), np.ones(9), np.arange(9.0))))
+        ml.identify(Record(np.ones(9), np.arange(9.0), np.arange(9)))

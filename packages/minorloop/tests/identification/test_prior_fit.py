@@ -5,6 +5,9 @@ from long_branches import a_record_with_long_branches
 from minorloop.connect import connect
 from minorloop.errors import ParameterError
 from minorloop.identification import (
+    Gaussian,
+    Plane,
+    Smooth,
     condensing,
     excitation,
     fitting,
@@ -12,7 +15,9 @@ from minorloop.identification import (
     prior_fit,
     prior_system,
 )
+from minorloop.identification.pipeline import Options
 from minorloop.identification.posterior import DensePosterior, SparsePosterior
+from minorloop.lab.records import Record
 from minorloop.lab.settled_holds import hold_each
 from minorloop.operators.preisach import Preisach
 
@@ -40,7 +45,9 @@ def test_twelve_holds_predict_better_than_without_the_prior():
     errors = {}
     for name in ("gaussian", "none"):
         options = {"smoothness": 0.0} if name == "none" else {"noise": 0.1}
-        fit = identify(SEQUENCE, y, levels=LEVELS, prior=name, diagonal="reversible", **options)
+        fit = Options.of(
+            {"levels": LEVELS, "prior": name, "diagonal": "reversible", **options}
+        ).identify(Record(SEQUENCE, y))
         errors[name] = np.sqrt(np.mean((fit.model.simulate(unseen) - truth) ** 2)) / 19
     assert errors["gaussian"] < 0.01
     assert errors["gaussian"] < 0.4 * errors["none"]
@@ -51,7 +58,7 @@ def test_bands_cover_what_was_not_seen():
     for specimen in range(4):
         y = measured(SEQUENCE, 0.1, specimen, specimen)
         fit = identify(
-            SEQUENCE, y, levels=LEVELS, prior="gaussian", noise=0.1, diagonal="reversible"
+            Record(SEQUENCE, y, sd=0.1), Plane(LEVELS, diagonal="reversible"), prior=Gaussian()
         )
         unseen = np.append(-1.2, np.random.default_rng(specimen).uniform(-1.2, 1.2, 40))
         covered.append(fit.predict(unseen, bands=0.9).covers(measured(unseen, 0, specimen)))
@@ -62,7 +69,7 @@ def test_more_measurements_narrow_the_bands():
     widths = []
     for count in (4, 8, 12):
         u = SEQUENCE[:count]
-        fit = identify(u, measured(u, 0.1), levels=LEVELS, prior="gaussian", noise=0.1)
+        fit = identify(Record(u, measured(u, 0.1), sd=0.1), Plane(LEVELS), prior=Gaussian())
         widths.append(np.mean(fit.posterior.deviation(SEQUENCE, "negative")))
     assert widths[0] > widths[1] > widths[2]
 
@@ -72,7 +79,7 @@ def test_an_outlier_is_left_out_and_named(place):
     stairs = excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
     y = measured(stairs, 0.05)
     y[place] += 3.0
-    fit = identify(stairs, y, levels=LEVELS, prior="gaussian", diagonal="reversible")
+    fit = identify(stairs, y, Plane(LEVELS, diagonal="reversible"), prior=Gaussian())
     assert fit.suspects == (place,)
     assert f"sample {place} " in fit.advice[0]
     assert "repeat it" in fit.advice[0]
@@ -86,8 +93,8 @@ def test_many_samples_are_summed_and_agree_with_few():
     model = Preisach(np.linspace(0, 1, 9), plane)
     u = rng.uniform(0, 1, 900)
     y = model.simulate(u) + rng.normal(0, 0.02, u.size)
-    many = identify(u, y, levels=8, prior="gaussian")
-    few = identify(u[:390], y[:390], levels=8, prior="gaussian")
+    many = identify(u, y, Plane(8), prior=Gaussian())
+    few = identify(u[:390], y[:390], Plane(8), prior=Gaussian())
     truth = np.ptp(model.range)
     check = rng.uniform(0, 1, 200)
     for fit in (many, few):
@@ -102,10 +109,10 @@ def test_auto_takes_the_prior_for_few_samples_only_where_it_is_slow(monkeypatch)
     model = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
     u = rng.uniform(0, 1, 400)
     y = model.simulate(u) + rng.normal(0, 0.05, u.size)
-    assert identify(u, y, levels=5).posterior is None
-    assert identify(u[:30], y[:30], levels=5).posterior is not None
-    assert identify(u[:30], y[:30], levels=5, smoothness=0.0).posterior is None
-    assert identify(u[:30], y[:30], levels=5, prior="none").posterior is None
+    assert identify(u, y, Plane(5)).posterior is None
+    assert identify(u[:30], y[:30], Plane(5)).posterior is not None
+    assert identify(u[:30], y[:30], Plane(5), prior=Smooth(0.0)).posterior is None
+    assert identify(u[:30], y[:30], Plane(5), prior=Smooth()).posterior is None
 
 
 def test_data_that_determine_the_plane_are_reproduced():
@@ -113,7 +120,7 @@ def test_data_that_determine_the_plane_are_reproduced():
     levels = np.linspace(0, 1, 11)
     model = Preisach(levels, np.tril(rng.uniform(size=(10, 10))))
     stairs = excitation.decaying_staircase(levels)
-    found = identify(stairs, model.simulate(stairs), levels=levels)
+    found = identify(stairs, model.simulate(stairs), Plane(levels))
     np.testing.assert_allclose(found.model.weights, model.weights, atol=1e-10)
 
 
@@ -132,7 +139,7 @@ def test_data_that_determine_the_plane_are_reproduced():
 )
 def test_refuses(options, says):
     with pytest.raises(ParameterError, match=says):
-        identify(SEQUENCE, measured(SEQUENCE), **options)
+        Options.of(options).identify(Record(SEQUENCE, measured(SEQUENCE)))
 
 
 @pytest.mark.parametrize("options", [{}, {"slope": True}, {"offset": False}, {"signed": True}])
@@ -141,9 +148,9 @@ def test_the_sparse_system_gives_the_fit_and_the_bands_of_dense_matrices(
 ):
     model, u, y = a_record_with_long_branches()
     options = {"levels": model.levels, "prior": "gaussian", **options}
-    fast = identify(u, y, **options)
+    fast = Options.of(options).identify(Record(u, y))
     monkeypatch.setattr(prior_system, "_LEAST_SPARSE", np.inf)
-    slow = identify(u, y, **options)
+    slow = Options.of(options).identify(Record(u, y))
     assert isinstance(fast.posterior, SparsePosterior)
     assert isinstance(slow.posterior, DensePosterior)
     assert fast.kkt < 1e-10
@@ -156,10 +163,10 @@ def test_the_sparse_system_gives_the_fit_and_the_bands_of_dense_matrices(
 def test_a_condensed_record_is_fitted_like_the_long_one(sparse, monkeypatch):
     model, u, y = a_record_with_long_branches(each=40)
     options = {"levels": model.levels, "prior": "gaussian"}
-    long = identify(u, y, **options)
+    long = Options.of(options).identify(Record(u, y))
     for module in (condensing, fitting):
         monkeypatch.setattr(module, "LONG", 100)
-    short = identify(u, y, **options)
+    short = Options.of(options).identify(Record(u, y))
     assert short.matrix.samples < u.size / 2
     np.testing.assert_allclose(short.prediction, long.prediction, atol=2e-4 * np.ptp(y))
     some = np.arange(u.size) % 20 == 0
@@ -170,7 +177,7 @@ def test_a_condensed_record_is_fitted_like_the_long_one(sparse, monkeypatch):
 def test_the_prior_does_not_depend_on_the_unit_of_the_input():
     model, u, y = a_record_with_long_branches(each=3)
     found = [
-        identify(k * u, y, levels=k * model.levels, prior="gaussian", slope=True).prediction
+        identify(k * u, y, Plane(k * model.levels, slope=True), prior=Gaussian()).prediction
         for k in (1.0, 1e-4)
     ]
     np.testing.assert_allclose(found[1], found[0], atol=1e-4 * np.ptp(y))
@@ -185,6 +192,6 @@ def test_planes_too_fine_for_dense_matrices_are_smoothed_where_the_input_reverse
     monkeypatch.setattr(prior_system, "_MOST_CELLS", 20)
     rng = np.random.default_rng(0)
     u = rng.uniform(0, 1, 60)
-    assert identify(u, u**2, levels=8).posterior is None
+    assert identify(u, u**2, Plane(8)).posterior is None
     with pytest.raises(ParameterError, match=r"reverses \d+ times and the plane has 8 bands"):
-        identify(u, u**2, levels=8, prior="gaussian")
+        identify(u, u**2, Plane(8), prior=Gaussian())

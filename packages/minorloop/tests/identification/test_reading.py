@@ -16,12 +16,12 @@ def file(tmp_path):
 
 def test_time_and_standard_deviations_are_found_and_said(file):
     record = ml.read(file, input="u", output="y")
-    np.testing.assert_allclose(record.record.t, 1e-3 * np.arange(30))
+    np.testing.assert_allclose(record.t, 1e-3 * np.arange(30))
     np.testing.assert_array_equal(record.sd, 0.1)
     said = "time: column 't [ms]'; name another one, or none, with time= (--time)"
-    assert record.chosen == (said,)
+    assert record.origin.chosen == (said,)
     plain = ml.read(file, input="u", output="y", time=None, sd=None)
-    assert (plain.record.timed, plain.sd, plain.chosen) == (False, None, ())
+    assert (plain.timed, plain.sd, plain.origin.chosen) == (False, None, ())
 
 
 @pytest.mark.parametrize(
@@ -35,8 +35,8 @@ def test_times_that_cannot_be_used_are_left_out_and_said(header, said, file):
     file.write_text(f"{header}\n{ROWS}\n")
     record = ml.read(file, input="u", output="y")
     assert record.check is None
-    assert record.chosen[0].startswith("time: none, because")
-    assert said in record.chosen[0]
+    assert record.origin.chosen[0].startswith("time: none, because")
+    assert said in record.origin.chosen[0]
 
 
 def test_a_column_that_is_missing_or_wrong_is_named(file):

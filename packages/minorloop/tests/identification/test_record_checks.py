@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options, identify
 from minorloop.errors import ParameterError, SignalError
+from minorloop.lab.records import Record
 from plane_records import a_record
 
 
@@ -49,7 +50,7 @@ def test_refuses_unusable_records(u, y, says):
 )
 def test_refuses_options_out_of_range(options):
     with pytest.raises(ParameterError, match=r"give|needed|sort|must be"):
-        identify(*a_record(100), **options)
+        Options.of(options).identify(Record(*a_record(100)))
 
 
 def test_inputs_one_rounding_apart_are_refused_in_the_words_of_the_record():

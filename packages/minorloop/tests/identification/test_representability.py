@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import SignalError
-from minorloop.identification import excitation
+from minorloop.identification import Smooth, excitation
 from minorloop.identification.representability import representability
 from minorloop.operators.preisach import Preisach
 
@@ -48,12 +48,12 @@ def test_a_loop_that_depends_on_its_past_shows_as_congruency_that_fails():
 
 
 def test_the_floor_is_below_what_a_fit_leaves():
-    from fixed_options import identify
+    from fixed_options import Plane, identify
 
     rng = np.random.default_rng(1)
     y = a_plane().simulate(INPUTS)
     y += rng.normal(0, 0.02 * np.ptp(y), y.size)
-    fit = identify(INPUTS, y, levels=LEVELS, smoothness=0.0)
+    fit = identify(INPUTS, y, Plane(LEVELS), prior=Smooth(0.0))
     found = representability(INPUTS, y)
     assert 0.3 * fit.nrmse < found.floor <= fit.nrmse
 

@@ -2,24 +2,28 @@ import numpy as np
 import pytest
 
 from fault_records import record, sine
-from fixed_options import identify
+from fixed_options import Options, Plane, identify
+from minorloop.identification import Smooth
+from minorloop.lab.records import Record
 from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
 
 
 def advice(u, y, **options):
-    return " ".join(identify(u, y, **{"levels": 8, "holdout": 0.3, **options}).advice)
+    return " ".join(
+        Options.of({"levels": 8, "holdout": 0.3, **options}).identify(Record(u, y)).advice
+    )
 
 
 def test_a_startup_is_named_with_its_rows_and_its_share():
     u, y = record()
     y[:6] += np.ptp(y) * np.array([0.5, 0.4, 0.3, 0.2, 0.15, 0.1])
-    found = identify(u, y, levels=8, holdout=0.3)
+    found = identify(u, y, Plane(8), holdout=0.3)
     startup = found.residual.startup
     assert 4 <= startup.rows <= 10
     assert startup.share > 0.5
     assert f"skip={startup.rows} (--skip {startup.rows})" in " ".join(found.advice)
-    skipped = identify(u, y, levels=8, holdout=0.3, skip=startup.rows)
+    skipped = identify(Record(u, y, skip=startup.rows), Plane(8), holdout=0.3)
     assert skipped.residual.startup is None
     assert skipped.nrmse < 0.5 * found.nrmse
 
@@ -34,7 +38,7 @@ def test_a_sound_record_has_neither_startup_nor_drift(shape):
 def test_a_shift_of_the_sensor_is_named_with_its_row_and_size():
     u, y = record()
     first, size = int(0.55 * y.size), 0.05 * np.ptp(y)
-    found = identify(u, y + size * (np.arange(y.size) >= first), levels=16)
+    found = identify(u, y + size * (np.arange(y.size) >= first), Plane(16))
     assert found.residual.step.sample == first
     assert found.residual.step.size == pytest.approx(0.05, rel=0.4)
     said = " ".join(found.advice)
@@ -47,7 +51,7 @@ def test_readings_far_from_the_model_of_a_long_record_are_named():
     u, y = record()
     far = [y.size // 3, y.size // 2 + 7, y.size - 40]
     y[far] += np.array([0.1, -0.15, 0.12]) * np.ptp(y)
-    found = identify(u, y, levels=8, prior="none")
+    found = identify(u, y, Plane(8), prior=Smooth())
     assert found.residual.outliers == tuple(far)
     assert "3 readings are far from the model" in " ".join(found.advice)
 
@@ -56,7 +60,7 @@ def test_groups_that_differ_are_named_and_not_taken_for_rate_or_creep():
     u, y = record()
     groups = np.repeat(np.arange(4), y.size)
     u, y = np.tile(u, 4), np.tile(y, 4) * (1 + 0.03 * groups)
-    found = identify(u, y, levels=8, curves=groups, start_of_curve="negative")
+    found = identify(Record(u, y, curves=groups, start_of_curve="negative"), Plane(8))
     said = " ".join(found.advice)
     assert found.residual.groups.share > 0.5
     assert "the 4 groups differ from one another" in said
@@ -85,6 +89,8 @@ def test_curves_that_begin_with_another_memory_are_named(start):
     y = np.concatenate([magnet.simulate(loop, "demagnetised") for loop in loops])
     y += 1e-3 * np.ptp(y) * np.random.default_rng(1000).normal(size=y.size)
     labels = np.repeat(np.arange(len(loops)), loops[0].size)
-    found = identify(np.concatenate(loops), y, curves=labels, levels=15, start_of_curve=start)
+    found = identify(
+        Record(np.concatenate(loops), y, curves=labels, start_of_curve=start), Plane(15)
+    )
     said = any('start_of_curve="demagnetised"' in text for text in found.advice)
     assert said == (start != "demagnetised")

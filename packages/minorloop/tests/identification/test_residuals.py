@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fault_records import record
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.identification.residuals import amplitudes, find_startup, noise_in
 from minorloop.identification.rough_model import one_of_each
 
@@ -19,7 +19,7 @@ def test_a_startup_is_short_and_worse_than_the_rest():
 def test_the_worst_sample_is_reported():
     u, y = record()
     y[123] += 0.1 * np.ptp(y)
-    found = identify(u, y, levels=8)
+    found = identify(u, y, Plane(8))
     assert found.residual.worst_sample == 123
     assert found.residual.worst == pytest.approx(-0.1, abs=0.03)
     assert "sample 123" in str(found)

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
+from minorloop.identification import Smooth
+from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_record
 
@@ -12,7 +14,7 @@ U = np.random.default_rng(0).uniform(0, 1, 25)
 @pytest.fixture(scope="module")
 def fit():
     y = MODEL.simulate(U) + np.random.default_rng(1).normal(0, 0.1, 25)
-    return identify(U, y, levels=8)
+    return identify(U, y, Plane(8))
 
 
 def test_a_model_predicts_with_and_without_bands(fit):
@@ -33,7 +35,7 @@ def test_an_inversion_has_standard_deviations(fit):
 
 
 def test_a_model_without_the_prior_has_bands():
-    plain = identify(U, MODEL.simulate(U), levels=8, prior="none")
+    plain = identify(U, MODEL.simulate(U), Plane(8), prior=Smooth())
     assert (plain.predict(U, bands=0.9).sd > 0).all()
     assert plain.invert([0.0], unreachable="clip").sd > 0
     assert plain.band_sd == pytest.approx(plain.predict(U, bands=0.9).sd.mean())
@@ -41,13 +43,13 @@ def test_a_model_without_the_prior_has_bands():
 
 def test_draws_itself(tmp_path):
     u, y = a_record()
-    identify(u, y, levels=5, holdout=0.3).plot().savefig(tmp_path / "fit.png")
+    identify(u, y, Plane(5), holdout=0.3).plot().savefig(tmp_path / "fit.png")
     assert (tmp_path / "fit.png").stat().st_size > 10_000
 
 
 def test_bands_of_groups_are_those_of_an_inversion_too():
     u, y = a_record(300)
-    found = identify(u, y, levels=LEVELS, groups=np.arange(300) // 60)
+    found = identify(Record(u, y, groups=np.arange(300) // 60), Plane(LEVELS))
     inverse = found.invert([3.0, 4.0])
     np.testing.assert_allclose(inverse.sd, found.predict(inverse.u, bands=0.9).sd)
     assert (found.deviation(np.arange(300)) > 0).all()

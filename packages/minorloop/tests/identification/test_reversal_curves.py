@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.errors import SignalError
 from minorloop.identification import excitation
 from minorloop.identification.reversal_curves import identify_reversal_curves
+from minorloop.lab.records import Record
 from plane_records import LEVELS, a_plane
 
 
@@ -39,7 +40,7 @@ def reversal_record(folder, name, field, moment, parity):
 )
 def test_reversal_curves_of_magnets(shared_data, name, field, moment, limit):
     u, y = reversal_record(shared_data, name, field, moment, 0)
-    found = identify(u, y, levels=51, spacing="adaptive", start="positive")
+    found = identify(Record(u, y, start="positive"), Plane(51, spacing="adaptive"))
     u, y = reversal_record(shared_data, name, field, moment, 1)
     seen = np.isfinite(y)
     error = (found.model.simulate(u, "positive") - y)[seen]

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from long_branches import a_record_with_long_branches
 from minorloop.errors import SignalError
-from minorloop.identification import prior_system
+from minorloop.identification import Gaussian, prior_system
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.field_prior import FieldPrior
 from minorloop.identification.likelihood import Evidence
@@ -94,6 +94,6 @@ def test_the_prior_with_a_mean_has_the_optimum_of_its_cost(sparse, monkeypatch):
 
 
 def test_few_samples_leave_the_mean_zero():
-    found = identify(U[::16], U[::16], levels=4, prior="gaussian", mean="ridge")
+    found = identify(U[::16], U[::16], Plane(4), prior=Gaussian("ridge"))
     assert found.samples < 8
     assert found.ridge is None

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fault_records import INPUTS, kinds, record
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.errors import SignalError
 from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
@@ -44,12 +44,12 @@ def test_readings_around_the_jump_of_a_coarsely_sampled_relay_are_no_outliers(ea
 def test_codes_are_left_out_and_named(code):
     u, y = record()
     y[[5, 90]] = code
-    found = identify(u, y, levels=8, holdout=0.3)
+    found = identify(u, y, Plane(8), holdout=0.3)
     assert [one.sample for one in found.codes] == [5, 90]
     assert not found.fitted[[5, 90]].any()
     clean = y.copy()
     clean[[5, 90]] = np.nan
-    assert found.model == identify(u, clean, levels=8, holdout=0.3).model
+    assert found.model == identify(u, clean, Plane(8), holdout=0.3).model
     assert "2 readings are codes of the instrument" in found.advice[0]
     assert f"sample 5 ({code:.6g})" in found.advice[0]
     assert found.warnings == ()
@@ -60,7 +60,7 @@ def test_an_overload_code_is_no_input():
     u = u.copy()
     u[7] = 9.9e37
     with pytest.raises(SignalError, match=r"u is 9.9e\+37 at index 7, which is an overload code"):
-        identify(u, y, levels=8)
+        identify(u, y, Plane(8))
 
 
 @pytest.mark.parametrize("code", [-9999.0, 999.99])
@@ -69,21 +69,21 @@ def test_a_sentinel_among_the_inputs_is_named(code):
     u = u.copy()
     u[50] = code
     assert f"an input is a code of a logger, far from all others: sample 50 ({code:g})" in " ".join(
-        identify(u, y, levels=8).warnings
+        identify(u, y, Plane(8)).warnings
     )
 
 
 def test_inputs_that_often_go_to_the_end_of_a_converter_are_inputs():
     u = np.tile([0.0, 1000.0, 32767.0, 500.0], 30)
     y = 0.01 * u + np.tile([0, 9], 60)
-    assert not any("code" in text for text in identify(u, y, levels=3).advice)
+    assert not any("code" in text for text in identify(u, y, Plane(3)).advice)
 
 
 @pytest.mark.parametrize("holdout", [0.0, 0.2])
 def test_errors_as_they_are_printed_above_a_tenth_are_a_warning(holdout):
     u, y = record()
     drift = 0.8 * np.sin(np.arange(y.size) / 17) * (np.arange(y.size) < 240)
-    found = identify(u, y + drift, levels=8, holdout=holdout)
+    found = identify(u, y + drift, Plane(8), holdout=holdout)
     (warning,) = (text for text in found.warnings if "the error on" in text)
     assert found.nrmse > 0.1
     assert f"fitted data is {found.nrmse:.3%} of range" in warning
@@ -96,5 +96,5 @@ def test_a_polynomial_is_not_both_better_and_nearly_as_good():
     u, y = record()
     y = y + 3 * np.ptp(y) * np.random.default_rng(3).normal(size=y.size)
     y[350] += 200 * np.ptp(y)  # held out: what it does to the scores counts in neither sentence
-    text = " ".join(identify(u, y, levels=3, holdout=0.3).advice)
+    text = " ".join(identify(u, y, Plane(3), holdout=0.3).advice)
     assert ("is better" in text) + ("is nearly as good" in text) == 1

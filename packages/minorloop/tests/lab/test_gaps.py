@@ -3,10 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.lab.gaps import bridged, known_memory, with_lost_rows
-from minorloop.lab.logs import Log
 from minorloop.lab.records import Record
 from minorloop.lab.timebase import check_times
 from minorloop.operators.preisach import Preisach
@@ -70,7 +69,7 @@ def test_a_virgin_record_that_lost_a_third_of_its_rows_keeps_nearly_all_others(s
     model = Preisach(np.linspace(-1, 1, 21), weights / np.abs(weights).sum())
     kept = chance.random(t.size) > 0.33
     u, y = true[kept], model.simulate(true)[kept]
-    log = Log(Record(t[kept], u, y), check_times(t[kept]))
+    log = Record(u, y, t[kept])
     assert log.check.gaps.size >= 5
     found = log.with_known_memory()
     fitted = np.isfinite(found.y)
@@ -83,7 +82,7 @@ def test_a_virgin_record_that_lost_a_third_of_its_rows_keeps_nearly_all_others(s
 
 def test_what_is_said_names_turned_and_crossed_gaps():
     kept = np.delete(np.arange(T.size), np.r_[340:350, 395:405, 450:650])
-    log = Log(Record(T[kept], SINE[kept], SINE[kept]), check_times(T[kept]))
+    log = Record(SINE[kept], SINE[kept], T[kept])
     (said,) = log.of_memory
     assert "after 1 of 3 gaps the memory is unknown" in said
     assert "in 1 of 3 gaps the input turned: its extreme is estimated from both sides, to" in said
@@ -129,7 +128,7 @@ class TestLostRows:
     def test_a_row_that_hid_a_turn_no_longer_spoils_the_fit(self, seed):
         u, y, kept = self.table(seed)
         times = check_times(20.0 * kept)
-        log = Log(Record(times.t, u[kept], y[kept]), with_lost_rows(times, u[kept]))
+        log = Record(u[kept], y[kept], times.t)
         assert "15 rows are missing at" in log.notes[-1]
         assert "one row can hide a turn" in log.notes[-1]
         assert "uneven" not in " ".join(log.notes)
@@ -137,7 +136,7 @@ class TestLostRows:
         assert np.isfinite(log.evenly_sampled().y).sum() <= kept.size
         errors = []
         for inputs, outputs in ((u[kept], y[kept]), (record.u, record.y)):
-            model = identify(inputs, outputs, levels=self.LEVELS).model
+            model = identify(inputs, outputs, Plane(self.LEVELS)).model
             errors.append(np.sqrt(np.mean((model.simulate(u) - y) ** 2)) / np.ptp(y))
         assert errors[1] < errors[0] / 2
 

@@ -181,7 +181,7 @@ def test_a_record_without_times_of_its_own_is_taken_at_its_word():
     lengths = hold.stretches()
     for _ in range(2):
         length = next(lengths)
-        hold.add(Record([17.0 + hold.held, 17.0 + hold.held + length], [0, 0], [1, 2]), length)
+        hold.add(Record([0, 0], [1, 2], [17.0 + hold.held, 17.0 + hold.held + length]), length)
     assert (hold.timed, hold.uncertainty, hold.sample_interval) == (False, 0.0, 0.005)
     assert hold.trace[0][-1] == hold.held == 0.25 + 0.05
 
@@ -204,7 +204,7 @@ class Lag:
         began = {"anew": 0.0, "from zero": -duration / count, "runs on": self.time}[self.clock]
         self.time += duration
         timing = Timing(began, began + duration, 0.0) if self.timed else None
-        return Record(t + began, np.full(t.size, u), y, timing=timing)
+        return Record(np.full(t.size, u), y, t + began, timing=timing)
 
     def exchange(self, u):
         return float(self.apply(u, self.tick, self.tick).y[-1])
@@ -232,5 +232,5 @@ def test_times_that_begin_anew_with_each_call_are_joined(tmp_path, clock, timed)
 def test_single_times_that_begin_anew_are_joined_although_the_last_stretch_is_longer():
     hold = Hold(_plan(1.0), 0)
     for length in (0.2, 0.2, 0.3):
-        hold.add(Record([length], [0.0], [0.0]), length)
+        hold.add(Record([0.0], [0.0], [length]), length)
     np.testing.assert_allclose(hold.trace[0], [0.2, 0.4, 0.7])

@@ -27,7 +27,7 @@ class HomeMade:
 
     def apply(self, u, duration, sample_interval):
         self.exchange(u)
-        return Record([duration], [u], [100.0 * u], "current [A]", "angle [deg]")
+        return Record([u], [100.0 * u], [duration], "current [A]", "angle [deg]")
 
     def safe(self):
         self.sent.append("safe")

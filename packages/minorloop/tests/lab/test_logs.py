@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 
-from fixed_options import identify
+from fixed_options import Options, Plane, identify
 from minorloop.errors import ParameterError, RecordError
+from minorloop.identification import Smooth
 from minorloop.lab.columns import read_headers
 from minorloop.lab.logs import read_log
+from minorloop.lab.records import Record
 from minorloop.lab.timebase import time_column
 from minorloop.operators.preisach import Preisach
 
@@ -31,10 +33,10 @@ def test_a_lag_in_seconds_is_taken_out_of_uneven_samples(file):
     log = read_log(write(file, t, u, y), input="u", output="y", time="time")
     assert "samples are uneven" in log.notes[0]
     options = {"levels": MODEL.levels, "smoothness": 0.0}
-    right = identify(*_columns(log.without_lag(0.025)), **options)
-    wrong = identify(log.record.u, log.record.y, **options)
+    right = Options.of(options).identify(Record(*_columns(log.without_lag(0.025))))
+    wrong = Options.of(options).identify(Record(log.u, log.y))
     assert right.nrmse < 0.2 * wrong.nrmse
-    found = identify(*_columns(log.evenly_sampled()), **options, lag="auto")
+    found = Options.of({"lag": "auto", **options}).identify(Record(*_columns(log.evenly_sampled())))
     assert found.lag * log.check.interval == pytest.approx(0.025, abs=0.006)
 
 
@@ -51,27 +53,27 @@ def test_after_a_gap_the_memory_counts_as_unknown(file):
     unknown = np.isnan(record.y)
     assert unknown[480:500].all()
     assert not unknown[:480].any()
-    with_gap = identify(record.u, record.y, levels=MODEL.levels, smoothness=0.0)
-    as_logged = identify(log.record.u, log.record.y, levels=MODEL.levels, smoothness=0.0)
+    with_gap = identify(record.u, record.y, Plane(MODEL.levels), prior=Smooth(0.0))
+    as_logged = identify(log.u, log.y, Plane(MODEL.levels), prior=Smooth(0.0))
     assert with_gap.nrmse <= as_logged.nrmse
 
 
 def test_dates_and_units_give_seconds(file):
     stamps = [f"2026-03-01T12:00:{k:02d}.500" for k in range(30)]
     file.write_text("when,u,y\n" + "".join(f"{s},{k},{k}\n" for k, s in enumerate(stamps)))
-    record = read_log(file, input="u", output="y", time="when").record
+    record = read_log(file, input="u", output="y", time="when")
     np.testing.assert_allclose(record.t, np.arange(30.0))
     for header in ("t [ms]", "t_ms"):
         write(file, 1000.0 * np.arange(30), np.arange(30), np.arange(30), f"{header},u,y")
-        record = read_log(file, input="u", output="y", time=header).record
+        record = read_log(file, input="u", output="y", time=header)
         np.testing.assert_allclose(record.t, np.arange(30.0))
 
 
 def test_without_time_samples_are_counted(file):
     log = read_log(write(file, T, U, U), input="u", output="y", time=None)
-    assert not log.record.timed
+    assert not log.timed
     assert log.notes == ()
-    assert log.evenly_sampled() is log.with_known_memory() is log.record
+    assert log.evenly_sampled() is log.with_known_memory() is log
     with pytest.raises(ParameterError, match=r"the lag is 0\.1 s and the record has no time"):
         log.without_lag(0.1)
 
@@ -91,7 +93,7 @@ def test_a_file_in_another_encoding_is_read_and_said(tmp_path):
     for encoding in ("cp1252", "utf-8"):
         file.write_bytes(text.encode(encoding))
         log = read_log(file, input="u", output="y", time="t")
-        assert str(log.record.output) == "y [µm]"
+        assert str(log.output) == "y [µm]"
         assert ["Windows-1252" in note for note in log.notes] == [True] * (encoding == "cp1252")
 
 
@@ -117,7 +119,7 @@ def test_the_time_of_day_is_the_time_and_continues_after_midnight(header, tmp_pa
     path.write_text(f"{header};u;y\n{rows}")
     name = time_column(read_headers(path))
     found = read_log(path, input="u", output="y", time=name)
-    np.testing.assert_allclose(np.diff(found.record.t), 1.0)
+    np.testing.assert_allclose(np.diff(found.t), 1.0)
     assert not found.breaks.size
     assert "time of day at midnight" in found.notes[0]
 
@@ -130,9 +132,9 @@ def test_the_input_of_another_logger_is_interpolated_at_the_times_of_the_output(
     rows = sorted(inputs + outputs, key=lambda row: float(row.split(",")[0]))
     path.write_text("time [s],u [V],y\n" + "\n".join(rows) + "\n")
     found = read_log(path, input="u", output="y", time="time")
-    np.testing.assert_allclose(found.record.u, np.sin(0.5 * found.record.t), atol=2e-3)
-    measured = np.isfinite(found.record.y)
-    np.testing.assert_allclose(found.record.y[measured], found.record.t[measured])
+    np.testing.assert_allclose(found.u, np.sin(0.5 * found.t), atol=2e-3)
+    measured = np.isfinite(found.y)
+    np.testing.assert_allclose(found.y[measured], found.t[measured])
     assert measured.sum() == 198 - 21
     assert found.check.gaps.size == 1
     assert "u [V] is empty in 198 of 378 rows, as where two loggers were merged" in found.notes[0]

@@ -57,7 +57,7 @@ def test_time_in_an_unknown_unit_is_refused(table):
 def test_writing_and_reading_gives_the_same_numbers(tmp_path_factory, values):
     t, u, y = np.sort(values[0]), values[1], values[2]
     file = tmp_path_factory.mktemp("record") / "record.csv"
-    record = Record(t, u, y, "voltage [V]", "curvature [1/m]")
+    record = Record(u, y, t, "voltage [V]", "curvature [1/m]")
     record.to_csv(file)
     again = Record.from_csv(file, input="voltage", output="curvature", time="time")
     for name in "tuy":
@@ -125,7 +125,7 @@ def test_parts_that_do_not_fit_make_no_record(changes, complaint):
 
 def test_several_channels_are_rows_and_are_written_as_columns(tmp_path):
     names = ("pan [deg]", "tilt [deg]")
-    record = Record([0, 1], [1, 2], [[1, 2], [3, 4]], "voltage [V]", names)
+    record = Record([1, 2], [[1, 2], [3, 4]], [0, 1], "voltage [V]", names)
     record.to_csv(tmp_path / "axes.csv")
     text = (tmp_path / "axes.csv").read_text()
     assert text == "time [s],voltage [V],pan [deg],tilt [deg]\n0.0,1.0,1.0,3.0\n1.0,2.0,2.0,4.0\n"
@@ -141,7 +141,7 @@ def test_records_on_one_clock_are_joined():
     with pytest.raises(RecordError, match="no record to join"):
         Record.joined([])
     with pytest.raises(RecordError, match="different channels"):
-        Record.joined([small(), Record([3], [1], [1])])
+        Record.joined([small(), Record([1], [1], [3])])
 
 
 def test_an_existing_file_is_replaced_only_by_force(tmp_path):
@@ -167,7 +167,7 @@ def test_reads_measured_records(shared_data):
 
 
 def test_a_name_that_begins_as_a_formula_is_read_again(tmp_path):
-    record = Record([0.0, 1.0], [-1.0, 1.0], [2.0, -3.0], "=1+1 [V]", "@SUM(A1) [mm]")
+    record = Record([-1.0, 1.0], [2.0, -3.0], [0.0, 1.0], "=1+1 [V]", "@SUM(A1) [mm]")
     record.to_csv(tmp_path / "r.csv")
     lines = (tmp_path / "r.csv").read_text().splitlines()
     assert lines[:2] == ["time [s],'=1+1 [V],'@SUM(A1) [mm]", "0.0,-1.0,2.0"]

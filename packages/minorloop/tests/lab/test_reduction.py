@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fixed_options import identify
+from fixed_options import Plane, identify
 from minorloop.arrays import uniform_levels
 from minorloop.errors import OutputError, ParameterError, RecordError, SignalError
 from minorloop.identification.excitation import decaying_staircase
@@ -32,7 +32,7 @@ def strip_log(*, hold, interval=0.5, noise=2e-3, input_noise=2e-3, specimen=1000
     d = 1e3 * displacement_from_curvature(record.y, 0.02, 0.015)
     d = d + noise * chance.normal(size=d.size)
     u = record.u + input_noise * chance.normal(size=d.size)
-    return Record(record.t, u, d, "voltage [V]", "distance [mm]"), np.array(truth)
+    return Record(u, d, record.t, "voltage [V]", "distance [mm]"), np.array(truth)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_a_log_through_a_laser_becomes_settled_curvatures(long):
 def test_its_points_identify_the_strip(long):
     log, truth = long
     record = reduce(log, conversion=LASER).record()
-    result = identify(record.u, record.y, levels=8)
+    result = identify(record.u, record.y, Plane(8))
     assert np.sqrt(np.mean((result.predict(record.u) - truth) ** 2)) <= 0.02 * np.ptp(truth)
 
 
@@ -88,7 +88,7 @@ def test_signs_are_flipped_and_time_is_counted(long):
     log, _ = long
     plain = reduce(log, conversion=LASER)
     count = np.arange(len(log))
-    other = Record(count, -log.u, log.y, "voltage [V]", "distance [mm]", time=SAMPLE)
+    other = Record(-log.u, log.y, count, "voltage [V]", "distance [mm]", time=SAMPLE)
     flipped = reduce(other, conversion=LASER, flip=True, flip_input=True)
     np.testing.assert_allclose(flipped.record().y, -plain.record().y, atol=0.01)
     np.testing.assert_allclose(flipped.record().u, plain.record().u)
@@ -100,7 +100,7 @@ def test_extremes_between_holds_are_kept_without_outputs():
     between = [np.linspace(0.2, 2, 20), np.linspace(2, 0.6, 20), np.full(60, 0.6)]
     after = [np.full(60, -0.3), np.linspace(-0.3, -0.9, 9)]
     u = np.concatenate(before + between + after)
-    found = reduce(Record(np.arange(u.size), u, u + 1e-3 * np.sin(np.arange(u.size))))
+    found = reduce(Record(u, u + 1e-3 * np.sin(np.arange(u.size)), np.arange(u.size)))
     levels = [round(point.input, 6) for point in found.points]
     assert levels == [0.0, 1.0, -0.5, 0.2, 2.0, 0.6, -0.3, -0.9]
     passed = [point.verdict == "passed" for point in found.points]
@@ -125,7 +125,7 @@ def test_spikes_are_counted_and_not_used(long):
     at = np.flatnonzero(chance.random(len(log)) < 0.01)
     y = log.y.copy()
     y[at] += chance.choice([-1, 1], at.size) * chance.uniform(0.5, 5.0, at.size)
-    found = reduce(Record(log.t, log.u, y, log.inputs, log.outputs), conversion=LASER)
+    found = reduce(Record(log.u, y, log.t, log.inputs, log.outputs), conversion=LASER)
     count = int(found.notes[0].split()[0])
     assert 0.9 * at.size <= count <= at.size
     assert f"are far from the readings around them, first {y[at[0]]:g} at" in found.notes[0]
@@ -139,7 +139,7 @@ def test_spikes_of_a_measured_input_are_no_extremes(long):
     u, chance = log.u.copy(), np.random.default_rng(1000)
     at = chance.integers(0, u.size, 20)
     u[at] += chance.choice([-1, 1], 20) * chance.uniform(1, 4, 20)
-    found = reduce(Record(log.t, u, log.y, "voltage [V]", "distance [mm]"), conversion=LASER)
+    found = reduce(Record(u, log.y, log.t, "voltage [V]", "distance [mm]"), conversion=LASER)
     assert found.count("passed") == 0
     np.testing.assert_allclose(found.record().u, LEVELS, atol=1e-3)
     assert "they count as errors of the measurement and not as the input" in found.notes[0]
@@ -152,20 +152,20 @@ def test_a_gap_shorter_than_half_a_hold_keeps_the_memory(long):
         kept[begin : begin + 10] = False  # 5 s of holds of 200 s
     t, u, y = log.t[kept], log.u[kept], log.y[kept]
     breaks = np.flatnonzero(np.diff(t) > 2.5)
-    short = Record(t, u, y, "voltage [V]", "distance [mm]")
+    short = Record(u, y, t, "voltage [V]", "distance [mm]")
     found = reduce(short, conversion=LASER, breaks=breaks)
     assert all(point.known for point in found.points)
     assert found.count("settled") == LEVELS.size
     said = f"{breaks.size} gaps are shorter than half a usual hold and cannot hide one"
     assert any(note.startswith(said) for note in found.notes)
     later = t + np.where(np.arange(t.size) > breaks[-1], 150.0, 0.0)
-    long_gap = Record(later, u, y, "voltage [V]", "distance [mm]")
+    long_gap = Record(u, y, later, "voltage [V]", "distance [mm]")
     assert not all(point.known for point in reduce(long_gap, breaks=breaks[-1:]).points)
 
 
 def test_a_saturated_sensor_is_noticed(long):
     log, _ = long
-    clipped = Record(log.t, log.u, np.maximum(log.y, 19.0), log.inputs, log.outputs)
+    clipped = Record(log.u, np.maximum(log.y, 19.0), log.t, log.inputs, log.outputs)
     found = reduce(clipped, conversion=LASER)
     assert "the sensor is saturated" in found.notes[0]
     assert "are exactly 19, first at sample" in found.notes[0]
@@ -184,7 +184,7 @@ def staircase_log(count, chance=1000):
 def test_a_stuck_sensor_is_noticed_and_its_holds_are_left_out():
     t, u, y = staircase_log(120)
     y[410:620] = y[410]  # the end of hold 4, hold 5, the beginning of hold 6
-    found = reduce(Record(t, u, y, "field [A]", "position [um]"))
+    found = reduce(Record(u, y, t, "field [A]", "position [um]"))
     assert [point.verdict for point in found.points] == ["settled"] * 3 + ["unread"] * 2 + [
         "settled"
     ] * 7
@@ -200,7 +200,7 @@ def test_a_hold_without_readings_is_not_told_to_be_longer(what):
         y[120:180] = np.nan
     else:
         y = np.minimum(y, 20.0)
-    found = reduce(Record(t, u, y, "field [A]", "position [um]"))
+    found = reduce(Record(u, y, t, "field [A]", "position [um]"))
     assert found.count("unsettled") == 0
     assert found.count("unread") == np.isnan(found.record().y).sum() > 0
     assert f", {found.count('unread')} unread" in str(found)
@@ -212,24 +212,24 @@ def test_a_hold_without_readings_is_not_told_to_be_longer(what):
 def test_holds_with_too_few_readings_to_be_found_are_counted():
     t, u, y = staircase_log(5)
     with pytest.raises(RecordError, match="about 5 samples each, and at least 8"):
-        reduce(Record(t, u, y, "field [A]", "position [um]"))
+        reduce(Record(u, y, t, "field [A]", "position [um]"))
 
 
 def test_holds_with_too_few_readings_to_be_judged_are_not_told_to_be_longer():
     t, u, y = staircase_log(10)
-    found = reduce(Record(t, u, y, "field [A]", "position [um]"))
+    found = reduce(Record(u, y, t, "field [A]", "position [um]"))
     assert found.count("unsettled") > 8
     assert found.remedy in found.notes[-1]
     assert "about 10 readings each" in found.remedy
     assert "18 readings a hold or more" in found.remedy
     t, u, y = staircase_log(18)
-    assert reduce(Record(t, u, y, "field [A]", "position [um]")).count("unsettled") == 0
+    assert reduce(Record(u, y, t, "field [A]", "position [um]")).count("unsettled") == 0
 
 
 def test_the_standard_deviation_contains_the_resolution_of_the_sensor(long):
     log, truth = long
     step = 0.05
-    coarse = Record(log.t, log.u, step * np.round(log.y / step), log.inputs, log.outputs)
+    coarse = Record(log.u, step * np.round(log.y / step), log.t, log.inputs, log.outputs)
     found = reduce(coarse, conversion=LASER)
     assert "whole steps of 0.05, the resolution of the sensor" in " ".join(found.notes)
     settled = [(p.value, p.sd, t) for p, t in zip(found.points, truth, strict=True)]
@@ -242,7 +242,7 @@ def test_after_a_break_outputs_wait_until_the_memory_is_known():
     levels = [-1.0, 1.0, -1.0, 0.0, -0.5, 0.5, 1.0, 0.2]
     u = np.repeat(levels, 20)
     noise = 1e-3 * np.random.default_rng(1000).normal(size=u.size)
-    found = reduce(Record(np.arange(u.size), u, u + noise), breaks=[70])  # within the fourth hold
+    found = reduce(Record(u, u + noise, np.arange(u.size)), breaks=[70])  # within the fourth hold
     assert np.isnan(found.record().y).tolist() == [False] * 3 + [True] * 3 + [False] * 2
     assert "3 of 8 holds came after a break in time" in found.notes[0]
 
@@ -253,7 +253,7 @@ def test_what_is_no_record_or_too_large_is_refused(long):
     log, _ = long
     for u, y in ((1e307 * log.u, log.y), (log.u, 4e307 * np.sin(log.t))):
         with pytest.raises(SignalError, match=r"put reaches .*e\+307; scale it to below 1e\+150"):
-            reduce(Record(log.t, u, y))
+            reduce(Record(u, y, log.t))
 
 
 @pytest.mark.parametrize(
@@ -302,7 +302,7 @@ def test_any_record_is_reduced_or_refused(data):
     steps = data.draw(st.sampled_from([0.0, 1e-9, 1.0, 1e6]))
     numbers = st.sampled_from([0.0, 1e100, 5.0, np.nan]) | st.floats(-1, 1)
     y = np.resize(data.draw(st.lists(numbers, min_size=1, max_size=30)), u.size)
-    record = Record(steps * np.arange(u.size), u, y, "u", "distance [mm]")
+    record = Record(u, y, steps * np.arange(u.size), "u", "distance [mm]")
     with suppress(RecordError):
         found = reduce(record, conversion=data.draw(st.sampled_from([None, LASER])), flip=True)
         assert len(found.columns()["verdict"]) == len(found)
@@ -313,7 +313,7 @@ def test_any_record_is_reduced_or_refused(data):
 def test_readings_next_to_zero_are_no_steps_of_a_sensor():
     u = np.repeat([0.0, 1.0, 0.0], 40)
     y = np.tile([0.0, 1.0, 2.2e-311], 40)
-    assert not any("whole steps" in note for note in reduce(Record(np.arange(120.0), u, y)).notes)
+    assert not any("whole steps" in note for note in reduce(Record(u, y, np.arange(120.0))).notes)
 
 
 def test_an_input_that_never_rests_is_refused_in_one_sentence_without_warnings():
@@ -321,4 +321,4 @@ def test_an_input_that_never_rests_is_refused_in_one_sentence_without_warnings()
     t = 0.01 * np.arange(2000)
     u = np.sin(20 * t) * np.exp(-t / 20)
     with pytest.raises(RecordError, match="where the input never rests, identify the record as it"):
-        reduce(Record(t, u, u))
+        reduce(Record(u, u, t))

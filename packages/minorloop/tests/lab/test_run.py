@@ -43,7 +43,7 @@ class Bench:
         y = u + (self.state - u) * np.exp(-t / 2.0)
         self.state, began = float(y[-1]), self.clock
         self.clock += duration
-        return Record(began + t, np.full(t.size, u), y, "voltage [V]", "curvature [1/m]")
+        return Record(np.full(t.size, u), y, began + t, "voltage [V]", "curvature [1/m]")
 
     def exchange(self, u):
         return self.apply(u, self.tick, self.tick).y[-1]
@@ -77,7 +77,7 @@ def test_an_output_that_is_not_measured_is_a_verdict_too(tmp_path):
     class Blind(Bench):
         def apply(self, u, duration, sample_interval):
             record = super().apply(u, duration, sample_interval)
-            return Record(record.t, record.u, record.y * np.nan, "voltage [V]", "curvature [1/m]")
+            return Record(record.u, record.y * np.nan, record.t, "voltage [V]", "curvature [1/m]")
 
     with Store.create(tmp_path / "blind.sqlite", PLAN, SETUP) as store:
         run(Blind(), PLAN, store)
@@ -100,7 +100,7 @@ class Dead(Bench):
             self.reading = record.y[-1]
             return record
         repeated = np.full(record.y.size, self.reading or 0.25)
-        return Record(record.t, record.u, repeated, "voltage [V]", "curvature [1/m]")
+        return Record(record.u, repeated, record.t, "voltage [V]", "curvature [1/m]")
 
 
 @pytest.mark.parametrize("since", [0, 4])

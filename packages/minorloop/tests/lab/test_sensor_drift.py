@@ -25,7 +25,7 @@ def log(drift=0.0, *, hold=20.0, rise=2.0, fall=2.0, creep=0.0, seed=1000):
         y[k] = now + crept
     t = INTERVAL * np.arange(u.size)
     noise = 0.02 * np.random.default_rng(seed).normal(size=t.size)
-    return Record(t, u, y + drift * t / t[-1] + noise, "voltage [V]", "distance [um]")
+    return Record(u, y + drift * t / t[-1] + noise, t, "voltage [V]", "distance [um]")
 
 
 @pytest.mark.parametrize("size", [-8.0, 5.0, 15.0])

@@ -28,8 +28,8 @@ def test_a_column_without_a_unit_takes_the_one_that_is_given(tmp_path):
     file = tmp_path / "run.mat"
     savemat(file, {"u": np.arange(3.0), "d": np.arange(3.0), "t": np.arange(3.0)})
     log = read_log(file, input="u", output="d [mm]", time="t [ms]")
-    assert [str(log.record.input), str(log.record.output)] == ["u", "d [mm]"]
-    np.testing.assert_allclose(log.record.t, [0, 1e-3, 2e-3])
+    assert [str(log.input), str(log.output)] == ["u", "d [mm]"]
+    np.testing.assert_allclose(log.t, [0, 1e-3, 2e-3])
     assert str(Record.from_csv(file, input="u [V]", output="d").input) == "u [V]"
 
 

@@ -177,7 +177,7 @@ def test_a_sine_without_readings_stays_open_and_is_measured_by_the_next_call(tmp
         def lost(t, u):
             record = drive(t, u)
             y = np.where(record.t > 40.0, np.nan, record.y)
-            return Record(record.t, record.u, y, record.inputs, record.outputs)
+            return Record(record.u, y, record.t, record.inputs, record.outputs)
 
         actuator.drive = lost
     with created(tmp_path / "a", actuator) as store:

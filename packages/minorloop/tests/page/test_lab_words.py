@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[4]
         ("leave --time out; name a column of curves (--curves)",
          "leave “Time” out; name a column of curves “Curves, each with a new memory”"),
         ("rows apart (--rows), or", "rows apart “First row” and “Rows up to”, or"),
-        ("identify_dynamics (--time COLUMN --dynamics auto) shows whether",
+        ("Dynamics() (--time COLUMN --dynamics auto) shows whether",
          "“Dead time, poles and creep (dynamics)”: automatic shows whether"),
         ("reverse it (reduce --flip)", "reverse it (reduce --flip of the command minorloop)"),
         ("first (minorloop reduce)", "first with the command minorloop reduce LOG"),

@@ -43,8 +43,8 @@ def _timed(late):
 
 
 def test_dynamics_are_identified_shown_and_kept(folder, monkeypatch):
-    quick = partial(lab_work.identify_dynamics, first="operator", poles=0, creep=False)
-    monkeypatch.setattr(lab_work, "identify_dynamics", quick)
+    quick = partial(lab_work.Dynamics, first="operator", poles=0, creep=False)
+    monkeypatch.setattr(lab_work, "Dynamics", quick)
     _timed(3)
     found = result(folder, time="t", levels=3, dynamics="auto", last=160)
     rows = dict(found["table"])

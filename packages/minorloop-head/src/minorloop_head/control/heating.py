@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Levels, as_levels, as_samples, as_whole
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification import excitation
-from minorloop.identification.fit import identify
+from minorloop.identification import Plane, Smooth, excitation, identify
 from minorloop.identification.levels import adaptive_levels
 from minorloop.identification.result import Identification
+from minorloop.lab.records import Record
 from minorloop.operators.memory import Start
 from minorloop.operators.plane import Relay
 from minorloop.operators.preisach import Diagonal, Preisach
@@ -191,18 +191,9 @@ def identify_heating(
     grid = as_levels(levels)
     check_holds(currents, angles, grid)
     transient = as_transient(step, grid)
-    steady = identify(
-        currents**2,
-        angles,
-        levels=grid**2,
-        relay=relay,
-        diagonal=diagonal,
-        slope=False,
-        lag=0,
-        start=start,
-        smoothness=0.0,
-        holdout=holdout,
-    )
+    law = Plane(grid**2, relay, diagonal, slope=False, lag=0)
+    record = Record(currents**2, angles, start=start)
+    steady = identify(record, law, prior=Smooth(0.0), holdout=holdout)
     width = float(np.ptp(steady.model.range))
     if not width > 0:
         raise SignalError(

@@ -303,7 +303,7 @@ class SeenHead(WrappedActuator):
         held = np.tile(np.asarray(u, dtype=np.float64)[:, None], count)
         names = [str(each) for each in self.inputs], [str(each) for each in self.outputs]
         timing = Timing(began=began, ended=self._t, uncertainty=0.5 * self.tick)
-        return Record(t, held, y, *names, timing=timing)
+        return Record(held, y, t, *names, timing=timing)
 
     def exchange(self, u: Value) -> FloatArray:
         """Hold two currents for one tick; return pan and tilt in degrees, NaN where not seen.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +11,11 @@ from minorloop.cli import _common
 from minorloop.cli._time_records import Outputs, TimedData, finish
 
 if TYPE_CHECKING:
-    from minorloop.identification import AfterEffectIdentification
+    from minorloop.identification import AfterEffectIdentification, Viscosity
+    from minorloop.identification.regularisation import Prior
     from minorloop.lab.records import Record
     from minorloop.report import Report
 
-LEVELS = 25
-"""Bands, unless given, as in `identify_after_effect`."""
 TAKEN = (
     *("creep", "rate", "levels", "spacing", "diagonal", "smoothness"),
     *("start", "curves", "start_of_curve"),
@@ -23,15 +23,28 @@ TAKEN = (
 """Options of ``identify`` that a fit with times has."""
 
 
-def run(data: TimedData, options: dict[str, Any], outputs: Outputs) -> None:
-    """Identify, write the model and the report, and print what time explains."""
-    from minorloop.identification import identify_after_effect
+def run(
+    data: TimedData, law: Viscosity, prior: Prior, start: Mapping[str, Any], outputs: Outputs
+) -> None:
+    """Identify, write the model and the report, and print what time explains.
 
-    log = data.read("a fit with --creep or --rate")
-    record = log.record
+    Parameters
+    ----------
+    data : TimedData
+        Where the record is.
+    law : Viscosity
+        What is compared.
+    prior : "auto" or Smooth
+        Of the planes.
+    start : mapping
+        Parameters of `Record`.
+    outputs : Outputs
+        What to write.
+    """
+    record = data.read("a fit with --creep or --rate")
     began = time.perf_counter()
     with _common.working("identifying") as now:
-        found = identify_after_effect(log, progress=now, **options)
+        found = law.identify(record.replace(**start), prior, say=now)
     figures = _figures(found, time.perf_counter() - began)
     bands = found.model.plane.bands
     title = f"{record.output} against {record.input} and time: Preisach, {bands} bands"

@@ -28,7 +28,7 @@ from minorloop.errors import (
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray, IntArray
     from minorloop.lab.actuator import Actuator
-    from minorloop.lab.logs import Log
+    from minorloop.lab.records import Record
     from minorloop.lab.timebase import TimeCheck
     from minorloop.modelfile import ModelFile as File
     from minorloop.report import Report
@@ -337,7 +337,7 @@ def connected(address: str, **options: Any) -> Iterator[Actuator]:
                 getattr(plant, "close", lambda: None)()
 
 
-def read_record(file: Path, columns: Mapping[str, Any], now: Callable[[str], None]) -> Log:
+def read_record(file: Path, columns: Mapping[str, Any], now: Callable[[str], None]) -> Record:
     """Return a record to be identified.
 
     Parameters
@@ -363,7 +363,7 @@ def read_record(file: Path, columns: Mapping[str, Any], now: Callable[[str], Non
 
 def read_log(
     file: Path, input: str, output: str, time: str | None, now: Callable[[str], None]
-) -> Log:
+) -> Record:
     """Return a log; its column of time, found by its name or unit if not given, must be usable."""
     from minorloop.lab.logs import read_log
 

@@ -14,7 +14,8 @@ from minorloop.errors import ParameterError, counted
 
 if TYPE_CHECKING:
     from minorloop.identification import DynamicIdentification, Identification
-    from minorloop.lab.logs import Log
+    from minorloop.identification.pipeline import Options
+    from minorloop.lab.records import Record
     from minorloop.modelfile import Provenance
 
 DYNAMICS = ("none", "auto", "operator", "linear")
@@ -24,7 +25,7 @@ DYNAMICS = ("none", "auto", "operator", "linear")
 class Done:
     """An identification, its record, the origin of it, and the seconds that it took."""
 
-    log: Log
+    record: Record
     result: Identification
     provenance: Provenance
     seconds: float
@@ -63,31 +64,30 @@ def identified(
                 raise ParameterError(
                     f"--sd cannot be combined with --{name}; leave one of them out"
                 )
-    given = {name: value for name, value in options.items() if value is not None}
     with _common.working(f"reading {file.name}") as now:
-        log = _common.read_record(file, columns, now)
-        from minorloop.identification import identify
+        record = _common.read_record(file, columns, now)
+        from minorloop.identification.pipeline import Options
         from minorloop.modelfile import Provenance
 
         provenance = Provenance.of(file)
-        part = _common.as_rows(rows, len(log))
-        log = log.only(part.start, part.stop)
+        asked = Options.of(options)
+        part = _common.as_rows(rows, len(record))
+        record = record.only(part.start, part.stop)
         began = time.perf_counter()
         count = counted(part.stop - part.start, "row")
         now(f"identifying from {count}")
         if dynamics != "none":
-            found = _with_dynamics(log, given, dynamics)
-            return Done(log, found.static, provenance, time.perf_counter() - began, found)
+            found = _with_dynamics(record, asked, dynamics)
+            return Done(record, found.static, provenance, time.perf_counter() - began, found)
         with compilation_said(lambda sentence: now(sentence, kept=True)):
-            result = identify(
-                log, progress=lambda stage: now(f"identifying from {count}: {stage}"), **given
-            )
-    return Done(log, result, provenance, time.perf_counter() - began)
+            result = asked.identify(record, lambda stage: now(f"identifying from {count}: {stage}"))
+    return Done(record, result, provenance, time.perf_counter() - began)
 
 
-def _with_dynamics(log: Log, options: dict[str, Any], dynamics: str) -> DynamicIdentification:
-    from minorloop.identification import identify_dynamics
+def _with_dynamics(record: Record, asked: Options, dynamics: str) -> DynamicIdentification:
+    from minorloop.identification import Dynamics
 
-    if options.pop("lag", "auto") not in ("auto", 0):
+    if asked.law.lag not in ("auto", 0):
         raise ParameterError("--dynamics finds the dead time itself; leave --lag out")
-    return identify_dynamics(log, first=dynamics, **options)  # type: ignore[arg-type]
+    law = Dynamics(asked.law, dynamics)  # type: ignore[arg-type]
+    return law.identify(record.replace(**asked.of_record), asked.prior, asked.holdout)

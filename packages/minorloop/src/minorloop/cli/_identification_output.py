@@ -30,8 +30,8 @@ def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
         done.result if dynamic is None else dynamic,
         path,
         provenance=done.provenance,
-        input=done.log.record.input,
-        output=done.log.record.output,
+        input=done.record.input,
+        output=done.record.output,
         warnings=done.found.warnings,
         force=force,
     )
@@ -131,7 +131,7 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
         rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in left_out)))
     rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
     rows.append(("time", f"{figures['seconds']:.2f} s"))
-    record = done.log.record
+    record = done.record
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
     _common.print_table(("", ""), rows, title)
     if done.result.curve_accuracy:
@@ -151,7 +151,7 @@ def write_report(done: Done, path: Path, force: bool, as_json: bool) -> None:
     """Write the HTML report."""
     from minorloop.report import identification_report
 
-    record = done.log.record
+    record = done.record
     draw = partial(
         identification_report,
         done.result,

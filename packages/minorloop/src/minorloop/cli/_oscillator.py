@@ -32,25 +32,19 @@ def run(data: TimedData, start: str, options: dict[str, Any], outputs: Outputs) 
     start : str
         ``unknown``, or a model file with an oscillator whose parameters are rough.
     options : dict
-        Of `identify_oscillator`.
+        ``period`` and ``between`` of `Vibration`, and ``skip`` of the record.
     outputs : Outputs
         What to write.
     """
-    from minorloop.identification.oscillator import identify_oscillator
+    from minorloop.identification.oscillator import Vibration
 
     rough = UNKNOWN if start == UNKNOWN else _read_start(start)
-    log = data.read("--oscillator")
-    record, part = log.record, log.part
+    record = data.read("--oscillator")
     _check_units(record)
     began = time.perf_counter()
     with _common.working("identifying"):
-        found = identify_oscillator(
-            record.t[part],
-            record.u[part],
-            record.y[part],
-            rough,  # type: ignore[arg-type]
-            **options,
-        )
+        law = Vibration(rough, options["period"], options["between"])  # type: ignore[arg-type]
+        found = law.identify(record.replace(skip=options["skip"]))
     figures = _figures(found, time.perf_counter() - began)
     title = f"{record.output} of an oscillator with hysteresis, driven by {record.input}"
     finish(found, record, data.file, outputs, figures, title, report_of)

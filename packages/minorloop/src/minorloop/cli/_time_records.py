@@ -13,7 +13,6 @@ from minorloop.cli import _common
 from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
-    from minorloop.lab.logs import Log
     from minorloop.lab.records import Record
     from minorloop.report import Report
 
@@ -32,7 +31,7 @@ class TimedData:
     curves: str | None
     rows: str | None
 
-    def read(self, options: str) -> Log:
+    def read(self, options: str) -> Record:
         """Return the record, with the rows to be fitted.
 
         Raises
@@ -44,14 +43,15 @@ class TimedData:
         """
         columns = {name: getattr(self, name) for name in ("input", "output", "time", "curves")}
         with _common.working(f"reading {self.file.name}") as now:
-            log = _common.read_record(self.file, columns, now)
-        if log.check is None:
+            record = _common.read_record(self.file, columns, now)
+        if record.check is None:
             raise ParameterError(
                 f"--time is missing; {options} needs the columns of input, output and time"
             )
-        part = _common.as_rows(self.rows, len(log))
-        _common.check_order(self.file, str(log.time_column), log.check, part=part, rows=log.rows)
-        return log.only(part.start, part.stop)
+        part, origin = _common.as_rows(self.rows, len(record)), record.origin
+        name = str(origin.time_column)
+        _common.check_order(self.file, name, record.check, part=part, rows=origin.rows)
+        return record.only(part.start, part.stop)
 
 
 _ALWAYS = frozenset({"context", "file", "input", "output", "time", "rows", "skip"})

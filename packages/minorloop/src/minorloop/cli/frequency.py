@@ -142,7 +142,7 @@ def _of_csv(
         missing = "--input" if input is None else "--output"
         raise ParameterError(f"{missing} is missing; name a column of {file}")
     with _common.working(f"reading {file.name}") as now:
-        record = _common.read_log(file, input, output, time, now).record
+        record = _common.read_log(file, input, output, time, now)
         hertz = _common.read_column(file, frequency, "Hz", "frequencies are")
         held = _common.read_column(file, _HELD) if _HELD in read_headers(file) else None
     if not record.timed:

@@ -231,18 +231,14 @@ def run(
     _common.refuse_given({"period": period, "between": between}, "is given without --oscillator")
     if creep != _common.NONE or rate:
         refuse_others(context, _after_effect.TAKEN, "--creep or --rate")
-        timed = {
-            "creep": creep,
-            "rate": True if rate else "auto" if creep == "auto" else False,
-            "levels": levels or _after_effect.LEVELS,
-            "spacing": spacing,
-            "diagonal": diagonal or "reversible",
-            "smoothness": _number_or_auto("smoothness", smoothness, float),
-            "start": start,
-            "start_of_curve": start_of_curve,
-            "skip": skip,
-        }
-        _after_effect.run(data, timed, outputs)
+        from minorloop.identification import Smooth, Viscosity
+
+        strength = _number_or_auto("smoothness", smoothness, float)
+        viscous: Any = True if rate else "auto" if creep == "auto" else False
+        kind: Any = (creep, viscous, diagonal or "reversible", spacing)
+        law = Viscosity(levels or Viscosity.levels, *kind)
+        of_record = {"start": start, "start_of_curve": start_of_curve, "skip": skip}
+        _after_effect.run(data, law, Smooth(strength), of_record, outputs)
         return
     options = {
         "levels": levels,

@@ -87,8 +87,7 @@ def run(
     )
     limits = _limits(range)
     with _common.working(f"reading {file.name}") as now:
-        log = _common.read_log(file, input, output, time, now)
-        record = log.record
+        record = _common.read_log(file, input, output, time, now)
         now(f"reducing {len(record)} samples")
         reduction = reduce(
             record,
@@ -100,7 +99,7 @@ def run(
             input_tolerance=input_tolerance,
             shortest=shortest,
             subtract_drift=subtract_drift,
-            breaks=log.check.breaks if log.check else (),
+            breaks=record.check.breaks if record.check else (),
         )
     if not keep_unsettled and not reduction.count("settled") + reduction.count("extrapolated"):
         raise RecordError(
@@ -108,7 +107,7 @@ def run(
             "input never rests, identify the record as it is; --keep-unsettled takes the outputs "
             "all the same"
         )
-    said = [*log.notes, *reduction.notes]
+    said = [*record.notes, *reduction.notes]
     steps: list[Callable[[], None]] = [partial(_show, reduction, said, as_json)]
     # Files first: the reader of the output may end.
     if report is not None:

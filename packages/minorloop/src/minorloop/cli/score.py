@@ -63,7 +63,7 @@ def run(
     }
     with _common.working(f"reading {file.name}") as now:
         log = _common.read_record(file, columns, now)
-        now(f"scoring {len(log.record)} samples")
+        now(f"scoring {len(log)} samples")
         found = scoring.score(
             known,
             log,
@@ -73,7 +73,7 @@ def run(
             between=between,  # type: ignore[arg-type]
         )
         if save is not None:
-            _common.write_csv(save, _columns(found, log.record.time), force=force)
+            _common.write_csv(save, _columns(found, log.time), force=force)
         if report is not None:
             now("drawing the report")
             names = {"model": model.name, "source": file.name}

@@ -16,7 +16,7 @@ EXAMPLE = "minorloop simulate model.json inputs.csv --input voltage --save predi
 
 
 if TYPE_CHECKING:
-    from minorloop.lab.logs import Log
+    from minorloop.lab.records import Record
     from minorloop.modelfile import ModelFile
 
 
@@ -53,7 +53,7 @@ def run(
             log = log.with_memory_reset()
         if log.check is not None:
             _common.check_order(file, str(time), log.check, strictly=known.has_time)
-        now(f"simulating {len(log.record)} samples")
+        now(f"simulating {len(log)} samples")
         found = scoring.simulate(
             known,
             log,
@@ -67,7 +67,7 @@ def run(
             output = str(known.output)
             cells = ["" if isnan(value) else value for value in y.tolist()]
             header = output if known.output != known.input else f"predicted {output}"
-            times = {} if found.t is None else {str(log.record.time): found.t}
+            times = {} if found.t is None else {str(log.time): found.t}
             labels = {} if curves is None or log.curves is None else {curves: log.curves}
             columns = {**times, **labels, str(known.input): found.u, header: cells}
             _common.write_csv(save, columns, force=force)
@@ -91,14 +91,16 @@ def run(
         typer.echo("nothing was written; --save FILE writes inputs and outputs")
 
 
-def _inputs(known: ModelFile, file: Path, input: str, time: str | None, curves: str | None) -> Log:
+def _inputs(
+    known: ModelFile, file: Path, input: str, time: str | None, curves: str | None
+) -> Record:
     """Return the inputs of a file with their times and curves; outputs are NaN."""
-    from numpy import arange, full, nan
+    from numpy import full, nan
 
     from minorloop.lab.columns import read_labels
     from minorloop.lab.gaps import with_lost_rows
-    from minorloop.lab.logs import Log, read_times
-    from minorloop.lab.records import SAMPLE, Record
+    from minorloop.lab.logs import read_times
+    from minorloop.lab.records import Origin, Record
 
     if time is None and known.has_time:
         raise ParameterError(
@@ -108,7 +110,7 @@ def _inputs(known: ModelFile, file: Path, input: str, time: str | None, curves: 
     labels = None if curves is None else read_labels(file, curves)
     nothing, names = full(u.size, nan), (known.input, known.output)
     if time is None:
-        return Log(Record(arange(u.size), u, nothing, *names, time=SAMPLE), curves=labels)
+        return Record(u, nothing, None, *names, curves=labels)
     clock, check = read_times(file, time)
-    record = Record(check.t, u, nothing, *names, time=clock)
-    return Log(record, with_lost_rows(check, u), time, curves=labels)
+    origin = Origin(with_lost_rows(check, u), time)
+    return Record(u, nothing, check.t, *names, clock, curves=labels, origin=origin)

@@ -47,7 +47,7 @@ class PlayLaw(NamedTuple):
 class PlaneLaw(NamedTuple):
     """A Preisach plane, its stack, rows in use (1,), and space for a trial."""
 
-    plane: planes.Plane
+    plane: planes.PlaneTables
     stack: FloatArray
     rows: IntArray
     scratch: FloatArray

@@ -1,5 +1,7 @@
 """Compiled loops of gradients in the input; they take and return arrays only.
 
+A plane is a `PlaneTables` of `minorloop.operators._kernels`.
+
 The tree is that of `minorloop.identification._kernels`: the output at a sample is that at its
 parent plus one Everett difference between the two.
 """

@@ -172,7 +172,7 @@ class _PreisachLoops:
         square[np.tril_indices(bands)] = sums
         return square, parent
 
-    def _with(self, weights: FloatArray, offset: float, slope: float) -> _kernels.Plane:
+    def _with(self, weights: FloatArray, offset: float, slope: float) -> _kernels.PlaneTables:
         nodes = self._swing * plane.nodes_from_weights(np.tril(weights))
         bow = nodes.diagonal(-1).copy() if self._spread else np.zeros(len(weights))
         off = offset - self._shift * float(np.tril(weights).sum())

@@ -14,7 +14,9 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray, as_finite, as_whole, check_option
 from minorloop.errors import MissingExtraError, ParameterError
-from minorloop.identification import identify
+from minorloop.identification.pipeline import Options
+from minorloop.identification.record_checks import checked_record
+from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory
 
 try:
@@ -108,19 +110,10 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
         check_option("predict_from", self.predict_from, ("start", "end"))
         u = self._input(X)
-        self.model_ = identify(
-            u,
-            np.asarray(y, dtype=np.float64),
-            levels=self.levels,
-            relay=self.relay,
-            diagonal=self.diagonal,
-            smoothness=self.smoothness,
-            slope=self.slope,
-            lag=0,
-            signed=self.signed,
-            prior=self.prior,
-            start=self.start,
-        ).model
+        options = ("levels", "relay", "diagonal", "smoothness", "slope", "signed", "prior", "start")
+        asked = Options.of({**{name: getattr(self, name) for name in options}, "lag": 0})
+        checked_record(u, y)
+        self.model_ = asked.identify(Record(u, y)).model
         low, high = map(float, self.model_.levels[[0, -1]])
         before = self.model_.memory(self.start).extrema
         self.memory_ = Memory.after([*before, *u], low=low, high=high)

@@ -11,7 +11,7 @@ import numpy as np
 from minorloop.errors import MinorloopError, RecordError
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.results import one_line
-from minorloop.lab.logs import Log
+from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
 Found = Mapping[str, Any]
@@ -40,17 +40,17 @@ def identify_one(task: Task, scratch: Path) -> Found:
     scratch : Path
         Name of a temporary file for the record.
     """
-    from minorloop.identification import identify
+    from minorloop.identification.pipeline import Options
 
     began = time.perf_counter()
     try:
         log = _log(task, scratch)
-        result = identify(log, **task.options)
+        result = Options.of(task.options).identify(log)
         model = result.model
         return {
             "model": model,
-            "input": str(log.record.input),
-            "output": str(log.record.output),
+            "input": str(log.input),
+            "output": str(log.output),
             "lag": result.lag_of_model,
             "lag_seconds": result.lag_seconds,
             "nrmse": float(result.nrmse),
@@ -78,13 +78,13 @@ def opening(model: Preisach) -> float:
 
 def load_kernels() -> None:
     """Compile and load the kernels by identifying a small record."""
-    from minorloop.identification import identify
+    from minorloop.identification import Plane, Smooth, identify
 
     u = np.resize([0.0, 1.0, 0.25, 0.75, 0.5], 60)
-    identify(u, u + 0.1 * (np.arange(60) % 2), levels=2, prior="none")
+    identify(u, u + 0.1 * (np.arange(60) % 2), Plane(2), prior=Smooth())
 
 
-def _log(task: Task, scratch: Path) -> Log:
+def _log(task: Task, scratch: Path) -> Record:
     from minorloop.identification import read
 
     one = task.specimen

@@ -1,4 +1,4 @@
-"""Compiled loops over many operators that share a plane: arrays in, arrays out.
+"""Compiled loops over many operators that share a plane (`PlaneTables`): arrays in, arrays out.
 
 Each operator has a stack of its own, as `minorloop.operators._kernels` describes, of bounded
 length; when one is full, the two extrema whose loss changes the output least are dropped.

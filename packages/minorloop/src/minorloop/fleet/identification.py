@@ -248,8 +248,9 @@ def _check_times(limit: float, patience: float) -> None:
 
 def try_options(options: Mapping[str, Any]) -> None:
     """Check options by identifying a small record."""
-    from minorloop.identification import identify
     from minorloop.identification.design_matrix import MOST_BANDS
+    from minorloop.identification.pipeline import Options
+    from minorloop.lab.records import Record
 
     levels, lag = options.get("levels", 1), options.get("lag", 0)
     levels = 1 if isinstance(levels, str) and levels == "auto" else levels
@@ -261,5 +262,5 @@ def try_options(options: Mapping[str, Any]) -> None:
         as_whole("lag", lag, 0, 10**9)
     u = np.resize([0.0, 1.0, 0.25, 0.75, 0.5], 60)
     curves = np.arange(60) // 30 if "start_of_curve" in options else None
-    small = {**options, "levels": 2, "lag": 0, "curves": curves}
-    identify(u, u + 0.1 * (np.arange(60) % 2), **small)
+    small = Record(u, u + 0.1 * (np.arange(60) % 2), curves=curves)
+    Options.of({**options, "levels": 2, "lag": 0}).identify(small)

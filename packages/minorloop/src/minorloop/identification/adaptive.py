@@ -5,8 +5,8 @@ therefore continues as it would have without the stop.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from dataclasses import dataclass, field, fields, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -14,9 +14,11 @@ from minorloop.arrays import FloatArray, Levels, as_finite, uniform_levels
 from minorloop.errors import ParameterError
 from minorloop.identification.bands import Prediction
 from minorloop.identification.design import budget, design, next_input
-from minorloop.identification.fit import identify
+from minorloop.identification.fit import Plane
+from minorloop.identification.regularisation import Gaussian, Prior
 from minorloop.identification.result import Identification
-from minorloop.operators.memory import Memory
+from minorloop.lab.records import Record
+from minorloop.operators.memory import Memory, Start
 
 Role: TypeAlias = Literal["design", "outlier", "repeat", "validation"]
 
@@ -154,16 +156,9 @@ class Adaptive:
         return uniform_levels(self.low, self.high, self.levels)
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """Options of `identify` that the experiment was designed for."""
-        return {
-            "levels": self.grid,
-            "prior": "gaussian",
-            "diagonal": "reversible",
-            "slope": False,
-            "lag": 0,
-            "noise": self.noise,
-        }
+    def law(self) -> Plane:
+        """Law that the experiment was designed for."""
+        return Plane(self.grid, diagonal="reversible", slope=False, lag=0)
 
     @property
     def most(self) -> int:
@@ -230,7 +225,12 @@ class Adaptive:
             self.noise = float(np.median(known))
 
     def identification(
-        self, u: Sequence[float], y: Sequence[float], **options: Any
+        self,
+        u: Sequence[float],
+        y: Sequence[float],
+        law: Plane | None = None,
+        prior: Prior = "auto",
+        start: Start = "negative",
     ) -> Identification:
         """Identify the model from the points to be fitted; validation points are held out.
 
@@ -240,11 +240,15 @@ class Adaptive:
             Inputs applied so far, in their unit.
         y : (n,) array_like
             Settled outputs; NaN where none was read.
-        **options
-            Of `identify`; they override those of the experiment.
+        law : Plane, optional
+            What is not "auto" in it is used instead of what the experiment was designed for.
+        prior : "auto", Gaussian or Smooth
+            `Gaussian` if "auto".
+        start : {"negative", "positive", "demagnetised"} or Memory
+            Memory before the first point.
         """
         progress = self._progress(u, y)
-        fit = self._fit(u, y, progress, **options)
+        fit = self._fit(u, y, progress, law, prior, start)
         outputs = np.where(np.isfinite(y), y, np.nan)
         fitted = np.zeros(outputs.size, dtype=np.bool_)
         fitted[: fit.fitted.size] = fit.fitted
@@ -359,7 +363,13 @@ class Adaptive:
         return None if found.gain < self.least_gain else found.u
 
     def _fit(
-        self, u: Sequence[float], y: Sequence[float], progress: _Progress, **options: Any
+        self,
+        u: Sequence[float],
+        y: Sequence[float],
+        progress: _Progress,
+        law: Plane | None = None,
+        prior: Prior = "auto",
+        start: Start = "negative",
     ) -> Identification:
         """Identify the model from the points whose roles are known; results are cached."""
         kept = [k for k in range(len(u)) if progress.roles[k] in ("design", "repeat")]
@@ -367,9 +377,14 @@ class Adaptive:
         outputs = np.full(last, np.nan)
         outputs[kept] = np.array(y, dtype=np.float64)[kept]
         inputs = np.array(u[:last], dtype=np.float64)
-        key = inputs.tobytes() + outputs.tobytes() + repr((self.noise, options)).encode()
+        given = {} if law is None else {one.name: getattr(law, one.name) for one in fields(law)}
+        used = replace(self.law, **{k: v for k, v in given.items() if not _is_auto(v)})
+        prior = Gaussian() if prior == "auto" else prior
+        key = inputs.tobytes() + outputs.tobytes()
+        key += repr((self.noise, used, prior, start)).encode()
         if key not in self._fits:
-            self._fits[key] = identify(inputs, outputs, **{**self.settings, **options})
+            record = Record(inputs, outputs, sd=self.noise, start=start)
+            self._fits[key] = used.fit(record, prior)
         return _with_wider_bands(self._fits[key], progress.changes)
 
     def _validation_level(self, index: int, now: float) -> float:
@@ -378,6 +393,10 @@ class Adaptive:
         part = (_PART_ORDER[index] + shares[index]) / VALIDATION
         level = self.low + part * (self.high - self.low)
         return float(np.clip(level, now - self.step, now + self.step))
+
+
+def _is_auto(value: object) -> bool:
+    return isinstance(value, str) and value == "auto"
 
 
 def _with_wider_bands(fit: Identification, changes: dict[int, float]) -> Identification:

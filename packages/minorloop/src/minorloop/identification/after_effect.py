@@ -34,14 +34,14 @@ from minorloop.identification.after_effect_result import (
     held,
     longest_hold,
 )
-from minorloop.identification.curves import Curves, StartOfCurve, as_curves, as_groups
+from minorloop.identification.curves import Curves, as_curves, as_groups
 from minorloop.identification.design_matrix import PlaneSpec, unpack
+from minorloop.identification.fit import Say, silent
 from minorloop.identification.least_squares import held_out_segments, neighbour_penalty
-from minorloop.identification.preparation import NOTHING, samples_in_time
-from minorloop.lab.logs import Log
+from minorloop.identification.preparation import samples_in_time
+from minorloop.identification.regularisation import Gaussian, Prior, Smooth
 from minorloop.lab.records import Record
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Diagonal, Preisach
 from minorloop.threads import one_thread
 
@@ -119,130 +119,101 @@ _SHORT = 0.1
 without samples the output may be read only at its beginning and end."""
 
 
-def identify_after_effect(
-    t: npt.ArrayLike | Log | Record,
-    u: npt.ArrayLike | None = None,
-    y: npt.ArrayLike | None = None,
-    *,
-    creep: Literal["auto", "none", "thermal", "spectrum"] = "auto",
-    rate: bool | Literal["auto"] = "auto",
-    levels: int | npt.ArrayLike = 25,
-    spacing: Literal["uniform", "adaptive"] = "uniform",
-    diagonal: Diagonal = "reversible",
-    times: npt.ArrayLike | None = None,
-    smoothness: float | Literal["auto"] = "auto",
-    start: Start = "negative",
-    curves: npt.ArrayLike | None = None,
-    start_of_curve: StartOfCurve | None = None,
-    groups: npt.ArrayLike | None = None,
-    skip: int = 0,
-    progress: Callable[[str], None] | None = None,
-) -> AfterEffectIdentification:
-    """Identify a Preisach model and how its output changes with time.
+@dataclass(frozen=True, eq=False)
+class Viscosity:
+    """The law of a Preisach model whose output changes with time: after-effect, creep, viscosity.
 
     Every law is fitted without a part of the record and scored on it; another law must reduce the
     error by 2 %. Where late thresholds and a spectrum each do, both at once are compared too. The
     weights of plane and creep up to each time constant together are not negative, with both at once
     each of them, so that the model is monotone and can be inverted.
 
-    Parameters
-    ----------
-    t : (T,) array_like, Log or Record
-        Strictly increasing times in seconds; or a record with times, inputs, outputs and labels, as
-        `minorloop.read` returns it.
-    u : (T,) array_like
-        Inputs; u[k] is applied since t[k - 1]. The first one of a curve has been applied for the
-        shortest interval of the record.
-    y : (T,) array_like
-        Outputs at these times; NaN where nothing was measured.
-    creep : {"auto", "none", "thermal", "spectrum"}
-        Laws that are compared, beside none: a fluctuation field by which thresholds relax with the
-        logarithm of time; weights that creep with a spectrum of time constants; or both.
-    rate : bool or "auto"
-        Whether to compare viscous relays too: thresholds that depend on the rate of the input.
-        ``"auto"``: if the record has more than one rate.
-    levels : int or (L + 1,) array_like
-        Number of bands over the range of ``u``, or the thresholds themselves.
-    spacing : {"uniform", "adaptive"}
-        As in `identify`.
-    diagonal : {"reversible", "uniform"}
-        As in `Preisach`. What is reversible follows the input without after-effect.
-    times : (n,) array_like, optional
-        Time constants of the spectrum in seconds; two per decade, from twice the shortest interval
-        to the longest hold, if not given.
-    smoothness : float or "auto"
-        Strength of smoothing of the planes, as in `identify`; chosen by the left-out error.
-    start : {"negative", "positive", "demagnetised"} or Memory
-        Memory before the first row, with which everything has settled.
-    curves, start_of_curve, skip
-        As in `identify`.
-    groups : (T,) array_like, optional
-        Label of the run of each row. Bands are then those of another run: they include the scatter
-        of the runs, of which there are few, by Student's distribution.
-    progress : callable, optional
-        Called with what is done next, as text.
-
-    Raises
-    ------
-    SignalError
-        If lengths differ, times do not increase, too few outputs are finite, or input or output
-        never change; if ``rate`` is asked for and the record has one rate only, or a spectrum and
-        there is no hold.
-    ParameterError
-        If an option is out of its range.
+    The record needs times; u[k] is applied since t[k - 1], and the first input of a curve has been
+    applied for the shortest interval of the record. Groups are runs: bands are then those of
+    another run, and include the scatter of the runs, of which there are few, by Student's
+    distribution. Everything has settled with the memory before the first row.
 
     References
     ----------
     Neel, Annales de Geophysique 5, 1949: fluctuation field. Krejci and Kuhnen, IEE Proceedings D
     148, 2001: creep with a spectrum of time constants. Both in ``docs/theory/time.md``.
     """
-    told = NOTHING
-    if isinstance(t, Log | Record):
-        log = t if isinstance(t, Log) else Log.of(t)
-        beside = {"curves": curves, "groups": groups}
-        t, u, y, labels, told = samples_in_time(log, beside)
-        curves, groups = labels.get("curves"), labels.get("groups")
-    if u is None or y is None:
-        raise ParameterError("u or y is missing; give times, inputs and outputs, or a record")
-    inputs, outputs, coded = checks.checked_record(u, y)
-    clock = as_times(t)
-    if clock.shape != inputs.shape:
-        raise SignalError(
-            f"t has shape {clock.shape} and u {inputs.shape}; give one time for each input"
-        )
-    check_option("creep", creep, tuple(CREEP))
-    check_option("diagonal", diagonal, ("uniform", "reversible"))
-    check_option("spacing", spacing, ("uniform", "adaptive"))
-    if rate != "auto":
-        checks.check_flags(rate=rate)
-    parts = as_curves(curves, inputs.size, start, start_of_curve)
-    skipped = checks.as_skip(skip, parts.positions(inputs.size))
-    runs = None if groups is None else as_groups("groups", groups, inputs.size)
-    fitted, _ = checks.split(outputs, 0.0, len(coded), skipped)
-    known = np.where(fitted, outputs, np.nan)
-    spec = PlaneSpec(checks.grid(inputs, known, levels, spacing), "unipolar", diagonal)
-    record = TimedRecord(clock, writable(inputs), outputs, fitted, parts, runs)
-    laws = [*CREEP[creep]]
-    if _wants_rate(record, rate):
-        laws.insert(1, "viscous")
-    spectrum = None
-    if "spectrum" in laws:
-        spectrum = _spectrum(record, times, creep == "spectrum")
-        if spectrum is None:
-            laws.remove("spectrum")
-    say = progress or (lambda stage: None)
-    search = _Search(record, spec, spectrum, smoothness)
-    with one_thread():
-        tried: list[TriedLaw] = []
-        for law in laws:
-            tried.append(search.tried(law, say, search.guess(law, tried)))
-        tried += [search.tried(law, say, numbers) for law, numbers in _both(tried)]
-        best = tried[0]
-        for one in tried[1:]:
-            if one.error < _BETTER * best.error:
-                best = one
-        say(f"fitting all rows with the law {best.law!r}")
-        return replace(search.result(best, tried), told=told)
+
+    levels: int | npt.ArrayLike = 25
+    """Number of bands over the range of the input, or the (L + 1,) thresholds themselves."""
+    creep: Literal["auto", "none", "thermal", "spectrum"] = "auto"
+    """Laws that are compared, beside none: a fluctuation field by which thresholds relax with the
+    logarithm of time; weights that creep with a spectrum of time constants; or both."""
+    rate: bool | Literal["auto"] = "auto"
+    """Whether to compare viscous relays too: thresholds that depend on the rate of the input.
+    ``"auto"``: if the record has more than one rate."""
+    diagonal: Diagonal = "reversible"
+    """As in `Preisach`. What is reversible follows the input without after-effect."""
+    spacing: Literal["uniform", "adaptive"] = "uniform"
+    """As in `Plane`."""
+    times: npt.ArrayLike | None = None
+    """(n,) time constants of the spectrum in seconds; two per decade, from twice the shortest
+    interval to the longest hold, if not given."""
+
+    def identify(
+        self, record: Record, prior: Prior = "auto", holdout: float = 0.0, say: Say = silent
+    ) -> AfterEffectIdentification:
+        """Identify the weights and the law of their change, as `minorloop.identify`.
+
+        Raises
+        ------
+        SignalError
+            If times do not increase, too few outputs are finite, or input or output never change;
+            if ``rate`` is asked for and the record has one rate only, or a spectrum and there is no
+            hold.
+        ParameterError
+            If an option is out of its range.
+        """
+        used, told = samples_in_time(record)
+        if isinstance(prior, Gaussian):
+            raise ParameterError(
+                "a law of time has no Gaussian prior; give Smooth, or leave it out"
+            )
+        if holdout:
+            raise ParameterError(
+                f"holdout is {holdout}, and laws of time are scored on parts left out; leave it out"
+            )
+        inputs, outputs, coded = checks.checked_record(used.u, used.y)
+        clock = as_times(used.t)
+        check_option("creep", self.creep, tuple(CREEP))
+        check_option("diagonal", self.diagonal, ("uniform", "reversible"))
+        check_option("spacing", self.spacing, ("uniform", "adaptive"))
+        if self.rate != "auto":
+            checks.check_flags(rate=self.rate)
+        parts = as_curves(used.curves, inputs.size, used.start, used.start_of_curve)
+        skipped = checks.as_skip(used.skip, parts.positions(inputs.size))
+        runs = None if used.groups is None else as_groups("groups", used.groups, inputs.size)
+        fitted, _ = checks.split(outputs, 0.0, len(coded), skipped)
+        known = np.where(fitted, outputs, np.nan)
+        grid = checks.grid(inputs, known, self.levels, self.spacing)
+        spec = PlaneSpec(grid, "unipolar", self.diagonal)
+        timed = TimedRecord(clock, writable(inputs), outputs, fitted, parts, runs)
+        laws = [*CREEP[self.creep]]
+        if _wants_rate(timed, self.rate):
+            laws.insert(1, "viscous")
+        spectrum = None
+        if "spectrum" in laws:
+            spectrum = _spectrum(timed, self.times, self.creep == "spectrum")
+            if spectrum is None:
+                laws.remove("spectrum")
+        smoothness = prior.strength if isinstance(prior, Smooth) else "auto"
+        search = _Search(timed, spec, spectrum, smoothness)
+        with one_thread():
+            tried: list[TriedLaw] = []
+            for law in laws:
+                tried.append(search.tried(law, say, search.guess(law, tried)))
+            tried += [search.tried(law, say, numbers) for law, numbers in _both(tried)]
+            best = tried[0]
+            for one in tried[1:]:
+                if one.error < _BETTER * best.error:
+                    best = one
+            say(f"fitting all rows with the law {best.law!r}")
+            return replace(search.result(best, tried), told=told)
 
 
 def _both(tried: Sequence[TriedLaw]) -> list[tuple[str, FloatArray]]:

@@ -17,7 +17,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.dynamics.cascade import filtered_inverse
 from minorloop.dynamics.creep import Creep, fit_creep
-from minorloop.identification.dynamic_parts import DynamicRecord, Dynamics
+from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
 from minorloop.identification.result import Identification
 from minorloop.operators.preisach import Preisach
 
@@ -46,7 +46,7 @@ class Found:
     """The record that was fitted."""
     result: Identification
     """The operator."""
-    dynamics: Dynamics
+    dynamics: DynamicParts
     """The dynamics."""
     error: float
     """Error on the fitted samples, over the range of the output."""
@@ -69,7 +69,7 @@ class Found:
 
 def alternate(
     record: DynamicRecord,
-    dynamics: Dynamics,
+    dynamics: DynamicParts,
     static: Static,
     operator: Preisach | None = None,
     *,
@@ -84,7 +84,7 @@ def alternate(
     ----------
     record : DynamicRecord
         The record.
-    dynamics : Dynamics
+    dynamics : DynamicParts
         Where to begin; they have the structure of what is found.
     static : callable
         Identification of an operator from inputs and outputs.
@@ -135,7 +135,7 @@ def _extrapolated(begun: list[FloatArray], reached: list[FloatArray]) -> FloatAr
 
 
 def without(
-    dynamics: Dynamics, record: DynamicRecord, operator: Preisach | None, slower: float = 1.0
+    dynamics: DynamicParts, record: DynamicRecord, operator: Preisach | None, slower: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
     """Return the record that the operator alone would have given, NaN where nothing is fitted.
 
@@ -165,7 +165,9 @@ def earlier(y: FloatArray, samples: int) -> FloatArray:
     return np.append(y, np.full(samples, np.nan))[samples:]
 
 
-def _fitted_poles(record: DynamicRecord, dynamics: Dynamics, operator: Preisach) -> Dynamics:
+def _fitted_poles(
+    record: DynamicRecord, dynamics: DynamicParts, operator: Preisach
+) -> DynamicParts:
     """Return the poles and the dead time that come nearest to the outputs."""
     from scipy.optimize import least_squares
 
@@ -194,7 +196,9 @@ def _fitted_poles(record: DynamicRecord, dynamics: Dynamics, operator: Preisach)
     return dynamics.at(answer.x)
 
 
-def _fitted_creep(record: DynamicRecord, dynamics: Dynamics, operator: Preisach) -> Creep | None:
+def _fitted_creep(
+    record: DynamicRecord, dynamics: DynamicParts, operator: Preisach
+) -> Creep | None:
     """Return the creep that comes nearest to the outputs; None if there is none."""
     prompt = dynamics.prompt(record, operator)
     slowest = float(dynamics.time_constants.max(initial=record.interval))

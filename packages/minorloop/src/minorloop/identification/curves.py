@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal, get_args
+from typing import Final, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, IntArray, Levels, check_option
 from minorloop.errors import ParameterError, SignalError, counted
-from minorloop.operators.memory import Saturation, Start
+from minorloop.operators.memory import Saturation, Start, StartOfCurve
 from minorloop.operators.preisach import Preisach
 
-StartOfCurve = Start | Literal["as-left"]
 AS_LEFT: Final = "as-left"
 """Start of a curve that continues from the previous one."""
 

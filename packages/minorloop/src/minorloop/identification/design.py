@@ -107,7 +107,7 @@ def next_input(
             "low=..., high=...)"
         )
     if identification.posterior is None:
-        raise ParameterError('next_input needs the prior; identify with prior="gaussian"')
+        raise ParameterError("next_input needs the prior; identify with prior=Gaussian()")
     if identification.posterior.spec.cells > MOST_DENSE_CELLS:
         raise ParameterError(
             f"next_input needs dense matrices, and the plane has {identification.unknowns} "

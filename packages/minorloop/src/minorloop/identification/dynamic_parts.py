@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.dynamics.cascade import Cascade, First
@@ -16,6 +15,7 @@ from minorloop.errors import SignalError
 from minorloop.identification import record_checks as checks
 from minorloop.identification.steps import as_sampled
 from minorloop.lab.codes import Code
+from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
 _FEWEST = 100
@@ -63,24 +63,20 @@ class DynamicRecord:
     compared; -1 elsewhere."""
 
     @classmethod
-    def of(
-        cls, t: npt.ArrayLike, u: npt.ArrayLike, y: npt.ArrayLike, options: dict[str, Any]
-    ) -> DynamicRecord:
+    def of(cls, record: Record, holdout: float) -> DynamicRecord:
         """Return a checked record without left-out pieces."""
-        inputs, outputs, coded = checks.checked_record(u, y)
-        interval = as_sampled((t, inputs, np.zeros(inputs.size)), "end").interval
-        skipped = checks.as_skip(options.get("skip", 0), np.arange(inputs.size))
-        share = options.get("holdout", 0.0)
-        fitted, held_out = checks.split(outputs, share, len(coded), skipped)
+        inputs, outputs, coded = checks.checked_record(record.u, record.y)
+        interval = as_sampled((record.t, inputs, np.zeros(inputs.size)), "end").interval
+        skipped = checks.as_skip(record.skip, np.arange(inputs.size))
+        fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)
         if np.count_nonzero(fitted) < _FEWEST:
             raise SignalError(
                 f"{np.count_nonzero(fitted)} outputs are fitted, and dynamics need {_FEWEST}; "
                 "record the transients too, or identify without dynamics"
             )
         even = interval * np.arange(inputs.size, dtype=np.float64)
-        start = options.get("start", "negative")
         none = np.full(inputs.size, -1, dtype=np.int64)
-        return cls(even, inputs, outputs, interval, fitted, held_out, start, coded, none)
+        return cls(even, inputs, outputs, interval, fitted, held_out, record.start, coded, none)
 
     def part(self, rows: int) -> DynamicRecord:
         """Return the rows up to so many fitted ones."""
@@ -131,7 +127,7 @@ class DynamicRecord:
 
 
 @dataclass(frozen=True)
-class Dynamics:
+class DynamicParts:
     """Dead time, poles before and behind an operator, and creep of the output.
 
     The poles on a side are 1 / ((1 + a s + b s^2) (1 + c s)).
@@ -231,7 +227,7 @@ class Dynamics:
         strengths = () if self.creep is None else self.creep.strengths
         return np.array([*self.ahead, *self.behind, self.delay, *strengths])
 
-    def at(self, vector: FloatArray) -> Dynamics:
+    def at(self, vector: FloatArray) -> DynamicParts:
         """Return the dynamics with other parameters; the last ones are kept where not given."""
         known = np.append(vector, self.vector[vector.size :]).tolist()
         n = len(self.ahead)
@@ -246,7 +242,7 @@ class Dynamics:
             creep=creep,
         )
 
-    def with_another_pole(self, ahead: bool) -> tuple[Dynamics, Dynamics]:
+    def with_another_pole(self, ahead: bool) -> tuple[DynamicParts, DynamicParts]:
         """Return two begins of a search with one pole more on a side.
 
         The pole is faster than all others in the first, and all are equal in the second, which has

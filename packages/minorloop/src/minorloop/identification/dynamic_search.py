@@ -11,7 +11,7 @@ import numpy as np
 
 from minorloop.dynamics.cascade import First
 from minorloop.identification.alternation import Found, Static, alternate, earlier
-from minorloop.identification.dynamic_parts import DynamicRecord, Dynamics
+from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
 
 _DELAYS = 12
 """Delays that a search begins with, from 0 to a tenth of the record."""
@@ -52,7 +52,7 @@ def search(
     static : callable
         Identification of a coarse operator.
     """
-    begin = Dynamics(record.interval, float(_delay(record, static)))
+    begin = DynamicParts(record.interval, float(_delay(record, static)))
     levels = [[alternate(record, begin, static)]]
     for count in range(1, (most if poles is None else poles) + 1):
         parents = sorted(levels[-1], key=lambda one: one.left_out_error)

@@ -7,11 +7,12 @@ three poles without zeros, so that their inverse is stable. Options of the opera
 noise.
 """
 
-from dataclasses import replace
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import check_option
 from minorloop.dynamics.cascade import First
@@ -22,10 +23,10 @@ from minorloop.identification.choosing import Choice
 from minorloop.identification.dynamic_parts import DynamicRecord
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 from minorloop.identification.dynamic_search import better, near, search, simplest, with_creep
-from minorloop.identification.fit import identify
+from minorloop.identification.fit import Plane, Say, silent
 from minorloop.identification.preparation import NOTHING, moving_samples
+from minorloop.identification.regularisation import Gaussian, Prior, Smooth
 from minorloop.identification.result import Identification
-from minorloop.lab.logs import Log
 from minorloop.lab.records import Record
 from minorloop.threads import one_thread
 
@@ -53,21 +54,11 @@ _STRUCTURES: tuple[dict[str, Any], ...] = (
     {"diagonal": "uniform", "slope": False},
 )
 """Planes that are compared; the reversible diagonal contains a slope."""
-_OF_THE_RECORD = ("holdout", "skip")
-_REFUSED = ("lag", "curves", "start_of_curve", "groups")
 
 
-def identify_dynamics(
-    t: npt.ArrayLike | Log | Record,
-    u: npt.ArrayLike | None = None,
-    y: npt.ArrayLike | None = None,
-    *,
-    first: Literal["auto", "operator", "linear"] = "auto",
-    poles: int | Literal["auto"] = "auto",
-    creep: bool | Literal["auto"] = "auto",
-    **options: Any,
-) -> DynamicIdentification:
-    """Identify a hysteresis operator, dead time, linear dynamics and creep from one record.
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """The law of a plane with dead time, linear dynamics and creep.
 
     What is ``"auto"`` is chosen by the error of the whole model on pieces of the record that are
     left out, a fifth of it: another parameter must reduce it by 2 %, and by more than chance does.
@@ -75,88 +66,84 @@ def identify_dynamics(
     near both ends of its range are not compared, because the memory may be another one than
     ``start="negative"`` says; they are fitted only if that makes the other rows no worse.
 
-    Parameters
-    ----------
-    t : (T,) array_like, Log or Record
-        Evenly spaced times in seconds; or a record with times, inputs and outputs, as
-        `minorloop.read` returns it, which is resampled where its times are not even. At the first
-        time, the output is at rest, and the memory is that of ``start``: move the actuator over its
-        whole range and back before. Another start than ``"negative"`` is not checked.
-    u : (T,) array_like
-        Inputs; u[k] is applied from the sample before.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
-    first : {"auto", "operator", "linear"}
-        Which of operator and linear dynamics receives the input; ``"auto"`` compares both, and
-        poles on both sides.
-    poles : int or "auto"
-        Number of poles, 0 to 3. A dead time is fitted with any number.
-    creep : bool or "auto"
-        Whether to fit creep of the output.
-    **options
-        Options of `identify` for the operator; not ``lag``, ``curves`` and ``groups``. Diagonal
-        and slope are ``"auto"`` if not given.
-
-    Raises
-    ------
-    SignalError
-        As `identify`; if the times are not even, or fewer than 100 outputs are fitted.
-    ParameterError
-        If an option is out of its range.
+    The record needs times, and is resampled where these are not even. u[k] is applied from the
+    sample before. At the first time, the output is at rest, and the memory is that of ``start``:
+    move the actuator over its whole range and back before. Another start than ``"negative"`` is not
+    checked.
 
     References
     ----------
     Fixed operator, free dynamics: Ljung, System Identification, 2nd edition, 1999, section 7.4,
     output error. Alternation for a static map and dynamics in series: section 10.1 there.
     """
-    told = NOTHING
-    if isinstance(t, Log | Record):
-        t, u, y, told = moving_samples(t if isinstance(t, Log) else Log.of(t), options)
-    if u is None or y is None:
-        raise ParameterError("u or y is missing; give times, inputs and outputs, or a record")
-    check_option("first", first, ("auto", "operator", "linear"))
-    if creep != "auto":
-        checks.check_flags(creep=creep)
-    if poles != "auto" and (isinstance(poles, bool) or poles not in range(MOST_POLES + 1)):
-        raise ParameterError(f'poles is {poles!r}; give "auto" or 0 to {MOST_POLES}')
-    refused = next((name for name in _REFUSED if name in options), None)
-    if refused is not None:
-        raise ParameterError(
-            f"{refused} cannot be combined with dynamics; leave it out, or reduce the record to "
-            "settled points and identify the operator from them"
+
+    plane: Plane = field(default_factory=Plane)
+    """The operator; its lag is 0."""
+    first: Literal["auto", "operator", "linear"] = "auto"
+    """Which of operator and linear dynamics receives the input; ``"auto"`` compares both, and poles
+    on both sides."""
+    poles: int | Literal["auto"] = "auto"
+    """Number of poles, 0 to 3. A dead time is fitted with any number."""
+    creep: bool | Literal["auto"] = "auto"
+    """Whether to fit creep of the output."""
+
+    def identify(
+        self, record: Record, prior: Prior = "auto", holdout: float = 0.0, say: Say = silent
+    ) -> DynamicIdentification:
+        """Identify operator and dynamics, as `minorloop.identify`.
+
+        Raises
+        ------
+        SignalError
+            As `minorloop.identify`; if fewer than 100 outputs are fitted.
+        ParameterError
+            If an option is out of its range, or the record has labels or no times.
+        """
+        even, told = moving_samples(record)
+        first, poles, creep = self.first, self.poles, self.creep
+        check_option("first", first, ("auto", "operator", "linear"))
+        if creep != "auto":
+            checks.check_flags(creep=creep)
+        if poles != "auto" and (isinstance(poles, bool) or poles not in range(MOST_POLES + 1)):
+            raise ParameterError(f'poles is {poles!r}; give "auto" or 0 to {MOST_POLES}')
+        if self.plane.lag not in ("auto", 0):
+            raise ParameterError(
+                "lag cannot be combined with dynamics, which find the dead time; leave it out"
+            )
+        moving = DynamicRecord.of(even, holdout)
+        plane = replace(self.plane, lag=0)
+        static = _fitter(_coarse(plane), Smooth(0.0), moving)
+        short = moving.part(_MOST_ROWS).with_pieces()
+        virgin = isinstance(moving.start, str) and moving.start == "negative"
+        startup = short.startup if virgin else 0
+        order: First | None = None if first == "auto" else first
+        count = None if poles == "auto" else int(poles)
+        with one_thread():
+            later = short.without(startup)
+            tried = search(later, order, count, MOST_POLES, static)
+            best = simplest(tried)
+            if creep:
+                crept = with_creep(later, tried, best, static, creep is True)
+                best = simplest(crept) if crept else best
+                tried = [*tried, *crept]
+            spoilt, unlike = _startup(short, best, static) if startup else (False, False)
+            skipped = startup if spoilt else 0
+            parts = moving.without(skipped), short.without(skipped)
+            found, operator = _refined(*parts, best, plane, prior)
+        cascade = found.dynamics.cascade(found.operator)
+        return DynamicIdentification(
+            model=replace(cascade, noise=min(found.error, _MOST_NOISE)),
+            static=operator,
+            t=moving.t,
+            u=moving.u,
+            y=moving.y,
+            fitted=found.record.fitted,
+            held_out=moving.held_out,
+            tried=tuple(_summary(one, best) for one in tried),
+            startup=startup if spoilt or unlike else 0,
+            startup_fitted=not spoilt,
+            told=told,
         )
-    record = DynamicRecord.of(t, u, y, options)
-    fields = {"diagonal": "auto", "slope": "auto", "lag": 0}
-    fields |= {name: value for name, value in options.items() if name not in _OF_THE_RECORD}
-    static = _fitter(_coarse(fields))
-    short = record.part(_MOST_ROWS).with_pieces()
-    startup = short.startup if isinstance(record.start, str) and record.start == "negative" else 0
-    order: First | None = None if first == "auto" else first
-    count = None if poles == "auto" else int(poles)
-    with one_thread():
-        later = short.without(startup)
-        tried = search(later, order, count, MOST_POLES, static)
-        best = simplest(tried)
-        if creep:
-            crept = with_creep(later, tried, best, static, creep is True)
-            best = simplest(crept) if crept else best
-            tried = [*tried, *crept]
-        spoilt, unlike = _startup(short, best, static) if startup else (False, False)
-        skipped = startup if spoilt else 0
-        found, operator = _refined(record.without(skipped), short.without(skipped), best, fields)
-    return DynamicIdentification(
-        model=replace(found.dynamics.cascade(found.operator), noise=min(found.error, _MOST_NOISE)),
-        static=operator,
-        t=record.t,
-        u=record.u,
-        y=record.y,
-        fitted=found.record.fitted,
-        held_out=record.held_out,
-        tried=tuple(_summary(one, best) for one in tried),
-        startup=startup if spoilt or unlike else 0,
-        startup_fitted=not spoilt,
-        told=told,
-    )
 
 
 def _summary(one: Found, best: Found) -> TriedDynamics:
@@ -189,43 +176,35 @@ def _startup(record: DynamicRecord, best: Found, static: Static) -> tuple[bool, 
     return worse and better(best, with_it), unlike
 
 
-def _coarse(options: dict[str, Any]) -> dict[str, Any]:
-    """Return options of a quick fit of the operator, with which dynamics are compared.
+def _coarse(plane: Plane) -> Plane:
+    """Return the law of a quick fit of the operator, with which dynamics are compared.
 
     Where they are not given, the diagonal is reversible, which has the smallest errors.
     """
-    levels = options.get("levels", "auto")
+    levels = plane.levels
     bands = np.size(levels) - 1 if np.ndim(levels) else levels
-    given = {
-        name: value
-        for name in ("signed", "offset", "start", "relay", "diagonal", "slope")
-        if (value := options.get(name, "auto")) != "auto"
-    }
-    return (
-        {"diagonal": "reversible", "slope": False, "lag": 0}
-        | given
-        | {
-            "levels": _BANDS if bands == "auto" or bands > _BANDS else levels,
-            "smoothness": 0.0,
-            "prior": "none",
-        }
+    return replace(
+        plane,
+        levels=_BANDS if bands == "auto" or bands > _BANDS else levels,  # type: ignore[operator]
+        relay="bipolar" if plane.relay == "auto" else plane.relay,
+        diagonal="reversible" if plane.diagonal == "auto" else plane.diagonal,
+        slope=False if plane.slope == "auto" else plane.slope,
+        spacing="uniform",
     )
 
 
-def _fitter(options: dict[str, Any]) -> Static:
-    """Return the identification of an operator with these options."""
-    return lambda u, y: identify(u, y, **options)
+def _fitter(plane: Plane, prior: Prior, record: DynamicRecord) -> Static:
+    """Return the identification of an operator with the memory with which a record begins."""
+    return lambda u, y: plane.fit(Record(u, y, start=record.start), prior)
 
 
-def _planes(
-    record: DynamicRecord, best: Found, options: dict[str, Any]
-) -> tuple[dict[str, Any], tuple[Choice, ...]]:
-    """Return options of the operator with diagonal, slope and levels chosen, and the choices.
+def _planes(record: DynamicRecord, best: Found, plane: Plane) -> tuple[Plane, tuple[Choice, ...]]:
+    """Return the law of the operator with diagonal, slope and levels chosen, and the choices.
 
     Each candidate is fitted without the left-out pieces of the record, and the whole model is
     scored on them.
     """
-    given = {name: value for name in ("diagonal", "slope") if (value := options[name]) != "auto"}
+    given = {name: x for name in ("diagonal", "slope") if (x := getattr(plane, name)) != "auto"}
     structures: list[dict[str, Any]] = []
     for one in _STRUCTURES:
         if (one | given) not in structures:
@@ -233,7 +212,8 @@ def _planes(
     known = without(best.dynamics, record, best.operator)
 
     def error(more: dict[str, Any]) -> float:
-        result = identify(*known, **_coarse(options | more) | more)
+        tried = replace(_coarse(replace(plane, **more)), **more)
+        result = _fitter(tried, Smooth(0.0), record)(*known)
         prediction = best.dynamics.outputs(record, result.model)
         return float(np.sqrt(np.mean(record.squares(prediction))))
 
@@ -242,13 +222,13 @@ def _planes(
         one for one in structures if _structure(one) == min(errors, key=errors.__getitem__)
     )
     choices = [] if len(errors) == 1 else [_choice("structure", errors, _structure(chosen))]
-    levels = options.get("levels", "auto")
+    levels = plane.levels
     if isinstance(levels, str):
         own, finer = errors[_structure(chosen)], error(chosen | {"levels": _FINER})
         levels = _FINER if finer < _FINER_IS_BETTER * own else _BANDS
         bands = {f"{_BANDS} bands": own, f"{_FINER} bands": finer}
         choices.append(_choice("levels", bands, f"{levels} bands"))
-    return options | chosen | {"levels": levels}, tuple(choices)
+    return replace(plane, **chosen | {"levels": levels}), tuple(choices)
 
 
 def _structure(plane: dict[str, Any]) -> str:
@@ -261,30 +241,31 @@ def _choice(name: str, errors: dict[str, float], chosen: str) -> Choice:
 
 
 def _refined(
-    record: DynamicRecord, pieces: DynamicRecord, best: Found, options: dict[str, Any]
+    record: DynamicRecord, pieces: DynamicRecord, best: Found, plane: Plane, prior: Prior
 ) -> tuple[Found, Identification]:
-    """Fit the whole record with the operator that the options ask for.
+    """Fit the whole record with the operator that the law asks for.
 
     Options that are "auto" are chosen once, on the record with left-out pieces. Returns the fit,
     and the operator with what it alone would have given plus the residual.
     """
-    options, choices = _planes(pieces, best, options)
-    chosen = identify(*without(best.dynamics, record, best.operator), **options)
+    plane, choices = _planes(pieces, best, plane)
+    chosen = _fitter(plane, prior, record)(*without(best.dynamics, record, best.operator))
     spec, banded = chosen.matrix.spec, chosen.posterior is not None
-    plane = options | {
-        "levels": spec.levels,
-        "spacing": "uniform",
-        "relay": spec.relay,
-        "diagonal": spec.diagonal,
-        "slope": spec.slope,
-    }
-    smoothness = 0.0 if banded else chosen.smoothness
-    static = _fitter(plane | {"prior": "none", "smoothness": smoothness})
+    plane = replace(
+        plane,
+        levels=spec.levels,
+        spacing="uniform",
+        relay=spec.relay,
+        diagonal=spec.diagonal,
+        slope=spec.slope,
+    )
+    static = _fitter(plane, Smooth(0.0 if banded else chosen.smoothness), record)
     creeping = best.dynamics.creep is not None
     found = alternate(record, best.dynamics, static, best.operator, creeping=creeping)
     if banded:
         known = without(found.dynamics, record, found.operator)
-        result = identify(*known, **plane | {"prior": "gaussian"})
+        mean = prior.mean if isinstance(prior, Gaussian) else "zero"
+        result = _fitter(plane, Gaussian(mean), record)(*known)
         y = found.dynamics.outputs(record, result.model)
         found = replace(found, result=result, error=record.error(y, record.fitted))
     if found.dynamics.delay < _LEAST_DELAY:

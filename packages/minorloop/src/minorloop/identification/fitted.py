@@ -24,12 +24,13 @@ from minorloop.identification.leave_out import FEWEST_GROUPS, folds
 from minorloop.identification.model_error import FEWEST, ModelError, contiguous_parts, learn
 from minorloop.identification.plain_posterior import plain_posterior
 from minorloop.identification.posterior import Posterior
-from minorloop.identification.preparation import RecordAdvice, raw_log
+from minorloop.identification.preparation import RecordAdvice
 from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.ridge import Ridge
 from minorloop.identification.rough_model import Basis, RecordFault
 from minorloop.identification.screening import record_faults
 from minorloop.lab.codes import Code
+from minorloop.lab.holds import looks_like_raw_log
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
 
@@ -148,7 +149,8 @@ class Fit:
         """What was found in the record, also where it was given as arrays."""
         if self.told is not None:
             return self.told
-        return RecordAdvice(warnings=raw_log(self.u, self.y))
+        raw = looks_like_raw_log(None, self.u, self.y)
+        return RecordAdvice(warnings=(raw,) if raw else ())
 
     @property
     def chosen(self) -> tuple[str, ...]:

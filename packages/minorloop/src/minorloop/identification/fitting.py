@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 
@@ -27,11 +27,8 @@ from minorloop.identification.prior_fit import (
 )
 from minorloop.identification.prior_system import is_cheap, is_quick
 from minorloop.identification.record_checks import FEWEST
+from minorloop.identification.regularisation import Gaussian, Prior, Smooth
 from minorloop.identification.ridge import FEWEST_FOR_RIDGE, KINDS, PARAMETERS, Ridge, fit_ridge
-
-Regularisation: TypeAlias = Literal["auto", "gaussian", "none"]
-Mean: TypeAlias = Literal["zero", "ridge"]
-Smoothness: TypeAlias = float | Literal["auto"]
 
 LONGEST_LAG = 20
 """Samples up to which ``lag="auto"`` searches."""
@@ -216,16 +213,19 @@ class Regression:
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How unknowns are fitted; the options of `identify` of these names.
+    """How unknowns are fitted.
 
     ``grouped``: errors on left-out groups show how wide bands must be.
     """
 
-    smoothness: Smoothness = "auto"
-    prior: Regularisation = "auto"
+    prior: Prior = "auto"
     noise: float | None = None
-    mean: Mean = "zero"
     grouped: bool = False
+
+    @property
+    def smoothness(self) -> float | Literal["auto"]:
+        """Strength of smoothing."""
+        return self.prior.strength if isinstance(self.prior, Smooth) else "auto"
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,12 +284,12 @@ def _fit_once(
     say: Callable[[str], None],
 ) -> FittedPlane:
     regression = record.regression(spec, lag, labels)
-    if options.prior == "gaussian":
+    if isinstance(options.prior, Gaussian):
         return _fit_with_prior(regression, record, lag, options)
-    if options.prior == "none" or options.smoothness != "auto":
+    if isinstance(options.prior, Smooth):
         return _smooth(regression, record, options, say)
     if not _takes_prior(regression):
-        smooth = options if spec.bands <= MOST_DENSE else replace(options, smoothness=0.0)
+        smooth = options if spec.bands <= MOST_DENSE else replace(options, prior=Smooth(0.0))
         return _smooth(regression, record, smooth, say)
     found = _fit_with_prior(regression, record, lag, options)
     samples = regression.matrix.measurements
@@ -297,7 +297,7 @@ def _fit_once(
     close = off <= _NOISELESS * np.ptp(regression.y) or are_few(spec, samples)
     if samples < spec.unknowns or not close:
         return found
-    plain = _smooth(regression, record, replace(options, smoothness=0.0), say)
+    plain = _smooth(regression, record, replace(options, prior=Smooth(0.0)), say)
     return plain if reproduces(regression.matrix, plain.x, regression.y) else found
 
 
@@ -323,11 +323,11 @@ def fit_smooth(
     spec: PlaneSpec,
     record: FitRecord,
     lag: int,
-    smoothness: Smoothness,
+    smoothness: float | Literal["auto"],
     labels: IntArray | None = None,
 ) -> FittedPlane:
     """Fit with smoothness."""
-    options = FitOptions(smoothness, "none")
+    options = FitOptions(Smooth(smoothness))
     return _smooth(record.regression(spec, lag, labels), record, options)
 
 
@@ -349,7 +349,7 @@ def _fit_with_prior(
 ) -> FittedPlane:
     """Fit, and leave outliers out."""
     found, ridge = _with_prior(regression, record.signed, options), None
-    if options.mean == "ridge":
+    if isinstance(options.prior, Gaussian) and options.prior.mean == "ridge":
         found, ridge = _with_ridge(found, regression, record, options)
     suspects = tuple[int, ...]()
     if are_few(regression.matrix.spec, regression.rows.size):  # one of many has little weight

@@ -4,8 +4,10 @@ Either the law of the hysteresis is known, and its parameters are found from a r
 not, and any slopes of the hysteretic force are found from the record alone.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,9 +17,11 @@ from minorloop.arrays import BoolArray, as_pair, as_times, as_whole, check_optio
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.dynamics.sampling import Interpolation, Stage, checked_stages, even_interval
 from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.fit import Say, silent
 from minorloop.identification.levenberg_marquardt import Minimum
 from minorloop.identification.mean_period import mean_period
 from minorloop.identification.oscillator_result import OscillatorIdentification, TriedLevels
+from minorloop.identification.regularisation import Prior
 from minorloop.identification.simulation_error import (
     OscillatorRecord,
     fit,
@@ -26,6 +30,7 @@ from minorloop.identification.simulation_error import (
     parameters_of,
     softened,
 )
+from minorloop.lab.records import Record
 from minorloop.operators.differential import BoucWen, Duhem
 from minorloop.operators.preisach import Preisach
 from minorloop.threads import one_thread
@@ -47,70 +52,65 @@ _TRIAL_STEPS, _TRIAL_GAIN = 20, 1e-4
 """Steps of a fit with a number of levels that may not be the last one."""
 
 
-def identify_oscillator(
-    t: npt.ArrayLike,
-    u: npt.ArrayLike,
-    y: npt.ArrayLike,
-    start: Oscillator | Literal["unknown"] = "unknown",
-    *,
-    period: int | None = None,
-    between: Interpolation = "band",
-    substeps: int = 5,
-    stages: Sequence[Stage] = (),
-    skip: int = 0,
-    fixed: Sequence[str] = (),
-) -> OscillatorIdentification:
-    """Identify mass, damping, stiffness and hysteretic force by the error of the simulation.
+@dataclass(frozen=True, eq=False)
+class Vibration:
+    """The law of a vibrating structure with a hysteretic force: forces in N, displacements in m.
 
-    Parameters
-    ----------
-    t : (T,) array_like
-        Evenly spaced times in seconds.
-    u : (T,) array_like
-        Forces in N.
-    y : (T,) array_like
-        Displacements from rest in m; NaN where nothing was measured.
-    start : Oscillator or "unknown"
-        Structure of the model, and rough values of its parameters; 50 % off is near enough. Its
-        operator is of differential type or `PrandtlIshlinskii`. Or
-        ``"unknown"``: a mass on a linear spring with a hysteretic force whose slopes are any
-        functions of this force, one for each direction (`Duhem`), with as many levels as the
-        record supports. Nothing else is assumed.
-    period : int, optional
-        Samples after which force and displacement repeat, if the record is one of whole periods
-        of the settled response; periods are averaged, without first ones that differ from the
-        others as an unsettled motion does. If not given, the record begins at rest.
-    between : {"band", "straight", "held"}
-        Force between samples, as in `Oscillator.simulate`.
-    substeps : int
-        Steps of the integration in an interval.
-    stages : sequence of (int, array_like)
-        Filters of the converter, as in `Oscillator.simulate`.
-    skip : int
-        First samples that are simulated, but whose error does not count.
-    fixed : sequence of str
-        Names of parameters that keep their value, such as ``"mass"`` or ``"exponent"``.
-
-    Raises
-    ------
-    SignalError
-        If the record is too short, not even, or without motion, or the start is unstable.
-    ParameterError
-        If an option is out of its range, or a name of ``fixed`` is unknown.
+    The record has even times in seconds, displacements from rest, and NaN where nothing was
+    measured. The first ``skip`` samples are simulated, but their error does not count.
 
     References
     ----------
     Schoukens and Ljung, Nonlinear system identification: a user-oriented road map, IEEE Control
     Systems Magazine 39 (2019) 28: simulation error, multisines, averages over periods.
     """
-    record = _record(t, u, y, period, between, substeps, stages, skip)
-    with one_thread():
-        if isinstance(start, Oscillator):
-            return _from_start(record, start, fixed)
-        check_option("start", start, ("unknown",))
-        if len(fixed):
-            raise ParameterError("fixed is given without a start; give an Oscillator as start")
-        return _unknown(record)
+
+    rough: Oscillator | Literal["unknown"] = "unknown"
+    """Structure of the model, and rough values of its parameters; 50 % off is near enough. Its
+    operator is of differential type or `PrandtlIshlinskii`. Or ``"unknown"``: a mass on a linear
+    spring with a hysteretic force whose slopes are any functions of this force, one for each
+    direction (`Duhem`), with as many levels as the record supports. Nothing else is assumed."""
+    period: int | None = None
+    """Samples after which force and displacement repeat, if the record is one of whole periods of
+    the settled response; periods are averaged, without first ones that differ from the others as an
+    unsettled motion does. If not given, the record begins at rest."""
+    between: Interpolation = "band"
+    """Force between samples, as in `Oscillator.simulate`."""
+    substeps: int = 5
+    """Steps of the integration in an interval."""
+    stages: Sequence[Stage] = ()
+    """Filters of the converter, as in `Oscillator.simulate`."""
+    fixed: Sequence[str] = ()
+    """Names of parameters that keep their value, such as ``"mass"`` or ``"exponent"``."""
+
+    def identify(
+        self, record: Record, prior: Prior = "auto", holdout: float = 0.0, say: Say = silent
+    ) -> OscillatorIdentification:
+        """Identify mass, damping, stiffness and hysteretic force by the error of the simulation.
+
+        Raises
+        ------
+        SignalError
+            If the record is too short, not even, or without motion, or the start is unstable.
+        ParameterError
+            If an option is out of its range, or a name of ``fixed`` is unknown.
+        """
+        if prior != "auto" or holdout:
+            raise ParameterError(
+                "a vibrating structure has neither prior nor holdout; leave them out"
+            )
+        used = record.cut()
+        rows = (used.t, used.u, used.y)
+        known = _record(*rows, self.period, self.between, self.substeps, self.stages, used.skip)
+        with one_thread():
+            if isinstance(self.rough, Oscillator):
+                return _from_start(known, self.rough, self.fixed)
+            check_option("rough", self.rough, ("unknown",))
+            if len(self.fixed):
+                raise ParameterError(
+                    "fixed is given without rough parameters; give an Oscillator as rough"
+                )
+            return _unknown(known)
 
 
 def _record(

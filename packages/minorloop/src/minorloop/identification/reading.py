@@ -1,21 +1,23 @@
 """Read what is identified: a table, or the settled points of an experiment store."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+
+import numpy as np
 
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike
 from minorloop.identification.adaptive import Adaptive
 from minorloop.identification.adaptive_run import findings
+from minorloop.identification.fit import Plane
 from minorloop.identification.preparation import RecordAdvice
+from minorloop.identification.regularisation import Prior
 from minorloop.identification.result import Identification
-from minorloop.lab.logs import AUTO, Log, Named, read_log
+from minorloop.lab.logs import AUTO, Named, read_log
+from minorloop.lab.records import Record
 from minorloop.lab.store import Point, Setup, Store, is_store
-
-_NOT_OF_RUNS = ("holdout", "skip", "start_of_curve", "progress", "curves", "groups", "interval")
 
 
 def read(
@@ -29,7 +31,7 @@ def read(
     sd: Named = AUTO,
     rows: slice = slice(None),
     progress: Callable[[str], None] | None = None,
-) -> Log:
+) -> Record:
     """Read a record to be identified, with what each row has beside input and output.
 
     Parameters
@@ -55,8 +57,8 @@ def read(
 
     Returns
     -------
-    Log
-        What `identify`, `identify_dynamics` and `identify_after_effect` take.
+    Record
+        What `identify` takes.
 
     Raises
     ------
@@ -111,37 +113,34 @@ def chooser_of(setup: Setup, points: list[Point]) -> Adaptive:
     return chooser
 
 
-def _points(path: PathLike, *, weighted: bool) -> Log:
+def _points(path: PathLike, *, weighted: bool) -> Record:
     """Return the points of a store, and what chose them."""
     with Store.open(path) as store:
         points = store.points()
         chooser = chooser_of(store.setup, points) if is_adaptive(store.setup) else None
-        log = Log.of_points(store.record(), [point.sd for point in points] if weighted else None)
+        sd = np.array([point.sd for point in points])
+        log = store.record().with_origin(settled=True)
+        if weighted and np.isfinite(sd[np.isfinite(log.y)]).any():
+            log = log.replace(sd=sd).with_origin(sd_column="sd")
         if store.running:
             note = f"the run goes on, and has {len(store)} of {len(store.plan)} points so far"
-            log = replace(log, of_file=(note,))
+            log = log.with_origin(notes=(note,))
     if chooser is None:
         return log
-    return replace(log, identified_by=partial(_identify_run, chooser))
+    return log.with_origin(identified_by=partial(_identify_run, chooser))
 
 
-def _identify_run(chooser: Adaptive, log: Log, options: Mapping[str, Any]) -> Identification:
+def _identify_run(
+    chooser: Adaptive, record: Record, law: Plane, prior: Prior, holdout: float
+) -> Identification:
     """Return the model of an adaptive run, with the settings of the run; validation held out."""
-    if not log.whole or options["holdout"] != 0 or options["skip"] != 0:
+    if not record.whole or holdout != 0 or record.skip != 0:
         raise ParameterError(
             "an adaptive run holds out its own validation; leave --rows, --skip and --holdout out"
         )
-    given = {
-        name: value
-        for name, value in options.items()
-        if name not in _NOT_OF_RUNS
-        and not (value is None or (isinstance(value, str) and value == AUTO))
-    }
-    if "smoothness" in given:
-        given.setdefault("prior", AUTO)
-    u, y = log.record.u.tolist(), log.record.y.tolist()
-    result = chooser.identification(u, y, **given)
+    u, y = record.u.tolist(), record.y.tolist()
+    result = chooser.identification(u, y, law, prior, record.start)
     found = findings(chooser, u, y)
     new = tuple(text for text in found.warnings if text not in result.advice)
-    told = RecordAdvice(notes=log.of_file, warnings=new, left_out=found.outliers)
-    return replace(result, t=log.record.t, told=told)
+    told = RecordAdvice(notes=record.origin.notes, warnings=new, left_out=found.outliers)
+    return replace(result, t=record.t, told=told)

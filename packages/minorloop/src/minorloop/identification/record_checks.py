@@ -13,7 +13,6 @@ from minorloop.arrays import (
     as_levels,
     as_samples,
     check_magnitude,
-    check_option,
 )
 from minorloop.errors import ParameterError, SignalError, are, counted
 from minorloop.identification.design_matrix import check_bands
@@ -188,29 +187,8 @@ def _each(sd: FloatArray, fitted: BoolArray) -> FloatArray | None:
     return np.maximum(np.where(np.isnan(sd), known.max(), sd), least)
 
 
-def check_interval(interval: float | None) -> None:
-    """Raise an error if a sampling interval is given and not above 0."""
-    if interval is not None and not as_finite("interval", interval) > 0:
-        raise ParameterError(f"interval is {interval}; give a time > 0, in seconds")
-
-
 def check_flags(**flags: object) -> None:
     """Raise an error if an option is neither True nor False."""
     for name, flag in flags.items():
         if not isinstance(flag, bool | np.bool_):
             raise ParameterError(f"{name} is {flag!r}; give True or False")
-
-
-def check_prior(prior: str, smoothness: object, mean: str) -> None:
-    """Raise an error if a prior does not exist, or options contradict it."""
-    check_option("prior", prior, ("auto", "gaussian", "none"))
-    if mean != "zero" and (prior == "none" or smoothness != "auto"):
-        other = 'prior "none"' if prior == "none" else f"smoothness {smoothness!r}"
-        raise ParameterError(
-            f"mean is {mean!r}, the mean of a prior, and there is none with {other}; "
-            "leave one of them out"
-        )
-    if prior == "gaussian" and smoothness != "auto":
-        raise ParameterError(
-            f'smoothness is {smoothness!r} and prior is "gaussian"; give one of them'
-        )

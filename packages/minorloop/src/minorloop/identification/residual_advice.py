@@ -64,7 +64,7 @@ def residual_advice(result: Fit) -> Iterator[str]:
 def _remedy(result: Fit) -> str:
     if any(choice.name == "structure" for choice in result.choices):
         more = (
-            "; identify_dynamics (--time COLUMN --dynamics auto) shows whether rate or creep"
+            "; Dynamics() (--time COLUMN --dynamics auto) shows whether rate or creep"
             if result.measured is None
             else ""
         )

@@ -63,7 +63,7 @@ class ConvertedActuator(WrappedActuator):
             )
         self._covered_once = True
         names = [str(channel) for channel in self.outputs]
-        return Record(raw.t, raw.u, y, raw.inputs, names, raw.time, raw.timing)
+        return Record(raw.u, y, raw.t, raw.inputs, names, raw.time, raw.timing)
 
     def exchange(self, u: Value) -> Value:
         """Hold an input for one tick, and return the converted output at its end."""

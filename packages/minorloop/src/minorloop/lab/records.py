@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, Samples, as_samples, frozen
-from minorloop.errors import RecordError, SignalError
+from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples, as_samples, frozen
+from minorloop.errors import ParameterError, RecordError, SignalError, are, counted
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header, with_unit
-from minorloop.lab.timebase import SECONDS
+from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
+from minorloop.lab.timebase import (
+    GAP,
+    SECONDS,
+    UNEVEN,
+    TimeCheck,
+    check_times,
+    delayed,
+    resample,
+)
+from minorloop.operators.memory import Start, StartOfCurve
 
-__all__ = ["SAMPLE", "Quantity", "Record", "Timing", "read_columns", "read_headers"]
+_MOST_NEW = 4
+"""Largest ratio of the lengths of a record after and before it is sampled evenly."""
 
 
 @dataclass(frozen=True)
@@ -62,25 +74,68 @@ class Timing:
 
 
 @dataclass(frozen=True, eq=False)
+class Origin:
+    """What the file of a record says beside its samples."""
+
+    check: TimeCheck | None = None
+    """What was found in the column of time."""
+    time_column: str | None = None
+    """The column of time."""
+    sd_column: str = ""
+    """The column of standard deviations; empty if they are from no column."""
+    notes: tuple[str, ...] = ()
+    """What was found in the file itself, one sentence each."""
+    chosen: tuple[str, ...] = ()
+    """Which columns were chosen that nobody named, one sentence each."""
+    rows: IntArray | None = None
+    """Rows of the file that the samples are, counted from 0; None if they are all."""
+    settled: bool = False
+    """Whether each sample is a settled point, as in an experiment store."""
+    identified_by: Callable[..., Any] | None = None
+    """Identifies the samples of a run that chose its own inputs, as `minorloop.identify`."""
+
+
+@dataclass(frozen=True, eq=False)
 class Record:
-    """Inputs and outputs of an actuator against time.
+    """Inputs and outputs of an actuator, with what each row has beside them.
 
     Parameters
     ----------
-    t : (T,) array_like
-        Time in seconds, never running backwards; or the sample number where ``time`` is
-        ``SAMPLE``.
     u : (T,) or (channels, T) array_like
         Inputs, finite.
     y : (T,) or (channels, T) array_like
         Outputs; NaN marks a sample that was not measured.
+    t : (T,) array_like, optional
+        Time in seconds, never running backwards; the samples are counted if not given.
     inputs, outputs : str, Quantity, or sequence of them
         Name and unit of each channel, such as ``voltage [V]``.
     time : Quantity
-        What ``t`` is.
+        What ``t`` is; ``SAMPLE`` for the number of the sample.
     timing : Timing, optional
         When the hold began and ended, and how well times are known; None where the times are exact,
         as those of a twin, or this was not measured.
+    curves : (T,) array_like, optional
+        Label of the curve of each row, such as its number. Where the label changes, the memory is
+        reset. Curves are also groups, unless ``groups`` are given.
+    groups : (T,) array_like, optional
+        Label of the group of each row, such as its specimen. Each group is predicted by a fit to
+        the others, and bands include the scatter of three or more groups.
+    sd : float or (T,) array_like, optional
+        Standard deviation of the measured outputs, in their unit, where it is known. One number is
+        used by the prior only. Of an array, one for each output, NaN where it is not known and
+        then the greatest, each output has the weight 1 / (sd^2 + m^2), where m is the error of the
+        model itself, from its residual.
+    start : {"negative", "positive", "demagnetised"} or Memory
+        Memory before the first sample.
+    start_of_curve : {"negative", "positive", "demagnetised", "as-left"} or Memory, optional
+        Memory before each curve, the first included; ``start`` if not given. ``"as-left"``: the
+        memory that the previous curve left.
+    skip : int
+        Rows at the start of the record, and of each curve, that set the memory and are not fitted.
+    first, last : int
+        Samples that are used: from ``first`` up to but not ``last``; None for all the others.
+    origin : Origin
+        What the file of the record says.
 
     Raises
     ------
@@ -88,31 +143,66 @@ class Record:
         If the shapes do not match, or a number cannot be used.
     """
 
-    t: FloatArray
     u: Samples
     y: Samples
+    t: FloatArray
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     time: Quantity
     timing: Timing | None
+    curves: npt.NDArray[Any] | None
+    groups: npt.NDArray[Any] | None
+    sd: float | FloatArray | None
+    start: Start
+    start_of_curve: StartOfCurve | None
+    skip: int
+    first: int
+    last: int | None
+    origin: Origin
 
     def __init__(
         self,
-        t: npt.ArrayLike,
         u: npt.ArrayLike,
         y: npt.ArrayLike,
+        t: npt.ArrayLike | None = None,
         inputs: str | Quantity | Sequence[str | Quantity] = "input",
         outputs: str | Quantity | Sequence[str | Quantity] = "output",
-        time: Quantity = Quantity("time", "s"),
+        time: Quantity | None = None,
         timing: Timing | None = None,
+        *,
+        curves: npt.ArrayLike | None = None,
+        groups: npt.ArrayLike | None = None,
+        sd: float | npt.ArrayLike | None = None,
+        start: Start = "negative",
+        start_of_curve: StartOfCurve | None = None,
+        skip: int = 0,
+        first: int = 0,
+        last: int | None = None,
+        origin: Origin = Origin(),
     ) -> None:
-        values = {"t": _samples(t, "t"), "u": _samples(u, "u"), "y": _samples(y, "y", gaps=True)}
+        inputs_, outputs_ = _samples(u, "u"), _samples(y, "y", gaps=True)
+        if t is None:
+            t, time = np.arange(inputs_.shape[-1], dtype=np.float64), time or SAMPLE
+        labels = {"curves": curves, "groups": groups}
+        values = {
+            "u": frozen(inputs_),
+            "y": frozen(outputs_),
+            "t": frozen(_samples(t, "t")),
+            "inputs": _quantities(inputs),
+            "outputs": _quantities(outputs),
+            "time": time or Quantity("time", "s"),
+            "timing": timing,
+            **{name: None if x is None else np.asarray(x) for name, x in labels.items()},
+            "sd": np.asarray(sd, dtype=np.float64) if np.ndim(sd) else sd,  # type: ignore[arg-type]
+            "start": start,
+            "start_of_curve": start_of_curve,
+            "skip": skip,
+            "first": first,
+            "last": last,
+            "origin": origin,
+        }
         for name, value in values.items():
-            object.__setattr__(self, name, frozen(value))
-        object.__setattr__(self, "inputs", _quantities(inputs))
-        object.__setattr__(self, "outputs", _quantities(outputs))
-        object.__setattr__(self, "time", time)
-        object.__setattr__(self, "timing", timing)
+            object.__setattr__(self, name, value)
         self._check()
 
     def __len__(self) -> int:
@@ -136,6 +226,236 @@ class Record:
     def timed(self) -> bool:
         """Whether ``t`` is time in seconds and not a count of samples."""
         return self.time != SAMPLE
+
+    def replace(self, **changes: Any) -> Record:
+        """Return the record with other values of some of its parameters.
+
+        Parameters
+        ----------
+        **changes
+            Parameters of `Record`.
+        """
+        return replace(self, **changes)
+
+    def with_origin(self, **changes: Any) -> Record:
+        """Return the record with other values of some fields of its origin.
+
+        Parameters
+        ----------
+        **changes
+            Fields of `Origin`.
+        """
+        return self.replace(origin=replace(self.origin, **changes))
+
+    @cached_property
+    def check(self) -> TimeCheck | None:
+        """What was found in the times; None without times.
+
+        Raises a `RecordError` if the clock stands still or is set back too often.
+        """
+        if self.origin.check is not None or not self.timed:
+            return self.origin.check
+        check = check_times(self.t, name=f"column '{self.time}'", unit=self.time.unit)
+        return with_lost_rows(check, self.u)
+
+    def only(self, first: int | None, last: int | None) -> Record:
+        """Return the record of which some rows are used: from ``first`` up to but not ``last``.
+
+        Parameters
+        ----------
+        first, last : int, optional
+            Counted from 0, or from the end if negative, as in a slice; None for the ends.
+
+        Raises
+        ------
+        ParameterError
+            If there are no such rows.
+        """
+        total = len(self)
+        begin, end, _ = slice(first, last).indices(total)
+        beyond = any(row is not None and not -total <= row <= total for row in (first, last))
+        if beyond or end <= begin:
+            raise ParameterError(
+                f"rows {first} to {last} are given, and there are {total}; give two numbers from 0 "
+                f"to {total}, the first below the last"
+            )
+        return self.replace(first=begin, last=end)
+
+    @property
+    def part(self) -> slice:
+        """Samples that are used."""
+        return slice(self.first, self.last)
+
+    @property
+    def whole(self) -> bool:
+        """Whether all samples are used."""
+        return self.first == 0 and self.last in (None, len(self))
+
+    def cut(self) -> Record:
+        """Return a record of the rows that are used alone."""
+        if self.whole:
+            return self
+        part = self.part
+        beside = {
+            name: values[part]
+            for name in ("curves", "groups", "sd")
+            if np.ndim(values := getattr(self, name))
+        }
+        rows = {name: getattr(self, name)[..., part] for name in ("t", "u", "y")}
+        origin = replace(self.origin, check=None)
+        return self.replace(**rows, **beside, first=0, last=None, origin=origin)
+
+    @property
+    def weighted(self) -> bool:
+        """Whether each output has a standard deviation of its own."""
+        return isinstance(self.sd, np.ndarray)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was found in the file and its times, one sentence each."""
+        return self.origin.notes + (self.check.notes if self.check else ())
+
+    @cached_property
+    def bridges(self) -> Bridges:
+        """What is known about the input in each gap."""
+        gaps = np.zeros(0, dtype=np.int64) if self.check is None else self.check.gaps
+        return bridged(self.t, self.u, gaps)
+
+    @property
+    def breaks(self) -> IntArray:
+        """Samples after which the memory is unknown."""
+        none = np.zeros(0, dtype=np.int64)
+        return none if self.check is None else np.union1d(self.bridges.unknown, self.check.jumps)
+
+    @property
+    def of_memory(self) -> tuple[str, ...]:
+        """After which gaps the memory is known or unknown, in one sentence; empty without gaps."""
+        gaps = self.bridges
+        count, turned, unknown = gaps.after.size, int(gaps.turned.sum()), gaps.unknown.size
+        if not count:
+            return ()
+        said = []
+        if unknown:
+            said.append(
+                f"after {_gaps(unknown, count)} the memory is unknown until the input has been "
+                "near both ends of its range or at one of them"
+            )
+        if turned:
+            furthest = float(np.nanmax(gaps.doubt))
+            said.append(
+                f"in {_gaps(turned, count)} the input turned: its extreme is estimated from both "
+                f"sides, to {furthest:.2g} {self.input.unit}".rstrip()
+            )
+        crossed = count - turned - unknown
+        if crossed:
+            where = f"{crossed} other{'s' if crossed > 1 else ''}" if said else _gaps(count, count)
+            said.append(f"in {where} the input cannot have turned and the memory continues")
+        return ("; ".join(said),)
+
+    def left_out(self, *, dynamics: bool = False) -> tuple[str, ...]:
+        """How many rows `with_known_memory` leaves out, why and what to do; empty if none.
+
+        Parameters
+        ----------
+        dynamics : bool
+            Whether dynamics are identified, which need times and cannot have curves.
+        """
+        lost, measured = self._lost
+        if not lost:
+            return ()
+        advice = (
+            "fill in the input where rows are missing, correct the times, or give the longest "
+            "part without a gap (--rows A:B)"
+            if dynamics
+            else "if no row is missing there, read the record without time (--time none); if the "
+            "input was saturated there, name a column of curves (--curves)"
+        )
+        return (
+            f"{lost} of {counted(measured, 'measured row')} {are(lost)} not fitted, because the "
+            f"memory is unknown after a gap or a step back of the clock; {advice}",
+        )
+
+    @property
+    def mostly_left_out(self) -> bool:
+        """Whether `with_known_memory` leaves out more than half of the measured rows."""
+        lost, measured = self._lost
+        return 2 * lost > measured
+
+    @property
+    def _lost(self) -> tuple[int, int]:
+        """How many measured rows `with_known_memory` leaves out, and of how many."""
+        measured = np.isfinite(self.y)
+        return int(np.count_nonzero(measured & ~self._known)), int(measured.sum())
+
+    @cached_property
+    def _known(self) -> BoolArray:
+        """(T,) whether the memory is known."""
+        return known_memory(self.u, self.breaks, self.bridges)
+
+    def with_memory_reset(self) -> Record:
+        """Return the record without its breaks, because each curve begins with a known memory."""
+        if self.check is None:
+            return self
+        none = np.zeros(0, dtype=np.int64)
+        return self.with_origin(check=replace(self.check, gaps=none, jumps=none, of_breaks=()))
+
+    def with_known_memory(self) -> Record:
+        """Return the record without outputs where gaps leave the memory unknown.
+
+        Where the input turned in a gap, the row beside it that is nearer to the extreme has the
+        extreme as its input and no output.
+        """
+        gaps = self.bridges
+        if self._known.all() and not gaps.turned.any():
+            return self
+        u, y = self.u.copy(), np.where(self._known, self.y, np.nan)
+        for after, extreme, _ in gaps.turns():
+            row = after - int(abs(extreme - u[after - 1]) < abs(extreme - u[after]))
+            u[row], y[row] = extreme, np.nan
+        return self.replace(u=u, y=y)
+
+    def evenly_sampled(self) -> Record:
+        """Return the record at its usual interval, as a lag in rows needs it, without labels.
+
+        A record that would become more than four times as long is returned as it is.
+        """
+        check = self.check
+        if check is None or (not check.breaks.size and check.uneven == 0):
+            return self
+        duration = float(self.t[-1] - self.t[0])
+        if duration > _MOST_NEW * len(self) * check.interval:
+            return self.with_known_memory()
+        y = np.where(self._known, self.y, np.nan)
+        measured = np.count_nonzero(np.isfinite(y))
+        t, u, y = resample(self.t, self.u, y, check.interval, gap=_between_samples(check))
+        if 2 * np.count_nonzero(np.isfinite(y)) < measured:  # read at single samples
+            return self.with_known_memory()
+        smooth = between(self.t, self.u, t, self.bridges)
+        rows = {"t": t, "u": np.where(np.isnan(smooth), u, smooth), "y": y}
+        sd = None if self.weighted else self.sd
+        return self.replace(**rows, curves=None, groups=None, sd=sd)
+
+    def without_lag(self, lag: float) -> Record:
+        """Return the record with each output ``lag`` seconds after its input.
+
+        Parameters
+        ----------
+        lag : float
+            In seconds, >= 0.
+
+        Raises
+        ------
+        ParameterError
+            If the record has no time.
+        """
+        record, check = self.with_known_memory(), self.check
+        if check is None:
+            raise ParameterError(
+                f"the lag is {lag:g} s and the record has no time; name its column (--time), or "
+                "give the lag in rows"
+            )
+        y = delayed(record.t, record.y, lag, gap=_between_samples(check))
+        return record.replace(y=y)
 
     @classmethod
     def from_csv(
@@ -229,10 +549,10 @@ class Record:
                 first.time,
             ):
                 raise RecordError(f"'{first}' and '{other}' have different channels")
-        t, u, y = (
-            np.concatenate([getattr(record, name) for record in records], axis=-1) for name in "tuy"
+        u, y, t = (
+            np.concatenate([getattr(record, name) for record in records], axis=-1) for name in "uyt"
         )
-        return cls(t, u, y, first.inputs, first.outputs, first.time)
+        return cls(u, y, t, first.inputs, first.outputs, first.time)
 
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
         """Write the record as CSV: time, inputs, outputs, with name and unit as headers.
@@ -257,14 +577,14 @@ class Record:
         u, y = columns[input], columns[output]
         names = (found[input], found[output])
         if time is None:
-            return cls(np.arange(u.size, dtype=np.float64), u, y, *names, time=SAMPLE)
+            return cls(u, y, None, *names)
         clock = Quantity.parse(found[time])
         if clock.unit not in SECONDS:
             units = ", ".join(unit for unit in SECONDS if unit)
             raise RecordError(f"time in column '{found[time]}' must be in one of {units}")
         with np.errstate(over="ignore"):  # infinite times are refused later
             t = columns[time] * SECONDS[clock.unit]
-        return cls(t, u, y, *names, time=Quantity(clock.name, "s"))
+        return cls(u, y, t, *names, time=Quantity(clock.name, "s"))
 
     def _check(self) -> None:
         if self.t.ndim != 1 or self.t.size == 0:
@@ -331,3 +651,16 @@ def _first_text(cells: npt.NDArray[np.object_]) -> tuple[int, object]:
         except (TypeError, ValueError):
             return index, cell
     return 0, cells[0] if cells.size else None
+
+
+def _between_samples(check: TimeCheck) -> float:
+    """Return the longest step across which an output may be interpolated, in seconds."""
+    shortest = float(np.diff(check.t)[check.gaps].min(initial=np.inf))
+    return min(GAP * check.interval, (1 - UNEVEN) * shortest)
+
+
+def _gaps(some: int, count: int) -> str:
+    """Return in words which gaps: one, all or some of them."""
+    if some < count:
+        return f"{some} of {count} gaps"
+    return "the gap" if count == 1 else "all gaps"

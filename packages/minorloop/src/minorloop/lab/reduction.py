@@ -136,7 +136,7 @@ class Reduction(Drawn):
         """
         t, u = (np.array([getattr(p, name) for p in self.points]) for name in ("t", "input"))
         y = np.array([self._output(point, unsettled) for point in self.points])
-        return Record(t, u, y, self.log.inputs, self.log.outputs, self.log.time)
+        return Record(u, y, t, self.log.inputs, self.log.outputs, self.log.time)
 
     def columns(self, *, unsettled: bool = False) -> dict[str, list[Any]]:
         """Return the columns of a table with one row for each point, by their headers.
@@ -284,7 +284,7 @@ def reduce(
             f"readings of {record.output} are whole steps of {step:.3g}, the resolution of the "
             "sensor; sd contains it: averaging does not reduce it where the noise is less"
         )
-    log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
+    log = Record(u, -y if flip else y, record.t, record.inputs, quantity, record.time)
     values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
     drift = find_drift(log.t, log.y, holds, 1 / WINDOW)
     if drift is not None:

@@ -36,7 +36,7 @@ class SingleChannel(WrappedActuator):
         found = self._actuator.apply(self._all(u), duration, sample_interval)
         u, y = np.atleast_2d(found.u)[self._input], np.atleast_2d(found.y)[self._output]
         names = str(self.inputs[0]), str(self.outputs[0])
-        return Record(found.t, u, y, *names, found.time, found.timing)
+        return Record(u, y, found.t, *names, found.time, found.timing)
 
     def exchange(self, u: Value) -> Value:
         """Hold the input for one tick, and return the output at its end."""

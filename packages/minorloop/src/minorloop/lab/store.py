@@ -314,7 +314,7 @@ class Store:
         if not points:
             raise RecordError(f"{self.path} has no settled point yet; resume the run first")
         t, u, y = (np.array([getattr(p, name) for p in points]) for name in ("t", "input", "value"))
-        return Record(t, u, y, *self.outputs)
+        return Record(u, y, t, *self.outputs)
 
     def columns(self) -> dict[str, list[Any]]:
         """Return the columns of a table with one row for each point, by their headers."""

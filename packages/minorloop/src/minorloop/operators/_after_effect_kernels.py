@@ -52,7 +52,7 @@ SETTLED = 1e-11
 class TimedPlane(NamedTuple):
     """Planes of relays that share one effective input, in the form the loops read.
 
-    levels (L + 1,), per_band (L,), buckets, per_unit: as in `_kernels.Plane`, for the input;
+    levels (L + 1,), per_band (L,), buckets, per_unit: as in `_kernels.PlaneTables`, for the input;
     marks, per_mark, mark_buckets, per_mark_unit: the same for the stretched thresholds;
     nodes (L + 1, L + 1, P), bow (L, P): Everett values at the nodes times the swing of a relay, and
     what makes them curve in a band; reversible (L + 1, P): at the levels, what follows the input

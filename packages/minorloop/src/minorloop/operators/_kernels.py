@@ -28,7 +28,7 @@ VALUE, OUTPUT, BAND, FRACTION = 0, 1, 2, 3
 CROWDED = 8  # more thresholds than this in one bucket are searched by bisection
 
 
-class Plane(NamedTuple):
+class PlaneTables(NamedTuple):
     """A Preisach plane in the form the loops read.
 
     levels (L + 1,); per_band (L,): one over the height of each band; buckets: for equal slices

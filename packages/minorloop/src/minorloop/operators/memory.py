@@ -20,6 +20,8 @@ from minorloop.operators import _memory_kernels as _kernels
 Saturation: TypeAlias = Literal["negative", "positive", "demagnetised"]
 
 Start: TypeAlias = "Memory | Saturation"
+StartOfCurve: TypeAlias = "Memory | Saturation | Literal['as-left']"
+"""Memory before a curve; ``"as-left"``: the one that the previous curve left."""
 
 DEMAGNETISING_TURNS = 512
 """Turns of the oscillation: the middle output is reached to about 1/512 of the range."""

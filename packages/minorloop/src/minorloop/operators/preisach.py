@@ -318,13 +318,13 @@ class Preisach(Drawn):
         return self.offset + plane.off_output(self.relay) * float(self.weights.sum())
 
     @cached_property
-    def tables(self) -> _kernels.Plane:
+    def tables(self) -> _kernels.PlaneTables:
         """Tables for compiled loops and exports: thresholds, nodes, and the search for a band."""
         buckets, per_unit = plane.buckets(self.levels)
         nodes = self.swing * plane.nodes_from_weights(self.weights)
         diagonal = nodes.diagonal(-1).copy()
         bow = diagonal if self.diagonal == "uniform" else np.zeros(self.bands)
-        return _kernels.Plane(
+        return _kernels.PlaneTables(
             levels=self.levels,
             per_band=frozen(1 / np.diff(self.levels)),
             buckets=buckets,

@@ -16,7 +16,7 @@ class Tracked(Protocol):
     """An operator on a plane of relays, such as `Preisach`."""
 
     @property
-    def tables(self) -> _kernels.Plane:
+    def tables(self) -> _kernels.PlaneTables:
         """Tables of the compiled loops."""
 
     @property

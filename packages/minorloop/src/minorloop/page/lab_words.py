@@ -42,7 +42,7 @@ def on_page(sentence: str) -> str:
     sentence : str
         Advice of `identify`, such as ``skip=30 (--skip 30)``.
     """
-    text = sentence.replace("identify_dynamics (--time COLUMN --dynamics auto)", "--dynamics auto")
+    text = sentence.replace("Dynamics() (--time COLUMN --dynamics auto)", "--dynamics auto")
     text = text.replace("(minorloop reduce)", "with the command minorloop reduce LOG")
     return _BARE.sub(_field, _PAIR.sub(_field, text))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -24,17 +25,20 @@ from minorloop.files import table_text, write_atomically
 from minorloop.identification import (
     AfterEffectIdentification,
     DynamicIdentification,
+    Dynamics,
     Identification,
+    Plane,
+    Viscosity,
     identify,
-    identify_after_effect,
-    identify_dynamics,
     read,
 )
 from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
+from minorloop.identification.pipeline import Options
 from minorloop.identification.scores import OF_OPERATOR, score_rows
 from minorloop.lab.bounds import Bounds
 from minorloop.lab.columns import read_each, split_header
-from minorloop.lab.logs import AUTO, Log, read_times
+from minorloop.lab.logs import AUTO, read_times
+from minorloop.lab.records import Record
 from minorloop.lab.timebase import time_column
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
@@ -45,8 +49,6 @@ Reports: TypeAlias = Iterator[dict[str, Any]]
 
 _SHOWN, _PREVIEWED = 2500, 400
 """Points of a curve that are sent to the page."""
-_WITH_TIME = ("diagonal", "spacing", "start", "start_of_curve", "skip")
-"""Options of the page that models with time in the plane have too."""
 # Limits that keep a task within the time and memory of a worker.
 _MOST_LEVELS, _MOST_TARGETS = 100, 10_000
 BOUNDS = Bounds(
@@ -61,7 +63,7 @@ def warm_up() -> None:
     """Compile what the first user would wait for."""
     u = np.concatenate([np.linspace(0, 1, 40), np.linspace(1, 0.2, 40), np.linspace(0.2, 1, 40)])
     rng = np.random.default_rng(0)
-    model = identify(u, u**2 + rng.normal(0, 0.01, u.size), levels=4, lag="auto", holdout=0.2).model
+    model = identify(u, u**2 + rng.normal(0, 0.01, u.size), Plane(4), holdout=0.2).model
     model.invert([0.3, 0.2])
     model.step(Memory.negative(0.0), 0.5)
 
@@ -128,10 +130,10 @@ def identify_file(
     dynamics : {"none", "auto"}
         Whether to identify dead time, poles and creep too; this needs times.
     creep, rate
-        Laws of time in the plane to compare, as in `minorloop.identify_after_effect`; with
-        ``"none"`` and false, none. They need times.
+        Laws of time in the plane to compare, as in `minorloop.Viscosity`; with ``"none"`` and
+        false, none. They need times.
     **options
-        Options of `minorloop.identify`.
+        Of `minorloop.identification.pipeline.Options`.
     """
     os.chdir(folder)
     if input == output:
@@ -142,23 +144,22 @@ def identify_file(
     if not isinstance(count, int) or not 1 <= count <= _MOST_LEVELS:
         raise ParameterError(f"levels is {levels!r}; give 1 to {_MOST_LEVELS} here")
     log = read(name, input=input, output=output, time=time, curves=curves, groups=groups)
-    log = log.only(first, last)
-    measured = int(np.isfinite(log.record.y[log.part]).sum())
+    asked = Options.of(options)
+    log = log.only(first, last).replace(**asked.of_record)
+    measured = int(np.isfinite(log.y[log.part]).sum())
     began = perf_counter()
     if creep != "none" or rate:
         if dynamics != "none":
             raise ParameterError("dynamics cannot be combined with creep or rate; choose one")
         yield {"stage": f"comparing laws of time on {measured} rows"}
-        given = {option: options[option] for option in _WITH_TIME if option in options}
-        if given.get("diagonal") == AUTO:
-            del given["diagonal"]
-        found = identify_after_effect(
-            log,
-            creep=creep,  # type: ignore[arg-type]
-            rate=True if rate else AUTO if creep == AUTO else False,
-            levels=count,
-            **given,
+        law = Viscosity(
+            count,
+            creep,  # type: ignore[arg-type]
+            True if rate else AUTO if creep == AUTO else False,
+            "uniform" if asked.law.diagonal == "uniform" else "reversible",
+            asked.law.spacing,
         )
+        found = law.identify(log)
         _save(found, log, name)
         yield {"result": _shown_in_time(found, log, perf_counter() - began)}
         yield {"stage": "drawing the report"}
@@ -166,13 +167,12 @@ def identify_file(
         yield {"report": True}
         return
     cells = count * (count + 1) // 2
-    yield {"stage": f"fitting {cells} cells to {measured} of {log.record.y[log.part].size} rows"}
+    yield {"stage": f"fitting {cells} cells to {measured} of {log.y[log.part].size} rows"}
     dynamic = None
     if dynamics != "none":
-        left_out = ("lag", "start_of_curve")
-        given = {option: value for option, value in options.items() if option not in left_out}
-        dynamic = identify_dynamics(log, **given)
-    result = dynamic.static if dynamic else identify(log, **options)
+        moving = Dynamics(replace(asked.law, lag=AUTO))
+        dynamic = moving.identify(log.replace(start_of_curve=None), asked.prior, asked.holdout)
+    result = dynamic.static if dynamic else asked.identify(log)
     seconds = perf_counter() - began
     yield {"stage": "scoring"}
     _save(dynamic if dynamic and dynamic.dynamic else result, log, name)
@@ -184,21 +184,21 @@ def identify_file(
     yield {"report": True}
 
 
-def _save(found: modelfile.Identified, log: Log, source: str) -> None:
+def _save(found: modelfile.Identified, log: Record, source: str) -> None:
     """Write the model file of an identification."""
     modelfile.save(
         found,
         MODEL,
         provenance=modelfile.Provenance.of(Path(source)),
-        input=log.record.input,
-        output=log.record.output,
+        input=log.input,
+        output=log.output,
         force=True,
     )
 
 
-def _labels(log: Log, source: str) -> dict[str, str]:
+def _labels(log: Record, source: str) -> dict[str, str]:
     """Return what a report is about."""
-    names = {"input_label": str(log.record.input), "output_label": str(log.record.output)}
+    names = {"input_label": str(log.input), "output_label": str(log.output)}
     return {"source": source, **names}
 
 
@@ -230,7 +230,7 @@ def invert(folder: str, targets: list[float], start: str) -> Reports:
 
 def _shown(
     result: Identification,
-    log: Log,
+    log: Record,
     seconds: float,
     dynamic: DynamicIdentification | None = None,
 ) -> dict[str, Any]:
@@ -250,8 +250,8 @@ def _shown(
     t = dynamic.t if dynamic else result.t
     x = np.arange(result.u.size, dtype=np.float64) if t is None else t
     return {
-        "input": str(log.record.input),
-        "output": str(log.record.output),
+        "input": str(log.input),
+        "output": str(log.output),
         "u": _listed(whole.u[shown]),
         "y": _listed(whole.y[shown]),
         "fit": _listed(whole.prediction[shown]),
@@ -262,7 +262,7 @@ def _shown(
             "joined": drawn.size == u.size,
         },
         "rows": x[shown].tolist(),
-        "clock": "row" if t is None else str(log.record.time),
+        "clock": "row" if t is None else str(log.time),
         "held": float(x[np.argmax(result.held_out)]) if result.held_out.any() else None,
         "levels": model.levels.tolist(),
         "weights": [_listed(row[: k + 1]) for k, row in enumerate(model.weights)],
@@ -284,20 +284,20 @@ def _shown(
     }
 
 
-def _shown_in_time(found: AfterEffectIdentification, log: Log, seconds: float) -> dict[str, Any]:
+def _shown_in_time(found: AfterEffectIdentification, log: Record, seconds: float) -> dict[str, Any]:
     """Return what the page shows of a model with time in the plane, with its settled weights."""
     shown, settled = _few(found.u.size, _SHOWN), found.model.settled
     y = np.where(found.fitted, found.y, np.nan)[shown]
     u, fit = _listed(found.u[shown]), _listed(found.prediction[shown])
     return {
-        "input": str(log.record.input),
-        "output": str(log.record.output),
+        "input": str(log.input),
+        "output": str(log.output),
         "u": u,
         "y": _listed(y),
         "fit": fit,
         "loop": {"u": u, "y": _listed(y), "fit": fit, "joined": shown.size == found.u.size},
         "rows": found.t[shown].tolist(),
-        "clock": str(log.record.time),
+        "clock": str(log.time),
         "held": None,
         "levels": settled.levels.tolist(),
         "weights": [_listed(row[: k + 1]) for k, row in enumerate(settled.weights)],

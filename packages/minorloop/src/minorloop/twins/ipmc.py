@@ -117,7 +117,7 @@ class Ipmc(SimulatedActuator):
         times, bending = as_waveform(t, curvature)
         gain, tau = self._parameters["sensing_gain"], self._parameters["sensing_time"]
         v = _kernels.relaxing(np.diff(times), bending, gain, tau)
-        return Record(times, bending, v, "curvature [1/m]", "voltage [mV]")
+        return Record(bending, v, times, "curvature [1/m]", "voltage [mV]")
 
     def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
         linear = tuple(self._parameters[name] for name in _LINEAR)

@@ -182,8 +182,8 @@ class SimulatedPlant(ABC):
 
     def _record(self, t: FloatArray, u: FloatArray, y: FloatArray) -> Record:
         if len(self.inputs) == 1:
-            return Record(t, u[:, 0], y[:, 0], str(self.inputs[0]), str(self.outputs[0]))
-        return Record(t, u.T, y.T, [str(c) for c in self.inputs], [str(c) for c in self.outputs])
+            return Record(u[:, 0], y[:, 0], t, str(self.inputs[0]), str(self.outputs[0]))
+        return Record(u.T, y.T, t, [str(c) for c in self.inputs], [str(c) for c in self.outputs])
 
 
 class SimulatedActuator(SimulatedPlant):

@@ -206,9 +206,9 @@ class Bench:
         held = np.repeat(self._source.present[:, None], t.size, axis=1)
         y = np.array([values for _, values in readings]).T
         return Record(
-            t,
             held if len(held) > 1 else held[0],
             y if len(y) > 1 else y[0],
+            t,
             [Quantity(c.name, c.unit) for c in self._inputs],
             [Quantity(c.name, c.unit) for c in self._outputs],
             timing=timing,

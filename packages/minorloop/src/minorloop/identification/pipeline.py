@@ -1,0 +1,168 @@
+"""From a record to a model: one function for all laws, fronts and records."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, TypeVar, overload
+
+import numpy.typing as npt
+
+from minorloop.errors import ParameterError
+from minorloop.identification.fit import Plane, Say, silent
+from minorloop.identification.record_checks import checked_record
+from minorloop.identification.regularisation import Prior, prior_of
+from minorloop.identification.result import Identification
+from minorloop.lab.records import Record
+
+Found = TypeVar("Found", covariant=True)
+
+
+class Law(Protocol[Found]):
+    """What the output of an actuator depends on: a value with the options of its kind."""
+
+    def identify(
+        self, record: Record, prior: Prior = "auto", holdout: float = 0.0, say: Say = silent
+    ) -> Found:
+        """Identify a model of this law.
+
+        Parameters
+        ----------
+        record : Record
+            The record.
+        prior, holdout
+            As of `minorloop.identify`.
+        say : callable
+            Called with what is done next, as text.
+        """
+
+
+@overload
+def identify(
+    u: Record | npt.ArrayLike,
+    y: npt.ArrayLike | None = None,
+    law: None = None,
+    *,
+    prior: Prior = "auto",
+    holdout: float = 0.0,
+    progress: Callable[[str], None] | None = None,
+) -> Identification: ...
+
+
+@overload
+def identify(
+    u: Record,
+    y: Law[Found],
+    *,
+    prior: Prior = "auto",
+    holdout: float = 0.0,
+    progress: Callable[[str], None] | None = None,
+) -> Found: ...
+
+
+@overload
+def identify(
+    u: npt.ArrayLike,
+    y: npt.ArrayLike,
+    law: Law[Found],
+    *,
+    prior: Prior = "auto",
+    holdout: float = 0.0,
+    progress: Callable[[str], None] | None = None,
+) -> Found: ...
+
+
+def identify(
+    u: Any,
+    y: Any = None,
+    law: Any = None,
+    *,
+    prior: Prior = "auto",
+    holdout: float = 0.0,
+    progress: Callable[[str], None] | None = None,
+) -> Any:
+    """Identify a model from a record.
+
+    ``identify(record)`` and ``identify(u, y)`` identify a Preisach plane with good defaults;
+    ``identify(record, law)`` and ``identify(u, y, law)`` what another law says.
+
+    Parameters
+    ----------
+    u : Record or (T,) array_like
+        The record, as `minorloop.read` returns it; or inputs applied, in order.
+    y : (T,) array_like
+        Outputs, not with a record; NaN where an input was applied and nothing was measured.
+        Overload codes and sentinels such as 9.9e37 and -9999, far from all other outputs, count as
+        not measured; they are listed in ``codes`` and in the advice.
+    law : Plane, Dynamics, Viscosity or Vibration
+        What the output depends on; `Plane` if not given.
+    prior : "auto", Gaussian or Smooth
+        What is assumed of the plane before the record: see `Prior`.
+    holdout : float
+        Share of the measured samples, at the end of the record, that is not fitted but scored;
+        from 0 to 0.9.
+    progress : callable, optional
+        Called with what is done next, as text.
+
+    Returns
+    -------
+    Identification, DynamicIdentification, AfterEffectIdentification or OscillatorIdentification
+        By the law.
+
+    Raises
+    ------
+    SignalError
+        If lengths differ, fewer than three outputs are finite, or the input or the output never
+        changes.
+    ParameterError
+        If an option is out of its range.
+    """
+    if isinstance(u, Record):
+        record, law = u, y if law is None else law
+        if law is not None and not hasattr(law, "identify"):
+            raise ParameterError(
+                "y is given beside a record, which has its own outputs; leave it out"
+            )
+    elif y is None or hasattr(y, "identify"):
+        raise ParameterError("y is missing; give the outputs, or a record of minorloop.read")
+    else:
+        checked_record(u, y)
+        record = Record(u, y)
+    return (law or Plane()).identify(record, prior, holdout, progress or silent)
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """What a front end was asked for, sorted by what it belongs to."""
+
+    law: Plane
+    """The operator."""
+    prior: Prior
+    """What is assumed of the plane."""
+    holdout: float
+    """Share that is scored."""
+    of_record: Mapping[str, Any]
+    """Parameters of `Record`."""
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any]) -> "Options":
+        """Sort options by name: of `Plane`, `prior_of` and `Record`, ``holdout`` and ``noise``.
+
+        Raises a `ParameterError` if there is no option of a name.
+        """
+        given = {name: value for name, value in options.items() if value is not None}
+        prior = {name: given.pop(name) for name in ("prior", "smoothness", "mean") if name in given}
+        law = {one.name: given.pop(one.name) for one in fields(Plane) if one.name in given}
+        holdout = given.pop("holdout", 0.0)
+        of_record = {name: given.pop(name) for name in OF_RECORD if name in given}
+        if "noise" in given:
+            of_record["sd"] = given.pop("noise")
+        if given:
+            raise ParameterError(f"there is no option {next(iter(given))!r} of identify")
+        return cls(Plane(**law), prior_of(**prior), holdout, of_record)
+
+    def identify(self, record: Record, say: Say = silent) -> Identification:
+        """Identify the operator from a record."""
+        return self.law.identify(record.replace(**self.of_record), self.prior, self.holdout, say)
+
+
+OF_RECORD = ("start", "start_of_curve", "skip", "curves", "groups")
+"""Options of front ends that are parameters of `Record`."""
