@@ -139,7 +139,12 @@ def test_the_other_axis_compensates_a_wire_at_the_end_of_its_stroke():
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize(
     "surroundings",
-    [{"convection": 20}, {"convection": 30, "ambient": 30}, {"ambient": 60}, {"ambient": 90}],
+    [
+        {"ambient": 90},
+        pytest.param({"convection": 20}, marks=pytest.mark.whole),
+        pytest.param({"convection": 30, "ambient": 30}, marks=pytest.mark.whole),
+        pytest.param({"ambient": 60}, marks=pytest.mark.whole),
+    ],
 )
 def test_no_surroundings_and_no_controller_make_a_wire_too_hot(name, surroundings):
     """At the end of its stroke the angle does not depend on the temperature.

@@ -39,7 +39,7 @@ def test_a_loop_with_late_readings_stops_swinging_and_says_why():
     assert abs(run.error(began + 4.0)[:, 0]).max() < 4.0
 
 
-@pytest.mark.parametrize("delay", [0.04, 0.08, 0.16])
+@pytest.mark.parametrize("delay", [0.16, pytest.param(0.04, marks=pytest.mark.whole)])
 @pytest.mark.parametrize("around", ["still", "cold", "swaying"])
 def test_pictures_of_the_usual_age_are_never_late(delay, around):
     surroundings = {

@@ -108,3 +108,13 @@ def test_a_groove_with_a_bright_flank_and_a_wide_soft_line_are_no_cracks():
     levels = np.stack([bare(seed) + line(points, 2.0) for seed in range(3)]).astype(np.float32)
     (crack,) = trace_cracks(levels, WINDOW, RADIUS)
     assert crack.width == pytest.approx(2.0 * STEP, rel=0.15)
+
+
+def test_of_two_faint_lines_the_bent_one_is_surer_a_crack():
+    straight = line([(40, 60), (200, 120)], 1.5)
+    bent = line([(40, 60), (70, 80), (100, 75), (130, 100), (160, 95), (200, 120)], 1.5)
+    (one,), (other,) = (
+        trace_cracks(np.float32(bare(0, 0.02) + mark), WINDOW, RADIUS, least=-np.inf)
+        for mark in (straight, bent)
+    )
+    assert other.evidence > one.evidence + 2

@@ -34,6 +34,19 @@ def test_a_fit_of_noisy_gains_has_no_greater_error_than_the_true_function():
     np.testing.assert_allclose(fit.model.response(HERTZ), clean[0], rtol=0.05)
 
 
+def irrational(difference=0.05):
+    """Gains of a diffusion at two amplitudes, which no rational function has."""
+    s = 2j * np.pi * HERTZ
+    gains = 1 / (1 + np.sqrt(s / 4))
+    return np.array([gains * (1 + difference * 1j * HERTZ), gains])
+
+
+def test_more_poles_fit_no_worse():
+    errors = fit_response(HERTZ, irrational(1.0)).errors
+    assert list(errors) == [1, 2, 3, 4]
+    assert all(errors[n + 1] <= errors[n] for n in (1, 2, 3))
+
+
 def test_the_fit_of_gains_of_an_unstable_plant_is_stable():
     fit = fit_response(HERTZ, np.conj(Linear.lags(1.0).response(HERTZ)))
     assert fit.model.stable

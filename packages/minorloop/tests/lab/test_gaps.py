@@ -13,6 +13,7 @@ from minorloop.operators.preisach import Preisach
 SEEDS = st.integers(0, 2**32 - 1)
 T = 0.01 * np.arange(1000)
 SINE = np.cos(2 * np.pi * 0.5 * T)
+SAW = 2 * np.abs((T + 0.5) % 2 - 1) - 1
 
 
 def _cut(u, begin, count):
@@ -47,6 +48,24 @@ def test_a_jump_in_a_gap_is_not_crossed_and_a_rest_is():
     assert not bridged(*_cut(steps, 245, 10)).known.any()
     assert _one_way(steps, 345, 30)
     assert not bridged(*_cut(steps, 250, 250)).known.any()  # a whole hold
+
+
+@pytest.mark.parametrize("fading", [0.0, 0.6])
+@pytest.mark.parametrize("noise", [0.0, 0.0005])
+@pytest.mark.parametrize("wave", [SINE, SAW], ids=["sine", "saw"])
+@pytest.mark.parametrize(("begin", "count"), [(396, 9), (390, 14), (401, 12)])
+def test_the_extreme_of_a_turn_in_a_gap_lies_within_its_doubt(wave, noise, fading, begin, count):
+    if wave is SAW:
+        begin -= 50
+    clean = wave * (1 - fading * T / T[-1])
+    u = clean + noise * np.random.default_rng(1002).normal(size=T.size)
+    found = bridged(*_cut(u, begin, count))
+    assert found.known.all()
+    extreme = np.abs(clean[begin - 1 : begin + count + 1]).max()
+    value = np.abs(found.u[0]) if found.turned[0] else np.abs(u[[begin - 1, begin + count]]).max()
+    doubt = found.doubt[0] if found.turned[0] else 0.0
+    assert abs(value - extreme) <= doubt + 4 * noise + 1e-12
+    assert doubt < 0.015
 
 
 def test_the_only_turn_of_a_record_lies_between_the_samples_and_the_tangents():

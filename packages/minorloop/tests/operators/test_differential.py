@@ -55,15 +55,6 @@ def test_steps_with_an_exponent_of_one_are_exact():
     assert SOFTENING.invert([z]).u[0] == pytest.approx(1e-3, rel=1e-13)
 
 
-def test_signals_in_rows_and_steps_give_the_same():
-    u = walk(1e-3)
-    rows = SOFTENING.simulate(np.stack([u, -u]))
-    assert rows[1] == pytest.approx(-rows[0])
-    tracker = SOFTENING.track()
-    assert [tracker.push(float(x)) for x in u] == pytest.approx(rows[0])
-    assert SOFTENING.step(tracker.memory, tracker.aim(3.0))[0] == pytest.approx(3.0)
-
-
 def test_a_memory_that_came_from_far_is_at_the_limit():
     low, high = SOFTENING.range
     assert SOFTENING.simulate([0.3, 0.4], "negative") == pytest.approx([high, high])
@@ -98,9 +89,3 @@ def test_an_output_that_falls_while_the_input_rises_has_no_inverse():
     without_limit = BoucWen(1.0, -1.0, 0.9)
     with pytest.raises(NotInvertibleError, match="slopes must be positive"):
         without_limit.invert([0.6], [0.0, 1.0])
-
-
-def test_equal_laws_are_equal():
-    assert Duhem(FREE.levels, FREE.rising, FREE.falling) == FREE
-    assert Duhem(FREE.levels, FREE.falling, FREE.rising) != FREE
-    assert FREE != SQUARE

@@ -220,28 +220,11 @@ def test_congruency(one, other):
     np.testing.assert_allclose(shapes[0], shapes[1], atol=1e-12 * span(model), rtol=0)
 
 
-@given(inputs)
-def test_rate_independence(u):
-    model = a_model(4)
-    thrice = model.simulate(np.repeat(u, 3))[2::3]
-    np.testing.assert_array_equal(thrice, model.simulate(u))
-
-
 @given(inside)
 def test_never_falls_while_the_input_rises(u):
     model = a_model(6)
     steps = np.diff(model.simulate(u)) * np.sign(np.diff(u))
     assert (steps >= -1e-12 * span(model)).all()
-
-
-@given(inputs, st.integers(0, 40))
-def test_a_simulation_can_be_split_anywhere(u, cut):
-    model = a_model(7)
-    cut = min(cut, u.size)
-    tracker = model.track()
-    first = [tracker.push(value) for value in u[:cut]]
-    rest = model.simulate(u[cut:], tracker.memory) if cut < u.size else []
-    np.testing.assert_array_equal(np.concatenate([first, rest]), model.simulate(u))
 
 
 @given(inputs)
@@ -254,12 +237,6 @@ def test_step_track_and_simulate_are_equal_to_the_bit(u):
     np.testing.assert_array_equal(stepped, model.simulate(u))
     np.testing.assert_array_equal([tracker.push(value) for value in u], stepped)
     assert tracker.memory == memory == Memory.after(u, low=-1.0, high=1.0)
-
-
-def test_signals_in_parallel_equal_single_signals():
-    model = a_model(9)
-    u = np.random.default_rng(0).uniform(-1.2, 1.2, (7, 500))
-    np.testing.assert_array_equal(model.simulate(u), [model.simulate(row) for row in u])
 
 
 def test_simulations_in_threads_are_independent():

@@ -5,17 +5,6 @@ from minorloop.errors import NotInvertibleError, ParameterError, UnreachableErro
 from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(size=(8, 8))))
-U = np.random.default_rng(1).uniform(-1, 1, 400)
-
-
-def test_peeking_and_aiming_do_not_change_the_memory():
-    tracker = MODEL.track()
-    for value in U:
-        before = tracker.memory
-        assert tracker.peek(value) == tracker.copy().push(value)
-        tracker.aim(0.0)
-        assert tracker.memory == before
-        tracker.push(value)
 
 
 def test_aim_equals_the_inverse():
@@ -35,15 +24,6 @@ def test_aim_beyond_the_range_is_refused_or_the_nearest_end():
             tracker.aim(target)
     assert MODEL.simulate([tracker.aim(high + 1e-14)])[0] == pytest.approx(high)
     assert (tracker.aim(low - 1, "clip"), tracker.aim(high + 1, "clip")) == (-1.0, 1.0)
-
-
-def test_a_copy_is_independent():
-    tracker = MODEL.track()
-    tracker.push(0.5)
-    other = tracker.copy()
-    other.push(-0.5)
-    assert tracker.memory.u == 0.5
-    assert other.memory.u == -0.5
 
 
 def test_the_memory_grows_with_the_number_of_extrema():
