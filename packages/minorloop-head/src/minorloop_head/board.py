@@ -109,21 +109,14 @@ class BoardAxis:
 
 @dataclass(frozen=True)
 class BoardSource:
-    """The files of a firmware.
-
-    Parameters
-    ----------
-    files : dict of str to str
-        Text of each file, by its name.
-    table_bytes : int
-        Bytes of constant tables, in flash.
-    state_bytes : int
-        Bytes of the states of all models, in RAM.
-    """
+    """The files of a firmware."""
 
     files: dict[str, str]
+    """Text of each file, by its name."""
     table_bytes: int
+    """Bytes of constant tables, in flash."""
     state_bytes: int
+    """Bytes of the states of all models, in RAM."""
 
     def write(self, folder: PathLike, *, force: bool = False) -> None:
         """Write the files into a new or empty folder.

@@ -102,18 +102,12 @@ def body_rates(tilt: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Position and orientation of a camera in the pipe.
-
-    Parameters
-    ----------
-    rotation : (3, 3) array
-        From the camera to the pipe.
-    position : (3,) array
-        Centre of the lens in the pipe, in metres.
-    """
+    """Position and orientation of a camera in the pipe."""
 
     rotation: FloatArray
+    """Shape (3, 3). From the camera to the pipe."""
     position: FloatArray
+    """Shape (3,). Centre of the lens in the pipe, in metres."""
 
     def to_pipe(self, points: npt.ArrayLike) -> FloatArray:
         """Return points (..., 3) of the camera in the pipe."""
@@ -130,19 +124,6 @@ class Pose:
 class Mount:
     """Place of the head in the pipe.
 
-    Parameters
-    ----------
-    lever : float
-        From the pivot to the lens along the optical axis, in metres.
-    offset : (float, float)
-        Of the pivot from the axis, along x and y of the pipe, in metres.
-    roll : float
-        Of the base about the axis of the pipe, in radians.
-    advance : float
-        Position of the pivot along the pipe, in metres.
-    squint, camera_roll : float
-        Of the camera on the joints: sideways, then about its optical axis, in radians.
-
     Raises
     ------
     ParameterError
@@ -150,11 +131,16 @@ class Mount:
     """
 
     lever: float = 8e-3
+    """From the pivot to the lens along the optical axis, in metres."""
     offset: tuple[float, float] = (0.0, 0.0)
+    """Of the pivot from the axis, along x and y of the pipe, in metres."""
     roll: float = 0.0
+    """Of the base about the axis of the pipe, in radians."""
     advance: float = 0.0
+    """Position of the pivot along the pipe, in metres."""
     squint: float = 0.0
     camera_roll: float = 0.0
+    """Of the camera on the joints: sideways, then about its optical axis, in radians."""
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -200,20 +186,6 @@ class Mount:
 class Probe:
     """An ultrasonic disc on the head, whose beam passes through the pivot.
 
-    Parameters
-    ----------
-    squint : float
-        Angle of the beam off the optical axis, in radians.
-    azimuth : float
-        Side of the camera to which the beam points, from its x axis towards its y axis, in
-        radians.
-    face : float
-        From the pivot to the face of the disc along the beam, in metres.
-    aperture : float
-        Diameter of the disc, in metres.
-    focus : float
-        Focal length of its lens in water, in metres; infinite without a lens.
-
     Raises
     ------
     ParameterError
@@ -228,10 +200,16 @@ class Probe:
     """
 
     squint: float = float(np.radians(70.0))
+    """Angle of the beam off the optical axis, in radians."""
     azimuth: float = float(np.pi)
+    """Side of the camera to which the beam points, from its x axis towards its y axis, in
+    radians."""
     face: float = 2e-3
+    """From the pivot to the face of the disc along the beam, in metres."""
     aperture: float = 5e-3
+    """Diameter of the disc, in metres."""
     focus: float = 8e-3
+    """Focal length of its lens in water, in metres; infinite without a lens."""
 
     def __post_init__(self) -> None:
         if not 0 < self.squint < np.pi / 2:
@@ -298,15 +276,6 @@ class Probe:
 class Tool:
     """A micro-tool beside the lens, whose point extends along a straight line.
 
-    Parameters
-    ----------
-    offset : (float, float, float)
-        Of its point when it is drawn in, in the camera, in metres.
-    slope : (float, float)
-        Of its way: metres to the right and down for a metre along the optical axis.
-    longest : float
-        Longest extension, in metres.
-
     Raises
     ------
     ParameterError
@@ -319,8 +288,11 @@ class Tool:
     """
 
     offset: tuple[float, float, float] = (0.0, 3.5e-3, 0.0)
+    """Of its point when it is drawn in, in the camera, in metres."""
     slope: tuple[float, float] = (0.0, -0.1)
+    """Of its way: metres to the right and down for a metre along the optical axis."""
     longest: float = 25e-3
+    """Longest extension, in metres."""
 
     def __post_init__(self) -> None:
         for value in (*self.offset, *self.slope):
@@ -412,17 +384,6 @@ class Tool:
 class Pinhole:
     """A camera with radial distortion.
 
-    Parameters
-    ----------
-    width, height : int
-        Of the image, in pixels; the centre of the first pixel is (0, 0).
-    focal : float
-        Focal length in pixels.
-    centre : (float, float)
-        Principal point (u, v), in pixels.
-    k1, k2 : float
-        Radial distortion: x_d = x (1 + k1 r^2 + k2 r^4).
-
     Raises
     ------
     ParameterError
@@ -435,10 +396,14 @@ class Pinhole:
 
     width: int = 640
     height: int = 480
+    """Of the image, in pixels; the centre of the first pixel is (0, 0)."""
     focal: float = 520.0
+    """Focal length in pixels."""
     centre: tuple[float, float] = (319.5, 239.5)
+    """Principal point (u, v), in pixels."""
     k1: float = 0.0
     k2: float = 0.0
+    """Radial distortion: x_d = x (1 + k1 r^2 + k2 r^4)."""
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1 or not self.focal > 0:

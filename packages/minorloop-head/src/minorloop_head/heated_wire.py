@@ -32,21 +32,14 @@ _NEAR = 0.01
 
 @dataclass(frozen=True, eq=False)
 class HeatedState:
-    """State of a heated wire: effective power and memory of its operator.
-
-    Parameters
-    ----------
-    power : float
-        Effective power: the steady power that would hold the present temperature, in A^2.
-    angle : float
-        Output of the operator, in its unit.
-    tracker : Tracker
-        Memory of the operator; it is copied and never pushed.
-    """
+    """State of a heated wire: effective power and memory of its operator."""
 
     power: float
+    """Effective power: the steady power that would hold the present temperature, in A^2."""
     angle: float
+    """Output of the operator, in its unit."""
     tracker: Tracker[Preisach]
+    """Memory of the operator; it is copied and never pushed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +48,6 @@ class HeatedWire:
 
     tau dw/dt + q dy/dt = p - w, y = Gamma[w], with the power p, the effective power w, the lag
     tau and the latent heat q of a unit of output.
-
-    Parameters
-    ----------
-    operator : Preisach
-        From effective power in A^2 to angle in degrees; monotone.
-    lag : float
-        tau in seconds, of a wire that does not move; positive.
-    latent : float
-        q in A^2 s per degree; not negative.
 
     Raises
     ------
@@ -77,8 +61,11 @@ class HeatedWire:
     """
 
     operator: Preisach
+    """From effective power in A^2 to angle in degrees; monotone."""
     lag: float
+    """tau in seconds, of a wire that does not move; positive."""
     latent: float = 0.0
+    """q in A^2 s per degree; not negative."""
 
     def __post_init__(self) -> None:
         for name in ("lag", "latent"):

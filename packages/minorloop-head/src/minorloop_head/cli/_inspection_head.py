@@ -23,24 +23,16 @@ Told: TypeAlias = "Callable[[LogEntry], None]"
 
 @dataclass(frozen=True)
 class InspectedHead:
-    """A head that can be opened for an inspection.
-
-    Parameters
-    ----------
-    begun : dict
-        What it is, for the journal: an inspection is resumed with the same head only.
-    view : HeadCalibration, optional
-        Of its camera; opening refuses a head without one.
-    opened : callable
-        Opens it, given what is told of each step. The head is safe at the end of its context.
-    probing : Probing, optional
-        Its probe; None on a head without one.
-    """
+    """A head that can be opened for an inspection."""
 
     begun: dict[str, Any]
+    """What it is, for the journal: an inspection is resumed with the same head only."""
     view: HeadCalibration | None
+    """Of its camera; opening refuses a head without one."""
     opened: Callable[[Told], AbstractContextManager[InspectionRig]]
+    """Opens it, given what is told of each step. The head is safe at the end of its context."""
     probing: Probing | None = None
+    """Its probe; None on a head without one."""
 
 
 def inspected_head(

@@ -116,18 +116,12 @@ def _locked(folder: Path) -> int:
 
 @dataclass(frozen=True)
 class Resumed:
-    """What the journal of an inspection or a sweep that was cut off has: nothing of a new one.
-
-    Parameters
-    ----------
-    lines : sequence of dict
-        Up to the first that is damaged.
-    damaged : int
-        Number of the first damaged line, from 1; 0 without one.
-    """
+    """What the journal of an inspection or a sweep that was cut off has: nothing of a new one."""
 
     lines: Sequence[dict[str, Any]] = ()
+    """Up to the first that is damaged."""
     damaged: int = 0
+    """Number of the first damaged line, from 1; 0 without one."""
 
     @classmethod
     def of(cls, folder: Path, begun: dict[str, Any], what: str) -> Resumed:

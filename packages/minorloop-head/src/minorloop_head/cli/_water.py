@@ -61,24 +61,16 @@ Temperature = Annotated[
 
 @dataclass(frozen=True)
 class GivenFilling:
-    """What fills the simulated pipe, as given by options.
-
-    Parameters
-    ----------
-    level : str
-        Of the water: a number in mm, ``full`` or ``dry``.
-    temperature : float
-        Of the water, in degrees Celsius.
-    gas : str
-        Above the water, and in the drained pipe: one of `GASES`.
-    pressure : float
-        Of the gas, in bar.
-    """
+    """What fills the simulated pipe, as given by options."""
 
     level: str = FULL
+    """Of the water: a number in mm, ``full`` or ``dry``."""
     temperature: float = ROOM
+    """Of the water, in degrees Celsius."""
     gas: str = AIR
+    """Above the water, and in the drained pipe: one of `GASES`."""
     pressure: float = ATMOSPHERE
+    """Of the gas, in bar."""
 
     def filling(self) -> Filling:
         """Return it; a dry pipe has no level.

@@ -28,15 +28,10 @@ class HostileMessageError(SignalError):
 
 @dataclass(eq=False)
 class Viewer:
-    """A connected page.
-
-    Parameters
-    ----------
-    number : int
-        Its name to the others.
-    """
+    """A connected page."""
 
     number: int
+    """Its name to the others."""
     seq: int = -1
     t: float = -1.0
     granted: int = 0

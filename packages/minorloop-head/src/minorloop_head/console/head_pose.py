@@ -25,32 +25,22 @@ _LEAST_NORM, _MOST_NORM = 0.5, 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class HeadPoseMap:
-    """Parameters of the map from poses to commands.
-
-    Parameters
-    ----------
-    cone : float
-        Half-angle of the cone of visibility in radians.
-    reach : float
-        Turn of the operator's head that corresponds to the edge of the cone, in radians.
-    dead_band : float
-        Turns up to this many radians have no effect; it is subtracted from larger ones.
-    calm, agility : float
-        Cut-off of the filter at rest in Hz, and its increase for each radian per second.
-    heating, cooling : float
-        Fastest rise and fall of a command that the wires can follow, in rad/s.
-    timeout : float
-        Age of a pose in seconds beyond which it counts as lost.
-    """
+    """Parameters of the map from poses to commands."""
 
     cone: float = REACH
+    """Half-angle of the cone of visibility in radians."""
     reach: float = math.radians(45.0)
+    """Turn of the operator's head that corresponds to the edge of the cone, in radians."""
     dead_band: float = math.radians(1.0)
+    """Turns up to this many radians have no effect; it is subtracted from larger ones."""
     calm: float = 1.5
     agility: float = 0.08 / math.radians(1.0)
+    """Cut-off of the filter at rest in Hz, and its increase for each radian per second."""
     heating: float = math.radians(12.0)
     cooling: float = math.radians(8.0)
+    """Fastest rise and fall of a command that the wires can follow, in rad/s."""
     timeout: float = 0.1
+    """Age of a pose in seconds beyond which it counts as lost."""
 
     @property
     def scale(self) -> float:
@@ -60,28 +50,19 @@ class HeadPoseMap:
 
 @dataclass(frozen=True)
 class HeadPoseState:
-    """State of the map.
-
-    Parameters
-    ----------
-    command : (float, float)
-        Pan and tilt now, in radians.
-    base : (float, float)
-        Command at the reference pose.
-    reference : quaternion, optional
-        Pose that corresponds to ``base``; None until a pose comes.
-    turned : (float, float)
-        Newest yaw and pitch from the reference in radians, without jumps of a whole turn.
-    smooth, speed : (float, float)
-        Filtered turn in radians and its filtered rate in rad/s.
-    """
+    """State of the map."""
 
     command: Pair = (0.0, 0.0)
+    """Pan and tilt now, in radians."""
     base: Pair = (0.0, 0.0)
+    """Command at the reference pose."""
     reference: Quaternion | None = None
+    """Quaternion. Pose that corresponds to ``base``; None until a pose comes."""
     turned: Pair = (0.0, 0.0)
+    """Newest yaw and pitch from the reference in radians, without jumps of a whole turn."""
     smooth: Pair = (0.0, 0.0)
     speed: Pair = (0.0, 0.0)
+    """Filtered turn in radians and its filtered rate in rad/s."""
 
 
 def anchored(state: HeadPoseState, command: Pair | None = None) -> HeadPoseState:

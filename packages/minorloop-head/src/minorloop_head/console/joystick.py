@@ -17,19 +17,6 @@ Rates: TypeAlias = tuple[float, float]
 class StickMap:
     """Parameters of the map from a stick to rates.
 
-    Parameters
-    ----------
-    advance, roll : float
-        Rates at full deflection, in m/s and rad/s.
-    dead_band : float
-        Share of the deflection without effect, from 0 to below 1.
-    expo : float
-        Shape of the response, from 0, linear, to 1, cubic.
-    advance_acceleration, roll_acceleration : float
-        Fastest changes of the rates, in m/s^2 and rad/s^2.
-    timeout : float
-        Age of a deflection in seconds beyond which the catheter stops.
-
     Notes
     -----
     The rates are such that the motors, with 40 mm/s^2 and 180 degrees/s^2, stop in 0.15 s.
@@ -37,11 +24,16 @@ class StickMap:
 
     advance: float = 6e-3
     roll: float = math.radians(27.0)
+    """Rates at full deflection, in m/s and rad/s."""
     dead_band: float = 0.05
+    """Share of the deflection without effect, from 0 to below 1."""
     expo: float = 0.6
+    """Shape of the response, from 0, linear, to 1, cubic."""
     advance_acceleration: float = 12e-3
     roll_acceleration: float = math.radians(60.0)
+    """Fastest changes of the rates, in m/s^2 and rad/s^2."""
     timeout: float = 0.1
+    """Age of a deflection in seconds beyond which the catheter stops."""
 
     def shaped(self, deflection: float) -> float:
         """Return the share of the full rate, -1 to 1, for a deflection from -1 to 1; 0 for NaN."""

@@ -49,43 +49,30 @@ class TeleopConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class TickInput:
-    """Input of a tick from operator and camera.
-
-    Parameters
-    ----------
-    request : str, optional
-        Requested mode; None without a request.
-    pose : quaternion, optional
-        Newest pose of the operator's head.
-    pose_age, link_age : float
-        Age of the pose and of the last message of the operator's page, in seconds; infinite
-        if there was none.
-    stick : (float, float)
-        Forward and right, -1 to 1.
-    lost : str
-        What to say if there is no pose, or an old one.
-    clutch : bool
-        Whether the clutch is pressed.
-    blind : str
-        What to say if the camera gives no pictures, or no angles; empty if it does.
-    servo : (float, float), optional
-        Rates of pan and tilt that centre the target, in rad/s; None while the target is not
-        visible.
-    scan : ((float, float), (float, float)), optional
-        Pan and tilt in radians and rates of the catheter in m/s and rad/s that a scan requests;
-        None without a scan.
-    """
+    """Input of a tick from operator and camera."""
 
     request: Mode | None = None
+    """Requested mode; None without a request."""
     pose: Quaternion | None = None
+    """Quaternion. Newest pose of the operator's head."""
     pose_age: float = math.inf
     link_age: float = math.inf
+    """Age of the pose and of the last message of the operator's page, in seconds; infinite if there
+    was none."""
     stick: Pair = (0.0, 0.0)
+    """Forward and right, -1 to 1."""
     lost: str = "the pose of the operator's head was lost"
+    """What to say if there is no pose, or an old one."""
     clutch: bool = False
+    """Whether the clutch is pressed."""
     blind: str = ""
+    """What to say if the camera gives no pictures, or no angles; empty if it does."""
     servo: Pair | None = None
+    """Rates of pan and tilt that centre the target, in rad/s; None while the target is not
+    visible."""
     scan: tuple[Pair, Rates] | None = None
+    """Pan and tilt in radians and rates of the catheter in m/s and rad/s that a scan requests; None
+    without a scan."""
 
 
 @dataclass(frozen=True)

@@ -59,27 +59,18 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class ProcessHandle:
-    """Connection of a process to its supervisor.
-
-    Parameters
-    ----------
-    name : str
-        Of the process.
-    names : tuple of str
-        Of all of them.
-    control : socket
-        Delivers new pipes, and ends with the supervisor.
-    beats : array of float
-        Time of the last heartbeat of each process, on the monotonic clock; 0 before the first.
-    again : bool
-        Whether the process was restarted.
-    """
+    """Connection of a process to its supervisor."""
 
     name: str
+    """Of the process."""
     names: tuple[str, ...]
+    """Of all of them."""
     control: socket.socket
+    """Delivers new pipes, and ends with the supervisor."""
     beats: Any
+    """Time of the last heartbeat of each process, on the monotonic clock; 0 before the first."""
     again: bool = False
+    """Whether the process was restarted."""
 
     def begin(self, **channels: NewestPipe) -> threading.Event:
         """Start receiving pipes; return an event that is set when this process has to end."""

@@ -48,24 +48,16 @@ STOPPED = (
 
 @dataclass(frozen=True, kw_only=True)
 class ConsoleSweep:
-    """A sweep in progress.
-
-    Parameters
-    ----------
-    state : SweepState
-        Without bursts, which the camera process has.
-    home : (float, float, float, float)
-        Where the head goes back to in the end: pan, tilt, advance and roll, in rad and m.
-    back : GoState, optional
-        Of the way back, once it has begun.
-    waited : float
-        Seconds since it began.
-    """
+    """A sweep in progress."""
 
     state: SweepState
+    """Without bursts, which the camera process has."""
     home: Position
+    """Where the head goes back to in the end: pan, tilt, advance and roll, in rad and m."""
     back: GoState | None = None
+    """Of the way back, once it has begun."""
     waited: float = 0.0
+    """Seconds since it began."""
 
     number = 0
     """Of no finding."""

@@ -64,15 +64,6 @@ class Controller(Protocol):
 class Loop:
     """The clock and the limits of a loop.
 
-    Parameters
-    ----------
-    interval : float
-        Time between two steps in seconds, above 0 and up to 1.
-    delay : int
-        Age of a reading in intervals, 0 to 250.
-    highest : float
-        Largest current in A, above 0 and up to 0.4.
-
     Raises
     ------
     ParameterError
@@ -80,8 +71,11 @@ class Loop:
     """
 
     interval: float = INTERVAL
+    """Time between two steps in seconds, above 0 and up to 1."""
     delay: int = 1
+    """Age of a reading in intervals, 0 to 250."""
     highest: float = HIGHEST_CURRENT
+    """Largest current in A, above 0 and up to 0.4."""
 
     def __post_init__(self) -> None:
         bounds = {"interval": (1e-4, 1.0, "s"), "highest": (1e-6, HIGHEST_CURRENT, "A")}

@@ -65,35 +65,23 @@ class _Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Delays:
-    """State of `DelayWatch`.
-
-    Parameters
-    ----------
-    recent : tuple
-        The last moments, oldest first: the estimate of the loop, the current in A that was applied
-        then, and the reading after it in degrees, NaN where there was none.
-    comparison : optional
-        The present one.
-    late : float
-        Age of the readings in seconds, 0 if they are not known to be late.
-    """
+    """State of `DelayWatch`."""
 
     recent: tuple[_Moment, ...] = ()
+    """The last moments, oldest first: the estimate of the loop, the current in A that was applied
+    then, and the reading after it in degrees, NaN where there was none."""
     comparison: _Comparison | None = None
+    """The present one."""
     late: float = 0.0
+    """Age of the readings in seconds, 0 if they are not known to be late."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DelayWatch:
-    """Finds readings that are late by comparing observers.
-
-    Parameters
-    ----------
-    observer : PowerObserver
-        That of the loop.
-    """
+    """Finds readings that are late by comparing observers."""
 
     observer: PowerObserver
+    """That of the loop."""
 
     def step(
         self,

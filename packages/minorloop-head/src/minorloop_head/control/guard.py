@@ -47,17 +47,6 @@ _LATE = 1.5
 class Guard:
     """A controller inside the limits of its wire.
 
-    Parameters
-    ----------
-    controller : Controller
-        Of one wire.
-    observer : PowerObserver
-        Estimates the effective power of the wire, and so its temperature.
-    limits : WireLimits
-        Of the wire.
-    sensor : SensorWatch
-        Checks of the sensor.
-
     Raises
     ------
     ParameterError
@@ -65,9 +54,13 @@ class Guard:
     """
 
     controller: Controller
+    """Of one wire."""
     observer: PowerObserver
+    """Estimates the effective power of the wire, and so its temperature."""
     limits: WireLimits = field(default_factory=WireLimits)
+    """Of the wire."""
     sensor: SensorWatch = field(default_factory=SensorWatch)
+    """Checks of the sensor."""
 
     def __post_init__(self) -> None:
         kinds = {"observer": PowerObserver, "limits": WireLimits, "sensor": SensorWatch}

@@ -28,21 +28,14 @@ _IDLE_LAGS = 4.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GuardLog:
-    """What a guard logs.
-
-    Parameters
-    ----------
-    limits : WireLimits
-        Of the wire.
-    sensor : SensorWatch
-        Checks of the sensor.
-    lag : float
-        Time constant of the wire, in seconds.
-    """
+    """What a guard logs."""
 
     limits: WireLimits
+    """Of the wire."""
     sensor: SensorWatch
+    """Checks of the sensor."""
     lag: float
+    """Time constant of the wire, in seconds."""
 
     def step(
         self, old: GuardState, new: GuardState, notes: Mapping[Cause, str], hot: float | None

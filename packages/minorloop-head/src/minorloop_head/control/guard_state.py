@@ -34,43 +34,28 @@ COOLED = ("lost", "stuck", "unconfirmed", "reversed")
 
 @dataclass(frozen=True)
 class Event:
-    """Entry of the log.
-
-    Parameters
-    ----------
-    step : int
-        Number of the step, from 1.
-    cause : str
-        Such as ``sensor`` or ``unreachable``.
-    text : str
-        A sentence.
-    """
+    """Entry of the log."""
 
     step: int
+    """Number of the step, from 1."""
     cause: Cause
+    """Such as ``sensor`` or ``unreachable``."""
     text: str
+    """A sentence."""
 
 
 @dataclass(frozen=True)
 class StepClock:
-    """What is known of the time by the times of the steps.
-
-    Parameters
-    ----------
-    t : float
-        The newest accepted time in seconds, NaN if there was none.
-    waited : int
-        Steps since.
-    strange : int
-        Number of times in a row that differ from that clock, all by as much.
-    off : float
-        By how much, in seconds.
-    """
+    """What is known of the time by the times of the steps."""
 
     t: float = math.nan
+    """The newest accepted time in seconds, NaN if there was none."""
     waited: int = 0
+    """Steps since."""
     strange: int = 0
+    """Number of times in a row that differ from that clock, all by as much."""
     off: float = math.nan
+    """By how much, in seconds."""
 
 
 @dataclass(frozen=True, eq=False)

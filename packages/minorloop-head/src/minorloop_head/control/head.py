@@ -46,20 +46,6 @@ class HeadState:
 class HeadControl:
     """A guarded controller for each axis of a head.
 
-    Parameters
-    ----------
-    axes : tuple of Guard
-        One for each wire.
-    coupling : (axes, axes) array_like, optional
-        ``coupling[i, j]``: change of the sensor of axis i for a degree of axis j, 1 on the
-        diagonal. Without it, the axes are independent.
-    lead : float
-        Most degrees by which a wanted reading is ahead of the newest one that may be used. Infinite
-        for no limit.
-        Less once the view was lost, as in `minorloop_head.control.unread.Unread.slower`.
-    unread : UnreadWatch, optional
-        Keeps the head where it is while it is not read. Without it, it goes on by the models.
-
     Raises
     ------
     ParameterError
@@ -68,9 +54,16 @@ class HeadControl:
     """
 
     axes: tuple[Guard, ...]
+    """One for each wire."""
     coupling: FloatArray | None = None
+    """Shape (axes, axes). ``coupling[i, j]``: change of the sensor of axis i for a degree of axis
+    j, 1 on the diagonal. Without it, the axes are independent."""
     lead: float = math.inf
+    """Most degrees by which a wanted reading is ahead of the newest one that may be used. Infinite
+    for no limit. Less once the view was lost, as in
+    `minorloop_head.control.unread.Unread.slower`."""
     unread: UnreadWatch | None = None
+    """Keeps the head where it is while it is not read. Without it, it goes on by the models."""
 
     def __post_init__(self) -> None:
         lead = as_number(self.lead)

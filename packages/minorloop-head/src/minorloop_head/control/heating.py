@@ -40,21 +40,14 @@ _MOST_BANDS = 1000
 
 @dataclass(frozen=True, eq=False)
 class HeatedIdentification:
-    """An identified heated wire.
-
-    Parameters
-    ----------
-    model : HeatedWire
-        The result.
-    steady : Identification
-        Fit of the operator to the settled holds.
-    step_rms : float
-        Root-mean-square error of the simulated step that the lag was fitted to, in degrees.
-    """
+    """An identified heated wire."""
 
     model: HeatedWire
+    """The result."""
     steady: Identification
+    """Fit of the operator to the settled holds."""
     step_rms: float
+    """Root-mean-square error of the simulated step that the lag was fitted to, in degrees."""
 
     @property
     def advice(self) -> tuple[str, ...]:

@@ -50,41 +50,28 @@ deep cold the resistance feeds up to nine tenths of a change of the angle back."
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """State of the hypotheses.
-
-    Parameters
-    ----------
-    power : (M,) array
-        Effective power of the wire under each, in A^2.
-    cost : (M,) array
-        Sum of squared independent errors of each within the last seconds.
-    branch : (257,) array
-        Angle on the rising branch at equal steps of the effective power, in degrees.
-    """
+    """State of the hypotheses."""
 
     power: FloatArray
+    """Shape (M,). Effective power of the wire under each, in A^2."""
     cost: FloatArray
+    """Shape (M,). Sum of squared independent errors of each within the last seconds."""
     branch: FloatArray
+    """Shape (257,). Angle on the rising branch at equal steps of the effective power, in
+    degrees."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Hypotheses:
-    """Ambients from -65 to +30 K, convections from 0.74 to 33 times those at identification.
-
-    Parameters
-    ----------
-    wire : HeatedWire
-        As it was identified.
-    rise : float
-        Steady rise of the temperature of a hot wire for a heating power, in K per A^2.
-    cold_resistance : float
-        Resistance of a cold wire over that of a hot one: a degree of the ambient equals more
-        power where the resistance is lower.
-    """
+    """Ambients from -65 to +30 K, convections from 0.74 to 33 times those at identification."""
 
     wire: HeatedWire
+    """As it was identified."""
     rise: float
+    """Steady rise of the temperature of a hot wire for a heating power, in K per A^2."""
     cold_resistance: float
+    """Resistance of a cold wire over that of a hot one: a degree of the ambient equals more power
+    where the resistance is lower."""
 
     def begin(self, estimate: Estimate, *, moving: bool) -> Bank:
         """Return the bank before a heating.

@@ -45,18 +45,12 @@ _SEEN = 0.5
 
 @dataclass(frozen=True)
 class Lateness:
-    """What is known of how late the readings are.
-
-    Parameters
-    ----------
-    late : float
-        Lateness in seconds, 0 if none is known.
-    doubted : float
-        Seconds for which late readings will not be used yet.
-    """
+    """What is known of how late the readings are."""
 
     late: float = 0.0
+    """Lateness in seconds, 0 if none is known."""
     doubted: float = 0.0
+    """Seconds for which late readings will not be used yet."""
 
     def later(self, passed: float, found: float) -> Lateness:
         """Return what is known some seconds later; it begins anew if it was ``found`` again.
@@ -76,22 +70,15 @@ class Lateness:
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """State of `StopWatch`.
-
-    Parameters
-    ----------
-    recent : (2, n) array
-        Powers in A^2 that were applied up to the newest readings, oldest first, and the readings in
-        degrees, NaN where there was none.
-    row : int
-        Steps in a row in which they were late.
-    late : float
-        Age of the readings in seconds, 0 if they are not known to be late.
-    """
+    """State of `StopWatch`."""
 
     recent: FloatArray = field(default_factory=lambda: np.empty((2, 0)))
+    """Shape (2, n). Powers in A^2 that were applied up to the newest readings, oldest first, and
+    the readings in degrees, NaN where there was none."""
     row: int = 0
+    """Steps in a row in which they were late."""
     late: float = 0.0
+    """Age of the readings in seconds, 0 if they are not known to be late."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

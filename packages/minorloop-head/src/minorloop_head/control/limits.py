@@ -18,22 +18,6 @@ from minorloop_head.heated_wire import HeatedWire
 class WireLimits:
     """Limits of a wire, and the values of its data sheet that they need.
 
-    Parameters
-    ----------
-    hottest : float
-        Temperature of the wire that is never exceeded, in degrees Celsius.
-    ambient : float
-        At which the wire was identified, in degrees Celsius.
-    rise : float
-        Steady rise of the temperature for a heating power, in K per A^2: resistance over
-        convection, both per metre.
-    margin : float
-        Factor of at least 1 by which the rise of a wire may be higher.
-    preload, spring, pulley, diameter : float
-        Of the spring in N and N/m, the radius of the pulley and the diameter of the wire in m.
-    stress : float
-        Highest stress that the maker advises for a long life, in Pa; it is reported, not limited.
-
     Raises
     ------
     ParameterError
@@ -46,14 +30,21 @@ class WireLimits:
     """
 
     hottest: float = 150.0
+    """Temperature of the wire that is never exceeded, in degrees Celsius."""
     ambient: float = 20.0
+    """At which the wire was identified, in degrees Celsius."""
     rise: float = 676.0
+    """Steady rise of the temperature for a heating power, in K per A^2: resistance over convection,
+    both per metre."""
     margin: float = 1.15
+    """Factor of at least 1 by which the rise of a wire may be higher."""
     preload: float = 2.2
     spring: float = 2500.0
     pulley: float = 2.87e-3
     diameter: float = 0.2e-3
+    """Of the spring in N and N/m, the radius of the pulley and the diameter of the wire in m."""
     stress: float = 172e6
+    """Highest stress that the maker advises for a long life, in Pa; it is reported, not limited."""
 
     def __post_init__(self) -> None:
         within("hottest", self.hottest, -50.0, 150.0, "degrees Celsius")

@@ -76,36 +76,24 @@ class WireWatch(Loop):
 
 @dataclass(frozen=True)
 class Belief:
-    """What is known of an angle by its readings.
-
-    Parameters
-    ----------
-    believed : bool
-        Whether the newest reading is.
-    seen : float
-        That reading in degrees, NaN before the first.
-    gap : int
-        Steps since.
-    row : int
-        Believed readings in a row; if they are not, those in a row that agree with the model.
-    error : float
-        Last believed reading less the model, in degrees.
-    jumped : float
-        Degrees by which readings have jumped since.
-    slack : float
-        Degrees by which the wire may have left the model since; infinite before any is known.
-    astray : float
-        Seconds for which readings have not been believed.
-    """
+    """What is known of an angle by its readings."""
 
     believed: bool = False
+    """Whether the newest reading is."""
     seen: float = math.nan
+    """That reading in degrees, NaN before the first."""
     gap: int = 0
+    """Steps since."""
     row: int = 0
+    """Believed readings in a row; if they are not, those in a row that agree with the model."""
     error: float = 0.0
+    """Last believed reading less the model, in degrees."""
     jumped: float = 0.0
+    """Degrees by which readings have jumped since."""
     slack: float = math.inf
+    """Degrees by which the wire may have left the model since; infinite before any is known."""
     astray: float = 0.0
+    """Seconds for which readings have not been believed."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -183,25 +171,17 @@ class MotionWatch(WireWatch):
 
 @dataclass(frozen=True)
 class Sign:
-    """What is known of the sign of the readings.
-
-    Parameters
-    ----------
-    reversed : bool
-        Whether it is wrong; that remains.
-    risen, read : float
-        Angle by the current alone and reading, both in degrees, since which they are compared.
-    seen : float
-        Newest reading in degrees, NaN before the first.
-    gap : int
-        Steps since.
-    """
+    """What is known of the sign of the readings."""
 
     reversed: bool = False
+    """Whether it is wrong; that remains."""
     risen: float = math.inf
     read: float = math.nan
+    """Angle by the current alone and reading, both in degrees, since which they are compared."""
     seen: float = math.nan
+    """Newest reading in degrees, NaN before the first."""
     gap: int = 0
+    """Steps since."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -31,30 +31,20 @@ _MOST_BIAS = 0.6
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Estimate of a wire.
-
-    Parameters
-    ----------
-    wire : HeatedState
-        Effective power and memory now.
-    ambient : float
-        Power that the surroundings add, in A^2.
-    error : float
-        Smoothed difference between reading and model, in degrees.
-    past : tuple of float
-        Angles of the model, newest first, up to the age of a reading.
-    offset : float
-        Angle less that of the model where no power explains the difference, in degrees.
-    way : float
-        Change of the effective power in the last interval, in A^2.
-    """
+    """Estimate of a wire."""
 
     wire: HeatedState
+    """Effective power and memory now."""
     ambient: float
+    """Power that the surroundings add, in A^2."""
     error: float
+    """Smoothed difference between reading and model, in degrees."""
     past: tuple[float, ...]
+    """Angles of the model, newest first, up to the age of a reading."""
     offset: float = 0.0
+    """Angle less that of the model where no power explains the difference, in degrees."""
     way: float = 0.0
+    """Change of the effective power in the last interval, in A^2."""
 
     @property
     def angle(self) -> float:

@@ -70,29 +70,20 @@ the temperature."""
 
 @dataclass(frozen=True)
 class Unreachable:
-    """A target that cannot be reached.
-
-    Parameters
-    ----------
-    reason : str
-        Why.
-    reference : float
-        Target in degrees.
-    reach : float
-        Largest angle that the wire is expected to reach, in degrees.
-    after : float
-        Duration of the trial, in seconds.
-    least, most : float
-        Bounds of that angle: what it has reached, and what the model, which was identified in
-        other surroundings, allows; NaN for the reach itself.
-    """
+    """A target that cannot be reached."""
 
     reason: Reason
+    """Why."""
     reference: float
+    """Target in degrees."""
     reach: float
+    """Largest angle that the wire is expected to reach, in degrees."""
     after: float
+    """Duration of the trial, in seconds."""
     least: float = math.nan
     most: float = math.nan
+    """Bounds of that angle: what it has reached, and what the model, which was identified in other
+    surroundings, allows; NaN for the reach itself."""
 
     def __str__(self) -> str:
         known = f"{_shown(self.least)} to {_shown(self.most)}"
@@ -109,55 +100,37 @@ class Unreachable:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A heating towards a target.
-
-    Parameters
-    ----------
-    bank : Bank
-        The simulated hypotheses.
-    began, mark : float
-        Angle at the beginning, and after the last motion, in degrees.
-    seconds : float
-        Since it began.
-    full : float
-        Seconds of full current without a break.
-    still : float
-        Seconds without motion.
-    least : float
-        Smallest current that was on, in A.
-    evidence : float
-        Cost of the best hypothesis of a stronger cooling less that of the best one of a colder
-        ambient, when they differed most: the heating tells them apart, its end does not.
-    """
+    """A heating towards a target."""
 
     bank: Bank
+    """The simulated hypotheses."""
     began: float
     mark: float
+    """Angle at the beginning, and after the last motion, in degrees."""
     seconds: float = 0.0
+    """Since it began."""
     full: float = 0.0
+    """Seconds of full current without a break."""
     still: float = 0.0
+    """Seconds without motion."""
     least: float = math.inf
+    """Smallest current that was on, in A."""
     evidence: float = 0.0
+    """Cost of the best hypothesis of a stronger cooling less that of the best one of a colder
+    ambient, when they differed most: the heating tells them apart, its end does not."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReachState:
-    """State of the present target.
-
-    Parameters
-    ----------
-    trial : Trial, optional
-        Before a verdict.
-    verdict : Unreachable, optional
-        The target cannot be reached.
-    age, full : float
-        Seconds since the verdict, and of full current since then without a break.
-    """
+    """State of the present target."""
 
     trial: Trial | None = None
+    """Before a verdict."""
     verdict: Unreachable | None = None
+    """The target cannot be reached."""
     age: float = 0.0
     full: float = 0.0
+    """Seconds since the verdict, and of full current since then without a break."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -16,65 +16,33 @@ _SEEN, _SELDOM = 10, 0.1
 
 @dataclass(frozen=True)
 class Sensed:
-    """State of a sensor.
-
-    Parameters
-    ----------
-    value : float
-        Usable reading, NaN if there is none now.
-    fault : {"", "lost", "stuck", "implausible", "unconfirmed", "reversed", "late"}
-        Fault of the sensor, once it is certain. That it is unconfirmed or reversed is found by
-        `minorloop_head.control.motion`, that it is late by `minorloop_head.control.lateness`.
-    last : float
-        Last plausible reading, NaN before the first.
-    repeats : int
-        Number of equal readings since.
-    missing, odd : int
-        Number of missing and of implausible readings, less those that the good ones since make up
-        for.
-    good : int
-        Number of usable readings since the sensor was at fault.
-    changes, equals : int
-        How often a reading differed from the one before, and how often it did not; stuck runs do
-        not count. They tell whether the sensor is noisy.
-    """
+    """State of a sensor."""
 
     value: float = math.nan
+    """Usable reading, NaN if there is none now."""
     fault: Fault = ""
+    """One of "", "lost", "stuck", "implausible", "unconfirmed", "reversed", "late". Fault of the
+    sensor, once it is certain. That it is unconfirmed or reversed is found by
+    `minorloop_head.control.motion`, that it is late by `minorloop_head.control.lateness`."""
     last: float = math.nan
+    """Last plausible reading, NaN before the first."""
     repeats: int = 0
+    """Number of equal readings since."""
     missing: int = 0
     odd: int = 0
+    """Number of missing and of implausible readings, less those that the good ones since make up
+    for."""
     good: int = 0
+    """Number of usable readings since the sensor was at fault."""
     changes: int = 0
     equals: int = 0
+    """How often a reading differed from the one before, and how often it did not; stuck runs do not
+    count. They tell whether the sensor is noisy."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorWatch:
     """Separates usable readings from others.
-
-    Parameters
-    ----------
-    noise : float
-        Standard deviation in degrees. A noisy sensor that repeats a reading is stuck. One without
-        noise (0), or with steps as coarse as its noise, may repeat itself; that it is stuck is
-        noticed only when a heated wire does not move.
-    repeats : int
-        Equal readings in a row after which a noisy sensor is stuck.
-    patience : int
-        Readings missing or implausible in a row after which the sensor is at fault.
-    recovery : int
-        Usable readings after which it is trusted again, if it is not at fault anew between them.
-    low, high : float
-        Limits of plausible angles, in degrees.
-    jump : float
-        Most degrees by which two readings differ beside the motion of the wire, as in
-        `minorloop_head.control.motion.MotionWatch`.
-    makes_up : int
-        Missing or implausible readings that a usable one makes up for. With 1, a sensor of which
-        more than half the readings are lost is at fault; with ``patience``, only those in a row
-        count.
 
     Raises
     ------
@@ -83,13 +51,25 @@ class SensorWatch:
     """
 
     noise: float = 0.05
+    """Standard deviation in degrees. A noisy sensor that repeats a reading is stuck. One without
+    noise (0), or with steps as coarse as its noise, may repeat itself; that it is stuck is noticed
+    only when a heated wire does not move."""
     repeats: int = 15
+    """Equal readings in a row after which a noisy sensor is stuck."""
     patience: int = 5
+    """Readings missing or implausible in a row after which the sensor is at fault."""
     recovery: int = 25
+    """Usable readings after which it is trusted again, if it is not at fault anew between them."""
     low: float = -45.0
     high: float = 135.0
+    """Limits of plausible angles, in degrees."""
     jump: float = 1.5
+    """Most degrees by which two readings differ beside the motion of the wire, as in
+    `minorloop_head.control.motion.MotionWatch`."""
     makes_up: int = 1
+    """Missing or implausible readings that a usable one makes up for. With 1, a sensor of which
+    more than half the readings are lost is at fault; with ``patience``, only those in a row
+    count."""
 
     def __post_init__(self) -> None:
         within("noise", self.noise, 0.0, 100.0, "degrees")

@@ -42,17 +42,12 @@ _ROUGH = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Transient:
-    """A record of a step of the current.
-
-    Parameters
-    ----------
-    t, current, angle : (N,) arrays
-        In s, A and degrees.
-    """
+    """A record of a step of the current."""
 
     t: FloatArray
     current: FloatArray
     angle: FloatArray
+    """Shape (N,). In s, A and degrees."""
 
     @property
     def interval(self) -> float:

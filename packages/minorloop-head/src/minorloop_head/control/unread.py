@@ -32,28 +32,19 @@ keeps it."""
 
 @dataclass(frozen=True)
 class Unread:
-    """State of a head with respect to missing readings.
-
-    Parameters
-    ----------
-    gap : int
-        Steps without a usable reading.
-    usual : float
-        Steps between two readings, lately.
-    kept : (axes,) array, optional
-        Readings in degrees by the model when the gap became an unusual one, None before; after some
-        time those on the way back.
-    dark : int
-        Steps of the gap in which there was nothing to look for the view in.
-    lost : int
-        Gaps in which the head went back.
-    """
+    """State of a head with respect to missing readings."""
 
     gap: int = 0
+    """Steps without a usable reading."""
     usual: float = 0.0
+    """Steps between two readings, lately."""
     kept: FloatArray | None = None
+    """Shape (axes,). Readings in degrees by the model when the gap became an unusual one, None
+    before; after some time those on the way back."""
     dark: int = 0
+    """Steps of the gap in which there was nothing to look for the view in."""
     lost: int = 0
+    """Gaps in which the head went back."""
 
     @property
     def slower(self) -> int:
@@ -65,17 +56,6 @@ class Unread:
 class UnreadWatch:
     """Keeps a head where it is after some steps without a reading.
 
-    Parameters
-    ----------
-    after : int
-        Steps, at least; for a sensor that has fewer readings than the loop has steps, it is twice
-        the usual gap between them.
-    stays : int
-        Intervals for which it stays while its view is looked for: a search has tried all angles
-        where the wall was seen in fewer.
-    takes : int
-        Intervals of the loop that a step takes.
-
     Raises
     ------
     ParameterError
@@ -83,8 +63,13 @@ class UnreadWatch:
     """
 
     after: int = 3
+    """Steps, at least; for a sensor that has fewer readings than the loop has steps, it is twice
+    the usual gap between them."""
     stays: int = 50
+    """Intervals for which it stays while its view is looked for: a search has tried all angles
+    where the wall was seen in fewer."""
     takes: int = 1
+    """Intervals of the loop that a step takes."""
 
     def __post_init__(self) -> None:
         within("after", self.after, 1, 10_000)

@@ -28,17 +28,6 @@ Bytes = npt.NDArray[np.uint8]
 class Patch:
     """A rectangle of the wall in even texels.
 
-    Parameters
-    ----------
-    phi, z : float
-        Of the centre of its first texel, in radians and metres.
-    rows, columns : int
-        Texels along and around the pipe.
-    radius : float
-        Of the pipe, in metres.
-    step : float
-        Size of a texel, in metres.
-
     Raises
     ------
     ParameterError
@@ -47,10 +36,14 @@ class Patch:
 
     phi: float
     z: float
+    """Of the centre of its first texel, in radians and metres."""
     rows: int
     columns: int
+    """Texels along and around the pipe."""
     radius: float = 10e-3
+    """Of the pipe, in metres."""
     step: float = STEP
+    """Size of a texel, in metres."""
 
     def __post_init__(self) -> None:
         as_finite("phi of a patch", self.phi)
@@ -96,23 +89,16 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:
-    """Depth of the wall below its nominal surface.
-
-    Parameters
-    ----------
-    patch : Patch
-        Its texels.
-    depth, sd : (rows, columns) arrays
-        Depth and standard deviation in metres; NaN and infinite where unknown. In a through-hole
-        the depth is infinite.
-    source : (rows, columns) array of uint8
-        ``UNSEEN``, ``CAMERA``, ``ECHOES`` or ``BOTH``.
-    """
+    """Depth of the wall below its nominal surface."""
 
     patch: Patch
+    """Its texels."""
     depth: FloatArray
     sd: FloatArray
+    """Shape (rows, columns). Depth and standard deviation in metres; NaN and infinite where
+    unknown. In a through-hole the depth is infinite."""
     source: Bytes
+    """Shape (rows, columns). ``UNSEEN``, ``CAMERA``, ``ECHOES`` or ``BOTH``."""
 
     def __post_init__(self) -> None:
         shape = (self.patch.rows, self.patch.columns)
@@ -186,25 +172,17 @@ def paste(wall: DepthMap, part: DepthMap) -> DepthMap:
 
 @dataclass(frozen=True)
 class WaterLine:
-    """The surface of the water in a pipe.
-
-    Parameters
-    ----------
-    height : float
-        As y in the pipe, which points down, in metres: water is where y is larger. NaN without
-        data.
-    sd : float
-        Standard deviation, in metres.
-    wrong : float
-        Share of the directions that contradict it.
-    seen : bool
-        Whether there were places below and above it, so that it is between them.
-    """
+    """The surface of the water in a pipe."""
 
     height: float
+    """As y in the pipe, which points down, in metres: water is where y is larger. NaN without
+    data."""
     sd: float
+    """Standard deviation, in metres."""
     wrong: float
+    """Share of the directions that contradict it."""
     seen: bool = True
+    """Whether there were places below and above it, so that it is between them."""
 
     @property
     def words(self) -> str:

@@ -38,19 +38,13 @@ _WALL = 0.05e-3
 
 @dataclass(frozen=True, eq=False)
 class MeanDepths:
-    """Mean depth over the footprint of each trace.
-
-    Parameters
-    ----------
-    values, sds : (K,) arrays
-        In metres.
-    footprints : (K, P) array
-        Weights of the texels of a patch, which sum to about 1.
-    """
+    """Mean depth over the footprint of each trace."""
 
     values: FloatArray
     sds: FloatArray
+    """Shape (K,). In metres."""
     footprints: FloatArray
+    """Shape (K, P). Weights of the texels of a patch, which sum to about 1."""
 
 
 @one_thread()

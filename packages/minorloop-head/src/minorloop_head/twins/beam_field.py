@@ -27,21 +27,14 @@ rounding."""
 
 @dataclass(frozen=True, eq=False)
 class Beam:
-    """Pressure p = table * exp(i k z) of a disc with unit pressure.
-
-    Parameters
-    ----------
-    table : (N, M, F) array of complex64
-        Over distance off the axis, along it, and frequency.
-    grid : (3,) array
-        Step off the axis, first distance along it, and step along it, in metres.
-    wavenumbers : (F,) array
-        Even, in rad/m.
-    """
+    """Pressure p = table * exp(i k z) of a disc with unit pressure."""
 
     table: Complex32
+    """Shape (N, M, F). Over distance off the axis, along it, and frequency."""
     grid: FloatArray
+    """Shape (3,). Step off the axis, first distance along it, and step along it, in metres."""
     wavenumbers: FloatArray
+    """Shape (F,). Even, in rad/m."""
 
 
 def beam_of(

@@ -56,25 +56,6 @@ def led_positions(count: int = 3, circle: float = LED_CIRCLE) -> FloatArray:
 class ImageSensor:
     """Image sensor and optics: blur, noise, glare and read-out.
 
-    Parameters
-    ----------
-    aperture : float
-        Diameter of the entrance pupil, in metres, which sets the depth of field.
-    sharpest : float
-        Standard deviation of the blur in focus, in pixels.
-    read : float
-        Standard deviation of the read noise at gain 1, in grey levels.
-    electrons : float
-        Electrons for one grey level at gain 1.
-    veil_near, veil_far : float
-        Shares of the light scattered over about 12 and 100 pixels.
-    lens_dirt : float
-        Strength of the spots on the lens.
-    readout : float
-        Time from the first row to the last, in seconds; 0 for a global shutter.
-    interval : float
-        Time between frames, in seconds.
-
     Raises
     ------
     ParameterError
@@ -82,14 +63,22 @@ class ImageSensor:
     """
 
     aperture: float = 0.2e-3
+    """Diameter of the entrance pupil, in metres, which sets the depth of field."""
     sharpest: float = 0.5
+    """Standard deviation of the blur in focus, in pixels."""
     read: float = 0.8
+    """Standard deviation of the read noise at gain 1, in grey levels."""
     electrons: float = 25.0
+    """Electrons for one grey level at gain 1."""
     veil_near: float = 0.02
     veil_far: float = 0.02
+    """Shares of the light scattered over about 12 and 100 pixels."""
     lens_dirt: float = 0.15
+    """Strength of the spots on the lens."""
     readout: float = 8e-3
+    """Time from the first row to the last, in seconds; 0 for a global shutter."""
     interval: float = 0.04
+    """Time between frames, in seconds."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -23,28 +23,19 @@ _MODES = 9
 
 @dataclass(frozen=True, eq=False)
 class CrackBasis:
-    """A straightened crack, with modes across it.
-
-    Parameters
-    ----------
-    phi, z : (N,) arrays
-        Its course in even steps, in radians and metres.
-    widths : (N,) array
-        In metres.
-    points : (N, Q, 3) array
-        On its mouth, in the pipe, in metres.
-    weights : (Q,) array
-        Shares of the width.
-    modes : (Q, M) array
-        Cosines across it, orthonormal over a width of 1.
-    """
+    """A straightened crack, with modes across it."""
 
     phi: FloatArray
     z: FloatArray
+    """Shape (N,). Its course in even steps, in radians and metres."""
     widths: FloatArray
+    """Shape (N,). In metres."""
     points: FloatArray
+    """Shape (N, Q, 3). On its mouth, in the pipe, in metres."""
     weights: FloatArray
+    """Shape (Q,). Shares of the width."""
     modes: FloatArray
+    """Shape (Q, M). Cosines across it, orthonormal over a width of 1."""
 
     def near(self, phi: float, z: float, radius: float, reach: float) -> npt.NDArray[np.intp]:
         """Return the steps of the course within a distance of a place."""

@@ -24,30 +24,6 @@ INSIDES = ("dark", "backlit", "white")
 class Bore:
     """A round hole through the wall, or a pit that ends in it.
 
-    Parameters
-    ----------
-    phi, z : float
-        Of its centre.
-    diameter : float
-        Of its mouth, without the chamfer.
-    depth : float
-        Of its floor below the wall; infinite for a through-hole.
-    inside : {"dark", "backlit", "white"}
-        What is seen in a hole: nothing, light from behind, or a white deposit that fills the
-        mouth.
-    brightness : float
-        Of the light from behind, or albedo of the deposit or of the floor of a pit.
-    chamfer : float
-        Width of the broken edge.
-    chamfer_slope : float
-        Its slope, into the bore.
-    lining : float
-        Albedo of the wall of the bore.
-    floor_tilt : (float, float)
-        Slopes of the floor of a pit around and along the pipe.
-    dish : float
-        Depth of the floor in the middle less that at its rim.
-
     Raises
     ------
     ParameterError
@@ -56,15 +32,26 @@ class Bore:
 
     phi: float
     z: float
+    """Of its centre."""
     diameter: float
+    """Of its mouth, without the chamfer."""
     depth: float = math.inf
+    """Of its floor below the wall; infinite for a through-hole."""
     inside: str = "dark"
+    """One of "dark", "backlit", "white". What is seen in a hole: nothing, light from behind, or a
+    white deposit that fills the mouth."""
     brightness: float = 0.3
+    """Of the light from behind, or albedo of the deposit or of the floor of a pit."""
     chamfer: float = 0.0
+    """Width of the broken edge."""
     chamfer_slope: float = 0.5
+    """Its slope, into the bore."""
     lining: float = 0.2
+    """Albedo of the wall of the bore."""
     floor_tilt: tuple[float, float] = (0.0, 0.0)
+    """Slopes of the floor of a pit around and along the pipe."""
     dish: float = 0.0
+    """Depth of the floor in the middle less that at its rim."""
 
     def __post_init__(self) -> None:
         check_option("inside", self.inside, INSIDES)
@@ -85,17 +72,6 @@ class Bore:
 class Crack:
     """A dark, narrow line with corners.
 
-    Parameters
-    ----------
-    points : tuple of (phi, z)
-        Its corners, at least two.
-    widths : tuple of float
-        Widths at the corners.
-    depth : float
-        Depth below the wall.
-    albedo : float
-        Albedo of what is seen in it.
-
     Raises
     ------
     ParameterError
@@ -103,9 +79,13 @@ class Crack:
     """
 
     points: tuple[tuple[float, float], ...]
+    """Phi and z of its corners, at least two."""
     widths: tuple[float, ...]
+    """Widths at the corners."""
     depth: float = 1e-3
+    """Depth below the wall."""
     albedo: float = 0.05
+    """Albedo of what is seen in it."""
 
     def __post_init__(self) -> None:
         if len(self.points) < 2 or len(self.points) != len(self.widths):
@@ -157,31 +137,21 @@ class Scratch:
 
 @dataclass(frozen=True)
 class Dirt:
-    """A patch that is darker and duller than the metal.
-
-    Parameters
-    ----------
-    phi, z : float
-        Of its centre.
-    size : float
-        Mean radius.
-    albedo : float
-        Relative to the metal.
-    softness : float
-        Width of its edge.
-    raggedness : float
-        Relative depth of the lobes of its outline; 0 is a disc.
-    seed : int
-        Seed of the lobes.
-    """
+    """A patch that is darker and duller than the metal."""
 
     phi: float
     z: float
+    """Of its centre."""
     size: float
+    """Mean radius."""
     albedo: float
+    """Relative to the metal."""
     softness: float = 1e-4
+    """Width of its edge."""
     raggedness: float = 0.4
+    """Relative depth of the lobes of its outline; 0 is a disc."""
     seed: int = 0
+    """Seed of the lobes."""
 
     def __post_init__(self) -> None:
         _check_place(self.phi, self.z)
@@ -193,21 +163,6 @@ class Dirt:
 class Weld:
     """A weld bead with ripples: arcs that end in sharp valleys, as the pool froze.
 
-    Parameters
-    ----------
-    phi, z : float
-        Of its middle.
-    angle : float
-        From the direction around the pipe.
-    length, width : float
-        Along and across the bead.
-    height : float
-        Of its crown.
-    pitch : float
-        Between ripples.
-    ripple : float
-        Steepest slope of a ripple.
-
     Raises
     ------
     ParameterError
@@ -216,12 +171,18 @@ class Weld:
 
     phi: float
     z: float
+    """Of its middle."""
     angle: float
+    """From the direction around the pipe."""
     length: float
     width: float
+    """Along and across the bead."""
     height: float = 0.1e-3
+    """Of its crown."""
     pitch: float = 0.5e-3
+    """Between ripples."""
     ripple: float = 0.2
+    """Steepest slope of a ripple."""
 
     def __post_init__(self) -> None:
         _check_place(self.phi, self.z)
@@ -231,33 +192,23 @@ class Weld:
 
 @dataclass(frozen=True)
 class Finish:
-    """Optical properties of the metal.
-
-    Parameters
-    ----------
-    roughness_around, roughness_along : float
-        Widths of the distribution of slopes around and along the pipe (Trowbridge and Reitz).
-    diffuse, specular : float
-        Weights of the two parts of the reflection.
-    brush : float
-        Standard deviation of the slope of the brush marks, which run along the pipe.
-    streak, stain : float
-        Standard deviations of the logarithm of the albedo: along brush marks, and in patches.
-    ambient : float
-        Share of light reflected by the other walls.
-    seed : int
-        Seed of the texture.
-    """
+    """Optical properties of the metal."""
 
     roughness_around: float = 0.22
     roughness_along: float = 0.12
+    """Widths of the distribution of slopes around and along the pipe (Trowbridge and Reitz)."""
     diffuse: float = 0.55
     specular: float = 0.35
+    """Weights of the two parts of the reflection."""
     brush: float = 0.05
+    """Standard deviation of the slope of the brush marks, which run along the pipe."""
     streak: float = 0.06
     stain: float = 0.12
+    """Standard deviations of the logarithm of the albedo: along brush marks, and in patches."""
     ambient: float = 0.08
+    """Share of light reflected by the other walls."""
     seed: int = 0
+    """Seed of the texture."""
 
     def __post_init__(self) -> None:
         _check_positive("roughness around the pipe", self.roughness_around)
@@ -268,18 +219,6 @@ class Finish:
 class Pipe:
     """A straight pipe from z = 0.
 
-    Parameters
-    ----------
-    radius, length, thickness : float
-        Inner radius and length of the pipe, and thickness of its wall, in metres.
-    finish : Finish
-        Optical properties of the metal.
-    bores, cracks, dents, scratches, dirt, welds : tuples
-        Defects and marks on the wall.
-    water : float, optional
-        Height of the surface of the water that fills the bottom, as y in the pipe, in metres;
-        y points down, so that 0 is half full and 5e-3 a quarter of the way up. None when dry.
-
     Raises
     ------
     ParameterError
@@ -289,14 +228,19 @@ class Pipe:
     radius: float = 10e-3
     length: float = 51.2e-3
     thickness: float = 2e-3
+    """Inner radius and length of the pipe, and thickness of its wall, in metres."""
     finish: Finish = field(default_factory=Finish)
+    """Optical properties of the metal."""
     bores: tuple[Bore, ...] = ()
     cracks: tuple[Crack, ...] = ()
     dents: tuple[Dent, ...] = ()
     scratches: tuple[Scratch, ...] = ()
     dirt: tuple[Dirt, ...] = ()
     welds: tuple[Weld, ...] = ()
+    """Defects and marks on the wall."""
     water: float | None = None
+    """Height of the surface of the water that fills the bottom, as y in the pipe, in metres; y
+    points down, so that 0 is half full and 5e-3 a quarter of the way up. None when dry."""
 
     def __post_init__(self) -> None:
         for name in ("radius", "length", "thickness"):

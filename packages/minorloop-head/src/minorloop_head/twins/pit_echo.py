@@ -25,33 +25,23 @@ class PitBasis:
 
     A mode is one of W waves around the pit times a shape along the radius. There are up to N
     shapes for a wave; shapes that do not exist are zero.
-
-    Parameters
-    ----------
-    places : (Q, 2) array
-        Around and along the pipe from the centre, in metres.
-    weights : (Q,) array
-        Areas, in square metres.
-    waves : (angles, W) array of float32
-        Cosines and sines.
-    radial : (W, rings, N) array of float32
-        Shapes, which make the modes orthonormal over the cross-section, with no slope at the wall
-        of the pit.
-    across : (W, 1, N) array
-        Wavenumbers across the pit, in rad/m.
-    floor : (Q,) array
-        Depth of the floor beyond that of the pit, in metres.
-    depth : float
-        Depth of the pit, in metres.
     """
 
     places: FloatArray
+    """Shape (Q, 2). Around and along the pipe from the centre, in metres."""
     weights: FloatArray
+    """Shape (Q,). Areas, in square metres."""
     waves: npt.NDArray[np.float32]
+    """Shape (angles, W). Cosines and sines."""
     radial: npt.NDArray[np.float32]
+    """Shape (W, rings, N). Shapes, which make the modes orthonormal over the cross-section, with no
+    slope at the wall of the pit."""
     across: FloatArray
+    """Shape (W, 1, N). Wavenumbers across the pit, in rad/m."""
     floor: FloatArray
+    """Shape (Q,). Depth of the floor beyond that of the pit, in metres."""
     depth: float
+    """Depth of the pit, in metres."""
 
     @property
     def modes(self) -> FloatArray:

@@ -21,16 +21,6 @@ _BLOCK = 1024
 class Fault:
     """A sensor that fails for a while.
 
-    Parameters
-    ----------
-    channel : str
-        Name of the output channel, such as ``pan``.
-    kind : str
-        ``stuck`` repeats the last reading before the fault, noise and all (the first reading
-        of the fault where there is none before); ``lost`` reads NaN.
-    at, until : float
-        Start and end on the clock of the twin, in seconds; permanent without ``until``.
-
     Raises
     ------
     ParameterError
@@ -38,9 +28,13 @@ class Fault:
     """
 
     channel: str
+    """Name of the output channel, such as ``pan``."""
     kind: str
+    """``stuck`` repeats the last reading before the fault, noise and all (the first reading of the
+    fault where there is none before); ``lost`` reads NaN."""
     at: float
     until: float = math.inf
+    """Start and end on the clock of the twin, in seconds; permanent without ``until``."""
 
     def __post_init__(self) -> None:
         check_option("kind", self.kind, ("stuck", "lost"))

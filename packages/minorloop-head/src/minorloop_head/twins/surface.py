@@ -30,23 +30,16 @@ Map32 = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The wall at several resolutions, each half as fine as the one before.
-
-    Parameters
-    ----------
-    texels : (N, 4) array of float32
-        Albedo, slope around, slope along, share of the specular reflection; all levels one
-        after the other, row by row. Each level has one more row and column than its shape, which
-        repeat the last row and the first column.
-    shapes : (L, 3) array of int64
-        First texel, rows and columns of each level.
-    size : (float, float)
-        Of a texel of the finest level, around and along, in metres.
-    """
+    """The wall at several resolutions, each half as fine as the one before."""
 
     texels: Map32
+    """Shape (N, 4). Albedo, slope around, slope along, share of the specular reflection; all levels
+    one after the other, row by row. Each level has one more row and column than its shape, which
+    repeat the last row and the first column."""
     shapes: npt.NDArray[np.int64]
+    """Shape (L, 3). First texel, rows and columns of each level."""
     size: tuple[float, float]
+    """Of a texel of the finest level, around and along, in metres."""
 
 
 def lay_out(pipe: Pipe) -> Surface:

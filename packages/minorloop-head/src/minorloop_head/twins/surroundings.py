@@ -46,21 +46,6 @@ FULL = -0.9999
 class Course:
     """A quantity over the clock of the twin: it may change once, and oscillate from then on.
 
-    Parameters
-    ----------
-    start : float
-        Value before the time ``at``.
-    end : float, optional
-        Value after the change; ``start`` without it.
-    at : float
-        When the change begins, in seconds.
-    duration : float
-        How long it takes, in seconds, straight from ``start`` to ``end``; 0 is a step.
-    amplitude : float
-        Of a sine added from ``at`` on.
-    period : float
-        Of that sine, in seconds.
-
     Raises
     ------
     ParameterError
@@ -73,11 +58,17 @@ class Course:
     """
 
     start: float
+    """Value before the time ``at``."""
     end: float | None = None
+    """Value after the change; ``start`` without it."""
     at: float = 0.0
+    """When the change begins, in seconds."""
     duration: float = 0.0
+    """How long it takes, in seconds, straight from ``start`` to ``end``; 0 is a step."""
     amplitude: float = 0.0
+    """Of a sine added from ``at`` on."""
     period: float = 1.0
+    """Of that sine, in seconds."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -114,24 +105,6 @@ class Course:
 class Cooling:
     """How the cooling of a wire in a head varies, and the body of the head that it warms.
 
-    Parameters
-    ----------
-    exponent : float
-        Of the film coefficient over the rise of the wire's temperature: 0.148, by Morgan (1975)
-        for still gas and Rayleigh numbers of 0.01 to 100; that of a wire of 0.2 mm is 0.03.
-    bend : float
-        Growth of the film coefficient with the angle, in 1/rad. A wire of diameter d at a distance
-        D from a wall loses heat as 1 / acosh(2 D / d) (Incropera, shape factors of conduction); a
-        bent head brings it from 3 to 2 mm, which is 11 % at 60 degrees.
-    share : float
-        Share of the surroundings of a wire that is the body of the head, the rest is ambient: a
-        choice, for a wire along the outside of the body.
-    capacity : float
-        Heat capacity of the body, in J/K: half of a cylinder of 12 by 30 mm of steel.
-    conductance : float
-        From the body to the ambient, in W/K: the surface of that cylinder times 11 W/(m^2 K) of
-        natural convection and radiation.
-
     Raises
     ------
     ParameterError
@@ -139,10 +112,20 @@ class Cooling:
     """
 
     exponent: float = 0.148
+    """Of the film coefficient over the rise of the wire's temperature: 0.148, by Morgan (1975) for
+    still gas and Rayleigh numbers of 0.01 to 100; that of a wire of 0.2 mm is 0.03."""
     bend: float = 0.1
+    """Growth of the film coefficient with the angle, in 1/rad. A wire of diameter d at a distance D
+    from a wall loses heat as 1 / acosh(2 D / d) (Incropera, shape factors of conduction); a bent
+    head brings it from 3 to 2 mm, which is 11 % at 60 degrees."""
     share: float = 0.5
+    """Share of the surroundings of a wire that is the body of the head, the rest is ambient: a
+    choice, for a wire along the outside of the body."""
     capacity: float = 6.0
+    """Heat capacity of the body, in J/K: half of a cylinder of 12 by 30 mm of steel."""
     conductance: float = 0.0137
+    """From the body to the ambient, in W/K: the surface of that cylinder times 11 W/(m^2 K) of
+    natural convection and radiation."""
 
     def __post_init__(self) -> None:
         for name, low, high, unit in (
@@ -159,19 +142,6 @@ class Cooling:
 class Surroundings:
     """Ambient, convection and load around a wire or a head.
 
-    Parameters
-    ----------
-    ambient : float or Course
-        Temperature far from the wire, in degrees Celsius, from -50 to 100.
-    convection : float or Course
-        Film coefficient in W/(m^2 K), positive; ``convection`` gives it for a medium.
-    load : float, Course, or one of them for each axis
-        Torque of the flow against the wire, in N m, up to 4 mN m in either direction; a single
-        one acts on every axis.
-    cooling : Cooling, optional
-        How the cooling of the wires varies. Without it the film coefficient is the same at every
-        temperature and angle, and the body of the head stays at the ambient temperature.
-
     Raises
     ------
     ParameterError
@@ -179,9 +149,15 @@ class Surroundings:
     """
 
     ambient: float | Course = 20.0
+    """Temperature far from the wire, in degrees Celsius, from -50 to 100."""
     convection: float | Course = 75.0
+    """Film coefficient in W/(m^2 K), positive; ``convection`` gives it for a medium."""
     load: float | Course | tuple[float | Course, ...] = 0.0
+    """Torque of the flow against the wire, in N m, up to 4 mN m in either direction; a single one
+    acts on every axis."""
     cooling: Cooling | None = None
+    """How the cooling of the wires varies. Without it the film coefficient is the same at every
+    temperature and angle, and the body of the head stays at the ambient temperature."""
 
     def __post_init__(self) -> None:
         _check("ambient", self.ambient, -50.0, 100.0, "degrees Celsius")
@@ -226,13 +202,6 @@ class Surroundings:
 class Sway:
     """Motion of the base of the head in a flow, one sine for each axis.
 
-    Parameters
-    ----------
-    amplitude : float
-        In radians, up to 10 degrees.
-    pan, tilt : float
-        Frequencies in Hz.
-
     Raises
     ------
     ParameterError
@@ -240,8 +209,10 @@ class Sway:
     """
 
     amplitude: float = math.radians(1.0)
+    """In radians, up to 10 degrees."""
     pan: float = 0.3
     tilt: float = 0.23
+    """Frequencies in Hz."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.amplitude <= MOST_SWAY:
@@ -259,23 +230,6 @@ class Filling:
 
     All else follows from it: ambient and convection of the wires, speed of sound, sway.
 
-    Parameters
-    ----------
-    level : float, optional
-        Height of the water's surface in metres, with y pointing down from the axis; a pipe without
-        it is dry.
-    temperature : float
-        Of water and gas, in degrees Celsius, from 0 to 95.
-    gas : str
-        One of `GASES`: still, but for ``forced gas``.
-    pressure : float
-        Of the gas, in Pa, as in `convection`.
-    sleeve : float
-        Convection of this head's wires in their sleeves under water, over that of `convection`:
-        0.5 to 2.
-    sway : Sway, optional
-        Motion of the base of the head in the flow; none without it.
-
     Raises
     ------
     ParameterError
@@ -283,11 +237,19 @@ class Filling:
     """
 
     level: float | None = None
+    """Height of the water's surface in metres, with y pointing down from the axis; a pipe without
+    it is dry."""
     temperature: float = 20.0
+    """Of water and gas, in degrees Celsius, from 0 to 95."""
     gas: str = "air"
+    """One of `GASES`: still, but for ``forced gas``."""
     pressure: float = ATMOSPHERE
+    """Of the gas, in Pa, as in `convection`."""
     sleeve: float = 1.0
+    """Convection of this head's wires in their sleeves under water, over that of `convection`: 0.5
+    to 2."""
     sway: Sway | None = None
+    """Motion of the base of the head in the flow; none without it."""
 
     def __post_init__(self) -> None:
         _check("temperature of the filling", self.temperature, 0.0, 95.0, "degrees Celsius")

@@ -16,16 +16,6 @@ from minorloop_head.geometry import WATER_INDEX, Pinhole
 class TurbidWater:
     """Optical properties of water with particles.
 
-    Parameters
-    ----------
-    absorption, scattering : float
-        Coefficients in 1/m. Both weaken the light on its way: light that is scattered forwards
-        counts as lost.
-    backward : float
-        Share of the scattered light that goes back, per steradian.
-    gloss : float
-        Specular reflection of the metal over that in air: by Fresnel, 0.82 for steel.
-
     Raises
     ------
     ParameterError
@@ -39,8 +29,12 @@ class TurbidWater:
 
     absorption: float = 0.37
     scattering: float = 1.8
+    """Coefficients in 1/m. Both weaken the light on its way: light that is scattered forwards
+    counts as lost."""
     backward: float = 0.003
+    """Share of the scattered light that goes back, per steradian."""
     gloss: float = 0.82
+    """Specular reflection of the metal over that in air: by Fresnel, 0.82 for steel."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -76,39 +76,28 @@ changes: as much as on 0.3 mm, by the error of the place and the way to the near
 
 @dataclass(frozen=True)
 class EchoFind:
-    """A pit, a crack or a place without an echo in the map of a sweep.
-
-    Parameters
-    ----------
-    kind : str
-        ``pit`` or ``crack``; ``cut by the edge`` where it may be either or neither: a sweep beyond
-        the edge shows what it is; `NO_ECHO` where the level wall around answers, and no burst on
-        it does.
-    phi, z : float
-        Centre, in radians and metres; the place of a crack that is nearest to it.
-    diameter : float
-        Of a pit where it is half as deep, or of a place without an echo, in metres; width of a
-        crack on the map, which is at least that of the beam.
-    length : float
-        Greatest extent, in metres.
-    depth, depth_sd : float
-        Below the wall beside it, and its standard deviation, in metres; NaN for a place without an
-        echo, and for a crack whose floor sends none back.
-    bursts : int
-        Number of bursts on it.
-    at_least : bool
-        Whether it reaches the edge of what was swept, so that it may be longer.
-    """
+    """A pit, a crack or a place without an echo in the map of a sweep."""
 
     kind: str
+    """``pit`` or ``crack``; ``cut by the edge`` where it may be either or neither: a sweep beyond
+    the edge shows what it is; `NO_ECHO` where the level wall around answers, and no burst on it
+    does."""
     phi: float
     z: float
+    """Centre, in radians and metres; the place of a crack that is nearest to it."""
     diameter: float
+    """Of a pit where it is half as deep, or of a place without an echo, in metres; width of a crack
+    on the map, which is at least that of the beam."""
     length: float
+    """Greatest extent, in metres."""
     depth: float = np.nan
     depth_sd: float = np.nan
+    """Below the wall beside it, and its standard deviation, in metres; NaN for a place without an
+    echo, and for a crack whose floor sends none back."""
     bursts: int = 0
+    """Number of bursts on it."""
     at_least: bool = False
+    """Whether it reaches the edge of what was swept, so that it may be longer."""
 
     @property
     def place(self) -> tuple[float, float]:
@@ -126,34 +115,24 @@ class EchoFind:
 
 @dataclass(frozen=True, eq=False)
 class CScan:
-    """Map of the flooded wall by a sweep.
-
-    Parameters
-    ----------
-    wall : DepthMap
-        Depth of the strongest echo below the wall; unseen where there is none, in gaps and above
-        the water.
-    amplitude, amplitude_sd : (rows, columns) arrays
-        Of the echo of the wall about a texel, as a share of that of a plain wall; NaN in gaps and
-        more than the width of the beam above the water.
-    gap : (rows, columns) array of bool
-        Flooded texels farther than the width of the beam from every burst.
-    water : WaterLine
-        As found by where there are echoes.
-    finds : tuple of EchoFind
-        Pits by depth, cracks, then places without an echo; none by a probe without a lens.
-    noise : (float, float)
-        Standard deviations of depth in metres and of amplitude by the texture of this wall, from
-        which finds are told.
-    """
+    """Map of the flooded wall by a sweep."""
 
     wall: DepthMap
+    """Depth of the strongest echo below the wall; unseen where there is none, in gaps and above the
+    water."""
     amplitude: FloatArray
     amplitude_sd: FloatArray
+    """Shape (rows, columns). Of the echo of the wall about a texel, as a share of that of a plain
+    wall; NaN in gaps and more than the width of the beam above the water."""
     gap: BoolArray
+    """Shape (rows, columns). Flooded texels farther than the width of the beam from every burst."""
     water: WaterLine
+    """As found by where there are echoes."""
     finds: tuple[EchoFind, ...]
+    """Pits by depth, cracks, then places without an echo; none by a probe without a lens."""
     noise: tuple[float, float]
+    """Standard deviations of depth in metres and of amplitude by the texture of this wall, from
+    which finds are told."""
 
 
 def c_scan(swept: Sequence[SweptBurst], probe: CalibratedProbe, patch: Patch) -> CScan:

@@ -48,29 +48,20 @@ _DEPTHS: FloatArray = np.arange(0.08e-3, 1.6e-3, 0.01e-3)
 
 @dataclass(frozen=True)
 class CrackDepth:
-    """Depth of a crack by ultrasound.
-
-    Parameters
-    ----------
-    verdict : str
-        ``measured``; ``deeper than 1.25 mm``; ``too narrow for a depth``; ``no floor echo``
-        (wide enough, but no echo from its floor, or none that fits one depth);
-        ``too few echoes``; ``too short`` (traces end before the echo of a floor);
-        ``no coupling``.
-    depth, depth_sd : float
-        Mean over the part under the beams, in metres; NaN where not measured.
-    least_width : float
-        Smallest width for which these echoes would give a depth, in metres; NaN without echoes.
-    least_depth : float
-        Lower bound in metres where there is no depth: the echoes exclude every floor above it. NaN
-        if they exclude none.
-    """
+    """Depth of a crack by ultrasound."""
 
     verdict: str
+    """``measured``; ``deeper than 1.25 mm``; ``too narrow for a depth``; ``no floor echo`` (wide
+    enough, but no echo from its floor, or none that fits one depth); ``too few echoes``; ``too
+    short`` (traces end before the echo of a floor); ``no coupling``."""
     depth: float = np.nan
     depth_sd: float = np.nan
+    """Mean over the part under the beams, in metres; NaN where not measured."""
     least_width: float = np.nan
+    """Smallest width for which these echoes would give a depth, in metres; NaN without echoes."""
     least_depth: float = np.nan
+    """Lower bound in metres where there is no depth: the echoes exclude every floor above it. NaN
+    if they exclude none."""
 
 
 @one_thread()

@@ -32,13 +32,6 @@ _CLIPPED = 0.985
 class Pulse:
     """The expected pulse after its way there and back.
 
-    Parameters
-    ----------
-    frequency : float
-        Centre frequency, in Hz.
-    bandwidth : float
-        Full width at half the amplitude, as a share of the frequency.
-
     Raises
     ------
     ParameterError
@@ -46,7 +39,9 @@ class Pulse:
     """
 
     frequency: float = 10e6
+    """Centre frequency, in Hz."""
     bandwidth: float = 0.6
+    """Full width at half the amplitude, as a share of the frequency."""
 
     def __post_init__(self) -> None:
         if not (as_finite("frequency", self.frequency) > 0 and self.bandwidth > 0):
@@ -67,21 +62,14 @@ class Pulse:
 
 @dataclass(frozen=True)
 class Echo:
-    """One echo in a trace.
-
-    Parameters
-    ----------
-    time : float
-        Since the pulse, in seconds; NaN where there is none.
-    amplitude : float
-        Of its envelope after the matched filter, in the unit of the trace.
-    snr : float
-        Amplitude over the standard deviation of the noise after the filter.
-    """
+    """One echo in a trace."""
 
     time: float
+    """Since the pulse, in seconds; NaN where there is none."""
     amplitude: float
+    """Of its envelope after the matched filter, in the unit of the trace."""
     snr: float
+    """Amplitude over the standard deviation of the noise after the filter."""
 
 
 NO_ECHO = Echo(np.nan, 0.0, 0.0)
@@ -279,31 +267,21 @@ def has_wall_echo(shots: Sequence[Shot], distance: float, speed: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Burst:
-    """The mean of the shots at one place.
-
-    Parameters
-    ----------
-    trace : (T,) array
-        Mean of the usable shots; empty if there was none.
-    sample_interval : float
-        In seconds.
-    angles : (2,) array
-        Mean pan and tilt as measured, in radians.
-    used, fired : int
-        How many shots are in the mean, and how many were fired.
-    noise : float
-        Standard deviation of a sample of the mean.
-    verdict : str
-        Why there is no trace, or an empty string.
-    """
+    """The mean of the shots at one place."""
 
     trace: FloatArray
+    """Shape (T,). Mean of the usable shots; empty if there was none."""
     sample_interval: float
+    """In seconds."""
     angles: FloatArray
+    """Shape (2,). Mean pan and tilt as measured, in radians."""
     used: int
     fired: int
+    """How many shots are in the mean, and how many were fired."""
     noise: float
+    """Standard deviation of a sample of the mean."""
     verdict: str = ""
+    """Why there is no trace, or an empty string."""
 
 
 def average(

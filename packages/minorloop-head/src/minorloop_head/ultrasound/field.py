@@ -31,19 +31,6 @@ of the deepest dent whose flanks send echoes back, 0.7 mm, and the slant of a be
 class CalibratedProbe:
     """A calibrated probe in a pipe of known radius.
 
-    Parameters
-    ----------
-    transducer : Probe
-        Its geometry, as calibrated.
-    mount : Mount
-        Estimated place of the head in the pipe.
-    radius, thickness : float
-        Of the pipe and its wall, in metres.
-    temperature : float
-        Of the water, as measured, in degrees Celsius.
-    steel : float
-        Speed of longitudinal waves in the wall, in m/s.
-
     Raises
     ------
     ParameterError
@@ -52,11 +39,16 @@ class CalibratedProbe:
     """
 
     transducer: Probe
+    """Its geometry, as calibrated."""
     mount: Mount
+    """Estimated place of the head in the pipe."""
     radius: float = 10e-3
     thickness: float = 2e-3
+    """Of the pipe and its wall, in metres."""
     temperature: float = 20.0
+    """Of the water, as measured, in degrees Celsius."""
     steel: float = 5900.0
+    """Speed of longitudinal waves in the wall, in m/s."""
 
     def __post_init__(self) -> None:
         for name in ("radius", "thickness", "steel"):
@@ -95,24 +87,16 @@ class CalibratedProbe:
 
 @dataclass(frozen=True, eq=False)
 class SoundField:
-    """Pressure of a probe, over distance off its axis, along it, and frequency.
-
-    Parameters
-    ----------
-    table : (N, M, 2, F) array
-        Real and imaginary parts, without the carrier exp(i k along).
-    steps : (3,) array
-        Step off the axis, first distance along it, and step along it, in metres.
-    wavenumbers : (F,) array
-        In rad/m.
-    reach : float
-        Distance from its axis within which the wall contributes to an echo, in metres.
-    """
+    """Pressure of a probe, over distance off its axis, along it, and frequency."""
 
     table: FloatArray
+    """Shape (N, M, 2, F). Real and imaginary parts, without the carrier exp(i k along)."""
     steps: FloatArray
+    """Shape (3,). Step off the axis, first distance along it, and step along it, in metres."""
     wavenumbers: FloatArray
+    """Shape (F,). In rad/m."""
     reach: float
+    """Distance from its axis within which the wall contributes to an echo, in metres."""
 
     @property
     def first(self) -> float:

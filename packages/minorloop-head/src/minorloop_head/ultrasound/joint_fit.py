@@ -38,41 +38,27 @@ _ROUNDS = 8
 
 @dataclass(frozen=True, eq=False)
 class JointSolution:
-    """The result of a fit.
-
-    Parameters
-    ----------
-    unknowns : (8,) array
-        In the order of ``pit_model.NAMES``.
-    cost : float
-        Half the sum of squares over the noise, with less weight for traces that do not fit, plus
-        that of the prior.
-    """
+    """The result of a fit."""
 
     unknowns: FloatArray
+    """Shape (8,). In the order of ``pit_model.NAMES``."""
     cost: float
+    """Half the sum of squares over the noise, with less weight for traces that do not fit, plus
+    that of the prior."""
 
 
 @dataclass(eq=False)
 class JointFit:
-    """A fit of one pit to the traces of a raster.
-
-    Parameters
-    ----------
-    model : PitModel
-        Of the echoes of the same beams.
-    spectra : Spectra
-        Of the traces.
-    scale : float
-        Misfit above which a trace has less weight, in units of its noise.
-    far : array of int, optional
-        Traces of plain wall, which give the pulse; without it, the farthest from the pit.
-    """
+    """A fit of one pit to the traces of a raster."""
 
     model: PitModel
+    """Of the echoes of the same beams."""
     spectra: Spectra
+    """Of the traces."""
     scale: float = 1.0
+    """Misfit above which a trace has less weight, in units of its noise."""
     far: npt.NDArray[np.intp] | None = None
+    """Traces of plain wall, which give the pulse; without it, the farthest from the pit."""
     pulse: ComplexArray = field(init=False)
     shift: FloatArray = field(init=False)
 

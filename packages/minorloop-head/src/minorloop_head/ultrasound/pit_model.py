@@ -33,33 +33,22 @@ _BACK = 0.12 * 0.7
 
 @dataclass(frozen=True, eq=False)
 class UnitDisc:
-    """Modes of a rigid cylinder on quadrature points of the unit disc.
-
-    Parameters
-    ----------
-    places : (Q, 2) array
-        Points, ring by ring.
-    weights : (Q,) array
-        Areas.
-    waves : (angles, W) array of float32
-        Cosines and sines around a ring.
-    odd : (W,) array of int
-        1 for a sine, 0 for a cosine.
-    radial : (M, rings) array
-        The modes along a radius times the areas, orthonormal.
-    wave : (M,) array of int
-        Index of the wave of each mode.
-    across : (M,) array
-        Zeros of the derivative of the Bessel functions.
-    """
+    """Modes of a rigid cylinder on quadrature points of the unit disc."""
 
     places: FloatArray
+    """Shape (Q, 2). Points, ring by ring."""
     weights: FloatArray
+    """Shape (Q,). Areas."""
     waves: npt.NDArray[np.float32]
+    """Shape (angles, W). Cosines and sines around a ring."""
     odd: npt.NDArray[np.int64]
+    """Shape (W,). 1 for a sine, 0 for a cosine."""
     radial: FloatArray
+    """Shape (M, rings). The modes along a radius times the areas, orthonormal."""
     wave: npt.NDArray[np.int64]
+    """Shape (M,). Index of the wave of each mode."""
     across: FloatArray
+    """Shape (M,). Zeros of the derivative of the Bessel functions."""
 
 
 @lru_cache(maxsize=4)
@@ -98,31 +87,21 @@ def unit_disc(limit: float) -> UnitDisc:
 
 @dataclass(eq=False)
 class PitModel:
-    """Echoes of K beams from a wall with a pit.
-
-    Parameters
-    ----------
-    probe : CalibratedProbe
-        The calibrated probe.
-    angles : (K, 2) array
-        Pan and tilt of the beams, in radians.
-    centre : (float, float)
-        First guess of the centre of the pit, phi and z.
-    radius : float
-        First guess of the radius of its mouth, in metres.
-    beyond : (K,) array, optional
-        Distances behind the nominal wall, along the beams, from which phases count; zeros without
-        it.
-    shape : WallShape, optional
-        Of a bent wall, about the centre. The pit begins at the plane through its rim.
-    """
+    """Echoes of K beams from a wall with a pit."""
 
     probe: CalibratedProbe
+    """The calibrated probe."""
     angles: FloatArray
+    """Shape (K, 2). Pan and tilt of the beams, in radians."""
     centre: tuple[float, float]
+    """First guess of the centre of the pit, phi and z."""
     radius: float
+    """First guess of the radius of its mouth, in metres."""
     beyond: FloatArray | None = None
+    """Shape (K,). Distances behind the nominal wall, along the beams, from which phases count;
+    zeros without it."""
     shape: WallShape | None = None
+    """Of a bent wall, about the centre. The pit begins at the plane through its rim."""
     sound: SoundField = field(init=False)
     plain: ComplexArray = field(init=False)
     facing: FloatArray = field(init=False)

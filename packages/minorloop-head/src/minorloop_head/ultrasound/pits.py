@@ -72,55 +72,42 @@ _MOST = 100_000
 
 @dataclass(frozen=True)
 class PitDepth:
-    """Depth of a pit by ultrasound, with a verdict.
-
-    Parameters
-    ----------
-    verdict : str
-        ``measured``; ``deeper than 1.25 mm`` (there is an echo of a floor beyond the depths that
-        are measured); ``through-hole`` (no echo out of the mouth, down to the thickness of the
-        wall); ``no floor echo`` (no floor, but another echo; or noise or the end of the traces
-        would hide it); ``uneven floor`` (it does not echo as a flat one: the depth is a mean, with
-        a wide band); ``disturbed`` (something beside the mouth, such as a bead, echoes too: the
-        outline is that of the camera, the band wide); ``ambiguous depth`` (another depth explains
-        nearly as much, or the floor is louder than possible); ``no pit`` (a plain wall explains
-        all); or the reason why there is no depth: ``too faint`` (noise would hide a pit),
-        ``too few echoes``, ``no coupling``, ``distances disagree`` (the distances of the wall do
-        not fit a smooth wall where it should be: a head that does not move, shots out of time, a
-        bead beside it, water that warms during the scan, or sound that is 4 % too fast or slow),
-        ``too short`` (traces end before the echo of a floor), ``raster too small`` (no point on
-        the wall beside the mouth), ``part missing`` (of the scan: mouth or wall is not covered),
-        ``raster beside the mouth``, ``all at one place``, ``frozen`` (the same trace again), and
-        the verdicts of ``Burst``.
-    phi, z : float
-        Centre, in radians and metres.
-    diameter, depth : float
-        In metres; NaN where not measured.
-    place_sd, diameter_sd, depth_sd : float
-        Standard deviations, in metres; that of the place holds for either direction.
-    gain : float
-        Echo of the floor over that of a flat one.
-    tilt : (float, float)
-        Slopes of the floor around and along the pipe.
-    dish : float
-        How much deeper the middle of the floor is than its mean, in metres.
-    bursts, planned : int
-        How many were used, and how many were planned.
-    """
+    """Depth of a pit by ultrasound, with a verdict."""
 
     verdict: str
+    """``measured``; ``deeper than 1.25 mm`` (there is an echo of a floor beyond the depths that are
+    measured); ``through-hole`` (no echo out of the mouth, down to the thickness of the wall); ``no
+    floor echo`` (no floor, but another echo; or noise or the end of the traces would hide it);
+    ``uneven floor`` (it does not echo as a flat one: the depth is a mean, with a wide band);
+    ``disturbed`` (something beside the mouth, such as a bead, echoes too: the outline is that of
+    the camera, the band wide); ``ambiguous depth`` (another depth explains nearly as much, or the
+    floor is louder than possible); ``no pit`` (a plain wall explains all); or the reason why there
+    is no depth: ``too faint`` (noise would hide a pit), ``too few echoes``, ``no coupling``,
+    ``distances disagree`` (the distances of the wall do not fit a smooth wall where it should be: a
+    head that does not move, shots out of time, a bead beside it, water that warms during the scan,
+    or sound that is 4 % too fast or slow), ``too short`` (traces end before the echo of a floor),
+    ``raster too small`` (no point on the wall beside the mouth), ``part missing`` (of the scan:
+    mouth or wall is not covered), ``raster beside the mouth``, ``all at one place``, ``frozen``
+    (the same trace again), and the verdicts of ``Burst``."""
     phi: float
     z: float
+    """Centre, in radians and metres."""
     diameter: float = np.nan
     depth: float = np.nan
+    """In metres; NaN where not measured."""
     place_sd: float = np.nan
     diameter_sd: float = np.nan
     depth_sd: float = np.nan
+    """Standard deviations, in metres; that of the place holds for either direction."""
     gain: float = np.nan
+    """Echo of the floor over that of a flat one."""
     tilt: tuple[float, float] = (0.0, 0.0)
+    """Slopes of the floor around and along the pipe."""
     dish: float = np.nan
+    """How much deeper the middle of the floor is than its mean, in metres."""
     bursts: int = 0
     planned: int = 0
+    """How many were used, and how many were planned."""
 
     @property
     def measured(self) -> bool:

@@ -21,25 +21,17 @@ _AIM = 5e-6
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Distance of the wall beyond the nominal radius, echo by echo.
-
-    Parameters
-    ----------
-    spots : (K, 2) array
-        Phi and z where each beam meets the nominal wall.
-    depths, sds : (K,) arrays
-        In metres; NaN without an echo of the wall.
-    detected : (K,) array of bool
-        Where there is an echo of the wall.
-    offset : (2,) array
-        Estimated error of the place of the pivot, along x and y, in metres.
-    """
+    """Distance of the wall beyond the nominal radius, echo by echo."""
 
     spots: FloatArray
+    """Shape (K, 2). Phi and z where each beam meets the nominal wall."""
     depths: FloatArray
     sds: FloatArray
+    """Shape (K,). In metres; NaN without an echo of the wall."""
     detected: BoolArray
+    """Shape (K,). Where there is an echo of the wall."""
     offset: FloatArray
+    """Shape (2,). Estimated error of the place of the pivot, along x and y, in metres."""
 
 
 def wall_profile(bursts: Sequence[Burst], probe: CalibratedProbe) -> Profile:

@@ -29,24 +29,17 @@ FAR = 10
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Spectra of the traces of a raster.
-
-    Parameters
-    ----------
-    received : (K, F) array of complex
-        Spectra of the windows, phases counted from the expected echo of the wall.
-    noise : (K,) array
-        Standard deviation of each part of a spectrum.
-    angles : (K, 2) array
-        Pan and tilt, in radians.
-    beyond : (K,) array
-        Distances behind the nominal wall, along the beams, from which phases count, in metres.
-    """
+    """Spectra of the traces of a raster."""
 
     received: ComplexArray
+    """Shape (K, F). Spectra of the windows, phases counted from the expected echo of the wall."""
     noise: FloatArray
+    """Shape (K,). Standard deviation of each part of a spectrum."""
     angles: FloatArray
+    """Shape (K, 2). Pan and tilt, in radians."""
     beyond: FloatArray
+    """Shape (K,). Distances behind the nominal wall, along the beams, from which phases count, in
+    metres."""
 
 
 def spectra_of(

@@ -40,52 +40,36 @@ BESIDE = 9
 
 @dataclass(frozen=True, eq=False)
 class SweptBurst:
-    """A burst of a sweep.
-
-    Parameters
-    ----------
-    t : float
-        Its time, in seconds.
-    place : (2,) array
-        Advance and roll of the catheter as measured, in metres and radians.
-    spot : (3,) array
-        Phi and z where the beam meets the nominal wall, and its distance along the beam, by the
-        measured angles.
-    burst : Burst
-        Mean of its shots, with pan and tilt as measured.
-    """
+    """A burst of a sweep."""
 
     t: float
+    """Its time, in seconds."""
     place: FloatArray
+    """Shape (2,). Advance and roll of the catheter as measured, in metres and radians."""
     spot: FloatArray
+    """Shape (3,). Phi and z where the beam meets the nominal wall, and its distance along the beam,
+    by the measured angles."""
     burst: Burst
+    """Mean of its shots, with pan and tilt as measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallEchoes:
-    """Echoes of the bursts of a sweep.
-
-    Parameters
-    ----------
-    spots : (N, 2) array
-        Phi and z.
-    depth : (N,) array
-        Of the strongest echo below the wall, in metres; NaN without one that a surface can return.
-    amplitude : (N,) array
-        Of the echo at the distance of the wall about it, over the usual one; NaN if the trace is
-        too short.
-    strongest, snr : (N,) arrays
-        Amplitude of the strongest echo over the usual one, and over noise.
-    near : (N, K) array of int
-        The nearest bursts to each, itself first.
-    """
+    """Echoes of the bursts of a sweep."""
 
     spots: FloatArray
+    """Shape (N, 2). Phi and z."""
     depth: FloatArray
+    """Shape (N,). Of the strongest echo below the wall, in metres; NaN without one that a surface
+    can return."""
     amplitude: FloatArray
+    """Shape (N,). Of the echo at the distance of the wall about it, over the usual one; NaN if the
+    trace is too short."""
     strongest: FloatArray
     snr: FloatArray
+    """Shape (N,). Amplitude of the strongest echo over the usual one, and over noise."""
     near: Indices
+    """Shape (N, K). The nearest bursts to each, itself first."""
 
     @property
     def lost(self) -> FloatArray:

@@ -28,31 +28,21 @@ _RIM = 24
 
 @dataclass(frozen=True, eq=False)
 class WallShape:
-    """A smooth surface: distances of the wall beyond the nominal one, with a covariance.
-
-    Parameters
-    ----------
-    places : (N, 2) array
-        Around and along the pipe from a centre, in metres.
-    inverse : (N, N) array
-        Of the covariance of the distances, in 1/m^2.
-    weights : (N,) array
-        The inverse times the distances, in 1/m.
-    length, height : float
-        Over which the wall bends, and standard deviation from a plane, in metres.
-    error : float
-        Standard deviation of a distance, in metres.
-    likelihood : float
-        Logarithm of that of the distances, without a constant.
-    """
+    """A smooth surface: distances of the wall beyond the nominal one, with a covariance."""
 
     places: FloatArray
+    """Shape (N, 2). Around and along the pipe from a centre, in metres."""
     inverse: FloatArray
+    """Shape (N, N). Of the covariance of the distances, in 1/m^2."""
     weights: FloatArray
+    """Shape (N,). The inverse times the distances, in 1/m."""
     length: float
     height: float
+    """Over which the wall bends, and standard deviation from a plane, in metres."""
     error: float
+    """Standard deviation of a distance, in metres."""
     likelihood: float
+    """Logarithm of that of the distances, without a constant."""
 
     def depth(self, places: FloatArray) -> FloatArray:
         """Return distances (...) beyond the nominal wall at places (..., 2), in metres."""

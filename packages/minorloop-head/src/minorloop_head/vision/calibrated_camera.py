@@ -27,24 +27,16 @@ def halved(image: Image32) -> Image32:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedCamera:
-    """A calibrated camera in a pipe of known radius.
-
-    Parameters
-    ----------
-    lens : Pinhole
-        The lens, as calibrated.
-    mount : Mount
-        Estimated place of the head in the pipe.
-    leds : (N, 3) array
-        Places of the LEDs in the camera, in metres.
-    radius : float
-        Of the pipe, in metres.
-    """
+    """A calibrated camera in a pipe of known radius."""
 
     lens: Pinhole
+    """The lens, as calibrated."""
     mount: Mount
+    """Estimated place of the head in the pipe."""
     leds: FloatArray
+    """Shape (N, 3). Places of the LEDs in the camera, in metres."""
     radius: float = 10e-3
+    """Of the pipe, in metres."""
 
     def place(self, pixels: npt.ArrayLike, pan: float, tilt: float) -> FloatArray:
         """Return phi and z (..., 2) on the wall of pixels (..., 2), at pan and tilt in radians."""
@@ -104,15 +96,6 @@ class CalibratedCamera:
 class Window:
     """A rectangle of the unrolled wall: x = radius * (phi - phi0) in columns, z in rows.
 
-    Parameters
-    ----------
-    phi, z : float
-        Of the centre of the first texel.
-    step : float
-        Size of a texel, in metres.
-    rows, columns : int
-        Texels along and around the pipe.
-
     Raises
     ------
     ParameterError
@@ -121,9 +104,12 @@ class Window:
 
     phi: float
     z: float
+    """Of the centre of the first texel."""
     step: float
+    """Size of a texel, in metres."""
     rows: int
     columns: int
+    """Texels along and around the pipe."""
 
     def __post_init__(self) -> None:
         if self.rows < 1 or self.columns < 1 or not self.step > 0:

@@ -25,22 +25,15 @@ sharp over most of a sweep: five values about the greatest one would follow thei
 
 @dataclass(frozen=True, eq=False)
 class FocusPeak:
-    """The peak of a focus sweep.
-
-    Parameters
-    ----------
-    distance : float
-        Focus distance at the peak, in metres.
-    curve : (N, 2) array
-        Distances in metres, nearest first, and the sharpness of the region there.
-    verdict : str
-        ``sharp``, ``nothing to focus on``, ``at the end`` of the sweep, or ``no frames`` if too few
-        could be used; without a peak, the distance is the guess.
-    """
+    """The peak of a focus sweep."""
 
     distance: float
+    """Focus distance at the peak, in metres."""
     curve: FloatArray
+    """Shape (N, 2). Distances in metres, nearest first, and the sharpness of the region there."""
     verdict: str
+    """``sharp``, ``nothing to focus on``, ``at the end`` of the sweep, or ``no frames`` if too few
+    could be used; without a peak, the distance is the guess."""
 
 
 def sharpness(image: Any, pixel: npt.ArrayLike, *, size: int = 96) -> float:

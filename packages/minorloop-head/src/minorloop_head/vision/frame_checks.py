@@ -133,18 +133,12 @@ def _without_picture(few: npt.NDArray[np.uint8]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Brightness:
-    """Brightness of a frame from top to bottom, for comparison with others.
-
-    Parameters
-    ----------
-    cells : (rows, columns) array of float32
-        Mean greys of cells of 16 by 16 pixels.
-    blocks : (rows - 3,) array of float32
-        Maximum over four rows of the 90th percentile of the row.
-    """
+    """Brightness of a frame from top to bottom, for comparison with others."""
 
     cells: npt.NDArray[np.float32]
+    """Shape (rows, columns). Mean greys of cells of 16 by 16 pixels."""
     blocks: npt.NDArray[np.float32]
+    """Shape (rows - 3,). Maximum over four rows of the 90th percentile of the row."""
 
     @classmethod
     def of(cls, image: npt.NDArray[np.uint8]) -> Brightness:

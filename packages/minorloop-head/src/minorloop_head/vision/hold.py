@@ -51,24 +51,6 @@ class HoldState:
 class PointHold:
     """Joint angles that keep a point in the middle, predicted by ``lead``, with an integral.
 
-    Parameters
-    ----------
-    servo : Servo
-        Gives camera, interval, cone and rate limit; its gains are not used.
-    lead : float
-        Delay of the wires, in seconds.
-    integral_gain : float
-        In 1/s; 0 is without the integral.
-    near : float
-        Angular error in radians above which nothing is integrated: the head is on its way.
-    slip : float
-        Distance in radians of a joint from where it should be by now, above which its error is
-        not integrated: its wire is at a limit, or cools as fast as it can.
-    share, slope_share : float
-        Weight of a new frame in the angles and in their rates, above 0 and up to 1.
-    patience : float
-        Time in seconds for which the motion continues while the point is not seen.
-
     Raises
     ------
     ParameterError
@@ -87,13 +69,21 @@ class PointHold:
     """
 
     servo: Servo
+    """Gives camera, interval, cone and rate limit; its gains are not used."""
     lead: float = 0.35
+    """Delay of the wires, in seconds."""
     integral_gain: float = 2.0
+    """In 1/s; 0 is without the integral."""
     near: float = math.radians(2.0)
+    """Angular error in radians above which nothing is integrated: the head is on its way."""
     slip: float = math.radians(0.5)
+    """Distance in radians of a joint from where it should be by now, above which its error is not
+    integrated: its wire is at a limit, or cools as fast as it can."""
     share: float = 0.5
     slope_share: float = 0.15
+    """Weight of a new frame in the angles and in their rates, above 0 and up to 1."""
     patience: float = 0.4
+    """Time in seconds for which the motion continues while the point is not seen."""
 
     def __post_init__(self) -> None:
         most = _STABLE / (self.lead + self.servo.interval)

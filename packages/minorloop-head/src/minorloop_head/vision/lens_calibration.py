@@ -34,28 +34,19 @@ _DOWN, _ACROSS = ("upper", "middle", "lower"), ("left", "centre", "right")
 
 @dataclass(frozen=True, eq=False)
 class TargetPose:
-    """Pose of a target before the camera.
-
-    Parameters
-    ----------
-    name : str
-        Of the picture.
-    rotation : (3, 3) array
-        From the target (x right, y down, z away from the camera) to the camera.
-    position : (3,) array
-        Of the target's upper left corner in the camera, in metres.
-    information : (6, 6) array
-        Inverse covariance of a small rotation in radians, about axes of the camera, and of the
-        position in metres.
-    residuals : (N, 2) array
-        Seen less projected corners, in pixels.
-    """
+    """Pose of a target before the camera."""
 
     name: str
+    """Of the picture."""
     rotation: FloatArray
+    """Shape (3, 3). From the target (x right, y down, z away from the camera) to the camera."""
     position: FloatArray
+    """Shape (3,). Of the target's upper left corner in the camera, in metres."""
     information: FloatArray
+    """Shape (6, 6). Inverse covariance of a small rotation in radians, about axes of the camera,
+    and of the position in metres."""
     residuals: FloatArray
+    """Shape (N, 2). Seen less projected corners, in pixels."""
 
     @property
     def tilt(self) -> float:

@@ -36,24 +36,16 @@ _DIM = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """A round outline.
-
-    Parameters
-    ----------
-    place : (2,) array
-        Phi and z of its middle.
-    pixel : (2,) array
-        Of its middle, in the last frame.
-    diameter : float
-        In metres.
-    quality : float
-        Share of its rays that have their edge there, less their scatter, plus the steepness.
-    """
+    """A round outline."""
 
     place: FloatArray
+    """Shape (2,). Phi and z of its middle."""
     pixel: FloatArray
+    """Shape (2,). Of its middle, in the last frame."""
     diameter: float
+    """In metres."""
     quality: float
+    """Share of its rays that have their edge there, less their scatter, plus the steepness."""
 
 
 def outline_about(

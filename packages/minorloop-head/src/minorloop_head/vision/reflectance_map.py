@@ -57,47 +57,32 @@ A lit wall has less only 0.1 m along the pipe, where it is too small to be searc
 
 @dataclass(frozen=True, eq=False)
 class LitFrame:
-    """A frame with the angles and lights under which it was taken.
-
-    Parameters
-    ----------
-    image : (height, width) array of uint8
-        The frame.
-    pan, tilt : float
-        Measured angles of the head, in radians.
-    lights : tuple of bool
-        Which LEDs were on.
-    """
+    """A frame with the angles and lights under which it was taken."""
 
     image: Any
+    """Shape (height, width). The frame."""
     pan: float
     tilt: float
+    """Measured angles of the head, in radians."""
     lights: tuple[bool, ...] = (True, True, True)
+    """Which LEDs were on."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReflectanceMap:
-    """Reflectance of a part of the wall, as natural logarithms; NaN where it is not seen.
-
-    Parameters
-    ----------
-    window : Window
-        The texels of the map.
-    stack : (K, rows, columns) array of float32
-        One for each single light; without those, one for each frame with light.
-    whole : (rows, columns) array of float32
-        With all lights on; the median of the stack without such a frame.
-    glow : (rows, columns) array of float32, optional
-        Logarithm of the light with all LEDs off.
-    ground : (rows, columns) array of float32
-        Local median.
-    """
+    """Reflectance of a part of the wall, as natural logarithms; NaN where it is not seen."""
 
     window: Window
+    """The texels of the map."""
     stack: Image32
+    """Shape (K, rows, columns). One for each single light; without those, one for each frame with
+    light."""
     whole: Image32
+    """Shape (rows, columns). With all lights on; the median of the stack without such a frame."""
     glow: Image32 | None
+    """Shape (rows, columns). Logarithm of the light with all LEDs off."""
     ground: Image32
+    """Shape (rows, columns). Local median."""
 
     @property
     def brightest(self) -> Image32:

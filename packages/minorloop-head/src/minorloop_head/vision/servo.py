@@ -56,60 +56,29 @@ class Cone:
 
 @dataclass(frozen=True, eq=False)
 class ServoState:
-    """State of a servo.
-
-    Parameters
-    ----------
-    angles : (2,) array
-        Last wanted pan and tilt, in radians.
-    """
+    """State of a servo."""
 
     angles: FloatArray
+    """Shape (2,). Last wanted pan and tilt, in radians."""
 
 
 @dataclass(frozen=True, eq=False)
 class ServoStep:
-    """Result of a step: the next angles of the head.
-
-    Parameters
-    ----------
-    angles : (2,) array
-        Wanted pan and tilt, in radians.
-    rates : (2,) array
-        Their rates, in radians per second.
-    error : float
-        Distance of the point from the middle, in pixels; NaN without a point.
-    verdict : str
-        ``turning``, ``at the cone``, ``at the rate limit``, ``no target`` or ``singular``.
-    """
+    """Result of a step: the next angles of the head."""
 
     angles: FloatArray
+    """Shape (2,). Wanted pan and tilt, in radians."""
     rates: FloatArray
+    """Shape (2,). Their rates, in radians per second."""
     error: float
+    """Distance of the point from the middle, in pixels; NaN without a point."""
     verdict: str
+    """``turning``, ``at the cone``, ``at the rate limit``, ``no target`` or ``singular``."""
 
 
 @dataclass(frozen=True, eq=False)
 class Servo:
     """Control law: rates = -gain e, e = J^-1 s, with the place s of the point from the middle.
-
-    Parameters
-    ----------
-    camera : CalibratedCamera
-        Gives the depth of the wall and the lever of the lens.
-    gain : float
-        Rate at which the error decays, in 1/s.
-    interval : float
-        Time between steps, in seconds.
-    delay : float
-        From a change of the wanted angles to its effect in the image, in seconds. A gain that is
-        too high for it is refused.
-    cone : Cone
-        Where the head may look.
-    rate_limit : float
-        Fastest change of the wanted direction, in radians per second.
-    soft : float
-        Distance in pixels below which the gain falls in proportion; 0 keeps it constant.
 
     Raises
     ------
@@ -124,12 +93,20 @@ class Servo:
     """
 
     camera: CalibratedCamera
+    """Gives the depth of the wall and the lever of the lens."""
     gain: float = 0.5
+    """Rate at which the error decays, in 1/s."""
     interval: float = 0.04
+    """Time between steps, in seconds."""
     delay: float = 0.0
+    """From a change of the wanted angles to its effect in the image, in seconds. A gain that is too
+    high for it is refused."""
     cone: Cone = Cone()
+    """Where the head may look."""
     rate_limit: float = math.radians(20)
+    """Fastest change of the wanted direction, in radians per second."""
     soft: float = 0.0
+    """Distance in pixels below which the gain falls in proportion; 0 keeps it constant."""
 
     def __post_init__(self) -> None:
         for name in ("gain", "interval", "rate_limit"):

@@ -62,16 +62,6 @@ class SeenTarget:
 class Target:
     """A flat target, printed at scale.
 
-    Parameters
-    ----------
-    kind : str
-        ``charuco`` (markers of 4 by 4 bits in the white squares, upper left square black) or
-        ``chessboard``.
-    columns, rows : int
-        Squares, 4 to 40.
-    square : float
-        Side of a square, in metres.
-
     Raises
     ------
     ParameterError
@@ -79,9 +69,13 @@ class Target:
     """
 
     kind: str = "charuco"
+    """``charuco`` (markers of 4 by 4 bits in the white squares, upper left square black) or
+    ``chessboard``."""
     columns: int = 9
     rows: int = 7
+    """Squares, 4 to 40."""
     square: float = 3e-3
+    """Side of a square, in metres."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:

@@ -71,66 +71,45 @@ _USUAL = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Place of the patch.
-
-    Parameters
-    ----------
-    pixel : (2,) array
-        Column and row in the frame; if the patch is not seen, those expected by the angles.
-    place : (2,) array
-        Phi and z on the wall, for the given angles.
-    score : float
-        Correlation with the patch, up to 1; NaN without a search.
-    verdict : str
-        ``tracked``, ``lost``, ``out of view``, ``several alike``, ``apart from its
-        surroundings``, ``in other surroundings``, ``jumped``, ``angle unknown``, or what is wrong
-        with the frame.
-    """
+    """Place of the patch."""
 
     pixel: FloatArray
+    """Shape (2,). Column and row in the frame; if the patch is not seen, those expected by the
+    angles."""
     place: FloatArray
+    """Shape (2,). Phi and z on the wall, for the given angles."""
     score: float
+    """Correlation with the patch, up to 1; NaN without a search."""
     verdict: str
+    """``tracked``, ``lost``, ``out of view``, ``several alike``, ``apart from its surroundings``,
+    ``in other surroundings``, ``jumped``, ``angle unknown``, or what is wrong with the frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrackState:
-    """State of a tracker.
-
-    Parameters
-    ----------
-    views : tuple of View
-        The wall about the patch, first as it was picked.
-    home : (2,) array
-        Phi and z of the patch when it was picked.
-    place : (2,) array
-        Its last phi and z, for the given angles.
-    turn : (2,) array
-        Error of the given angles, in radians: with angles plus turn the patch is at its home.
-    drift : (2,) array
-        Change of the turn from frame to frame.
-    missed : int
-        Frames since it was seen.
-    before : (height, width) array of uint8
-        The last frame.
-    earlier : tuple of int
-        Check sums of the last frames, to detect repeated ones.
-    usual : float
-        Correlation with the patch itself while it was seen, averaged; 0 before the second frame.
-    jump : (2,) array, optional
-        Turn at which the patch was found too far away to be believed at once.
-    """
+    """State of a tracker."""
 
     views: tuple[View, ...]
+    """The wall about the patch, first as it was picked."""
     home: FloatArray
+    """Shape (2,). Phi and z of the patch when it was picked."""
     place: FloatArray
+    """Shape (2,). Its last phi and z, for the given angles."""
     turn: FloatArray
+    """Shape (2,). Error of the given angles, in radians: with angles plus turn the patch is at its
+    home."""
     drift: FloatArray
+    """Shape (2,). Change of the turn from frame to frame."""
     missed: int
+    """Frames since it was seen."""
     before: Image
+    """Shape (height, width). The last frame."""
     earlier: tuple[int, ...] = ()
+    """Check sums of the last frames, to detect repeated ones."""
     usual: float = 0.0
+    """Correlation with the patch itself while it was seen, averaged; 0 before the second frame."""
     jump: FloatArray | None = None
+    """Shape (2,). Turn at which the patch was found too far away to be believed at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,42 +133,6 @@ class _Found:
 class PatchTracker:
     """Normalised correlation on the unrolled wall, of the patch and of eight tiles around it.
 
-    Parameters
-    ----------
-    camera : CalibratedCamera
-        The camera.
-    size : float
-        Side of the patch, in metres.
-    texel : float
-        Size of a texel, in metres.
-    reach : float
-        Largest distance of the patch from its expected place, in metres.
-    widest : float
-        Largest distance in the search for a lost patch, in metres.
-    smooth : float
-        Side of the box whose mean is taken off, in metres: less than a reflection on brushed
-        metal is wide, more than a scratch or the edge of a hole.
-    least : float
-        Least correlation of a patch and its surroundings, on average.
-    again : float
-        The same of a lost patch that is found again.
-    surely : float
-        The same of one that is found far from where it is expected; and of the patch itself, from
-        which its place is its own. With less, the place is that of the surroundings.
-    distinct : float
-        Correlation of the patch itself from which it has to be where its surroundings put it.
-    alone : float
-        Largest correlation elsewhere, as a share of the best, with which a match is unique.
-    apart : float
-        Largest distance in metres of the patch from where its surroundings put it.
-    jump : float
-        Largest distance in metres from the expected place that is believed at once; a farther
-        one is believed when the next frame confirms it.
-    fresh : float
-        Difference of two views, see `wall_views.farness`, from which a new one is kept.
-    most_views : int
-        Views that are kept.
-
     Raises
     ------
     ParameterError
@@ -197,20 +140,38 @@ class PatchTracker:
     """
 
     camera: CalibratedCamera
+    """The camera."""
     size: float = 2.4e-3
+    """Side of the patch, in metres."""
     texel: float = 0.05e-3
+    """Size of a texel, in metres."""
     reach: float = 1.2e-3
+    """Largest distance of the patch from its expected place, in metres."""
     widest: float = 8e-3
+    """Largest distance in the search for a lost patch, in metres."""
     smooth: float = 1.0e-3
+    """Side of the box whose mean is taken off, in metres: less than a reflection on brushed metal
+    is wide, more than a scratch or the edge of a hole."""
     least: float = 0.3
+    """Least correlation of a patch and its surroundings, on average."""
     again: float = 0.4
+    """The same of a lost patch that is found again."""
     surely: float = 0.6
+    """The same of one that is found far from where it is expected; and of the patch itself, from
+    which its place is its own. With less, the place is that of the surroundings."""
     distinct: float = 0.4
+    """Correlation of the patch itself from which it has to be where its surroundings put it."""
     alone: float = 0.75
+    """Largest correlation elsewhere, as a share of the best, with which a match is unique."""
     apart: float = 0.1e-3
+    """Largest distance in metres of the patch from where its surroundings put it."""
     jump: float = 0.7e-3
+    """Largest distance in metres from the expected place that is believed at once; a farther one is
+    believed when the next frame confirms it."""
     fresh: float = 0.07
+    """Difference of two views, see `wall_views.farness`, from which a new one is kept."""
     most_views: int = 24
+    """Views that are kept."""
 
     def __post_init__(self) -> None:
         for name in ("size", "texel", "reach", "widest", "smooth", "apart", "jump", "fresh"):

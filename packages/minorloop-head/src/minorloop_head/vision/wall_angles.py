@@ -103,28 +103,6 @@ _UNEVEN = 1e-3
 class WallAngles:
     """Angles at which all remembered patches of the wall agree best with a picture.
 
-    Parameters
-    ----------
-    camera : CalibratedCamera
-        As calibrated.
-    low, high : (float, float)
-        Least and largest pan and tilt of the line of sight, in radians; a lost view is looked for
-        between them.
-    size : float
-        Side of a patch, in metres.
-    least : float
-        Least correlation of a patch that agrees, between 0 and 1.
-    fewest : int
-        Least number of patches that agree; after a search for a lost view it is twice that.
-    widest : float
-        Largest standard deviation of an angle, in radians.
-    readout : float
-        Time in seconds from the first row of a picture to the last, 0 if they are taken at once.
-        What it is wrong by is not part of the standard deviations.
-    tries : int
-        Angles that are tried in each picture while the view is lost, and half as many beside the
-        last.
-
     Raises
     ------
     ParameterError
@@ -146,14 +124,25 @@ class WallAngles:
     """
 
     camera: CalibratedCamera
+    """As calibrated."""
     low: tuple[float, float] = (math.radians(-36.0), math.radians(-36.0))
     high: tuple[float, float] = (math.radians(36.0), math.radians(36.0))
+    """Least and largest pan and tilt of the line of sight, in radians; a lost view is looked for
+    between them."""
     size: float = 1.6e-3
+    """Side of a patch, in metres."""
     least: float = 0.55
+    """Least correlation of a patch that agrees, between 0 and 1."""
     fewest: int = 4
+    """Least number of patches that agree; after a search for a lost view it is twice that."""
     widest: float = math.radians(0.25)
+    """Largest standard deviation of an angle, in radians."""
     readout: float = 8e-3
+    """Time in seconds from the first row of a picture to the last, 0 if they are taken at once.
+    What it is wrong by is not part of the standard deviations."""
     tries: int = 64
+    """Angles that are tried in each picture while the view is lost, and half as many beside the
+    last."""
 
     def __post_init__(self) -> None:
         for name in ("size", "widest"):

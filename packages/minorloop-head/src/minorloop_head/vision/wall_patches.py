@@ -32,36 +32,25 @@ _HIDDEN_OR_NEW = (
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What a picture says about the angles.
-
-    Parameters
-    ----------
-    angles : (2,) array
-        Pan and tilt of the line of sight in radians; NaN where it does not tell.
-    sd : (2,) array
-        Their standard deviations in radians: by the noise of the picture, by how much the patches
-        disagree, and by how well their places are known.
-    agreeing, seen : int
-        Number of patches that agree, and of those in view.
-    verdict : str
-        ``seen``, or why there are no angles.
-    likeness : float
-        Median correlation of the patches that agree.
-    trial : bool
-        Whether the angles may be those of dirt on the lens: a search found them, the patches
-        do not look as they did or a part disagrees, and no turn of the head has confirmed them yet.
-    needed : int
-        Number of patches that must agree; 0 where too few are not the reason.
-    """
+    """What a picture says about the angles."""
 
     angles: FloatArray
+    """Shape (2,). Pan and tilt of the line of sight in radians; NaN where it does not tell."""
     sd: FloatArray
+    """Shape (2,). Their standard deviations in radians: by the noise of the picture, by how much
+    the patches disagree, and by how well their places are known."""
     agreeing: int
     seen: int
+    """Number of patches that agree, and of those in view."""
     verdict: str
+    """``seen``, or why there are no angles."""
     likeness: float = math.nan
+    """Median correlation of the patches that agree."""
     trial: bool = False
+    """Whether the angles may be those of dirt on the lens: a search found them, the patches do not
+    look as they did or a part disagrees, and no turn of the head has confirmed them yet."""
     needed: int = 0
+    """Number of patches that must agree; 0 where too few are not the reason."""
 
     @property
     def searched(self) -> bool:
@@ -85,30 +74,21 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Remembered patches of the wall.
-
-    Parameters
-    ----------
-    places : (P, 2) array
-        Phi and z of their middles.
-    points : (P, N, 3) array
-        Their texels in the pipe, in metres.
-    templates : (levels, P, N) array
-        Logarithms of grey levels without mean and slope, of length 1, in each size of the picture.
-    origins : (P, 2) array
-        Angles at which each was first seen, in radians.
-    sd : (P, 2) array
-        Standard deviations of those angles, in radians.
-    poor : (P,) array of int
-        Pictures in a row in which each was in view and did not agree.
-    """
+    """Remembered patches of the wall."""
 
     places: FloatArray
+    """Shape (P, 2). Phi and z of their middles."""
     points: FloatArray
+    """Shape (P, N, 3). Their texels in the pipe, in metres."""
     templates: FloatArray
+    """Shape (levels, P, N). Logarithms of grey levels without mean and slope, of length 1, in each
+    size of the picture."""
     origins: FloatArray
+    """Shape (P, 2). Angles at which each was first seen, in radians."""
     sd: FloatArray
+    """Shape (P, 2). Standard deviations of those angles, in radians."""
     poor: npt.NDArray[np.int64]
+    """Shape (P,). Pictures in a row in which each was in view and did not agree."""
 
     def of(self, chosen: npt.NDArray[np.int64]) -> Patches:
         """Return some of them."""
@@ -135,56 +115,38 @@ class Patches:
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
-    """A view that a search found and that may be dirt on the lens.
-
-    Parameters
-    ----------
-    image : (height, width) array of float32
-        Logarithm of the picture in which it was found, in the largest size that is compared.
-    angles : (2,) array
-        Those found in it, in radians.
-    """
+    """A view that a search found and that may be dirt on the lens."""
 
     image: Image32
+    """Shape (height, width). Logarithm of the picture in which it was found, in the largest size
+    that is compared."""
     angles: FloatArray
+    """Shape (2,). Those found in it, in radians."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallState:
-    """State of the estimator.
-
-    Parameters
-    ----------
-    patches : Patches
-        Those that are known to be wall.
-    trial : Patches
-        New ones, which may be dirt on the lens.
-    angles, rates : (2,) array
-        Of the last picture that showed them, in radians and radians per second.
-    t : float
-        When that was, in seconds.
-    missed : int
-        Pictures since.
-    hunted : int
-        Angles that were tried in the search for a lost view.
-    earlier : tuple of int
-        Check sums of the last pictures, to detect repeated ones.
-    newest : float
-        Time of the newest picture.
-    doubt : Doubt, optional
-        Of the view, None if it is known to be the wall.
-    """
+    """State of the estimator."""
 
     patches: Patches
+    """Those that are known to be wall."""
     trial: Patches
+    """New ones, which may be dirt on the lens."""
     angles: FloatArray
     rates: FloatArray
+    """Shape (2,). Of the last picture that showed them, in radians and radians per second."""
     t: float
+    """When that was, in seconds."""
     missed: int
+    """Pictures since."""
     hunted: int
+    """Angles that were tried in the search for a lost view."""
     earlier: tuple[int, ...]
+    """Check sums of the last pictures, to detect repeated ones."""
     newest: float
+    """Time of the newest picture."""
     doubt: Doubt | None = None
+    """Of the view, None if it is known to be the wall."""
 
 
 def nothing(verdict: str, agreeing: int = 0, seen: int = 0, needed: int = 0) -> Sight:

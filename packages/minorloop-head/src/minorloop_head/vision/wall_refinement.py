@@ -38,23 +38,16 @@ class CameraDoubt:
 
     The defaults are those of errors that are even within the bounds of ``head calibrate``: 0.3 % of
     the focal length, 1 pixel, 0.3 degrees and 0.1 mm.
-
-    Parameters
-    ----------
-    focal : float
-        Of the focal length, as a share.
-    centre : float
-        Of the principal point, in pixels of a picture 640 wide.
-    angle : float
-        Of the angles of the mount and of the head at rest, in radians.
-    length : float
-        Of the lever and of the pivot's place, in metres.
     """
 
     focal: float = 0.0017
+    """Of the focal length, as a share."""
     centre: float = 0.6
+    """Of the principal point, in pixels of a picture 640 wide."""
     angle: float = math.radians(0.17)
+    """Of the angles of the mount and of the head at rest, in radians."""
     length: float = 0.06e-3
+    """Of the lever and of the pivot's place, in metres."""
 
 
 def refined(

@@ -36,53 +36,36 @@ alike still vote together."""
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The wall about a place, unrolled, as its details: see the kernel ``detail``.
-
-    Parameters
-    ----------
-    lens_at : (3,) array
-        Place of the lens in the pipe, in metres.
-    fine, coarse : arrays of float32
-        At full and at half resolution.
-    repeats : (tiles,) array
-        Correlation of each tile with the same piece of wall in another picture, as far as noise
-        leaves it: near 0 where the wall shows no detail.
-    """
+    """The wall about a place, unrolled, as its details: see the kernel ``detail``."""
 
     lens_at: FloatArray
+    """Shape (3,). Place of the lens in the pipe, in metres."""
     fine: Image32
     coarse: Image32
+    """At full and at half resolution."""
     repeats: FloatArray
+    """Shape (tiles,). Correlation of each tile with the same piece of wall in another picture, as
+    far as noise leaves it: near 0 where the wall shows no detail."""
 
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """The shift of the middle tile that most tiles agree on.
-
-    Parameters
-    ----------
-    shift : (2,) array
-        Around and along the wall, in metres.
-    score : float
-        Weighted mean of the correlations there, up to 1.
-    other : float
-        The same of the best other shift.
-    seen : float
-        Share of the tiles that are seen there.
-    drop : float
-        By how much of the score it falls at 0.2 mm, in the direction in which it falls least:
-        little along brush marks, where nothing tells one place from the next.
-    around : float
-        Correlation of the tiles around the middle one there, as a share of what they repeat; NaN
-        if they show too little detail.
-    """
+    """The shift of the middle tile that most tiles agree on."""
 
     shift: FloatArray
+    """Shape (2,). Around and along the wall, in metres."""
     score: float
+    """Weighted mean of the correlations there, up to 1."""
     other: float
+    """The same of the best other shift."""
     seen: float = 0.0
+    """Share of the tiles that are seen there."""
     drop: float = 0.0
+    """By how much of the score it falls at 0.2 mm, in the direction in which it falls least: little
+    along brush marks, where nothing tells one place from the next."""
     around: float = math.nan
+    """Correlation of the tiles around the middle one there, as a share of what they repeat; NaN if
+    they show too little detail."""
 
 
 def halves(image: Image) -> tuple[Image, Image]:
