@@ -32,21 +32,8 @@ def pitted(rim):
     return DepthMap(SQUARE, depth, sd, np.full(depth.shape, CAMERA, np.uint8))
 
 
-def words(axes):
-    return [text.get_text() for text in axes.texts]
-
-
 def colour_bars(figure):
     return [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
-
-
-def test_a_map_of_one_value_is_described_in_words():
-    figure = draw_finding(cracked())
-    depth, band, *_ = figure.axes
-    assert words(depth) == ["0 mm\nwherever known\n(blank: unknown)"]
-    assert words(band)[0].startswith("0.0822 mm")
-    assert len(colour_bars(figure)) == 1
-    assert len(depth.get_xticks()) == 2
 
 
 def test_a_rim_above_the_wall_by_less_than_its_band_takes_no_colours():

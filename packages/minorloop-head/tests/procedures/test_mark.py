@@ -11,7 +11,6 @@ from minorloop_head.procedures.mark import BEYOND, NO_TOOL, TOUCHED, Marking, ai
 from minorloop_head.procedures.values import Request
 from minorloop_head.twins.pipe import Bore, Pipe
 from minorloop_head.twins.rig import SimulatedTip
-from minorloop_head.vision.new_mark import new_mark
 
 from .fakes import CALIBRATION, MOUNT, Loop, eye
 
@@ -75,14 +74,6 @@ def test_the_tool_and_not_the_axis_is_turned_to_a_place_and_leaves_a_mark():
     assert wall_distance(axis, wanted, 10e-3) > 1e-3
     assert bench.tip.tool.extension == 0.0
     assert state.gain != 1.0
-
-
-def test_a_mark_says_where_the_tool_is():
-    bench, state = touched()
-    assert wall_distance(state.mark, bench.tip.tool.marks[-1], 10e-3) < 0.04e-3
-    assert np.hypot(*np.subtract(state.tool.offset, Tool().offset)[:2]) < 0.03e-3
-    image, angles = state.before
-    assert new_mark(eye(), state.mark, (image, angles), (image, angles)) is None
 
 
 def test_a_tool_moves_sideways_through_a_point_and_part_of_the_way():

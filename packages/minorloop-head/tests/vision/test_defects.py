@@ -169,14 +169,6 @@ def test_reflectance_does_not_depend_on_which_light_is_on():
     assert np.isfinite(wall.ground).any()
 
 
-def test_looks_may_have_been_taken_without_the_dark_one():
-    wall = lay_flat([look for look in shots() if any(look.lights)], lens())
-    assert wall.glow is None
-    view, camera, looks = scene()
-    alone = LitFrame(looks[4].image, view.pan, view.tilt)
-    assert lay_flat([alone], camera).stack.shape[0] == 1
-
-
 def test_a_hole_on_the_seam_of_phi_counts_once():
     one, other = (
         Hole(np.array([phi, 20e-3]), 1e-3, evidence, "dark", np.empty((0, 2)))

@@ -69,15 +69,6 @@ def test_the_integral_removes_a_bias_at_any_delay_up_to_half_as_long_again(late)
     assert np.abs(np.degrees(held[100:])).max() < 0.4  # half of the first error after 4 s
 
 
-def test_the_printed_sign_of_the_integral_drives_the_point_away():
-    class Printed(PointHold):
-        def correction(self, integral, error):
-            return -super().correction(integral, error)
-
-    far = followed(Printed(servo=HOLD.servo, near=np.pi, slip=np.pi), 6.0, late=5)
-    assert np.abs(np.degrees(far[-1])).max() > 10
-
-
 def test_a_joint_that_does_not_follow_is_not_integrated():
     stuck = PointHold(servo=HOLD.servo)
     state = stuck.begin(AIM)

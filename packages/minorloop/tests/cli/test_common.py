@@ -60,14 +60,6 @@ def test_numbers_that_json_lacks_become_null(capsys):
     }
 
 
-def test_a_table_shows_text_without_markup(capsys):
-    _common.print_table(("voltage [V]", "[red]"), [("[b]", "1")], "length [1/m] and [i]")
-    _common.print_advice(["try [bold]"])
-    shown = capsys.readouterr().out
-    for text in ("voltage [V]", "[red]", "[b]", "length [1/m] and [i]", "! try [bold]"):
-        assert text in shown
-
-
 def test_progress_is_shown_on_stderr_only(monkeypatch, capsys):
     class Terminal(io.StringIO):
         def isatty(self):

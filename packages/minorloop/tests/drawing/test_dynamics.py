@@ -1,7 +1,6 @@
 import numpy as np
 
 from minorloop.dynamics.cascade import Cascade
-from minorloop.dynamics.creep import Creep, fit_creep
 from minorloop.dynamics.linear import Linear
 from minorloop.operators.polynomial import Polynomial
 
@@ -23,11 +22,3 @@ def test_an_inverse_shows_targets_outputs_and_inputs():
     assert [line.get_label() for line in upper.lines] == ["target", "output of the model"]
     np.testing.assert_allclose([line.get_ydata() for line in upper.lines], [2 * t, 2 * t])
     np.testing.assert_allclose(lower.lines[0].get_ydata(), t)
-
-
-def test_a_fit_of_creep_shows_the_record_and_the_prediction():
-    t, x = np.arange(1.0, 101), np.repeat([0.0, 1.0], 50)
-    fit = fit_creep(t, x, Creep([10.0], [0.2]).simulate(t, x))
-    measured, model = fit.plot().axes[0].lines
-    np.testing.assert_array_equal(measured.get_ydata(), fit.y)
-    np.testing.assert_array_equal(model.get_ydata(), fit.prediction)

@@ -58,33 +58,6 @@ def test_a_line_does_not_cross_a_leap_of_the_input():
     )
 
 
-def test_the_residual_is_drawn_by_amplitude_and_rate_and_against_time():
-    u = np.concatenate([np.linspace(-a, a, 50) * s for a in (1.0, 0.5) for s in (1, -1)] * 2)
-    y = TRUTH.simulate(u)
-    y[200:] += 0.1 * (np.arange(200) % 2)
-    found = identify(u, y, Plane(4), prior=Smooth(0.1))
-    clock = 0.1 * np.arange(u.size)
-    record, residual, amplitude, rate = found.plot(time=clock).axes[2:6]
-    assert record.get_xlabel() == residual.get_xlabel() == "time [s]"
-    np.testing.assert_array_equal(residual.lines[0].get_xdata(), clock)
-    for axes in (amplitude, rate):
-        samples, rms = axes.lines
-        size = samples.get_ydata()
-        assert size.min() <= rms.get_ydata().min() <= rms.get_ydata().max() <= size.max()
-    assert samples.get_xdata().size == u.size
-    assert rate.get_xlabel() == "change per second, input"
-    np.testing.assert_allclose(samples.get_xdata(), np.abs(np.diff(u, prepend=u[0])) / 0.1)
-    assert not rate.texts
-
-
-def test_one_rate_is_said_and_shown_from_0():
-    u = np.tile(np.append(np.linspace(-1, 1, 40)[:-1], np.linspace(1, -1, 40)[:-1]), 3)
-    found = identify(u, TRUTH.simulate(u), Plane(4), prior=Smooth(0.1))
-    rate = found.plot().axes[5]
-    assert rate.texts[0].get_text() == "90% of the samples have the same rate"
-    np.testing.assert_allclose(rate.get_xlim(), [0, 2 * 2 / 39])
-
-
 def test_the_density_has_a_unit(fit):
     figure = fit.plot(input_label="voltage [V]", output_label="curvature [1/m]")
     assert "density [1/m / V²]" in [axes.get_ylabel() for axes in figure.axes]

@@ -208,15 +208,6 @@ AHEAD = Linear.lags(0.7)
 BOTH = Cascade(PLANE, G, creep=Creep([2.0], [0.2], 0.8), ahead=AHEAD)
 
 
-@given(INPUTS, st.floats(-1, 1))
-def test_dynamics_on_both_sides_are_in_series(u, before):
-    t = 0.4 * np.arange(1, len(u) + 1)
-    filtered = AHEAD.simulate(t, u, before=before)
-    expected = Cascade(PLANE, G).simulate(t, filtered, before=before)
-    got = Cascade(PLANE, G, ahead=AHEAD).simulate(t, u, before=before)
-    np.testing.assert_allclose(got, expected, atol=1e-12)
-
-
 def test_single_steps_with_dynamics_on_both_sides_equal_simulate():
     t = 0.1 * np.arange(1, 60)
     u = np.sin(2 * t)

@@ -125,14 +125,6 @@ def test_normalised_has_dc_gain_one():
         Linear([1.0, 0.0], [1.0, 1.0]).normalised()
 
 
-def test_time_constants_slowest_first_and_infinite_where_nothing_decays():
-    np.testing.assert_allclose(Linear.lags(1.0, 4.0).time_constants, [4.0, 1.0])
-    assert np.isinf(Linear([1.0], [1.0, 1.0, 0.0]).time_constants[0])
-    assert not Linear([1.0], [1.0, -1.0]).stable
-    assert not Linear([1.0], [1.0, -1.2], interval=1.0).stable
-    np.testing.assert_allclose(Linear([1.0], [1.0, -np.exp(-0.5)], 1.0).time_constants, [2.0])
-
-
 def test_equal_when_the_numbers_are():
     assert Linear([2.0], [2.0, 4.0]) == Linear([0.0, 1.0], [1.0, 2.0])
     assert Linear([1.0], [1.0, 2.0]) != Linear([1.0], [1.0, 2.0], delay=1.0)

@@ -79,15 +79,6 @@ def test_states_and_memories_convert_into_each_other():
     assert as_memory(as_state(PREISACH)) == Memory.negative(-1.0)
 
 
-def test_a_long_history_loses_only_its_smallest_loops():
-    deep = np.ravel(np.column_stack([np.linspace(1, 0.1, 40), np.linspace(-0.9, 0.0, 40)]))
-    system = as_system(PREISACH, 0.1, room=12)
-    t = 0.1 * np.arange(deep.size)
-    found = control.input_output_response(system, t, deep, as_state(PREISACH, room=12))
-    error = np.abs(found.outputs - PREISACH.simulate(deep)).max()
-    assert 0 < error < 0.1 * np.ptp(PREISACH.range)
-
-
 @pytest.mark.parametrize(
     ("state", "message"),
     [

@@ -64,12 +64,6 @@ def test_a_spectrum_is_found_and_inverted(spectrum):
     assert found.residual[found.reachable] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_bands_contain_the_share_they_promise(spectrum):
-    t, u = holds(1003, 40)
-    y = creeping().simulate(t, u) + 1e-2 * np.random.default_rng(1004).normal(size=t.size)
-    assert 0.8 <= spectrum.predict(t, u, bands=0.9).covers(y) <= 1.0
-
-
 def test_bands_of_two_runs_contain_another_run():
     truth, (t, u) = creeping(), holds(1010, 40)
     label = np.repeat([0, 1], t.size)

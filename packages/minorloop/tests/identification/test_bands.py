@@ -3,7 +3,7 @@ import pytest
 
 from fixed_options import Options, Plane, identify
 from minorloop.errors import ParameterError
-from minorloop.identification import likelihood, prior_fit
+from minorloop.identification import prior_fit
 from minorloop.identification.bands import Prediction
 from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
@@ -78,11 +78,6 @@ def readings_in_bands(samples, levels, noise):
 def test_bands_hold_readings_at_the_limit_of_few_samples(noise):
     for samples in (prior_fit.MOST_CORRELATED, prior_fit.MOST_CORRELATED + 1):
         assert 0.85 <= readings_in_bands(samples, 25, noise) <= 0.96
-
-
-@pytest.mark.parametrize("levels", [likelihood.MOST_SEARCH_BANDS, likelihood.MOST_SEARCH_BANDS + 1])
-def test_bands_hold_the_readings_of_a_sensor_with_half_the_range_of_noise(levels):
-    assert 0.85 <= readings_in_bands(300, levels, 0.5) <= 0.95
 
 
 def test_bands_of_true_outputs_are_those_without_the_noise(fit):

@@ -4,7 +4,7 @@ import pytest
 from fixed_options import Plane, identify
 from minorloop.errors import ParameterError
 from minorloop.identification import Gaussian, Smooth
-from minorloop.identification.design import budget, design, next_input
+from minorloop.identification.design import design, next_input
 from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.identification.likelihood import regressors
 from minorloop.identification.prior import Hyperparameters
@@ -60,24 +60,9 @@ def test_what_is_expected_of_a_hold_comes_true(fit):
     assert spread[1] / spread[0] == pytest.approx(1 - found.gain, abs=0.15)
 
 
-def test_keeps_to_the_range_and_to_the_step(fit):
-    for low, high, step in ((0.2, 0.9, np.inf), (0.0, 1.0, 0.1), (0.4, 0.96, 0.05)):
-        u = next_input(fit, NOW, low=low, high=high, step=step).u
-        assert low <= u <= high
-        assert abs(u - NOW.u) <= step * (1 + 1e-12)
-    steps = design(LEVELS, 10, step=0.25)
-    assert np.abs(np.diff(steps)).max() <= 0.25 * (1 + 1e-12)
-
-
 def test_stops_where_the_next_hold_gains_too_little():
     few = design(LEVELS, 100, least_gain=0.05)
     assert 3 <= few.size < 40
-
-
-def test_budgets():
-    assert budget(12, None, 200.0) == 12
-    assert budget(None, 1.0, 300.0) == 12
-    assert design(LEVELS, hours=0.5, hold=200.0).size == 9
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from minorloop.identification.alternation import Found
 from minorloop.identification.dynamic_parts import DynamicParts
@@ -40,8 +39,3 @@ def test_structures_are_near_if_neither_contains_the_other():
     assert near(fit(1, 0, NOISE), chosen)
     assert not near(fit(1, 0, 1.2 * NOISE), chosen)
     assert not near(fit(0, 2, NOISE), chosen)
-
-
-@pytest.mark.parametrize(("delay", "expected"), [(0.1, True), (4.0, False)])
-def test_a_pole_that_replaces_dead_time_is_near(delay, expected):
-    assert near(fit(0, 2, NOISE, delay), fit(0, 1, NOISE, 5.0)) == expected

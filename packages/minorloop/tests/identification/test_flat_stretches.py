@@ -4,7 +4,6 @@ import pytest
 from fault_records import INPUTS, kinds, plant, record
 from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
-from minorloop.operators.preisach import Preisach
 
 
 @pytest.mark.parametrize("shape", INPUTS)
@@ -55,16 +54,6 @@ def test_a_clipped_output_is_named(shape, side):
     assert f"clipped at its {side}" in found[0].text
 
 
-@pytest.mark.parametrize("noise", [1e-4, 1e-3, 5e-3])
-@pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize("shape", ["sine", "levels"])
-def test_a_rail_with_noise_on_it_is_named(shape, side, noise):
-    u, y = record(shape)
-    y = side * np.minimum(side * y, (side * y).max() - 0.25 * np.ptp(y))
-    y += noise * np.ptp(y) * np.random.default_rng(1000).normal(size=y.size)
-    assert kinds(u, y) == ["clipped"]
-
-
 @pytest.mark.parametrize("shape", INPUTS)
 @pytest.mark.parametrize("limit", [0.7, 0.73])
 def test_an_input_that_the_source_limits_is_named(shape, limit):
@@ -90,13 +79,6 @@ def test_few_inputs_at_random_to_an_output_that_saturates_seldom_look_clipped():
         y = plant(u)
         found += "clipped" in kinds(u, np.tanh(4 * y / np.ptp(y)) + 0.003 * rng.normal(size=u.size))
     assert found <= 6
-
-
-def test_curves_that_all_end_at_saturation_without_noise_are_not_clipped():
-    fields = np.linspace(-1, 1, 9)
-    u = np.concatenate([np.concatenate([[1.0], fields[k:]]) for k in range(7, -1, -1)])
-    y = Preisach(fields, np.tril(np.full((8, 8), 0.02))).simulate(u, start="positive")
-    assert not kinds(u, y)
 
 
 @pytest.mark.parametrize("shape", ["sine", "levels"])

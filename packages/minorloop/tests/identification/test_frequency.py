@@ -7,12 +7,10 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.frequency import (
-    FrequencyResponse,
     Preamble,
     describing_function,
     frequency_response,
     fundamental,
-    harmonic_distortion,
 )
 from minorloop.lab.records import Record
 from minorloop.operators.polynomial import Polynomial
@@ -50,14 +48,6 @@ def test_fundamental_is_the_amplitude_of_its_component(periods, size, phase, har
     np.testing.assert_allclose(
         fundamental(x, periods, harmonic), size * np.exp(1j * phase), atol=1e-12
     )
-
-
-def test_distortion_of_a_cube():
-    sine = np.sin(2 * np.pi * np.arange(200) / 100)
-    assert harmonic_distortion(sine, 2) < 1e-12
-    # sin^3 has three quarters of the fundamental and a quarter of the third harmonic.
-    np.testing.assert_allclose(harmonic_distortion(sine + sine**3, 2), 0.25 / 1.75)
-    assert harmonic_distortion(np.zeros(200), 2) == np.inf
 
 
 @given(st.floats(0.3, 3.0), st.floats(0.05, 0.95))
@@ -109,15 +99,6 @@ def test_behind_the_true_operator_the_gain_forgets_the_amplitude():
     assert before > 10 * after
     fit = found.fit(order=2, zeros=1)
     np.testing.assert_allclose(fit.model.response(FREQUENCIES), wanted, rtol=5e-3)
-
-
-def test_phases_are_compared_across_half_a_turn():
-    gains = np.exp(1j * np.radians([[179.0], [-179.0]]))
-    nothing = np.zeros((2, 1))
-    found = FrequencyResponse(
-        np.ones(1), np.array([0.4, 0.8]), 0.0, gains, gains.conj(), nothing, nothing
-    )
-    np.testing.assert_allclose(found.phase_spread(), [2.0, 2.0])
 
 
 def test_advice_names_a_plant_that_has_not_settled():

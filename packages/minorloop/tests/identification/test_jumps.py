@@ -83,11 +83,3 @@ def test_jumps_that_are_rare_or_between_coarse_inputs_or_curves_do_not_count():
     reset = np.concatenate([np.full(20, 1.0 * (k % 2)) for k in range(4)])
     begins = np.arange(0, 80, 20)
     assert jumps_of(flat, reset, curves=Curves(begins, "negative")) == ()
-
-
-def test_jumps_closer_to_each_other_than_a_band_are_told_apart():
-    levels = [-0.6, -0.57, 0.31, 0.34]
-    u, y = a_record()
-    y = 0.04 * a_plane().simulate(u) + RelayModel(levels, np.diag([0.3, 0.4], -2)).simulate(u)
-    for threshold, one in zip([0.31, 0.34, -0.6, -0.57], jumps_of(u, y), strict=True):
-        assert one.low <= threshold <= one.high

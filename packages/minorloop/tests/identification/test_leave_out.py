@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fixed_options import Options, Plane, identify
-from minorloop.identification import Gaussian, Smooth
+from minorloop.identification import Smooth
 from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
 from minorloop.identification.leave_out import left_out
 from minorloop.lab.records import Record
@@ -75,15 +75,6 @@ def test_what_is_left_out_chooses_no_smoothness_and_no_hyperparameters(options, 
         )
         expected = others.model.simulate(u)[out]
         assert np.abs(found.left_out[out] - expected).max() <= close * np.ptp(y)
-
-
-def test_a_sample_that_was_left_out_as_an_outlier_is_not_scored():
-    some = np.arange(LABELS.size) % 40 < 8
-    u, y = (part[some] for part in specimens())
-    y[23] += 8 * np.ptp(y)
-    found = identify(Record(u, y, curves=LABELS[some]), Plane(8), prior=Gaussian())
-    assert found.suspects == (23,)
-    assert np.flatnonzero(np.isnan(found.left_out)).tolist() == [23]
 
 
 def test_samples_of_no_fold_are_in_all_fits():

@@ -45,11 +45,3 @@ def test_a_first_period_that_has_not_settled_is_left_out(turns):
         assert found.noise is None
     else:
         assert found.noise == pytest.approx(1 / np.sqrt(turns - 1), rel=0.2)
-
-
-def test_what_was_not_measured_is_no_difference():
-    u, y = record(4, fading=100.0)
-    y[:PERIOD] = np.nan
-    assert mean_period(u, y, PERIOD).unsettled == 0
-    y[PERIOD : 2 * PERIOD : 7] = np.nan
-    assert np.isfinite(mean_period(u, y, PERIOD).y).all()

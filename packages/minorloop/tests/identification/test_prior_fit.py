@@ -65,15 +65,6 @@ def test_bands_cover_what_was_not_seen():
     assert 0.8 <= np.mean(covered) <= 1.0
 
 
-def test_more_measurements_narrow_the_bands():
-    widths = []
-    for count in (4, 8, 12):
-        u = SEQUENCE[:count]
-        fit = identify(Record(u, measured(u, 0.1), sd=0.1), Plane(LEVELS), prior=Gaussian())
-        widths.append(np.mean(fit.posterior.deviation(SEQUENCE, "negative")))
-    assert widths[0] > widths[1] > widths[2]
-
-
 @pytest.mark.parametrize("place", [5, 9, 30])
 def test_an_outlier_is_left_out_and_named(place):
     stairs = excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
@@ -113,15 +104,6 @@ def test_auto_takes_the_prior_for_few_samples_only_where_it_is_slow(monkeypatch)
     assert identify(u[:30], y[:30], Plane(5)).posterior is not None
     assert identify(u[:30], y[:30], Plane(5), prior=Smooth(0.0)).posterior is None
     assert identify(u[:30], y[:30], Plane(5), prior=Smooth()).posterior is None
-
-
-def test_data_that_determine_the_plane_are_reproduced():
-    rng = np.random.default_rng(1)
-    levels = np.linspace(0, 1, 11)
-    model = Preisach(levels, np.tril(rng.uniform(size=(10, 10))))
-    stairs = excitation.decaying_staircase(levels)
-    found = identify(stairs, model.simulate(stairs), Plane(levels))
-    np.testing.assert_allclose(found.model.weights, model.weights, atol=1e-10)
 
 
 @pytest.mark.parametrize(

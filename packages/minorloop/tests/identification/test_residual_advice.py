@@ -3,7 +3,6 @@ import pytest
 
 from fault_records import record, sine
 from fixed_options import Options, Plane, identify
-from minorloop.identification import Smooth
 from minorloop.lab.records import Record
 from minorloop.operators.densities import GaussianDensity
 from minorloop.operators.preisach import Preisach
@@ -45,15 +44,6 @@ def test_a_shift_of_the_sensor_is_named_with_its_row_and_size():
     assert f"from sample {first} on the output is shifted by +" in said
     assert "drifts" not in said
     assert "autocorrelation" not in said
-
-
-def test_readings_far_from_the_model_of_a_long_record_are_named():
-    u, y = record()
-    far = [y.size // 3, y.size // 2 + 7, y.size - 40]
-    y[far] += np.array([0.1, -0.15, 0.12]) * np.ptp(y)
-    found = identify(u, y, Plane(8), prior=Smooth())
-    assert found.residual.outliers == tuple(far)
-    assert "3 readings are far from the model" in " ".join(found.advice)
 
 
 def test_groups_that_differ_are_named_and_not_taken_for_rate_or_creep():

@@ -3,9 +3,7 @@ import pytest
 
 from fixed_options import Plane, identify
 from minorloop.identification import Smooth
-from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
-from plane_records import LEVELS, a_record
 
 MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
 U = np.random.default_rng(0).uniform(0, 1, 25)
@@ -39,17 +37,3 @@ def test_a_model_without_the_prior_has_bands():
     assert (plain.predict(U, bands=0.9).sd > 0).all()
     assert plain.invert([0.0], unreachable="clip").sd > 0
     assert plain.band_sd == pytest.approx(plain.predict(U, bands=0.9).sd.mean())
-
-
-def test_draws_itself(tmp_path):
-    u, y = a_record()
-    identify(u, y, Plane(5), holdout=0.3).plot().savefig(tmp_path / "fit.png")
-    assert (tmp_path / "fit.png").stat().st_size > 10_000
-
-
-def test_bands_of_groups_are_those_of_an_inversion_too():
-    u, y = a_record(300)
-    found = identify(Record(u, y, groups=np.arange(300) // 60), Plane(LEVELS))
-    inverse = found.invert([3.0, 4.0])
-    np.testing.assert_allclose(inverse.sd, found.predict(inverse.u, bands=0.9).sd)
-    assert (found.deviation(np.arange(300)) > 0).all()

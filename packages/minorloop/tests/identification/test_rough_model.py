@@ -29,10 +29,3 @@ def test_the_rough_model_is_the_sum_of_its_polynomials():
     sums = chebyshev_sums(basis.plays, found[1:].reshape(-1, basis.degree), found[0])
     np.testing.assert_allclose(sums, rows @ found)
     assert least_error(rows, y) < 0.01 * np.ptp(y)
-
-
-def test_plays_begin_anew_with_each_curve():
-    u = np.array([0.0, 1.0, 0.5, 0.0, 1.0, 0.5])
-    curves = Curves(np.array([0, 3]), "negative")
-    basis = RoughRecord.of(u, u, np.ones(6, dtype=bool), curves, 0).basis
-    np.testing.assert_array_equal(basis.plays[:3], basis.plays[3:])

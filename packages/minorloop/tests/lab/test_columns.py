@@ -231,12 +231,6 @@ def test_places_without_a_file_are_refused(tmp_path, table, monkeypatch):
         read_columns(table("u\n1\n"), ["u"])
 
 
-def test_a_header_without_end_is_not_read_to_its_end(table, monkeypatch):
-    monkeypatch.setattr(text_tables, "MAX_LINE", 10)
-    with pytest.raises(RecordError, match="binary"):
-        read_columns(table("u" * 11), ["u"])
-
-
 @pytest.mark.parametrize("letter", ["\x07", "\x1b", "\x7f", "\x9b", "\u2028", "\u202e"])
 def test_headers_with_characters_that_are_obeyed_are_refused(letter, table):
     content = f"u,a{letter}b\n1,2\n".encode()
@@ -263,16 +257,6 @@ def test_floods_are_refused_before_they_are_kept(content, complaint, table):
             continue
         with pytest.raises(RecordError, match=complaint):
             read(table(content))
-
-
-def test_rows_are_kept_a_few_characters_at_a_time(table, monkeypatch):
-    monkeypatch.setattr(text_tables, "BLOCK", 250)
-    text = 'u,y\n"0","0"\n' + "".join(f"{k},{2 * k:9d}\n" for k in range(1, 100))
-    file = table(text.encode())
-    with text_tables.opened(file) as found:
-        for rows, _ in found.blocks():
-            assert sum(len(cell) for row in rows for cell in row) < 250 + 12
-    np.testing.assert_array_equal(read_columns(file, ["y"])["y"], np.arange(0.0, 200, 2))
 
 
 def test_empty_cells_are_named_and_a_few_rows_are_no_table_of_two_loggers(table):

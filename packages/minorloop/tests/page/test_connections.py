@@ -78,14 +78,6 @@ def test_few_are_accepted_in_a_turn(listener, opened):
     opened.append(listener.accept()[0])
 
 
-def test_the_oldest_stranger_makes_room(listener, opened):
-    clients, accepted = zip(*(meet(listener, opened) for _ in range(6)), strict=True)
-    assert [each.dropped for each in accepted] == [True, True, False, False, False, False]
-    assert all(is_closed(client) for client in clients[:2])
-    clients[0].close()
-    assert accepted[0].recv(1) == b""
-
-
 def test_who_came_with_the_key_makes_room_for_nobody(listener, opened):
     client, accepted = meet(listener, opened)
     scope = {"client": client.getsockname()}
