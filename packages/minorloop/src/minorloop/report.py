@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from minorloop.identification.after_effect_result import AfterEffectIdentification
     from minorloop.identification.dynamic_result import DynamicIdentification
     from minorloop.identification.frequency import FrequencyResponse
+    from minorloop.identification.oscillator_result import OscillatorIdentification
     from minorloop.identification.result import Identification
     from minorloop.lab.reduction import Reduction
     from minorloop.scoring import ModelScore
@@ -233,6 +234,35 @@ def after_effect_report(
         "Model",
         text="The loop of inputs that are held for long, and how the output settles in holds.",
         pictures=[Picture(result.model.plot(**labels), "Settled loop, and holds on the way down.")],
+    )
+    return report
+
+
+def oscillator_report(
+    found: OscillatorIdentification, *, source: str, input_label: str, output_label: str
+) -> Report:
+    """Return a report on an oscillator: parameters, the displacement with the error, the loop.
+
+    Parameters
+    ----------
+    found : OscillatorIdentification
+        The identification.
+    source : str
+        Name of the record.
+    input_label, output_label : str
+        Name and unit of input and output.
+    """
+    report = Report(
+        f"{output_label} of an oscillator, driven by {input_label}",
+        f"Identified from {found.record.u.size} rows of {source} by the error of the "
+        f"simulation, which is {found.error:.3g} m rms, {found.scores['nrmse']:.3%} of the range.",
+    )
+    caption = "Displacement, what the model misses, and its loops."
+    report.add(
+        "Result",
+        table=Table(("", ""), found.rows),
+        pictures=[Picture(found.plot(), caption)],
+        notes=found.advice,
     )
     return report
 

@@ -9,7 +9,7 @@ import pytest
 import minorloop.identification
 import minorloop.report
 from minorloop import __version__, modelfile
-from minorloop.cli import _identification_output as output
+from minorloop.cli import _identification as output
 from minorloop.errors import OutputError
 from minorloop.identification.pipeline import Options
 from minorloop.lab.records import Record

@@ -1,28 +1,42 @@
 """``minorloop identify``: a model from a CSV file."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from minorloop.cli import _after_effect, _common, _oscillator
+from minorloop.cli import _common
 from minorloop.cli._completion import one_of
 from minorloop.cli._data_sheet import DataSheet, numbers_of, write_model
-from minorloop.cli._identification import DYNAMICS, identified
-from minorloop.cli._identification_output import save_model, show, write_report
-from minorloop.cli._time_records import Outputs, TimedData, refuse_others
-from minorloop.errors import ParameterError
+from minorloop.cli._identification import (
+    Data,
+    Outputs,
+    check_units,
+    identify,
+    of_plane,
+    of_vibration,
+    of_viscosity,
+    refuse_others,
+    rough_oscillator,
+)
+from minorloop.errors import ParameterError, counted
 
 NAME = "identify"
 EXAMPLE = (
     'minorloop identify run.csv --input "voltage [V]" --output curvature '
     "--holdout 0.3 --save model.json --report report.html"
 )
-_DISTRUSTED = 1
-"""Exit status after warnings: the model is written, but is not to be trusted."""
-
+DYNAMICS = ("none", "auto", "operator", "linear")
+_BETWEEN = ("band", "straight", "held")
+_OF_OSCILLATORS = ("oscillator", "period", "between")
+_OF_CREEP = (
+    *("creep", "rate", "levels", "spacing", "diagonal", "smoothness"),
+    *("start", "curves", "start_of_curve"),
+)
+"""Options that fits of an oscillator, and fits with time in the plane, have."""
 
 _Data = Annotated[
     Path | None,
@@ -104,7 +118,7 @@ _Between = Annotated[
         help="With --oscillator: force between rows: band (no content above half the sampling "
         "rate), straight or held.",
         show_default="band",
-        autocompletion=one_of(_oscillator.BETWEEN),
+        autocompletion=one_of(_BETWEEN),
     ),
 ]
 _Slope = Annotated[
@@ -221,25 +235,36 @@ def run(
         )
     _common.refuse_given({"field": field}, "is given without --from-loop")
     _common.check_outputs([save, report], inputs=[file], force=force)
-    data = TimedData(file, input, output, time, curves, rows)
-    outputs = Outputs(save, report, force, as_json)
+    columns = {"input": input, "output": output, "time": time, "curves": curves}
+    data, outputs = Data(file, columns, rows), Outputs(save, report, force, as_json)
+    strength = _number_or_auto("smoothness", smoothness, float)
     if oscillator is not None:
-        refuse_others(context, _oscillator.TAKEN, "--oscillator")
-        found = {"period": period, "between": between or "band", "skip": skip}
-        _oscillator.run(data, oscillator, found, outputs)
+        refuse_others(context, _OF_OSCILLATORS, "--oscillator")
+        vibration = partial(_vibration, oscillator, period, between or "band")
+        found, record, seconds = identify(data, vibration, {"skip": skip}, "--oscillator")
+        outputs.finish(of_vibration(found, record), record, file, seconds)
         return
     _common.refuse_given({"period": period, "between": between}, "is given without --oscillator")
+    of_record = {"start": start, "start_of_curve": start_of_curve, "skip": skip}
     if creep != _common.NONE or rate:
-        refuse_others(context, _after_effect.TAKEN, "--creep or --rate")
-        from minorloop.identification import Smooth, Viscosity
-
-        strength = _number_or_auto("smoothness", smoothness, float)
+        refuse_others(context, _OF_CREEP, "--creep or --rate")
         viscous: Any = True if rate else "auto" if creep == "auto" else False
-        kind: Any = (creep, viscous, diagonal or "reversible", spacing)
-        law = Viscosity(levels or Viscosity.levels, *kind)
-        of_record = {"start": start, "start_of_curve": start_of_curve, "skip": skip}
-        _after_effect.run(data, law, Smooth(strength), of_record, outputs)
+        kind = (levels, creep, viscous, diagonal or "reversible", spacing)
+        viscosity = partial(_viscosity, kind, strength)
+        found, record, seconds = identify(
+            data, viscosity, of_record, "a fit with --creep or --rate"
+        )
+        outputs.finish(of_viscosity(found, record), record, file, seconds)
         return
+    from minorloop.arrays import check_option
+
+    check_option("--dynamics", dynamics, DYNAMICS)
+    if sd not in (None, _common.NONE):
+        for name, used in (("noise", noise), ("dynamics", dynamics != _common.NONE)):
+            if used not in (None, False):
+                raise ParameterError(
+                    f"--sd cannot be combined with --{name}; leave one of them out"
+                )
     options = {
         "levels": levels,
         "spacing": spacing,
@@ -247,28 +272,53 @@ def run(
         "diagonal": diagonal,
         "slope": slope,
         "signed": signed,
-        "smoothness": _number_or_auto("smoothness", smoothness, float),
+        "smoothness": strength,
         "prior": prior,
         "noise": noise,
         "mean": mean,
         "lag": _lag(lag),
-        "start": start,
         "holdout": holdout,
-        "start_of_curve": start_of_curve,
-        "skip": skip,
+        **of_record,
     }
-    columns = {"input": input, "output": output, "time": time, "sd": sd}
-    columns |= {"curves": curves, "groups": groups}
-    done = identified(file, columns, rows, options, dynamics)
-    steps: list[Callable[[], None]] = [partial(show, done, rank, as_json)]
-    # Files first: the reader of the output may end.
-    if report is not None:
-        steps.insert(0, partial(write_report, done, report, force, as_json))
-    if save is not None:
-        steps.insert(0, partial(save_model, done, save, force, as_json))
-    _common.do_all(steps)
-    if done.found.warnings:
-        raise typer.Exit(_DISTRUSTED)
+    data = replace(data, columns={**columns, "sd": sd, "groups": groups})
+    found, record, seconds = identify(data, partial(_plane, options, dynamics), {})
+    moving = None if dynamics == _common.NONE else found
+    static = found if moving is None else moving.static
+    outputs.finish(of_plane(static, record, moving, rank), record, file, seconds)
+
+
+def _plane(options: dict[str, Any], dynamics: str, record: Any, now: Callable[..., None]) -> Any:
+    """Identify a plane, with dynamics unless there are none."""
+    from minorloop.identification import Dynamics
+    from minorloop.identification.pipeline import Options
+
+    asked = Options.of(options)
+    if dynamics == _common.NONE:
+        count = counted(record.part.stop - record.first, "row")
+        return asked.identify(record, lambda stage: now(f"identifying from {count}: {stage}"))
+    if asked.law.lag not in ("auto", 0):
+        raise ParameterError("--dynamics finds the dead time itself; leave --lag out")
+    law = Dynamics(asked.law, dynamics)  # type: ignore[arg-type]
+    return law.identify(record.replace(**asked.of_record), asked.prior, asked.holdout)
+
+
+def _viscosity(kind: Any, strength: Any, record: Any, now: Callable[..., None]) -> Any:
+    """Identify a law of time in the plane."""
+    from minorloop.identification import Smooth, Viscosity
+
+    levels, *others = kind
+    law = Viscosity(levels or Viscosity.levels, *others)
+    return law.identify(record, Smooth(strength), say=now)
+
+
+def _vibration(
+    rough: str, period: int | None, between: Any, record: Any, now: Callable[..., None]
+) -> Any:
+    """Identify an oscillator."""
+    from minorloop.identification.oscillator import Vibration
+
+    check_units(record)
+    return Vibration(rough_oscillator(rough), period, between).identify(record)
 
 
 def _lag(text: str | None) -> Any:
