@@ -240,28 +240,19 @@ def _late(known: ModelFile, t: FloatArray | None, y: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ModelScore(Drawn):
-    """How near a model is to the outputs of a record that it was not identified from.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        The model and its outputs.
-    y : (T,) array
-        Measured outputs in the unit of the model; NaN where nothing was measured.
-    scored : (T,) array of bool
-        Rows that are scored: measured ones whose memory and delayed input are known, and that are
-        not skipped.
-    starts : mapping of str to float
-        Errors with other start states, over the range of the output.
-    groups : mapping of str to (T,) array of bool
-        Rows of each group; empty without groups.
-    """
+    """How near a model is to the outputs of a record that it was not identified from."""
 
     simulation: Simulation
+    """The model and its outputs."""
     y: FloatArray
+    """Shape (T,). Measured outputs in the unit of the model; NaN where nothing was measured."""
     scored: BoolArray
+    """Shape (T,). Rows that are scored: measured ones whose memory and delayed input are known, and
+    that are not skipped."""
     starts: Mapping[str, float] = field(default_factory=dict)
+    """Errors with other start states, over the range of the output."""
     groups: Mapping[str, BoolArray] = field(default_factory=dict)
+    """Shape (T,) each. Rows of each group; empty without groups."""
 
     @property
     def u(self) -> FloatArray:

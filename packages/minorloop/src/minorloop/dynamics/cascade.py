@@ -103,23 +103,6 @@ class CascadeInversion(Drawn):
 class Cascade:
     """A hysteresis operator and a linear system in series, and creep of the output.
 
-    Parameters
-    ----------
-    operator : Operator
-        The hysteresis.
-    linear : Linear
-        The dynamics. With DC gain 1 the cascade equals the operator for slow inputs.
-    first : {"operator", "linear"}
-        Which of the two receives the input.
-    creep : Creep, optional
-        Creep of the output of both.
-    noise : float
-        Error of the model over the range of its output, where it is known. `invert` does not
-        follow frequencies at which the linear part has a smaller gain.
-    ahead : Linear, optional
-        Dynamics before the operator, where there are some on both sides; then the operator comes
-        before ``linear``.
-
     Raises
     ------
     ParameterError
@@ -132,11 +115,19 @@ class Cascade:
     """
 
     operator: Operator
+    """The hysteresis."""
     linear: Linear
+    """The dynamics. With DC gain 1 the cascade equals the operator for slow inputs."""
     first: First = "operator"
+    """Which of the two receives the input."""
     creep: Creep | None = None
+    """Creep of the output of both."""
     noise: float = 0.0
+    """Error of the model over the range of its output, where it is known. `invert` does not follow
+    frequencies at which the linear part has a smaller gain."""
     ahead: Linear | None = None
+    """Dynamics before the operator, where there are some on both sides; then the operator comes
+    before ``linear``."""
 
     def __post_init__(self) -> None:
         check_option("first", self.first, ("operator", "linear"))

@@ -29,17 +29,6 @@ PER_DECADE = 2
 class Creep:
     """A prompt part and a sum of slow lags: y = offset + (gain + sum c_i / (tau_i s + 1)) x.
 
-    Parameters
-    ----------
-    times : (n,) array_like
-        Time constants tau_i in seconds.
-    strengths : (n,) array_like
-        c_i >= 0, in the unit of the output over that of x.
-    gain : float
-        Gain of the prompt part.
-    offset : float
-        Added to the output.
-
     Raises
     ------
     ParameterError
@@ -47,9 +36,13 @@ class Creep:
     """
 
     times: FloatArray
+    """Shape (n,). Time constants tau_i in seconds."""
     strengths: FloatArray
+    """Shape (n,). c_i >= 0, in the unit of the output over that of x."""
     gain: float = 1.0
+    """Gain of the prompt part."""
     offset: float = 0.0
+    """Added to the output."""
 
     def __post_init__(self) -> None:
         store = object.__setattr__

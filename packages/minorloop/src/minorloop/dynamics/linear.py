@@ -33,18 +33,6 @@ rounded to the microsecond."""
 class Linear(Drawn):
     """A rational transfer function with dead time, continuous or sampled.
 
-    Parameters
-    ----------
-    numerator, denominator : array_like
-        Coefficients in descending powers of s, or of z for a sampled system. The degree of the
-        numerator is at most that of the denominator, whose first coefficient is not zero. They are
-        stored in equal number, divided by the first coefficient of the denominator.
-    interval : float, optional
-        Time between samples in seconds; None for a continuous system. The input of a sampled
-        system is held over each interval.
-    delay : float
-        Dead time in seconds; a whole number of intervals for a sampled system.
-
     Raises
     ------
     ParameterError
@@ -53,8 +41,14 @@ class Linear(Drawn):
 
     numerator: FloatArray
     denominator: FloatArray
+    """Coefficients in descending powers of s, or of z for a sampled system. The degree of the
+    numerator is at most that of the denominator, whose first coefficient is not zero. They are
+    stored in equal number, divided by the first coefficient of the denominator."""
     interval: float | None = None
+    """Time between samples in seconds; None for a continuous system. The input of a sampled system
+    is held over each interval."""
     delay: float = 0.0
+    """Dead time in seconds; a whole number of intervals for a sampled system."""
 
     def __post_init__(self) -> None:
         store = object.__setattr__

@@ -38,17 +38,6 @@ _SETTLED = 1e-9
 class Oscillator:
     """``mass y'' + damping y' + stiffness y + z = u``, where z is hysteretic.
 
-    Parameters
-    ----------
-    mass : float
-        In kg, positive.
-    damping : float
-        In N s/m.
-    stiffness : float or (n,) array_like
-        In N/m; or the coefficients of y, y^2, ... in the restoring force.
-    operator : BoucWen, Duhem, PrandtlIshlinskii or Preisach
-        Hysteretic force in N as a function of the displacement in m; demagnetised at rest.
-
     Raises
     ------
     ParameterError
@@ -62,9 +51,14 @@ class Oscillator:
     """
 
     mass: float
+    """In kg, positive."""
     damping: float
+    """In N s/m."""
     stiffness: FloatArray
+    """In N/m; or, of shape (n,), the coefficients of y, y^2, ... in the restoring force."""
     operator: Any
+    """Hysteretic force in N as a function of the displacement in m, demagnetised at rest: a
+    `BoucWen`, `Duhem`, `PrandtlIshlinskii` or `Preisach`."""
 
     def __post_init__(self) -> None:
         for name in ("mass", "damping"):

@@ -21,15 +21,6 @@ _UNIT = 1e-6
 class Trajectory:
     """An operator for the settled values, and unit step responses for the transients.
 
-    Parameters
-    ----------
-    operator : Operator
-        Gives the settled value for each input, with memory.
-    rising : Linear
-        Response with DC gain 1 of an output that rises.
-    falling : Linear, optional
-        Response of an output that falls; ``rising`` if not given.
-
     Raises
     ------
     ParameterError
@@ -42,8 +33,11 @@ class Trajectory:
     """
 
     operator: Operator
+    """Gives the settled value for each input, with memory."""
     rising: Linear
+    """Response with DC gain 1 of an output that rises."""
     falling: Linear | None = None
+    """Response of an output that falls; ``rising`` if not given."""
 
     def __post_init__(self) -> None:
         for name in ("rising", "falling"):

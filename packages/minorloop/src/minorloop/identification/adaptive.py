@@ -99,24 +99,6 @@ class Adaptive:
     first reading, both are fitted, the point is one of the ``changes``, and the bands are widened
     by the contradiction. A hold that later ones show to be an outlier is left out and replaced.
 
-    Parameters
-    ----------
-    low, high : float
-        Range of the input.
-    levels : int
-        Bands of the model.
-    holds : int
-        Budget, without validation (4 holds) and repetitions (3 at most).
-    step : float
-        Largest allowed change of the input.
-    least_gain : float
-        Stop when the next hold is expected to reduce the standard deviation by less than this
-        share.
-    seed : int
-        Seed of the levels of the validation.
-    noise : float, optional
-        Standard deviation of a measured output, where it is known.
-
     Raises
     ------
     ParameterError
@@ -135,12 +117,19 @@ class Adaptive:
 
     low: float
     high: float
+    """Range of the input."""
     levels: int = 20
+    """Bands of the model."""
     holds: int = 12
+    """Budget, without validation (4 holds) and repetitions (3 at most)."""
     step: float = float("inf")
+    """Largest allowed change of the input."""
     least_gain: float = 0.0
+    """Stop when the next hold is expected to reduce the standard deviation by less than this."""
     seed: int = 0
+    """Seed of the levels of the validation."""
     noise: float | None = None
+    """Standard deviation of a measured output, where it is known."""
     _fits: dict[bytes, Identification] = field(default_factory=dict, repr=False)
     _first: FloatArray = field(init=False, repr=False)
 

@@ -63,56 +63,39 @@ class Uncertain(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class AfterEffectIdentification(Drawn):
-    """An operator with after-effect identified from a record.
-
-    Parameters
-    ----------
-    model : AfterEffect
-        The operator.
-    law : str
-        The law of its change with time.
-    tried : tuple of TriedLaw
-        All laws that were compared.
-    t, u, y : (T,) arrays
-        The record.
-    fitted, left_out : (T,) arrays of bool
-        Rows that were fitted, and those of them that were left out to compare laws.
-    curves : Curves
-        Where the memory is reset.
-    without : AfterEffect
-        The operator fitted without the rows left out.
-    directions : tuple of pairs of AfterEffect
-        Operators one standard deviation of the constants away, in both directions, along each
-        principal axis.
-    settlings : tuple of pairs of AfterEffect and float
-        Operators with other settling times, and how likely they are over the best.
-    groups : (T,) array of int, optional
-        Number of the run of each row.
-    weights : object with ``variance(t, u, curves)``, optional
-        Uncertainty of the weights.
-    lag, lag_seconds
-        Lag of the output in rows and in seconds, for model files: none.
-    told : RecordAdvice
-        What was found in the record as it was read.
-    """
+    """An operator with after-effect identified from a record."""
 
     model: AfterEffect
+    """The operator."""
     law: str
+    """The law of its change with time."""
     tried: tuple[TriedLaw, ...]
+    """All laws that were compared."""
     t: FloatArray
     u: FloatArray
     y: FloatArray
+    """Shape (T,). The record."""
     fitted: BoolArray
     left_out: BoolArray
+    """Shape (T,). Rows that were fitted, and those of them that were left out to compare laws."""
     curves: Curves
+    """Where the memory is reset."""
     without: AfterEffect
+    """The operator fitted without the rows left out."""
     directions: tuple[tuple[AfterEffect, AfterEffect], ...] = ()
+    """Operators one standard deviation of the constants away, in both directions, along each
+    principal axis."""
     settlings: tuple[tuple[AfterEffect, float], ...] = ()
+    """Operators with other settling times, and how likely they are over the best."""
     groups: IntArray | None = None
+    """Shape (T,). Number of the run of each row."""
     weights: Uncertain | None = None
+    """Uncertainty of the weights."""
     lag: int = 0
     lag_seconds: float = 0.0
+    """Lag of the output in rows and in seconds, for model files: none."""
     told: RecordAdvice = NOTHING
+    """What was found in the record as it was read."""
 
     @cached_property
     def prediction(self) -> FloatArray:

@@ -20,31 +20,22 @@ _SHOWN = 12
 
 @dataclass(frozen=True, eq=False)
 class Prediction(Drawn):
-    """Predicted outputs with their standard deviations.
-
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Inputs and predicted outputs.
-    sd : (T,) array
-        Standard deviation of a reading: uncertainty of the weights, discrepancy of any Preisach
-        model, and sensor noise. Where the record has groups: of a reading of another group.
-    probability : float
-        Probability that a reading lies within its band.
-    noise : float
-        The part of ``sd`` that is known to be sensor noise, or learnt to be: from more than about a
-        hundred samples it is not told from the discrepancy, and this is 0 unless it is given.
-    beyond : float
-        Share of the outputs that are farther from the record, by closed travel of the input or in
-        the memory plane, than each of its parts is from the others.
-    """
+    """Predicted outputs with their standard deviations."""
 
     u: FloatArray
     y: FloatArray
+    """Shape (T,). Inputs and predicted outputs."""
     sd: FloatArray
+    """Shape (T,). Standard deviation of a reading: uncertainty of the weights, discrepancy of any
+    Preisach model, and sensor noise. Where the record has groups: of a reading of another group."""
     probability: float
+    """Probability that a reading lies within its band."""
     noise: float = 0.0
+    """The part of ``sd`` that is known to be sensor noise, or learnt to be: from more than about a
+    hundred samples it is not told from the discrepancy, and this is 0 unless it is given."""
     beyond: float = 0.0
+    """Share of the outputs that are farther from the record, by closed travel of the input or in
+    the memory plane, than each of its parts is from the others."""
 
     def without_noise(self) -> Prediction:
         """Return the prediction of the true outputs, whose bands are narrower by the noise."""

@@ -44,22 +44,16 @@ _BETTER = {"lag": 0.8, "levels": 0.95, "structure": 0.95}
 
 @dataclass(frozen=True)
 class Choice:
-    """An option that was chosen by the error on left-out parts.
-
-    Parameters
-    ----------
-    chosen, other : str
-        What was chosen, and the best of the others.
-    error, other_error : float
-        Their errors on left-out parts, over the range of the output.
-    """
+    """An option that was chosen by the error on left-out parts."""
 
     name: str
     """The option."""
     chosen: str
     error: float
+    """What was chosen, and its error on left-out parts, over the range of the output."""
     other: str
     other_error: float
+    """The best of the others, and its error."""
 
     def __str__(self) -> str:
         kept = ", not clearly better" if self.other_error < self.error else ""

@@ -62,24 +62,17 @@ search ended at a jump, where the remanence cannot be met."""
 
 @dataclass(frozen=True, eq=False)
 class DataSheetModel(Drawn):
-    """A model of a material of which only the major loop is known.
-
-    Parameters
-    ----------
-    model : Preisach
-        Mean of the planes; it has the given loop.
-    ridges : (R, L, L) array
-        Weights of planes of ridges that all have this loop.
-    coercivity, remanence, saturation, field : float
-        The given loop: coercive input, output at zero input, and output at the largest input.
-    """
+    """A model of a material of which only the major loop is known."""
 
     model: Preisach
+    """Mean of the planes; it has the given loop."""
     ridges: FloatArray
+    """Shape (R, L, L). Weights of planes of ridges that all have this loop."""
     coercivity: float
     remanence: float
     saturation: float
     field: float
+    """The given loop: coercive input, output at zero input, and output at the largest input."""
 
     @property
     def lag(self) -> int:

@@ -48,21 +48,14 @@ MOST_HOLDS = 1000
 
 @dataclass(frozen=True)
 class NextInput:
-    """The input to measure next, and the expected reduction of the standard deviation.
-
-    Parameters
-    ----------
-    u : float
-        The input.
-    sd : float
-        Mean standard deviation of future outputs now.
-    sd_after : float
-        The same after this hold.
-    """
+    """The input to measure next, and the expected reduction of the standard deviation."""
 
     u: float
+    """The input."""
     sd: float
+    """Mean standard deviation of future outputs now."""
     sd_after: float
+    """The same after this hold."""
 
     @property
     def gain(self) -> float:

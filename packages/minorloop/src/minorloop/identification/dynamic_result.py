@@ -62,40 +62,28 @@ class TriedDynamics:
 
 @dataclass(frozen=True, eq=False)
 class DynamicIdentification(Drawn):
-    """An operator with dead time, linear dynamics and creep, identified from a record.
-
-    Parameters
-    ----------
-    model : Cascade
-        The model. Its linear part has DC gain 1, and so has its creep.
-    static : Identification
-        The operator, with what it alone would have given plus the residual of the model, and the
-        measured outputs, over whose range its errors are given.
-    t, u, y : (T,) arrays
-        The record; y is NaN where nothing was measured.
-    fitted, held_out : (T,) arrays of bool
-        Samples that were fitted, and samples that were held out.
-    tried : tuple of TriedDynamics
-        Dynamics that were compared.
-    startup : int
-        Number of first rows that the other rows do not predict; 0 if there are none.
-    startup_fitted : bool
-        Whether these are fitted all the same, because they make the model of the others no worse.
-    told : RecordAdvice
-        What was found in the record as it was read.
-    """
+    """An operator with dead time, linear dynamics and creep, identified from a record."""
 
     model: Cascade
+    """The model. Its linear part has DC gain 1, and so has its creep."""
     static: Identification
+    """The operator, with what it alone would have given plus the residual of the model, and the
+    measured outputs, over whose range its errors are given."""
     t: FloatArray
     u: FloatArray
     y: FloatArray
+    """Shape (T,). The record; y is NaN where nothing was measured."""
     fitted: BoolArray
     held_out: BoolArray
+    """Shape (T,). Samples that were fitted, and samples that were held out."""
     tried: tuple[TriedDynamics, ...]
+    """Dynamics that were compared."""
     startup: int = 0
+    """Number of first rows that the other rows do not predict; 0 if there are none."""
     startup_fitted: bool = True
+    """Whether these are fitted all the same, because they make the model of the others no worse."""
     told: RecordAdvice = NOTHING
+    """What was found in the record as it was read."""
 
     @cached_property
     def prediction(self) -> FloatArray:

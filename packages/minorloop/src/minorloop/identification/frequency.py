@@ -44,13 +44,6 @@ _UNSETTLED = 0.01
 class Preamble:
     """Inputs before every sine, which bring plant and operator to the same memory.
 
-    Parameters
-    ----------
-    input : float
-        Input that saturates the plant, or wipes out its memory.
-    hold : float
-        Seconds for which this input is held, and then the bias.
-
     Raises
     ------
     ParameterError
@@ -58,7 +51,9 @@ class Preamble:
     """
 
     input: float
+    """Input that saturates the plant, or wipes out its memory."""
     hold: float
+    """Seconds for which this input is held, and then the bias."""
 
     def __post_init__(self) -> None:
         as_finite("input", self.input)

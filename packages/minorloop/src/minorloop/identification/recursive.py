@@ -52,20 +52,6 @@ class RecursiveState:
 class Recursive:
     """Recursive identification of a Preisach model, from settled samples.
 
-    Parameters
-    ----------
-    levels : (L + 1,) array_like
-        Thresholds.
-    forgetting : float
-        Factor on the weight of a sample per update, above 0 and up to 1; 0.995 keeps about 200
-        samples.
-    prior : float
-        Strength of the leak towards the present weights, in samples; positive.
-    sweeps : int
-        Sweeps of coordinate descent an update.
-    relay, diagonal
-        As in `Preisach`.
-
     Raises
     ------
     ParameterError
@@ -78,11 +64,17 @@ class Recursive:
     """
 
     levels: Levels
+    """Shape (L + 1,). Thresholds."""
     forgetting: float = 0.995
+    """Factor on the weight of a sample per update, above 0 and up to 1; 0.995 keeps about 200
+    samples."""
     prior: float = 0.1
+    """Strength of the leak towards the present weights, in samples; positive."""
     sweeps: int = 2
+    """Sweeps of coordinate descent an update."""
     relay: Relay = "bipolar"
     diagonal: Diagonal = "uniform"
+    """As in `Preisach`."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", as_levels(self.levels))

@@ -83,32 +83,22 @@ INSERT_TRACE = "INSERT INTO trace VALUES (?, ?, ?, ?)"
 
 @dataclass(frozen=True)
 class Setup:
-    """The actuator and specimen that a plan is carried out on.
-
-    Parameters
-    ----------
-    address : str
-        Address of the actuator, such as ``twin:ipmc``.
-    input, output : str
-        Name and unit of each channel, such as ``voltage [V]``.
-    specimen : int, optional
-        Seed of the specimen; None for the nominal one.
-    seed : int
-        Seed of the noise.
-    options : dict
-        Further options of `connect`, such as ``noise``; ready for JSON.
-    design : dict, optional
-        Parameters of what chooses the levels that the plan leaves open: of an adaptive run or,
-        under ``drive``, of a drive; under ``sines``, the sines of a run. Ready for JSON.
-    """
+    """The actuator and specimen that a plan is carried out on."""
 
     address: str
+    """Address of the actuator, such as ``twin:ipmc``."""
     input: str
     output: str
+    """Name and unit of each channel, such as ``voltage [V]``."""
     specimen: int | None = None
+    """Seed of the specimen; None for the nominal one."""
     seed: int = 0
+    """Seed of the noise."""
     options: dict[str, Any] = field(default_factory=dict)
+    """Further options of `connect`, such as ``noise``; ready for JSON."""
     design: dict[str, Any] | None = None
+    """Parameters of what chooses the levels that the plan leaves open: of an adaptive run or, under
+    ``drive``, of a drive; under ``sines``, the sines of a run. Ready for JSON."""
 
     def to_json(self) -> str:
         """Return the setup as JSON; equal setups give equal text."""

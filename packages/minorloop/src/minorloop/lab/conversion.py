@@ -83,6 +83,7 @@ class _Calibration:
     name: str | None = None
     unit: str | None = None
     calibration_sd: float = 0.0
+    """Standard deviation of the calibration, in the unit of the result."""
 
     def __post_init__(self) -> None:
         if as_finite("calibration_sd", self.calibration_sd) < 0:
@@ -109,15 +110,7 @@ class _Calibration:
 
 @dataclass(frozen=True)
 class CalibrationPolynomial(_Calibration):
-    """A polynomial: c0 + c1 x + c2 x^2 + ...
-
-    Parameters
-    ----------
-    name, unit : str, optional
-        Of the result.
-    calibration_sd : float
-        Standard deviation of the calibration, in the unit of the result.
-    """
+    """A polynomial: c0 + c1 x + c2 x^2 + ..."""
 
     coefficients: tuple[float, ...] = (0.0, 1.0)
     """From the constant on."""
@@ -159,15 +152,7 @@ def linear(
 
 @dataclass(frozen=True, eq=False)
 class CalibrationTable(_Calibration):
-    """A table with straight lines between its points.
-
-    Parameters
-    ----------
-    name, unit : str, optional
-        Of the result.
-    calibration_sd : float
-        Standard deviation of the calibration, in the unit of the result.
-    """
+    """A table with straight lines between its points."""
 
     readings: npt.ArrayLike = ()
     values: npt.ArrayLike = ()

@@ -79,19 +79,6 @@ class AfterEffect(Drawn):
 
     Without field and creep the operator is the plane.
 
-    Parameters
-    ----------
-    plane : Preisach
-        Thresholds, weights that respond at once, offset, relay, diagonal and slope.
-    field : float or (L,) array_like
-        Fluctuation field S in the unit of the input, of all bands or of each; 0 for none.
-    settling : float
-        Settling time T of the effective input in seconds; 0 without a field.
-    times : (n,) array_like
-        Time constants of the creep in seconds, increasing.
-    creep : (n, L, L) array_like
-        Weights that creep with each time constant, in the unit of the output; of any sign.
-
     Raises
     ------
     ParameterError
@@ -104,10 +91,16 @@ class AfterEffect(Drawn):
     """
 
     plane: Preisach
+    """Thresholds, weights that respond at once, offset, relay, diagonal and slope."""
     field: FloatArray = parameter(default_factory=_none)
+    """Fluctuation field S in the unit of the input, of all bands or, (L,), of each; 0 for none."""
     settling: float = 0.0
+    """Settling time T of the effective input in seconds; 0 without a field."""
     times: FloatArray = parameter(default_factory=_none)
+    """Shape (n,). Time constants of the creep in seconds, increasing."""
     creep: FloatArray = parameter(default_factory=_none)
+    """Shape (n, L, L). Weights that creep with each time constant, in the unit of the output; of
+    any sign."""
 
     def __post_init__(self) -> None:
         store = object.__setattr__

@@ -184,15 +184,6 @@ class BoucWen(Differential):
     With the usual ``beta``, give the products: only they can be seen in a loop. For an exponent
     of 1 steps are exact; for others they are integrated to about seven digits.
 
-    Parameters
-    ----------
-    alpha : float
-        Slope at z = 0, positive.
-    gamma, delta : float
-        Pull of z back to zero; ``gamma + delta > 0`` limits the output.
-    exponent : float
-        At least 0.5, in most texts 1 or more; nu there.
-
     Raises
     ------
     ParameterError
@@ -205,9 +196,12 @@ class BoucWen(Differential):
     """
 
     alpha: float
+    """Slope at z = 0, positive."""
     gamma: float
     delta: float
+    """Pull of z back to zero; ``gamma + delta > 0`` limits the output."""
     exponent: float = 1.0
+    """At least 0.5, in most texts 1 or more; nu there."""
 
     def __post_init__(self) -> None:
         for name in ("alpha", "gamma", "delta", "exponent"):
@@ -238,13 +232,6 @@ class Duhem(Differential):
 
     Steps are exact: on each piece the output is an exponential of the input.
 
-    Parameters
-    ----------
-    levels : (n,) array_like
-        Outputs at which the slopes are given, strictly increasing.
-    rising, falling : (n,) array_like
-        Slopes ``dz/du`` at the levels for rising and for falling inputs; constant beyond them.
-
     Raises
     ------
     ParameterError
@@ -257,8 +244,11 @@ class Duhem(Differential):
     """
 
     levels: FloatArray
+    """Shape (n,). Outputs at which the slopes are given, strictly increasing."""
     rising: FloatArray
     falling: FloatArray
+    """Shape (n,). Slopes ``dz/du`` at the levels for rising and for falling inputs; constant beyond
+    them."""
 
     def __post_init__(self) -> None:
         levels = as_levels(self.levels)

@@ -21,30 +21,20 @@ _SHOWN = 12
 
 @dataclass(frozen=True, eq=False)
 class Inversion(Drawn):
-    """Inputs that bring a model to a sequence of targets.
-
-    Parameters
-    ----------
-    u : (T,) array
-        Inputs, in order.
-    y : (T,) array
-        Outputs of the model for these inputs.
-    residual : (T,) array
-        ``y - target``.
-    reachable : (T,) array of bool
-        Whether the target lies within what the model can reach.
-    sd : (T,) array, optional
-        Standard deviation of a reading of the actuator's output, where it is known.
-    warnings : tuple of str
-        Why the model that was inverted is not to be trusted.
-    """
+    """Inputs that bring a model to a sequence of targets."""
 
     u: FloatArray
+    """Shape (T,). Inputs, in order."""
     y: FloatArray
+    """Shape (T,). Outputs of the model for these inputs."""
     residual: FloatArray
+    """Shape (T,). ``y - target``."""
     reachable: BoolArray
+    """Shape (T,). Whether the target lies within what the model can reach."""
     sd: FloatArray | None = None
+    """Shape (T,). Standard deviation of a reading of the actuator's output, where it is known."""
     warnings: tuple[str, ...] = ()
+    """Why the model that was inverted is not to be trusted."""
 
     @property
     def targets(self) -> FloatArray:

@@ -39,13 +39,6 @@ class Polynomial(Drawn):
     Inputs beyond [low, high] are clamped. The methods ignore ``start`` and ``memory``, which they
     have in common with those of operators.
 
-    Parameters
-    ----------
-    coefficients : (degree + 1,) array_like
-        Constant first, in the unit of the output over powers of that of the input.
-    low, high : float
-        Range of inputs in which the curve is valid.
-
     Raises
     ------
     ParameterError
@@ -58,8 +51,11 @@ class Polynomial(Drawn):
     """
 
     coefficients: FloatArray
+    """Shape (degree + 1,). Constant first, in the unit of the output over powers of that of the
+    input."""
     low: float
     high: float
+    """Range of inputs in which the curve is valid."""
 
     def __post_init__(self) -> None:
         try:

@@ -47,15 +47,6 @@ class PrandtlIshlinskii(Drawn):
     - ``"negative"`` or ``"positive"``: the input came from far below, or from far above,
     - ``"demagnetised"`` or ``"relaxed"``: every play at zero.
 
-    Parameters
-    ----------
-    radii : (n,) array_like
-        Slack of each play in the unit of the input; not negative, strictly increasing.
-    weights : (n,) array_like
-        In the unit of the output over that of the input; any sign.
-    offset : float
-        Added to the output.
-
     Raises
     ------
     ParameterError
@@ -69,8 +60,11 @@ class PrandtlIshlinskii(Drawn):
     """
 
     radii: FloatArray
+    """Shape (n,). Slack of each play in the unit of the input; >= 0, strictly increasing."""
     weights: FloatArray
+    """Shape (n,). In the unit of the output over that of the input; any sign."""
     offset: float = 0.0
+    """Added to the output."""
 
     def __post_init__(self) -> None:
         radii, weights = as_paired(self.radii, self.weights, name="radii")

@@ -50,25 +50,6 @@ _ROUNDING = 1e-13
 class Preisach(Drawn):
     """A weighted continuum of relays; the output depends on remembered extrema of the input.
 
-    Parameters
-    ----------
-    levels : (L + 1,) array_like
-        Thresholds in the unit of the input, strictly increasing, not necessarily even.
-    weights : (L, L) array_like
-        ``weights[i, j]``, j <= i: integral of the density over the cell alpha in
-        [levels[i], levels[i + 1]], beta in [levels[j], levels[j + 1]], in the unit of the
-        output. Zero above the diagonal. Negative weights are legal.
-    offset : float
-        Added to the output.
-    relay : {"bipolar", "unipolar"}
-        Whether the output of a relay is -1 or +1, or 0 or 1.
-    diagonal : {"uniform", "reversible"}
-        Whether the weight of a diagonal cell is spread evenly over its triangle, or lies on
-        the line alpha = beta.
-    slope : float
-        Slope of a memoryless linear part, output per input. Inputs beyond the levels are clamped
-        for the relays, but not for this part.
-
     Raises
     ------
     ParameterError
@@ -82,11 +63,22 @@ class Preisach(Drawn):
     """
 
     levels: Levels
+    """Shape (L + 1,). Thresholds in the unit of the input, strictly increasing, not necessarily
+    even."""
     weights: FloatArray
+    """Shape (L, L). ``weights[i, j]``, j <= i: integral of the density over the cell alpha in
+    [levels[i], levels[i + 1]], beta in [levels[j], levels[j + 1]], in the unit of the output. Zero
+    above the diagonal. Negative weights are legal."""
     offset: float = 0.0
+    """Added to the output."""
     relay: Relay = "bipolar"
+    """Whether the output of a relay is -1 or +1, bipolar, or 0 or 1, unipolar."""
     diagonal: Diagonal = "uniform"
+    """Whether the weight of a diagonal cell is spread evenly over its triangle, uniform, or lies on
+    the line alpha = beta, reversible."""
     slope: float = 0.0
+    """Slope of a memoryless linear part, output per input. Inputs beyond the levels are clamped for
+    the relays, but not for this part."""
 
     def __post_init__(self) -> None:
         store = object.__setattr__

@@ -42,18 +42,6 @@ class RelayModel(Drawn):
     row alpha = levels[k], and one that falls below level k switches off the column
     beta = levels[k].
 
-    Parameters
-    ----------
-    levels : (N,) array_like
-        Thresholds in the unit of the input, strictly increasing.
-    weights : (N, N) array_like
-        ``weights[a, b]``, b <= a, is the weight of the relay at (levels[a], levels[b]), in the unit
-        of the output; zero above the diagonal.
-    offset : float
-        Added to the output.
-    relay : {"bipolar", "unipolar"}
-        Whether the output of a relay is -1 or +1, or 0 or 1.
-
     Raises
     ------
     ParameterError
@@ -65,9 +53,14 @@ class RelayModel(Drawn):
     """
 
     levels: Levels
+    """Shape (N,). Thresholds in the unit of the input, strictly increasing."""
     weights: FloatArray
+    """Shape (N, N). ``weights[a, b]``, b <= a, is the weight of the relay at (levels[a],
+    levels[b]), in the unit of the output; zero above the diagonal."""
     offset: float = 0.0
+    """Added to the output."""
     relay: Relay = "bipolar"
+    """Whether the output of a relay is -1 or +1, bipolar, or 0 or 1, unipolar."""
 
     def __post_init__(self) -> None:
         store = object.__setattr__

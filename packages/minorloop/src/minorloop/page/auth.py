@@ -16,27 +16,18 @@ _HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::[0-9]{1,
 
 @dataclass(frozen=True)
 class Authentication:
-    """Keys and host names that requests are checked against.
-
-    Parameters
-    ----------
-    host : str
-        Address on which the server listens.
-    key : str
-        Part of the printed address.
-    token : str
-        Cookie of a browser that has sent the key.
-    port : int
-        Port on which the server listens.
-    name : str, optional
-        Host name of a proxy in front of the server.
-    """
+    """Keys and host names that requests are checked against."""
 
     host: str
+    """Address on which the server listens."""
     key: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    """Part of the printed address."""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    """Cookie of a browser that has sent the key."""
     port: int = 0
+    """Port on which the server listens."""
     name: str | None = None
+    """Host name of a proxy in front of the server."""
 
     @property
     def cookie(self) -> str:
@@ -78,21 +69,14 @@ class Authentication:
 
 @dataclass(frozen=True, kw_only=True)
 class Serving:
-    """Where a server listens, and whom it admits.
-
-    Parameters
-    ----------
-    authentication : Authentication
-    listening : socket
-        Bound; a restarted server uses the same.
-    certificate, private_key : Path, optional
-        Files, for https.
-    """
+    """Where a server listens, and whom it admits."""
 
     authentication: Authentication
     listening: socket.socket
+    """Bound; a restarted server uses the same."""
     certificate: Path | None = None
     private_key: Path | None = None
+    """Files, for https."""
 
 
 def _is_address(name: str) -> bool:

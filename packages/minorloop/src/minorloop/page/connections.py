@@ -29,33 +29,23 @@ _SWEEP = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Limits of strangers.
-
-    Parameters
-    ----------
-    strangers : int
-        Number of strangers in all.
-    each : int
-        Number from one address; this machine's own addresses may be those of a proxy, and
-        have the common limit only.
-    header : float
-        Seconds from a connection to the end of a request with the key.
-    idle : float
-        Seconds from an answer to the end of the next request.
-    accepted, served : int
-        Connections that are accepted, and strangers that are read from, in a turn of the event
-        loop. If fewer are accepted than read, each is read before it is one too many.
-    spare : int
-        Open files of the process that connections leave to everything else.
-    """
+    """Limits of strangers."""
 
     strangers: int = 128
+    """Number of strangers in all."""
     each: int = 32
+    """Number from one address; this machine's own addresses may be those of a proxy, and have the
+    common limit only."""
     header: float = 5.0
+    """Seconds from a connection to the end of a request with the key."""
     idle: float = 10.0
+    """Seconds from an answer to the end of the next request."""
     accepted: int = 4
     served: int = 8
+    """Connections that are accepted, and strangers that are read from, in a turn of the event loop.
+    If fewer are accepted than read, each is read before it is one too many."""
     spare: int = 256
+    """Open files of the process that connections leave to everything else."""
 
 
 class Connection(socket.socket):

@@ -38,40 +38,27 @@ class FullError(OutputError):
 
 @dataclass(frozen=True, kw_only=True)
 class Quota:
-    """Limits of uploads.
-
-    Parameters
-    ----------
-    file : int
-        Bytes of a file.
-    disk : int
-        Bytes of all, with those that their results may have.
-    files : int
-        Number of all.
-    small : int
-        Bytes up to which a file is small; a quarter of the disk and of the number is kept free for
-        small files, and large ones do not delay them.
-    result : int
-        Bytes of each result of a file, which a worker cannot exceed.
-    memory : int
-        Bytes of memory of each worker, which it cannot exceed.
-    large : int
-        Large files that may be received, read or identified at the same time.
-    kept : float
-        Seconds without use after which a file is removed.
-    spared : float
-        Seconds without use after which a file may be removed to make room.
-    """
+    """Limits of uploads."""
 
     file: int = 32 * 1024**2
+    """Bytes of a file."""
     disk: int = 1024**3
+    """Bytes of all, with those that their results may have."""
     files: int = 64
+    """Number of all."""
     small: int = 1024**2
+    """Bytes up to which a file is small; a quarter of the disk and of the number is kept free for
+    small files, and large ones do not delay them."""
     result: int = 5 * 1024**2 // 2
+    """Bytes of each result of a file, which a worker cannot exceed."""
     memory: int = 2 * 1024**3
+    """Bytes of memory of each worker, which it cannot exceed."""
     large: int = 16
+    """Large files that may be received, read or identified at the same time."""
     kept: float = 4 * 3600.0
+    """Seconds without use after which a file is removed."""
     spared: float = 60.0
+    """Seconds without use after which a file may be removed to make room."""
 
 
 @dataclass(eq=False)
