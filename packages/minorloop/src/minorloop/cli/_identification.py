@@ -89,7 +89,7 @@ class Data:
 
 
 @dataclass(frozen=True)
-class Summary:
+class Printout:
     """What is printed and written of an identification."""
 
     found: Any
@@ -118,54 +118,54 @@ class Outputs:
     force: bool
     as_json: bool
 
-    def finish(self, summary: Summary, record: Record, file: Path, seconds: float) -> None:
+    def finish(self, printout: Printout, record: Record, file: Path, seconds: float) -> None:
         """Write the model and the report of an identification, and print what was found."""
         from minorloop.modelfile import Provenance
 
         provenance = Provenance.of(file)
         steps: list[Callable[[], None]] = []
         if self.save is not None:
-            steps.append(partial(self._save, self.save, summary, record, provenance))
+            steps.append(partial(self._save, self.save, printout, record, provenance))
         if self.report is not None:
-            steps.append(partial(self._report, self.report, summary, record, provenance))
+            steps.append(partial(self._report, self.report, printout, record, provenance))
         # Files first: the reader of the output may end.
-        _common.do_all([*steps, partial(self._print, summary, seconds)])
-        if summary.found.warnings:
+        _common.do_all([*steps, partial(self._print, printout, seconds)])
+        if printout.found.warnings:
             raise typer.Exit(_DISTRUSTED)
 
-    def _save(self, path: Path, summary: Summary, record: Record, provenance: Any) -> None:
+    def _save(self, path: Path, printout: Printout, record: Record, provenance: Any) -> None:
         from minorloop import modelfile
 
         modelfile.save(
-            summary.found if summary.saved is None else summary.saved,
+            printout.found if printout.saved is None else printout.saved,
             path,
             provenance=provenance,
             input=record.input,
             output=record.output,
-            warnings=summary.found.warnings,
+            warnings=printout.found.warnings,
             force=self.force,
         )
         if not self.as_json:
             typer.echo(f"model written to {path}")
 
-    def _report(self, path: Path, summary: Summary, record: Record, provenance: Any) -> None:
+    def _report(self, path: Path, printout: Printout, record: Record, provenance: Any) -> None:
         labels = {"input_label": str(record.input), "output_label": str(record.output)}
-        draw = partial(summary.report, source=str(provenance.data), **labels)
+        draw = partial(printout.report, source=str(provenance.data), **labels)
         with _common.working("drawing the report"):
             _common.write_report(draw, path, force=self.force)
         if not self.as_json:
             typer.echo(f"report written to {path}; open it in a browser")
 
-    def _print(self, summary: Summary, seconds: float) -> None:
-        found = summary.found
+    def _print(self, printout: Printout, seconds: float) -> None:
+        found = printout.found
         if self.as_json:
             said = {"advice": list(found.advice), "warnings": list(found.warnings)}
-            _common.print_json({**summary.figures, "seconds": seconds, **said})
+            _common.print_json({**printout.figures, "seconds": seconds, **said})
             return
-        rows = [*summary.rows, ("time", f"{seconds:.2f} s")]
-        for table in ((("", ""), rows, summary.title), *summary.tables):
+        rows = [*printout.rows, ("time", f"{seconds:.2f} s")]
+        for table in ((("", ""), rows, printout.title), *printout.tables):
             _common.print_table(*table)
-        for line in summary.said:
+        for line in printout.said:
             typer.echo(line)
         _common.print_advice(found.advice)
         if count := len(found.warnings):
@@ -175,7 +175,7 @@ class Outputs:
 
 def of_plane(
     result: Identification, record: Record, dynamic: DynamicIdentification | None, rank: bool
-) -> Summary:
+) -> Printout:
     """Return what is said of a plane, and of its dynamics if it has some."""
     from minorloop.identification.scores import OF_OPERATOR, curve_table, score_rows
     from minorloop.report import identification_report
@@ -194,7 +194,7 @@ def of_plane(
     rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
     found = result if dynamic is None else dynamic
     tried = () if dynamic is None else dynamic.tried
-    return Summary(
+    return Printout(
         found,
         f"{record.output} against {record.input}: Preisach, {figures['levels']} bands",
         rows,
@@ -266,7 +266,7 @@ def _dynamic_figures(found: DynamicIdentification) -> dict[str, Any]:
     }
 
 
-def of_viscosity(found: AfterEffectIdentification, record: Record) -> Summary:
+def of_viscosity(found: AfterEffectIdentification, record: Record) -> Printout:
     """Return what is said of a law of time in the plane."""
     from minorloop.report import after_effect_report
 
@@ -284,10 +284,10 @@ def of_viscosity(found: AfterEffectIdentification, record: Record) -> Summary:
         "levels": model.plane.bands,
     }
     title = f"{record.output} against {record.input} and time: Preisach, {model.plane.bands} bands"
-    return Summary(found, title, found.rows, figures, partial(after_effect_report, found))
+    return Printout(found, title, found.rows, figures, partial(after_effect_report, found))
 
 
-def of_vibration(found: OscillatorIdentification, record: Record) -> Summary:
+def of_vibration(found: OscillatorIdentification, record: Record) -> Printout:
     """Return what is said of an oscillator."""
     from minorloop.report import oscillator_report
 
@@ -301,7 +301,7 @@ def of_vibration(found: OscillatorIdentification, record: Record) -> Summary:
         "samples": int(found.record.scored.sum()),
     }
     title = f"{record.output} of an oscillator with hysteresis, driven by {record.input}"
-    return Summary(found, title, found.rows, figures, partial(oscillator_report, found))
+    return Printout(found, title, found.rows, figures, partial(oscillator_report, found))
 
 
 def rough_oscillator(start: str) -> Any:
