@@ -164,7 +164,7 @@ SAYS = {
     "sklearn": ("import minorloop.export.sklearn", "scikit-learn"),
     "jax": ("import minorloop.export.jax", "jax"),
     "fleet": (
-        "from minorloop.fleet._cluster import check_address; check_address('tcp://127.0.0.1:1')",
+        "from minorloop.fleet._cluster import _connect; _connect('tcp://127.0.0.1:1')",
         "dask.distributed",
     ),
     "instruments": (USES["instruments"], "pyvisa"),

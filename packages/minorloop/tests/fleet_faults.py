@@ -47,7 +47,7 @@ def wait_until_seen(task, seconds=60.0):
         time.sleep(0.01)
 
 
-def threads(task, scratch):
+def threads():
     """How many threads linear algebra has; prints, which a worker must not take for an answer."""
     print("a library has its say", flush=True)
     found = {name: os.environ[name] for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}

@@ -6,6 +6,8 @@ from minorloop.fleet.manifest import read_manifest
 from minorloop.operators.preisach import Preisach
 
 HEADER = "specimen,file,input,output"
+OPTIONS = {"levels": 6, "prior": "none", "smoothness": 0.0}
+"""Of fits that take little time."""
 
 
 def write_record(path, seed, samples=200):
@@ -22,3 +24,10 @@ def write_manifest(folder, names):
     lines = [HEADER, *(f"{name},{name}.csv,drive,tip" for name in names)]
     (folder / "manifest.csv").write_text("\n".join(lines) + "\n")
     return read_manifest(folder / "manifest.csv")
+
+
+def write_fleet(folder, names):
+    """Specimens with these names, each with a record of its own."""
+    for k, name in enumerate(names):
+        write_record(folder / f"{name}.csv", k)
+    return write_manifest(folder, names)

@@ -1,3 +1,5 @@
+import re
+
 HEADER = "specimen,file,input,output"
 
 
@@ -25,7 +27,7 @@ def test_the_exit_status_is_1_if_nothing_is_identified(run, tmp_path):
     assert status == 1
     assert "0 of 2 specimens identified" in out
     assert "models" not in out
-    assert said.splitlines() == ["1 of 2 specimens, last a"]
+    assert re.fullmatch("1 of 2 specimens, last [ab]\n", said)
 
 
 def test_refusals(refused, tmp_path):
@@ -38,6 +40,6 @@ def test_refusals(refused, tmp_path):
     assert "give one of them" in said
     assert "limit is -1.0 s; give a positive time" in refused(f"{line} --limit -1")
     assert "workers is 0" in refused(f"{line} --workers 0")
-    assert "is not a number" in refused(f"{line} --smoothness much")
+    assert "is 'much'; give auto or a number" in refused(f"{line} --smoothness much")
     assert "give one of 'bipolar'" in refused(f"{line} --relay foo")
     assert not (tmp_path / "fleet").exists()

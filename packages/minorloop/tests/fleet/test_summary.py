@@ -66,3 +66,9 @@ def test_a_model_not_to_be_trusted_is_listed():
     summary = Summary([outcome(0), replace(outcome(1), warning="the output is stuck")])
     assert summary.plain()["warnings"] == {"s1": "the output is stuck"}
     assert "warning s1: the output is stuck" in str(summary)
+
+
+def test_texts_are_on_one_line_and_shortened():
+    assert Outcome("a", error="a\n b").error == "a b"
+    assert Outcome("a", advice="x" * 500).advice == "x" * 396 + " ..."
+    assert Outcome("a", warning="").warning is None

@@ -152,6 +152,48 @@ Between = Annotated[
         autocompletion=one_of(("band", "straight", "held")),
     ),
 ]
+Levels = Annotated[
+    int | None,
+    whole_option(
+        "Bands between the least and the greatest input, 250 at most; 25 or 50 by left-out error, "
+        "or those of an adaptive run, if not given."
+    ),
+]
+Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1), unipolar (0, 1) or auto.")]
+Diagonal = Annotated[
+    str | None,
+    typer.Option(
+        help="Smallest loops: uniform, or reversible (no hysteresis), as in adaptive runs.",
+        show_default="by left-out error",
+    ),
+]
+Lag = Annotated[
+    str | None,
+    typer.Option(
+        help="Rows by which the output follows the input, or auto: the best of 0 to 20; with "
+        "--time also in seconds, such as '3 ms'.",
+        show_default="0 or the best, by left-out error",
+    ),
+]
+Slope = Annotated[
+    bool | None,
+    typer.Option(
+        "--slope/--no-slope", help="Fit a linear part too.", show_default="by left-out error"
+    ),
+]
+Smoothness = Annotated[str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")]
+Prior = Annotated[
+    str | None,
+    typer.Option(
+        help="gaussian (a prior on the plane), none, or auto (gaussian where it is quick, or where "
+        "samples are few or leave much of the plane open).",
+        show_default="auto",
+    ),
+]
+Holdout = Annotated[
+    float,
+    number_option("Share at the end that is scored, not fitted, 0 to 0.9; try 0.3."),
+]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Specimen = Annotated[int | None, whole_option("Seed of a twin's specimen; nominal if not given.")]
 Noise = Annotated[float, number_option("Standard deviation of a twin's sensor, in its unit.")]
@@ -169,6 +211,25 @@ def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
     if len(found) not in counts:
         raise ParameterError(f"--{name} is {text!r}; give {form}, numbers separated by commas")
     return found
+
+
+def as_lag(text: str | None) -> Any:
+    """Return the lag in rows, "auto", or a text with a unit of time; None if it is not given."""
+    from minorloop.lab.timebase import parse_lag
+
+    if text is None or parse_lag(text) is not None:
+        return text
+    return number_or_auto("lag", text, int)
+
+
+def number_or_auto(name: str, text: str, kind: type[int] | type[float]) -> Any:
+    if text == "auto":
+        return text
+    try:
+        return kind(text)
+    except ValueError:
+        number = "a whole number" if kind is int else "a number"
+        raise ParameterError(f"--{name} is {text!r}; give auto or {number}") from None
 
 
 def refuse_given(options: Mapping[str, Any], why: str) -> None:

@@ -43,48 +43,15 @@ def run(
     output: Annotated[
         str | None, typer.Option(help="Column of the output, where the manifest names none.")
     ] = None,
-    levels: Annotated[
-        int | None,
-        _common.whole_option(
-            "Bands of each model, 250 at most; 25 or 50 by left-out error if not given."
-        ),
-    ] = None,
-    relay: Annotated[str, typer.Option(help="Relays: bipolar or unipolar.")] = "bipolar",
-    diagonal: Annotated[
-        str | None,
-        typer.Option(
-            help="Smallest loops: uniform or reversible.", show_default="by left-out error"
-        ),
-    ] = None,
-    lag: Annotated[
-        int | None,
-        _common.whole_option(
-            "Rows by which the output follows the input; by left-out error if not given."
-        ),
-    ] = None,
-    slope: Annotated[
-        bool | None,
-        typer.Option(
-            "--slope/--no-slope", help="Fit a linear part too.", show_default="by left-out error"
-        ),
-    ] = None,
-    smoothness: Annotated[
-        str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")
-    ] = "auto",
-    prior: Annotated[
-        str,
-        typer.Option(
-            help="gaussian, none, or auto: gaussian where that is quick. none smooths, and is "
-            "up to five times as quick."
-        ),
-    ] = "auto",
+    levels: _common.Levels = None,
+    relay: _common.Relay = "bipolar",
+    diagonal: _common.Diagonal = None,
+    lag: _common.Lag = None,
+    slope: _common.Slope = None,
+    smoothness: _common.Smoothness = "auto",
+    prior: _common.Prior = "auto",
     start: _common.Start = "negative",
-    holdout: Annotated[
-        float,
-        _common.number_option(
-            "Share at the end of each record that is scored, not fitted, 0 to 0.9; try 0.2."
-        ),
-    ] = 0.0,
+    holdout: _common.Holdout = 0.0,
     workers: Annotated[
         int | None, _common.whole_option("Local processes; one for each core if not given.")
     ] = None,
@@ -116,9 +83,9 @@ def run(
 
     specimens = read_manifest(manifest, input=input, output=output)
     options: dict[str, Any] = {"relay": relay, "prior": prior, "start": start, "holdout": holdout}
-    given = {"levels": levels, "diagonal": diagonal, "lag": lag, "slope": slope}
+    options["smoothness"] = _common.number_or_auto("smoothness", smoothness, float)
+    given = {"levels": levels, "diagonal": diagonal, "lag": _common.as_lag(lag), "slope": slope}
     options |= {name: value for name, value in given.items() if value is not None}
-    options["smoothness"] = smoothness if smoothness == "auto" else _common.number(smoothness)
     with _common.working(
         f"identifying {counted(len(specimens), 'specimen')}", logged=not as_json
     ) as now:
@@ -161,18 +128,9 @@ def _show(summary: Summary, out: Path) -> None:
         _common.print_table(headers, rows, title)
     else:
         typer.echo(title)
-    outliers = summary.outliers()
-    for one in outliers[:_SHOWN]:
-        typer.echo(
-            f"outlier {one.specimen}: {one.figure} {one.value:.4g}; the median is {one.median:.4g}"
-        )
-    for doubted in summary.warned[:_SHOWN]:
-        typer.echo(f"not to be trusted {doubted.specimen}: {doubted.warning}")
-    for failure in summary.failures[:_SHOWN]:
-        typer.echo(f"failed {failure.specimen}: {failure.error}")
-    for file in summary.strays[:_SHOWN]:
-        typer.echo(f"{out / file} does not belong to any specimen in this manifest")
-    listed = outliers, summary.warned, summary.failures, summary.strays
-    if any(len(rows) > _SHOWN for rows in listed):
+    remarks = summary.remarks().values()
+    for sentence in (one for kind in remarks for one in kind[:_SHOWN]):
+        typer.echo(sentence)
+    if any(len(kind) > _SHOWN for kind in remarks):
         typer.echo(f"more are in {out / 'summary.json'}")
     typer.echo(f"{'models and results are' if summary.identified else 'the results are'} in {out}")

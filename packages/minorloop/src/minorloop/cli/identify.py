@@ -53,31 +53,8 @@ _Input = Annotated[
 _Output = Annotated[
     str | None, typer.Option(help="Column of the output; an empty cell: not measured.")
 ]
-_Levels = Annotated[
-    int | None,
-    _common.whole_option(
-        "Bands between the least and the greatest input, 250 at most; 25 or 50 by left-out error, "
-        "or those of an adaptive run, if not given."
-    ),
-]
 _Spacing = Annotated[
     str, typer.Option(help="Thresholds: uniform, or adaptive (denser where the output is steep).")
-]
-_Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1), unipolar (0, 1) or auto.")]
-_Diagonal = Annotated[
-    str | None,
-    typer.Option(
-        help="Smallest loops: uniform, or reversible (no hysteresis), as in adaptive runs.",
-        show_default="by left-out error",
-    ),
-]
-_Lag = Annotated[
-    str | None,
-    typer.Option(
-        help="Rows by which the output follows the input, or auto: the best of 0 to 20; with "
-        "--time also in seconds, such as '3 ms'.",
-        show_default="0 or the best, by left-out error",
-    ),
 ]
 _Dynamics = Annotated[
     str,
@@ -121,23 +98,8 @@ _Between = Annotated[
         autocompletion=one_of(_BETWEEN),
     ),
 ]
-_Slope = Annotated[
-    bool | None,
-    typer.Option(
-        "--slope/--no-slope", help="Fit a linear part too.", show_default="by left-out error"
-    ),
-]
 _Signed = Annotated[
     bool, typer.Option("--signed", help="Allow negative weights, for butterfly loops.")
-]
-_Smoothness = Annotated[str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")]
-_Prior = Annotated[
-    str | None,
-    typer.Option(
-        help="gaussian (a prior on the plane), none, or auto (gaussian where it is quick, or where "
-        "samples are few or leave much of the plane open).",
-        show_default="auto",
-    ),
 ]
 _Noise = Annotated[
     float | None,
@@ -158,10 +120,6 @@ _Rows = Annotated[
     typer.Option(
         metavar="A:B", help="Rows to use, counted from 0 after the header, B not included."
     ),
-]
-_Holdout = Annotated[
-    float,
-    _common.number_option("Share at the end that is scored, not fitted, 0 to 0.9; try 0.3."),
 ]
 _Rank = Annotated[
     bool, typer.Option("--rank", help="Compute the rank for more than 3000 unknowns too.")
@@ -187,27 +145,27 @@ def run(
     input: _Input = None,
     output: _Output = None,
     time: _common.Time = None,
-    levels: _Levels = None,
+    levels: _common.Levels = None,
     spacing: _Spacing = "uniform",
-    relay: _Relay = "bipolar",
-    diagonal: _Diagonal = None,
-    lag: _Lag = None,
+    relay: _common.Relay = "bipolar",
+    diagonal: _common.Diagonal = None,
+    lag: _common.Lag = None,
     dynamics: _Dynamics = "none",
     creep: _Creep = "none",
     rate: _Rate = False,
     oscillator: _Oscillator = None,
     period: _Period = None,
     between: _Between = None,
-    slope: _Slope = None,
+    slope: _common.Slope = None,
     signed: _Signed = False,
-    smoothness: _Smoothness = "auto",
-    prior: _Prior = None,
+    smoothness: _common.Smoothness = "auto",
+    prior: _common.Prior = None,
     noise: _Noise = None,
     sd: _Sd = None,
     mean: _Mean = "zero",
     start: _common.Start = "negative",
     rows: _Rows = None,
-    holdout: _Holdout = 0.0,
+    holdout: _common.Holdout = 0.0,
     curves: _common.Curves = None,
     start_of_curve: _common.StartOfCurve = None,
     groups: _common.Groups = None,
@@ -237,7 +195,7 @@ def run(
     _common.check_outputs([save, report], inputs=[file], force=force)
     columns = {"input": input, "output": output, "time": time, "curves": curves}
     data, outputs = Data(file, columns, rows), Outputs(save, report, force, as_json)
-    strength = _number_or_auto("smoothness", smoothness, float)
+    strength = _common.number_or_auto("smoothness", smoothness, float)
     if oscillator is not None:
         refuse_others(context, _OF_OSCILLATORS, "--oscillator")
         vibration = partial(_vibration, oscillator, period, between or "band")
@@ -276,7 +234,7 @@ def run(
         "prior": prior,
         "noise": noise,
         "mean": mean,
-        "lag": _lag(lag),
+        "lag": _common.as_lag(lag),
         "holdout": holdout,
         **of_record,
     }
@@ -319,22 +277,3 @@ def _vibration(
 
     check_units(record)
     return Vibration(rough_oscillator(rough), period, between).identify(record)
-
-
-def _lag(text: str | None) -> Any:
-    """Return the lag in rows, "auto", or a text with a unit of time; None if it is not given."""
-    from minorloop.lab.timebase import parse_lag
-
-    if text is None or parse_lag(text) is not None:
-        return text
-    return _number_or_auto("lag", text, int)
-
-
-def _number_or_auto(name: str, text: str, kind: type[int] | type[float]) -> Any:
-    if text == "auto":
-        return text
-    try:
-        return kind(text)
-    except ValueError:
-        number = "a whole number" if kind is int else "a number"
-        raise ParameterError(f"--{name} is {text!r}; give auto or {number}") from None

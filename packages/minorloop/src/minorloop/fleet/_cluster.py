@@ -5,92 +5,54 @@ from __future__ import annotations
 import asyncio
 import atexit
 import logging
-import queue
 import socket
+import time
 import uuid
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
 from contextlib import suppress
-from dataclasses import dataclass
-from itertools import islice
-from types import TracebackType
+from functools import partial
 from typing import Any
 
 from minorloop.errors import FleetError, MissingExtraError, ParameterError
-from minorloop.fleet._cluster_watch import ClusterWatch
 from minorloop.fleet._fitting import Found, Task
-from minorloop.fleet._pool import Pool
-from minorloop.fleet._reading import TICK
-from minorloop.fleet._worker import Work
+from minorloop.fleet._worker import FitProcesses, Work
 
 CONNECT = 10.0
 """Seconds to wait for the first answer of a scheduler."""
+SILENT = 4.0
+"""Seconds without a report after which a message says so; workers report up to twice a second."""
+_PER_WORKER = 0.02
+"""Seconds that each worker adds, because Dask makes reports rarer by 0.005 s for each."""
+_EVERY = 0.5
+"""Seconds between two requests to the scheduler."""
 _CLOSE = 1.0
 """Seconds to wait for the disconnection from a scheduler."""
 _AHEAD = 3
-"""Batches that are queued for each worker."""
-_LOSSES = 3
-"""Lost results after which a specimen fails, as many as Dask allows workers to end."""
-_BATCH_TIME, _MOST_EACH = 0.5, 64
-"""Seconds of work in a batch, and its largest number of specimens."""
+"""Specimens that are read or queued for each thread of the workers."""
 
-"""Key of a batch, and its results if there are any."""
-
-_idle: list[Pool] = []
-"""On a worker of the cluster: idle processes for the next batches."""
+_workers = FitProcesses()
+"""On a worker of the cluster: its processes, idle ones for the next specimens."""
+atexit.register(_workers.close)
 
 
-@atexit.register
-def _close_idle() -> None:
-    while _idle:
-        _idle.pop().close()
-
-
-def identify_batch(batch: Sequence[Task], limit: float, work: Work, topic: str) -> list[Found]:
-    """Identify some specimens; runs on a worker of the cluster, in a process that it can end.
+def fit_on_worker(work: Work, task: Task, limit: float, topic: str) -> Found:
+    """Identify a specimen on a worker of the cluster, in a process that it can end.
 
     Parameters
     ----------
-    batch : sequence of Task
-        What to identify.
-    limit : float
-        Seconds that one may take.
-    work : callable
-        Function that is applied to a task.
+    work, task, limit
+        As for `FitProcesses.run`.
     topic : str
         Dask topic for messages about delays.
     """
     from distributed import get_worker
 
-    worker = get_worker()
-    pool = _idle_pool(limit, work) or Pool(1, limit, work, print)
-    pool.say = lambda sentence: worker.log_event(topic, sentence)
-    try:
-        known = [one for one in pool.run(batch) if one is not None]
-    except BaseException:
-        pool.close()
-        raise
-    _idle.append(pool)
-    found = {task.specimen.name: one for task, one in known}
-    return [found[task.specimen.name] for task in batch]
-
-
-def _idle_pool(limit: float, work: Work) -> Pool | None:
-    with suppress(IndexError):
-        while True:
-            pool = _idle.pop()
-            if (pool.limit, pool.work) == (limit, work):
-                return pool
-            pool.close()
-    return None
+    return _workers.run(work, task, limit, partial(get_worker().log_event, topic))
 
 
 class Cluster:
     """The workers of a Dask scheduler.
-
-    Specimens are sent in batches of about half a second of work, so that sending them costs little.
-    A batch under which workers end is split, so that only the specimen at fault fails.
 
     Parameters
     ----------
@@ -98,14 +60,12 @@ class Cluster:
         Address of the scheduler.
     patience : float
         Seconds to wait for a worker or for an answer.
-    limit : float
-        Seconds that one specimen may take.
     work : callable
         Function that a worker applies to a task.
+    limit : float
+        Seconds that one specimen may take.
     say : callable
         Called with sentences about delays and faults.
-    total : int
-        Largest number of tasks.
 
     Raises
     ------
@@ -114,186 +74,151 @@ class Cluster:
     """
 
     def __init__(
-        self,
-        address: str,
-        patience: float,
-        limit: float,
-        work: Work,
-        say: Callable[[str], None],
-        total: int,
+        self, address: str, patience: float, work: Work, limit: float, say: Callable[[str], None]
     ) -> None:
-        self._client = _connect(address)
-        self._limit, self._work = limit, work
+        self._address, self._patience, self._say = address, patience, say
         self._topic = f"minorloop-fleet-{uuid.uuid4().hex}"
+        self._fit = partial(fit_on_worker, work, limit=limit, topic=self._topic)
+        self.ahead = _AHEAD
+        self._sent: dict[str, Future[Found | None]] = {}
+        self._reports: dict[str, tuple[float, float]] = {}
+        self._answering: list[str] = []
+        self._silent: list[str] = []
+        self._trouble, self._closed = "", False
+        self._client = _connect(address)
+        self._answered = self._worked = time.monotonic()
         self._client.subscribe_topic(self._topic, lambda event: say(str(event[1])))
-        self._watch = ClusterWatch(self._client, address, patience, say)
-        self._sent: dict[str, _SentBatch] = {}
-        self._answered: queue.SimpleQueue[tuple[str, Future[list[Found]] | None]] = (
-            queue.SimpleQueue()
-        )
-        self._size, self._total = 1, total
-        self._lost: Counter[str] = Counter()
+        self._watching = self._begin(self._watch())
 
-    def __enter__(self) -> Cluster:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        for key in list(self._sent):
-            self._forget(key)
-        with suppress(Exception):  # the scheduler may be gone; its state is not needed
-            self._client.close(timeout=_CLOSE)
-
-    def run(self, tasks: Iterable[Task | None]) -> Iterator[tuple[Task, Found] | None]:
-        """Yield each task with its result; None at intervals without a result.
+    def fit(self, task: Task) -> Found:
+        """Return the result of a task.
 
         Raises
         ------
-        ParameterError
-            If no worker comes within the patience.
         FleetError
-            If the scheduler is gone, or no worker answers within the patience.
+            If the scheduler is gone.
         """
-        coming, left = iter(tasks), self._total
-        while (left := self._fill(coming, left)) or self._sent:
-            self._watch.look()
-            for key in self._watch.stuck & self._sent.keys():
-                self._send(self._forget(key))
-            try:
-                answer = self._answered.get(timeout=TICK)
-            except queue.Empty:
-                yield None
-                continue
-            found = self._settle(*answer)
-            left = self._fill(coming, left)  # before others have time for what was found
-            yield from found
+        while True:
+            future = self._client.submit(
+                self._fit,
+                task,
+                pure=False,
+                workers=self._answering if self._silent else None,
+                allow_other_workers=bool(self._silent),
+            )
+            answer: Future[Found | None] = self._begin(_gathered(self._client, future))
+            self._sent[future.key] = answer
+            found = None
+            with suppress(CancelledError, OSError):  # its worker is silent, or left with the result
+                self._check_connection()
+                found = answer.result()
+            del self._sent[future.key]
+            if found is not None:
+                return found
+            self._check_connection()
+            if future.status == "error":
+                error = future.exception(timeout=_CLOSE)
+                reason = f"every worker ended during its fit: {type(error).__name__}: {error}"
+                return task.failed(reason)
 
-    def _fill(self, coming: Iterator[Task | None], left: int) -> int:
-        """Send batches until enough are queued; returns the number of tasks left."""
-        workers = max(1, len(self._watch.answering))
-        while left and len(self._sent) < _AHEAD * workers:
-            # Small batches at the end, so that the workers end together.
-            size = min(self._size, max(1, left // (2 * workers)))
-            drawn = list(islice(coming, size))
-            if not drawn:  # the other records could not be read
-                return 0
-            batch = [one for one in drawn if one is not None]
-            if not batch:  # the other records are still being read
-                return left
-            left -= len(batch)
-            self._send(batch)
-        return left
+    def look(self) -> None:
+        """Say what does not answer.
 
-    def _send(self, batch: list[Task]) -> None:
-        chosen = self._watch.answering if self._watch.silent else None
-        future = self._client.submit(
-            identify_batch,
-            batch,
-            self._limit,
-            self._work,
-            self._topic,
-            pure=False,
-            workers=chosen,
-            allow_other_workers=bool(chosen),
-        )
-        self._sent[future.key] = _SentBatch(future, batch)
-        future.add_done_callback(self._fetch)
+        Raises
+        ------
+        FleetError
+            If the scheduler is gone, or it or all workers do not answer within the patience.
+        """
+        self._check_connection()
+        now, most = time.monotonic(), min(SILENT, self._patience)
+        trouble, since = f"the scheduler at {self._address} does not answer", self._answered
+        if now - since < most:
+            trouble, since = f"no worker at {self._address} answers", self._worked
+        if now - since < most:
+            trouble = ""
+        elif now - since >= self._patience:
+            raise FleetError(
+                f"{trouble} within {self._patience:g} s; start one, or give a longer patience"
+            )
+        if trouble != self._trouble:
+            self._say(f"{trouble}; waiting" if trouble else f"{self._address} answers again")
+            self._trouble = trouble
 
-    def _fetch(self, future: Any) -> None:
-        """Fetch a result on Dask's own thread, because it may never arrive."""
-        if future.status != "finished":
-            self._answered.put((future.key, None))
+    def close(self) -> None:
+        """Cancel what was sent, and disconnect."""
+        self._closed = True
+        for answer in (self._watching, *list(self._sent.values())):
+            answer.cancel()
+        with suppress(Exception):  # the scheduler may be gone; its state is not needed
+            self._client.close(timeout=_CLOSE)
+
+    def _begin(self, coroutine: Any) -> Future[Any]:
+        """Start a coroutine on Dask's own thread, because it may never end."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self._client.loop.asyncio_loop)
+
+    def _check_connection(self) -> None:
+        if self._closed or self._client.status != "running":
+            raise FleetError(f"the scheduler at {self._address} is gone: it closed the connection")
+
+    async def _watch(self) -> None:
+        """Ask again and again which workers answer, and take specimens from those that do not."""
+        while True:
+            with suppress(OSError):  # seen by its status, or asked again
+                await self._ask()
+            await asyncio.sleep(_EVERY)
+
+    async def _ask(self) -> None:
+        scheduler, now = self._client.scheduler, time.monotonic
+        workers = (await scheduler.identity())["workers"]
+        before, self._reports, self._answered = self._reports, {}, now()
+        for name, one in workers.items():
+            # The time of a report is by the clock of the scheduler: only its change counts.
+            known, report = before.get(name), one["last_seen"]
+            self._reports[name] = known if known and known[0] == report else (report, now())
+        self._worked = max([self._worked, *(when for _, when in self._reports.values())])
+        self.ahead = _AHEAD * max(1, sum(one["nthreads"] for one in workers.values()))
+        most = SILENT + _PER_WORKER * len(workers)
+        self._answering = [one for one, (_, when) in self._reports.items() if now() - when < most]
+        silent, known_silent = sorted(workers.keys() - self._answering), self._silent
+        self._silent = silent
+        if not (silent and self._answering):
             return
-        fetched = asyncio.run_coroutine_threadsafe(
-            _gather(self._client, future), self._client.loop.asyncio_loop
-        )
-        fetched.add_done_callback(lambda done: self._answered.put((future.key, done)))
-
-    def _forget(self, key: str) -> list[Task]:
-        """Cancel a batch; returns its tasks."""
-        sent = self._sent.pop(key)
-        with suppress(Exception):  # without a scheduler there is nothing to release
-            sent.future.release()
-        return sent.batch
-
-    def _settle(self, key: str, fetched: Future[list[Found]] | None) -> list[tuple[Task, Found]]:
-        if key not in self._sent:
-            return []
-        future = self._sent[key].future
-        if future.status == "error":  # the worker died, again and again, or could not take it
-            return self._split(self._forget(key), future.exception(timeout=_CLOSE))
-        if future.status == "cancelled":
-            self._watch.lose_connection()
-        if fetched is None or fetched.cancelled() or fetched.exception() is not None:
-            return self._resend(self._forget(key))  # its worker left with the result
-        batch, found = self._forget(key), fetched.result()
-        each = sum(one.get("seconds", 0.0) for one in found) / len(batch)
-        self._size = min(_MOST_EACH, max(1, round(_BATCH_TIME / max(each, 1e-3))))
-        return list(zip(batch, found, strict=True))
-
-    def _resend(self, batch: list[Task]) -> list[tuple[Task, Found]]:
-        self._lost.update(task.specimen.name for task in batch)
-        if max(self._lost[task.specimen.name] for task in batch) > _LOSSES:
-            return self._split(batch, FleetError("its result did not arrive"))
-        self._send(batch)
-        return []
-
-    def _split(self, batch: list[Task], error: BaseException) -> list[tuple[Task, Found]]:
-        if len(batch) == 1:
-            reason = f"every worker ended during its fit: {type(error).__name__}: {error}"
-            return [(batch[0], {"error": reason})]
-        for task in batch:
-            self._send([task])
-        return []
+        if new := [one for one in silent if one not in known_silent]:
+            named = " and ".join(new)
+            self._say(
+                f"worker {named} has not answered for {most:.0f} s; its specimens go to others"
+            )
+        held = [
+            await scheduler.processing(workers=silent),
+            await scheduler.has_what(workers=silent),
+        ]
+        for key in (key for each in held for keys in each.values() for key in keys):
+            if answer := self._sent.get(key):
+                answer.cancel()
 
 
-@dataclass(frozen=True)
-class _SentBatch:
-    """A batch that was sent, and its future."""
-
-    future: Any
-    batch: list[Task]
-
-
-async def _gather(client: Any, future: Any) -> list[Found]:
-    found: list[Found] = await client.gather(future, asynchronous=True)
+async def _gathered(client: Any, future: Any) -> Found | None:
+    """Return a result; None if it was lost."""
+    found: Found | None = await client.gather(future, errors="skip", asynchronous=True)
     return found
 
 
 def _connect(address: str) -> Any:
-    from distributed import Client
-
-    # Losses are reported in one sentence; Dask would add a page of traceback.
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    """Return a client of a scheduler; what listens nowhere is refused at once."""
     try:
-        return Client(address, timeout=CONNECT, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise ParameterError(f"there is no Dask scheduler at {address}: {error}") from None
-
-
-def check_address(address: str) -> None:
-    """Check that an address is valid and that something listens there.
-
-    Raises a `MissingExtraError` if Dask is not installed; a `ParameterError` if there is no
-    scheduler at the address.
-    """
-    try:
-        import distributed  # noqa: F401
+        from distributed import Client
     except ImportError:
         raise MissingExtraError("dask.distributed", "fleet") from None
     scheme, _, place = address.partition("://")
-    if scheme == "inproc":
-        return
     host, _, port = place.rpartition(":")
     if scheme not in ("tcp", "tls") or not host or not port.isdecimal():
         raise ParameterError(
             f"address is {address!r}; give that of a Dask scheduler, such as tcp://10.0.0.1:8786"
         )
+    # Losses are reported in one sentence; Dask would add a page of traceback.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
         socket.create_connection((host.strip("[]"), int(port)), CONNECT).close()
-    except (OSError, OverflowError, UnicodeError) as error:
+        return Client(address, timeout=CONNECT, set_as_default=False)
+    except (OSError, OverflowError, ValueError, TimeoutError) as error:
         raise ParameterError(f"there is no Dask scheduler at {address}: {error}") from None

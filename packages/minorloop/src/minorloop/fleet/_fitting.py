@@ -1,21 +1,23 @@
 """Identify one specimen from the bytes of its record, in a worker."""
 
+import hashlib
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from minorloop import modelfile
 from minorloop.errors import MinorloopError, RecordError
 from minorloop.fleet.manifest import Specimen
-from minorloop.fleet.results import one_line
+from minorloop.fleet.summary import Outcome
 from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
-Found = Mapping[str, Any]
-"""A model and its scores, or the reason for a failure under ``error``."""
+Found: TypeAlias = tuple[Outcome, bytes | None]
+"""Result of a specimen, and the content of its model file if it has a model."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,15 @@ class Task:
     options: Mapping[str, Any]
     """Of `minorloop.identify`."""
 
+    @property
+    def sha256(self) -> str:
+        """Digest of the record."""
+        return hashlib.sha256(self.data).hexdigest()
+
+    def failed(self, reason: str) -> Found:
+        """Return that there is no model, and why."""
+        return self.specimen.outcome(error=reason, sha256=self.sha256), None
+
 
 def identify_one(task: Task, scratch: Path) -> Found:
     """Identify the model of a specimen and its scores; errors are returned as text.
@@ -38,7 +49,7 @@ def identify_one(task: Task, scratch: Path) -> Found:
     task : Task
         What to identify.
     scratch : Path
-        Name of a temporary file for the record.
+        Name of a temporary file for the record and the model.
     """
     from minorloop.identification.pipeline import Options
 
@@ -46,26 +57,46 @@ def identify_one(task: Task, scratch: Path) -> Found:
     try:
         log = _log(task, scratch)
         result = Options.of(task.options).identify(log)
-        model = result.model
-        return {
-            "model": model,
-            "input": str(log.input),
-            "output": str(log.output),
-            "lag": result.lag_of_model,
-            "lag_seconds": result.lag_seconds,
+        low, high = map(float, result.model.range)
+        scores = {
             "nrmse": float(result.nrmse),
             "nrmse_holdout": result.holdout_nrmse,
             "excited": result.excited_fraction,
-            "opening": opening(model),
-            "samples": int(result.samples),
-            "warnings": result.warnings,
-            "advice": result.advice,
-            "chosen": result.chosen,
-            "seconds": time.perf_counter() - began,
         }
+        outcome = task.specimen.outcome(
+            **scores,
+            low=low,
+            high=high,
+            opening=opening(result.model),
+            samples=int(result.samples),
+            seconds=time.perf_counter() - began,
+            sha256=task.sha256,
+            warning="; ".join(result.warnings),
+            advice="; ".join(result.advice),
+            chosen="; ".join(result.chosen),
+        )
+        modelfile.save(
+            result.model,
+            scratch,
+            input=str(log.input),
+            output=str(log.output),
+            lag=result.lag_of_model,
+            lag_seconds=result.lag_seconds,
+            provenance={
+                "data": task.specimen.file.name,
+                "sha256": outcome.sha256,
+                "scores": {name: value for name, value in scores.items() if value is not None},
+            },
+            warnings=result.warnings,
+            force=True,
+        )
+        data = scratch.read_bytes()
+        return replace(outcome, model=hashlib.sha256(data).hexdigest()), data
     except Exception as error:
         kind = "" if isinstance(error, MinorloopError) else f"{type(error).__name__}: "
-        return {"error": one_line(f"{kind}{error}")}
+        return task.failed(f"{kind}{error}")
+    finally:
+        scratch.unlink(missing_ok=True)
 
 
 def opening(model: Preisach) -> float:
@@ -88,12 +119,9 @@ def _log(task: Task, scratch: Path) -> Record:
     from minorloop.identification import read
 
     one = task.specimen
+    scratch.write_bytes(task.data)
     try:
-        with scratch.open("xb") as file:
-            file.write(task.data)
         return read(scratch, **one.columns)
     except RecordError as error:
         text = one.shown_error(error).replace(str(scratch), str(one.file))
         raise RecordError(text) from None
-    finally:
-        scratch.unlink(missing_ok=True)

@@ -1,36 +1,50 @@
-"""A process that identifies one specimen after another and can be ended at any time.
+"""Processes that identify one specimen after another and can be ended at any time.
 
 A fit may run for ever inside a compiled loop, and memory may run out; neither can be caught in
 the process in which it happens. So each fit runs in a separate process, which holds no result or
 file that others need. It ends when the process that started it is gone, or when it has received no
-task for `IDLE` seconds.
+task for `IDLE` seconds. The workers of a Dask cluster start such processes too.
 """
+
+from __future__ import annotations
 
 import os
 import pickle
-import queue
+import select
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, TypeAlias
 
+from minorloop.errors import FleetError
 from minorloop.fleet._fitting import Found, Task, load_kernels
 
-Work = Callable[[Task, Path], Found]
+Work: TypeAlias = Callable[[Task, Path], Found]
 """Function that a worker applies to a task; it must belong to a module, because it is pickled."""
 
+TICK = 0.2
+"""Seconds between two looks at a fit: short against all limits of time."""
+NOTICE = 5.0
+"""Seconds of one fit after which a message says so; again each time this has doubled."""
+APART = 4.0
+"""Least seconds between two messages of one kind, for fleets in which all are slow."""
+STOPPED = 3.0
+"""Seconds after which a worker that is stopped is replaced; debuggers stop one for less."""
+LOADING = 300.0
+"""Seconds that a worker may take to load what it needs; compiling it takes less than a minute."""
+ATTEMPTS = 2
+"""Workers that may end during the fit of the same specimen."""
+STARTS = 3
+"""Workers in a row that may end before they are ready."""
 IDLE = 60.0
 """Seconds without a task after which a worker ends."""
-GRACE = 60.0
-"""Seconds after the time limit at which the system ends a worker that is not watched."""
-_LONGEST_ALARM = 1e8
-"""Seconds, three years; the system refuses much longer timers."""
 _COMMAND = """
 import sys
 sys.path[:] = sys.argv[2:]
@@ -40,22 +54,158 @@ serve(int(sys.argv[1]))
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
+class FitProcesses:
+    """Processes for fits, of which each is used again when it is free; safe to use in threads."""
+
+    def __init__(self) -> None:
+        self._all: set[Worker] = set()
+        self._free: list[Worker] = []
+        self._closed = False
+        self._last_notice = float("-inf")
+
+    def run(self, work: Work, task: Task, limit: float, say: Callable[[str], None]) -> Found:
+        """Return what a worker makes of a task, or that it fails.
+
+        If the worker ends, the task is tried once more.
+
+        Parameters
+        ----------
+        work : callable
+            Applied to the task.
+        task : Task
+            What to identify.
+        limit : float
+            Seconds after which it is given up.
+        say : callable
+            Called with sentences about delays and faults.
+
+        Raises
+        ------
+        FleetError
+            If no worker can be started, or this is closed meanwhile.
+        """
+        for attempt in range(1, ATTEMPTS + 1):
+            worker = self._ready()
+            found = self._follow(worker, work, task, limit, say)
+            if not isinstance(found, str):
+                return found
+            self._end(worker)
+            if attempt < ATTEMPTS and not self._closed:
+                name = task.specimen.name
+                say(f"the worker of specimen {name} {found}; the specimen is tried once more")
+        self._check_open()
+        reason = f"{ATTEMPTS} workers ended during its fit, the last one {found}"
+        return task.failed(f"{reason}; look for a lack of memory")
+
+    def close(self) -> None:
+        """End all workers at once."""
+        self._closed = True
+        for worker in list(self._all):
+            self._end(worker)
+
+    def _ready(self) -> Worker:
+        """Return a worker that waits for a task."""
+        with suppress(IndexError):
+            while True:
+                worker = self._free.pop()
+                if not worker.ended:  # idle for long
+                    return worker
+                self._end(worker)
+        for _ in range(STARTS):
+            self._check_open()
+            worker = Worker()
+            self._all.add(worker)
+            self._check_open()
+            try:
+                worker.ready.result(LOADING)
+            except Exception:
+                why = self._end(worker)
+            else:
+                return worker
+        raise FleetError(f"workers cannot be started: the last of {STARTS} ended ({why})")
+
+    def _follow(
+        self, worker: Worker, work: Work, task: Task, limit: float, say: Callable[[str], None]
+    ) -> Found | str:
+        """Return the result of a fit within the limit, or what happened to the worker."""
+        name, began, stopped, notice = task.specimen.name, time.monotonic(), 0.0, NOTICE
+        answer = worker.ask(work, task, worker.scratch)
+        while not wait([answer], timeout=TICK).done:
+            now = time.monotonic()
+            spent = now - began
+            stopped = stopped + TICK if worker.is_stopped() else 0.0
+            if stopped >= STOPPED:
+                return f"was stopped for {stopped:.0f} s"
+            if spent >= limit:
+                self._end(worker)
+                say(f"specimen {name} has reached the limit of {limit:g} s and is given up")
+                return task.failed(
+                    f"no model within the limit of {limit:g} s; look at the record, or allow more "
+                    "time"
+                )
+            if spent >= notice and now - self._last_notice >= APART:
+                notice, self._last_notice = 2 * spent, now
+                say(f"specimen {name} has run for {spent:.0f} s; the limit is {limit:g} s")
+        if answer.exception() is not None:
+            return f"ended ({self._end(worker)})"
+        self._free.append(worker)
+        found: Found = answer.result()
+        return found
+
+    def _end(self, worker: Worker) -> str:
+        self._all.discard(worker)
+        return worker.end()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            self.close()  # what was started after the others were ended
+            raise FleetError("the fleet was ended")
+
+
+class LocalWorkers:
+    """Workers on this machine.
+
+    Parameters
+    ----------
+    workers : int
+        Number of processes.
+    work : callable
+        Function that a worker applies to a task.
+    limit : float
+        Seconds that one specimen may take.
+    say : callable
+        Called with sentences about delays and faults.
+    """
+
+    def __init__(self, workers: int, work: Work, limit: float, say: Callable[[str], None]) -> None:
+        self.ahead = 2 * workers
+        self._workers, self._places = FitProcesses(), threading.Semaphore(workers)
+        self._rest = work, limit, say
+
+    def fit(self, task: Task) -> Found:
+        """Return the result of a task, as `FitProcesses.run`; waits for a free worker."""
+        work, limit, say = self._rest
+        with self._places:
+            return self._workers.run(work, task, limit, say)
+
+    def look(self) -> None:
+        """Do nothing: local workers are watched by `fit`."""
+
+    def close(self) -> None:
+        """End all workers at once."""
+        self._workers.close()
+
+
 class Worker:
     """Handle of a worker process.
 
     The process has its own process group, so that Control-C at a terminal does not reach it.
-
-    Parameters
-    ----------
-    work : callable
-        Function that it applies to a task.
-    limit : float
-        Seconds that a task may take.
     """
 
-    def __init__(self, work: Work, limit: float) -> None:
-        self._scratch = Path(tempfile.gettempdir(), f"minorloop-{os.urandom(8).hex()}.csv")
+    def __init__(self) -> None:
+        self.scratch = Path(tempfile.gettempdir(), f"minorloop-{os.urandom(8).hex()}.csv")
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115
+        self._ending = threading.Lock()
         alive, self._alive = os.pipe()
         self._process = subprocess.Popen(
             [sys.executable, "-c", _COMMAND, str(alive), *sys.path],
@@ -67,21 +217,18 @@ class Worker:
             process_group=0,
         )
         os.close(alive)
-        self.ready = self.ask((work, self._scratch, limit))
-
-    @property
-    def pid(self) -> int:
-        """Number of the process."""
-        return self._process.pid
+        self.pid = self._process.pid
+        self.ready = self.ask(load_kernels)
 
     @property
     def ended(self) -> bool:
         """Whether the process is gone."""
         return self._process.poll() is not None
 
-    def ask(self, message: Any) -> Future[Any]:
-        """Send a message; the future gives the answer, or an exception if the process ends."""
+    def ask(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Call a function in the process; the future has an exception if the process ends."""
         answer: Future[Any] = Future()
+        message = function, arguments
         threading.Thread(target=self._exchange, args=(message, answer), daemon=True).start()
         return answer
 
@@ -91,11 +238,9 @@ class Worker:
             assert self._process.stdout is not None
             pickle.dump(message, self._process.stdin)
             self._process.stdin.flush()
-            found = pickle.load(self._process.stdout)
+            answer.set_result(pickle.load(self._process.stdout))
         except Exception as error:  # after any error this worker is replaced
             answer.set_exception(error)
-        else:
-            answer.set_result(found)
 
     def is_stopped(self) -> bool:
         """Whether the process is stopped, as by SIGSTOP; False where /proc does not exist."""
@@ -109,31 +254,26 @@ class Worker:
         """Kill the process; returns its exit status and the last line that it wrote."""
         self._process.kill()
         status = self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout):
-            with suppress(OSError, ValueError):
-                if stream is not None:
-                    stream.close()
-        if self._stderr.closed:
-            return ""
-        os.close(self._alive)
-        self._scratch.unlink(missing_ok=True)
-        self._stderr.seek(0)
-        last = self._stderr.read()[-2000:].decode(errors="replace").strip().splitlines()[-1:]
-        self._stderr.close()
-        return ": ".join([_exit_text(status), *last])
-
-
-def _exit_text(status: int) -> str:
-    if status >= 0:
-        return f"exit status {status}"
-    try:
-        return signal.Signals(-status).name
-    except ValueError:
-        return f"signal {-status}"
+        with self._ending:
+            if self._stderr.closed:
+                return ""
+            for stream in (self._process.stdin, self._process.stdout):
+                with suppress(OSError, ValueError):
+                    if stream is not None:
+                        stream.close()
+            os.close(self._alive)
+            self.scratch.unlink(missing_ok=True)
+            self._stderr.seek(0)
+            said = self._stderr.read()[-2000:].decode(errors="replace").strip()
+            self._stderr.close()
+        how = f"exit status {status}" if status >= 0 else f"signal {-status}"
+        with suppress(ValueError):
+            how = signal.Signals(-status).name
+        return ": ".join([how, *said.splitlines()[-1:]])
 
 
 def serve(alive: int) -> None:
-    """Main loop of the process: answer tasks from stdin on stdout.
+    """Main loop of the process: call what comes on stdin, and answer on stdout.
 
     Parameters
     ----------
@@ -145,55 +285,17 @@ def serve(alive: int) -> None:
     tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)  # text that a library prints must not mix with answers
-    work, scratch, limit = pickle.load(tasks)
-    inbox: queue.SimpleQueue[Task] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(tasks, inbox, scratch), daemon=True).start()
-    load_kernels()
-    _send(answers, None)
-    while True:
-        try:
-            task = inbox.get(timeout=IDLE)
-        except queue.Empty:
-            _leave(scratch)
-        _set_alarm(limit + GRACE)
-        found = work(task, scratch)
-        _set_alarm(0)
-        _send(answers, found)
-
-
-def _listen(tasks: BinaryIO, inbox: queue.SimpleQueue[Task], scratch: Path) -> None:
-    """Queue the tasks; at the end of stdin the process ends, even during a fit."""
-    try:
-        while True:
-            inbox.put(pickle.load(tasks))
-    except Exception:
-        _leave(scratch)
-
-
-def _send(answers: BinaryIO, found: Any) -> None:
-    pickle.dump(found, answers)
-    answers.flush()
+    while select.select([tasks], [], [], IDLE)[0]:
+        function, arguments = pickle.load(tasks)
+        pickle.dump(function(*arguments), answers)
+        answers.flush()
 
 
 def _end_with(alive: int) -> None:
-    """Let the system end this process when the pipe closes, even inside a compiled loop.
-
-    Where the system cannot, `_listen` ends it when the loop releases the GIL.
-    """
+    """Let the system end this process when the pipe closes, even inside a compiled loop."""
     with suppress(ImportError, AttributeError, OSError):
         import fcntl
 
         fcntl.fcntl(alive, fcntl.F_SETOWN, os.getpid())
         flags = fcntl.fcntl(alive, fcntl.F_GETFL)
         fcntl.fcntl(alive, fcntl.F_SETFL, flags | os.O_ASYNC)
-
-
-def _set_alarm(seconds: float) -> None:
-    """Let the system end this process after that time, even inside a compiled loop."""
-    if hasattr(signal, "setitimer") and seconds < float("inf"):
-        signal.setitimer(signal.ITIMER_REAL, min(seconds, _LONGEST_ALARM))
-
-
-def _leave(scratch: Path) -> None:
-    scratch.unlink(missing_ok=True)
-    os._exit(0)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-from collections import deque
+import queue
+import threading
+import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import closing, contextmanager
+from contextlib import closing
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,13 @@ import numpy as np
 from minorloop.arrays import as_levels, as_whole
 from minorloop.errors import FleetError, ParameterError
 from minorloop.files import PathLike
-from minorloop.fleet._cluster import Cluster, check_address
-from minorloop.fleet._fitting import Found, Task, identify_one
-from minorloop.fleet._pool import Pool
-from minorloop.fleet._reading import read_records
+from minorloop.fleet._cluster import Cluster
+from minorloop.fleet._fitting import Task, identify_one
+from minorloop.fleet._worker import APART, NOTICE, TICK, LocalWorkers
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.results import (
-    earlier_outcomes,
+    earlier_outcome,
+    has_result,
     open_folder,
     strays,
     write_result,
@@ -38,8 +39,10 @@ OPTIONS = frozenset(
 ) | {"lag", "start", "offset", "holdout", "mean", "skip", "start_of_curve"}
 LIMIT = 3600.0
 """Default time limit for a specimen in seconds; the slowest valid fits take minutes."""
-_AT_ONCE, _MOST_WRITTEN = 16, 64
-"""Results that are written in parallel, and results that may wait."""
+SOON = 1.0
+"""Seconds after which a record is late, and the next is read first."""
+_MOST_LATE = 64
+"""Records that are waited for at the same time, each by a thread of its own."""
 
 
 def identify_fleet(
@@ -85,7 +88,7 @@ def identify_fleet(
     watch : callable, optional
         Called with the number of specimens done, their total, and the last outcome.
     say : callable, optional
-        Called with sentences about delays and faults.
+        Called with sentences about delays and faults, in any thread.
     **options
         Of `minorloop.identify`, the same for all.
 
@@ -95,139 +98,178 @@ def identify_fleet(
         If an address is given and Dask is not installed.
     ParameterError
         If there is no specimen, an option is not one that `minorloop.identify` takes, or there
-        is no scheduler at the address, or no worker in time.
+        is no scheduler at the address.
     FleetError
-        If the scheduler or all workers are lost; results so far are kept.
+        If the scheduler or all workers are lost, or none comes; results so far are kept.
     OutputError
         If the folder holds something else, another fleet, or cannot be written to.
     """
-    _check(specimens, workers, address, options)
-    _check_times(limit, patience)
+    _check(specimens, workers, address, limit, patience, options)
     try_options(options)
     say = say or (lambda sentence: None)
-    if address is not None:
-        check_address(address)
-    place = open_folder(Path(folder), specimens, options)
-    known = earlier_outcomes(place, specimens, failed=not retry_failed)
-    pending = [one for one in specimens if one.name not in known]
-
-    def start() -> Pool | Cluster:
-        if address is not None:
-            return Cluster(address, patience, limit, identify_one, say, len(pending))
-        count = workers or os.cpu_count() or 1
-        return Pool(min(count, len(pending)), limit, identify_one, say)
-
-    outcomes = _outcomes(pending, options, place, start, limit, say)
-    with closing(outcomes), _say_what_is_kept(place, known, len(specimens)):
-        for outcome in outcomes:
-            known[outcome.specimen] = outcome
-            if watch is not None:
-                watch(len(known), len(specimens), outcome)
+    backend: Cluster | LocalWorkers
+    if address is None:
+        count = min(workers or os.cpu_count() or 1, len(specimens))
+        backend = LocalWorkers(count, identify_one, limit, say)
+    else:
+        backend = Cluster(address, patience, identify_one, limit, say)
+    known: dict[str, Outcome] = {}
+    with closing(backend):
+        place = open_folder(Path(folder), specimens, options)
+        jobs = _Jobs(place, options, backend, limit, retry_failed, say)
+        try:
+            with closing(jobs.outcomes(specimens)) as outcomes:
+                for outcome, new in outcomes:
+                    known[outcome.specimen] = outcome
+                    if new and watch is not None:
+                        watch(len(known), len(specimens), outcome)
+        except FleetError as error:
+            raise FleetError(
+                f"{error}. {len(known)} of {len(specimens)} specimens are done and kept in "
+                f"{place}; the same command identifies the rest"
+            ) from None
     summary = Summary([known[one.name] for one in specimens], strays(place, specimens))
     write_summary(place, summary)
     return summary
 
 
-@contextmanager
-def _say_what_is_kept(place: Path, known: Mapping[str, Outcome], total: int) -> Iterator[None]:
-    """Add to the error what is kept, if workers or their scheduler are lost."""
-    try:
-        yield
-    except FleetError as error:
-        raise FleetError(
-            f"{error}. {len(known)} of {total} specimens are done and kept in {place}; the same "
-            "command identifies the rest"
-        ) from None
+@dataclass(eq=False)
+class _Job:
+    """A specimen that a thread reads, identifies and writes."""
+
+    specimen: Specimen
+    began: float = field(default_factory=time.monotonic)
+    read: threading.Lock = field(default_factory=threading.Lock)
+    """Taken once, by the thread when it has read the record, or by whom gives the record up."""
+    noticed: bool = False
 
 
-class _Writer:
-    """Writes results in parallel threads, because disks are slow.
+class _Jobs:
+    """Specimens in work: a thread for each, because a file system may never answer."""
 
-    The first model is written alone: `msgspec` inspects the classes of a model file on first use,
-    and crashes if two threads do so at the same time.
-    """
+    def __init__(
+        self,
+        place: Path,
+        options: Mapping[str, Any],
+        backend: Cluster | LocalWorkers,
+        limit: float,
+        retry_failed: bool,
+        say: Callable[[str], None],
+    ) -> None:
+        self._place, self._options, self._backend = place, options, backend
+        self._limit, self._retry_failed, self._say = limit, retry_failed, say
+        self._jobs: dict[_Job, threading.Thread] = {}
+        self._done: queue.SimpleQueue[tuple[_Job, Outcome | BaseException, bool]] = (
+            queue.SimpleQueue()
+        )
+        self._last_notice = float("-inf")
 
-    def __init__(self, place: Path) -> None:
-        self._place, self._pool = place, ThreadPoolExecutor(_AT_ONCE)
-        self._begun: deque[Future[Outcome]] = deque()
-        self._alone = True
+    def outcomes(self, specimens: Sequence[Specimen]) -> Generator[tuple[Outcome, bool]]:
+        """Yield the outcome of each specimen as soon as it is written, and whether it is new."""
+        # Those with an earlier result first: few are new, and all are known when a fleet is lost.
+        coming = iter(sorted(specimens, key=lambda one: not has_result(self._place, one)))
+        try:
+            while self._begin(coming) or self._jobs:
+                self._backend.look()
+                yield from self._give_up()
+                try:
+                    job, outcome, new = self._done.get(timeout=TICK)
+                except queue.Empty:
+                    continue
+                del self._jobs[job]
+                if isinstance(outcome, BaseException):
+                    raise outcome
+                yield outcome, new
+        finally:
+            self._backend.close()
+            for job, thread in self._jobs.items():
+                if job.read.locked():  # other threads may hang
+                    thread.join()
 
-    def __enter__(self) -> _Writer:
-        return self
+    def _late(self) -> list[_Job]:
+        """Return the jobs whose record has not come soon."""
+        soon = time.monotonic() - SOON
+        return [job for job in self._jobs if job.began <= soon and not job.read.locked()]
 
-    def __exit__(self, *error: object) -> None:
-        self._pool.shutdown()
+    def _begin(self, coming: Iterator[Specimen]) -> bool:
+        """Begin what there is room for; a record that is late takes no room."""
+        begun = False
+        late = len(self._late())
+        while len(self._jobs) - late < self._backend.ahead and late < _MOST_LATE:
+            one = next(coming, None)
+            if one is None:
+                break
+            job = _Job(one)
+            # A daemon, because a thread inside a file system that hangs cannot be ended.
+            self._jobs[job] = threading.Thread(target=self._work, args=(job,), daemon=True)
+            self._jobs[job].start()
+            begun = True
+        return begun
 
-    def begin(self, one: Specimen, found: Found) -> None:
-        """Start to write the result of a specimen."""
-        writing = self._pool.submit(write_result, self._place, one, found)
-        self._begun.append(writing)
-        if self._alone and "model" in found:
-            wait([writing])
-            self._alone = False
+    def _work(self, job: _Job) -> None:
+        try:
+            try:
+                data: bytes | Exception = job.specimen.read()
+            except (OSError, ValueError) as error:
+                data = error
+            if job.read.acquire(blocking=False):
+                self._done.put((job, *self._result(job.specimen, data)))
+        except BaseException as error:
+            self._done.put((job, error, False))
 
-    def done(self, *, all: bool = False) -> Iterator[Outcome]:
-        """Yield outcomes that are written, in the order of `begin`."""
-        while self._begun and (all or self._begun[0].done() or len(self._begun) > _MOST_WRITTEN):
-            yield self._begun.popleft().result()
+    def _result(self, one: Specimen, data: bytes | Exception) -> tuple[Outcome, bool]:
+        if isinstance(data, Exception):
+            return self._unreadable(one, getattr(data, "strerror", None) or data), True
+        task = Task(one, data, self._options)
+        kept = earlier_outcome(self._place, one, task.sha256)
+        if kept is not None and (kept.error is None or not self._retry_failed):
+            return kept, False
+        return write_result(self._place, one, *self._backend.fit(task)), True
 
+    def _give_up(self) -> Iterator[tuple[Outcome, bool]]:
+        """Say which records are late, and yield failures of those that reach the limit."""
+        for job in self._late():
+            name, now = job.specimen.name, time.monotonic()
+            spent = now - job.began
+            if spent >= self._limit and job.read.acquire(blocking=False):
+                del self._jobs[job]
+                why = f"it was not read within {self._limit:g} s; look whether its disk answers"
+                self._say(f"the record of specimen {name} was not read within {self._limit:g} s")
+                yield self._unreadable(job.specimen, why), True
+            elif not job.noticed and spent >= NOTICE and now - self._last_notice >= APART:
+                job.noticed, self._last_notice = True, now
+                self._say(
+                    f"the record of specimen {name} has not been read for {spent:.0f} s; the limit "
+                    f"is {self._limit:g} s"
+                )
 
-def _tasks(
-    specimens: Sequence[Specimen],
-    options: Mapping[str, Any],
-    writing: _Writer,
-    limit: float,
-    say: Callable[[str], None],
-) -> Iterator[Task | None]:
-    """Yield specimens with their records, which are read when needed; None while none is read."""
-
-    def fail(one: Specimen, error: Exception) -> None:
-        writing.begin(one, {"error": _unreadable(one, error)})
-
-    for found in read_records(specimens, limit, say, fail):
-        yield None if found is None else Task(*found, options)
-
-
-def _outcomes(
-    specimens: Sequence[Specimen],
-    options: Mapping[str, Any],
-    place: Path,
-    start: Callable[[], Pool | Cluster],
-    limit: float,
-    say: Callable[[str], None],
-) -> Generator[Outcome]:
-    """Yield the outcome of each specimen as soon as it is written."""
-    with _Writer(place) as writing, start() as workers:
-        for one in workers.run(_tasks(specimens, options, writing, limit, say)):
-            if one is not None:
-                writing.begin(one[0].specimen, _with_digest(*one))
-            yield from writing.done()
-        yield from writing.done(all=True)
-
-
-def _with_digest(task: Task, found: Found) -> Found:
-    return {**found, "sha256": hashlib.sha256(task.data).hexdigest()}
-
-
-def _unreadable(one: Specimen, error: Exception) -> str:
-    return f"{one.file} cannot be read: {getattr(error, 'strerror', None) or error}"
+    def _unreadable(self, one: Specimen, why: object) -> Outcome:
+        return write_result(
+            self._place, one, one.outcome(error=f"{one.file} cannot be read: {why}")
+        )
 
 
 def _check(
     specimens: Sequence[Specimen],
     workers: int | None,
     address: str | None,
+    limit: float,
+    patience: float,
     options: Mapping[str, Any],
 ) -> None:
     if not specimens:
         raise ParameterError("there is no specimen; list some in the manifest")
-    if workers is not None and (isinstance(workers, bool) or not 1 <= workers <= 1024):
-        raise ParameterError(f"workers is {workers!r}; give 1 to 1024")
+    if workers is not None:
+        as_whole("workers", workers, 1, 1024)
     if workers is not None and address is not None:
         raise ParameterError(
             f"workers is {workers} and address is {address}; give one of them, because a cluster "
             "has its own workers"
         )
+    if not limit > 0:
+        raise ParameterError(f"limit is {limit!r} s; give a positive time, or inf for none")
+    if not 0 < patience < float("inf"):
+        raise ParameterError(f"patience is {patience!r} s; give a positive time")
     unknown = sorted(set(options) - OPTIONS)
     if unknown:
         raise ParameterError(
@@ -237,13 +279,6 @@ def _check(
         json.dumps(options)
     except (TypeError, ValueError):
         raise ParameterError("options of a fleet are numbers, words and lists of them") from None
-
-
-def _check_times(limit: float, patience: float) -> None:
-    if not limit > 0:
-        raise ParameterError(f"limit is {limit!r} s; give a positive time, or inf for none")
-    if not 0 < patience < float("inf"):
-        raise ParameterError(f"patience is {patience!r} s; give a positive time")
 
 
 def try_options(options: Mapping[str, Any]) -> None:

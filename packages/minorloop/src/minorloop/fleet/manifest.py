@@ -5,14 +5,15 @@ import errno
 import hashlib
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 from urllib.parse import quote
 
 from minorloop.errors import RecordError
 from minorloop.files import PathLike, check_name, unquoted
+from minorloop.fleet.summary import Outcome
 from minorloop.lab.text_tables import MAX_BYTES
 
 __all__ = ["Specimen", "read_manifest"]
@@ -20,10 +21,8 @@ __all__ = ["Specimen", "read_manifest"]
 COLUMNS = ("specimen", "file", "input", "output")
 OPTIONAL = ("time", "curves", "groups", "sd")
 """Columns of a record, as `minorloop.read` takes them, that a manifest may name too."""
-LARGEST = 64 * 2**20
+LARGEST = 16 * 2**20
 """Bytes of the largest manifest."""
-_MOST_COLUMNS, _MOST_LINES = 1000, 1_000_000
-"""Largest table of a manifest, far beyond real fleets."""
 _LONGEST_KEY = 120
 """Bytes of the name of a file: file systems allow 255, with suffixes."""
 
@@ -60,6 +59,15 @@ class Specimen:
         known = {name: column for name, column in named.items() if column is not None}
         return known | dict.fromkeys(left_out)
 
+    @property
+    def origin(self) -> dict[str, Any]:
+        """File and columns of the record, as an `Outcome` has them."""
+        return {"file": self.listed or str(self.file), **self.columns}
+
+    def outcome(self, **figures: Any) -> Outcome:
+        """Return a result of this specimen."""
+        return Outcome(self.name, **self.origin, **figures)
+
     def shown_error(self, error: object) -> str:
         """Return why its record cannot be used, without content that must not be shown."""
         if not self.outside:
@@ -81,30 +89,19 @@ class Specimen:
         digest = hashlib.sha256(self.name.encode()).hexdigest()
         return f"{name[: _LONGEST_KEY // 2]}_{digest}"
 
-    def open(self) -> BinaryIO:
-        """Open its file for reading.
-
-        Raises
-        ------
-        OSError, ValueError
-            If it cannot be opened, is too large, or is not a regular file: a pipe may never end.
-        """
-        if self.file.exists() and not self.file.is_file():
-            raise OSError(errno.EINVAL, "it is not a regular file")
-        if self.file.exists() and self.file.stat().st_size > MAX_BYTES:
-            raise ValueError(f"it has more than {MAX_BYTES} bytes; split it")
-        return self.file.open("rb")
-
     def read(self) -> bytes:
         """Return the bytes of its file.
 
         Raises
         ------
         OSError, ValueError
-            If it cannot be read.
+            If it cannot be read, is too large, or is not a regular file: a pipe may never end.
         """
-        with self.open() as file:
-            return file.read()
+        if self.file.exists() and not self.file.is_file():
+            raise OSError(errno.EINVAL, "it is not a regular file")
+        if self.file.exists() and self.file.stat().st_size > MAX_BYTES:
+            raise ValueError(f"it has more than {MAX_BYTES} bytes; split it")
+        return self.file.read_bytes()
 
 
 def read_manifest(
@@ -127,24 +124,30 @@ def read_manifest(
         Columns of the records, for specimens whose row names none.
     """
     text = _text_of(Path(path))
+    delimiter = max(",;\t", key=text.partition("\n")[0].count)
+    rows = csv.reader(io.StringIO(text), strict=True, delimiter=delimiter, skipinitialspace=True)
+    found: dict[str, Specimen] = {}
     try:
-        rows = _rows(path, text)
+        header = _header(path, next(rows, []))
+        for line, row in enumerate(rows if header else (), 2):
+            where, cells = f"line {line} of {path}", [unquoted(cell.strip()) for cell in row]
+            if any(cells[len(header) :]):
+                raise RecordError(f"{where} has more cells than the header")
+            if not any(cells):
+                continue
+            one = _specimen(
+                Path(path), where, dict(zip(header, cells, strict=False)), input, output
+            )
+            if one.name in found:
+                raise RecordError(f"{where} names {one.name!r} again; give it once")
+            found[one.name] = one
     except csv.Error as error:
         raise RecordError(f"{path} is not a CSV file: {error}") from None
-    missing = {"specimen", "file"} - set(rows[0] if rows else ())
-    if missing:
+    if not found:
         raise RecordError(
             f"{path} lists no specimens under the columns specimen and file; write a header "
             "line 'specimen,file,input,output' and a row for each"
         )
-    found: dict[str, Specimen] = {}
-    for line, row in enumerate(rows, 2):
-        if not any(_cells(row)):
-            continue
-        one = _specimen(Path(path), line, row, input, output)
-        if one.name in found:
-            raise RecordError(f"line {line} of {path} names {one.name!r} again; give it once")
-        found[one.name] = one
     return list(found.values())
 
 
@@ -157,71 +160,36 @@ def _text_of(path: Path) -> str:
         raise RecordError(
             f"{path} does not exist; give a table with the columns specimen and file"
         ) from None
-    except (UnicodeDecodeError, OSError, ValueError) as error:
-        if isinstance(error, RecordError):
-            raise
-        why = "it is not UTF-8 text" if isinstance(error, UnicodeDecodeError) else error
-        raise RecordError(f"{path} cannot be read: {why}") from None
+    except UnicodeDecodeError:
+        raise RecordError(f"{path} cannot be read: it is not UTF-8 text") from None
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error}") from None
 
 
-def _rows(path: PathLike, text: str) -> list[dict[str | None, Any]]:
-    """Rows as mappings from lower-case headers."""
-    lines = text.split("\n")
-    delimiter = max(",;\t", key=lines[0].count)
-    if len(lines) > _MOST_LINES:
-        raise RecordError(f"{path} has {len(lines)} lines; give at most {_MOST_LINES}")
-    widest = max(lines, key=lambda line: line.count(delimiter))
-    if widest.count(delimiter) >= _MOST_COLUMNS:
-        raise RecordError(
-            f"{path} has a line of {widest.count(delimiter) + 1} cells; give at most "
-            f"{_MOST_COLUMNS}"
-        )
-    reader: Any = csv.DictReader(
-        io.StringIO(text), strict=True, restval="", delimiter=delimiter, skipinitialspace=True
-    )
-    reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
+def _header(path: PathLike, row: Sequence[str]) -> list[str]:
+    """Return the names of the columns; no names if a column that is needed is missing."""
+    header = [name.strip().lower() for name in row]
     for name in (*COLUMNS, *OPTIONAL):
-        if reader.fieldnames.count(name) > 1:
+        if header.count(name) > 1:
             raise RecordError(f"{path} has two columns {name}; name each column once")
-    return list(reader)
-
-
-def _cells(row: Mapping[str | None, Any]) -> list[str]:
-    """Texts of a row, including those beyond the header."""
-    beyond = row.get(None) or []
-    return [str(cell).strip() for cell in [*(v for k, v in row.items() if k), *beyond]]
+    return header if {"specimen", "file"} <= set(header) else []
 
 
 def _specimen(
-    path: Path, line: int, row: Mapping[str | None, Any], input: str | None, output: str | None
+    path: Path, where: str, cells: Mapping[str, str], input: str | None, output: str | None
 ) -> Specimen:
-    names = (*COLUMNS, *OPTIONAL)
-    cells = {name: unquoted(str(row.get(name) or "").strip()) for name in names}
-    columns = cells["input"] or input, cells["output"] or output
-    for what, value in zip(COLUMNS, (cells["specimen"], cells["file"], *columns), strict=True):
-        if not value:
-            raise RecordError(f"line {line} of {path} has no {what}; fill the column in")
-        check_name(f"line {line} of {path}: the {what}", value, RecordError)
-    if any(cell.strip() for cell in row.get(None) or ()):
-        raise RecordError(f"line {line} of {path} has more cells than the header")
-    if columns[0] == columns[1]:
-        raise RecordError(
-            f"line {line} of {path} has {columns[0]!r} for input and output; give two columns"
-        )
-    file = path.parent / cells["file"]
+    shared = {"input": input, "output": output}
+    named = {name: cells.get(name) or shared.get(name) for name in (*COLUMNS, *OPTIONAL)}
+    for name, value in named.items():
+        if value:
+            check_name(f"{where}: the {name}", value, RecordError)
+        elif name in COLUMNS:
+            raise RecordError(f"{where} has no {name}; fill the column in")
+    if named["input"] == named["output"]:
+        raise RecordError(f"{where} has {named['input']!r} for input and output; give two columns")
+    name, listed = str(named.pop("specimen")), str(named.pop("file"))
+    file = path.parent / listed
     # `Path.resolve` raises an error for a loop of links, which is the failure of one specimen.
     outside = not Path(os.path.realpath(file)).is_relative_to(os.path.realpath(path.parent))
-    others = {
-        name: check_name(f"line {line} of {path}: the {name}", cells[name], RecordError)
-        for name in OPTIONAL
-        if cells[name]
-    }
-    return Specimen(
-        cells["specimen"],
-        file,
-        str(columns[0]),
-        str(columns[1]),
-        cells["file"],
-        outside,
-        **others,
-    )
+    columns: Any = {column: value or None for column, value in named.items()}
+    return Specimen(name, file, **columns, listed=listed, outside=outside)

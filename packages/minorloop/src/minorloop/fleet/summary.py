@@ -17,6 +17,8 @@ _TO_SD = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution."""
 _LEAST_SPREAD = 1e-9
 """Relative spread below which values count as equal: rounding is no outlier."""
+LONGEST = 400
+"""Characters of a reason, a warning or advice, which are on one line."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +67,11 @@ class Outcome:
     groups: str | None = None
     sd: str | None = None
 
-    def plain(self) -> dict[str, Any]:
-        """As a mapping, for files."""
-        return asdict(self)
+    def __post_init__(self) -> None:
+        for name in ("error", "warning", "advice", "chosen"):
+            line = " ".join((getattr(self, name) or "").split())
+            line = line if len(line) <= LONGEST else f"{line[: LONGEST - 4]} ..."
+            object.__setattr__(self, name, line or None)
 
 
 @dataclass(frozen=True)
@@ -155,20 +159,28 @@ class Summary:
             "strays": list(self.strays),
         }
 
+    def remarks(self) -> dict[str, list[str]]:
+        """Sentences on outliers, models not to be trusted, failures and strays, by their kind."""
+        return {
+            "outliers": [
+                f"outlier {one.specimen}: {one.figure} {one.value:.4g}; the median is "
+                f"{one.median:.4g}"
+                for one in self.outliers()
+            ],
+            "warnings": [f"warning {one.specimen}: {one.warning}" for one in self.warned],
+            "failures": [f"failed {one.specimen}: {one.error}" for one in self.failures],
+            "strays": [
+                f"{one} does not belong to any specimen in this manifest" for one in self.strays
+            ],
+        }
+
     def __str__(self) -> str:
         lines = [f"{len(self.identified)} of {len(self.outcomes)} specimens identified"]
         lines.append(" ".join([f"{'':<14}", *(f"{word:>14}" for word in WORDS)]))
         for figure, at in self.distributions().items():
             row = " ".join(f"{at[word]:>14.4g}" for word in WORDS)
             lines.append(f"{figure:<14} {row}")
-        lines += [
-            f"outlier {one.specimen}: {one.figure} {one.value:.4g}, median {one.median:.4g}"
-            for one in self.outliers()
-        ]
-        lines += [f"warning {one.specimen}: {one.warning}" for one in self.warned]
-        lines += [f"failed {one.specimen}: {one.error}" for one in self.failures]
-        lines += [f"{one} does not belong to any specimen in this manifest" for one in self.strays]
-        return "\n".join(lines)
+        return "\n".join([*lines, *(one for kind in self.remarks().values() for one in kind)])
 
     def _values(self, figure: str) -> Any:
         values = [getattr(one, figure) for one in self.identified]
