@@ -15,7 +15,7 @@ from typing import Any
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.drivers.bench import Bench
-from minorloop.lab.limited_actuator import with_limits
+from minorloop.lab.limited_actuator import LimitedActuator
 from minorloop.registry import loaded, registered
 
 SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
@@ -132,7 +132,7 @@ def open_module(name: str) -> Actuator:
             raise
         return made
     try:
-        return with_limits(made)
+        return LimitedActuator(made)
     except ParameterError as error:
         raise ParameterError(f"module:{name}: {error}") from None
 

@@ -19,7 +19,7 @@ from minorloop.identification import Gaussian, Identification, Plane, Smooth, ex
 from minorloop.identification.bands import Prediction
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.conversion import LaserCurvature
-from minorloop.lab.converted_actuator import with_conversion
+from minorloop.lab.converted_actuator import ConvertedActuator
 from minorloop.lab.records import Record
 from minorloop.lab.reduction import reduce
 from minorloop.lab.settled_holds import FURTHER, hold_each
@@ -253,7 +253,7 @@ def drive(
     """Saturate a specimen, apply inputs (n,) in V, and compare with the targets (n,) in 1/m."""
     strip = _strip(seed, noise, setup, experiment)
     if setup.laser:
-        strip = with_conversion(strip, _laser())
+        strip = ConvertedActuator(strip, _laser())
     strip.apply(-setup.voltage, setup.saturation_hold, setup.sample_interval)
     voltages = np.clip(inputs, -setup.voltage, setup.voltage)
     record, achieved = hold_each(strip, voltages, setup.hold, setup.sample_interval)

@@ -4,14 +4,15 @@ import pytest
 from minorloop.connect import connect
 from minorloop.errors import ParameterError, SignalError
 from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable
-from minorloop.lab.converted_actuator import ConvertedActuator, with_conversion
+from minorloop.lab.converted_actuator import ConvertedActuator
 from minorloop.lab.run import Restorable
+from minorloop.lab.wrapped_actuator import WrappedActuator
 
 TENFOLD = CalibrationPolynomial(name="bend", unit="cm", coefficients=(1.0, 10.0))
 
 
 def test_records_and_exchanges_are_converted_and_the_rest_is_the_actuators():
-    plain, shown = connect("twin:ipmc"), with_conversion(connect("twin:ipmc"), TENFOLD)
+    plain, shown = connect("twin:ipmc"), ConvertedActuator(connect("twin:ipmc"), TENFOLD)
     assert [str(channel) for channel in shown.outputs] == ["bend [cm]"]
     assert (shown.inputs, shown.tick) == (plain.inputs, plain.tick)
     raw, record = plain.apply(0.5, 3.0, 1.0), shown.apply(0.5, 3.0, 1.0)
@@ -24,23 +25,24 @@ def test_records_and_exchanges_are_converted_and_the_rest_is_the_actuators():
 
 
 def test_a_twin_can_still_be_restored_and_another_actuator_not():
-    twin = with_conversion(connect("twin:ipmc"), TENFOLD)
+    twin = ConvertedActuator(connect("twin:ipmc"), TENFOLD)
     state, first = twin.checkpoint(), twin.apply(1.0, 2.0, 1.0).y
     twin.restore(state)
     np.testing.assert_array_equal(twin.apply(1.0, 2.0, 1.0).y, first)
-    assert not isinstance(ConvertedActuator(connect("twin:ipmc"), TENFOLD), Restorable)
+    assert isinstance(twin, Restorable)
+    assert not isinstance(WrappedActuator(connect("twin:ipmc"), restorable=False), Restorable)
 
 
 def test_a_conversion_that_covers_no_reading_is_refused_at_once():
     narrow = CalibrationTable(name="bend", unit="cm", readings=(1e3, 2e3), values=(0.0, 1.0))
-    shown = with_conversion(connect("twin:ipmc"), narrow)
+    shown = ConvertedActuator(connect("twin:ipmc"), narrow)
     with pytest.raises(SignalError, match="covers none of the readings"):
         shown.apply(0.5, 3.0, 1.0)
 
 
 def test_a_resumed_run_does_not_judge_its_first_hold_anew():
     narrow = CalibrationTable(name="bend", unit="cm", readings=(1e3, 2e3), values=(0.0, 1.0))
-    shown = with_conversion(connect("twin:ipmc"), narrow, begun=True)
+    shown = ConvertedActuator(connect("twin:ipmc"), narrow, begun=True)
     assert np.isnan(shown.apply(0.5, 3.0, 1.0).y).all()
 
 
@@ -49,4 +51,4 @@ def test_several_outputs_are_refused():
         outputs = connect("twin:ipmc").outputs * 2
 
     with pytest.raises(ParameterError, match="has 2 outputs; a conversion is for one"):
-        with_conversion(Two(), TENFOLD)
+        ConvertedActuator(Two(), TENFOLD)

@@ -6,8 +6,9 @@ import pytest
 
 from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
 from minorloop.lab.actuator import Actuator, Channel
-from minorloop.lab.limited_actuator import LimitedTwin, with_limits
+from minorloop.lab.limited_actuator import LimitedActuator
 from minorloop.lab.records import Record
+from minorloop.lab.run import Restorable
 from minorloop.twins.ipmc import Ipmc
 
 
@@ -34,19 +35,20 @@ class HomeMade:
 
 
 def test_it_is_an_actuator_that_passes_on_what_is_allowed():
-    plant = with_limits(HomeMade())
+    plant = LimitedActuator(HomeMade())
     assert isinstance(plant, Actuator)
     assert plant.exchange(0.1) == 10.0
     assert plant.apply(0.3, 1.0, 1.0).y[-1] == 30.0
     plant.safe()
     assert plant._actuator.sent == [0.1, 0.3, "safe"]
-    assert isinstance(with_limits(Ipmc()), LimitedTwin)
+    assert isinstance(LimitedActuator(Ipmc()), Restorable)
+    assert not isinstance(plant, Restorable)
 
 
 @pytest.mark.parametrize("wrong", [0.5, -0.1, math.nan, math.inf, 1e308, [0.1, 0.1]])
 def test_nothing_beyond_the_limits_reaches_it(wrong):
     home = HomeMade()
-    plant = with_limits(home)
+    plant = LimitedActuator(home)
     for act in (plant.exchange, lambda u: plant.apply(u, 1.0, 0.5)):
         with pytest.raises((LimitError, ParameterError)):
             act(wrong)
@@ -55,7 +57,7 @@ def test_nothing_beyond_the_limits_reaches_it(wrong):
 
 def test_a_tick_changes_it_no_faster_than_its_rate():
     home = HomeMade()
-    plant = with_limits(home)
+    plant = LimitedActuator(home)
     plant.exchange(0.0)
     with pytest.raises(LimitError, match="faster than the limit 5 A/s"):
         plant.exchange(0.3)
@@ -67,7 +69,7 @@ def test_a_tick_changes_it_no_faster_than_its_rate():
 def test_any_failure_makes_it_safe_and_is_one_sentence(failure):
     home = HomeMade(failure)
     with pytest.raises(InstrumentError, match=r"the actuator failed: (ValueError|ZeroDiv|OSError)"):
-        with_limits(home).exchange(0.1)
+        LimitedActuator(home).exchange(0.1)
     assert home.sent == ["safe"]
 
 
@@ -75,7 +77,7 @@ def test_readings_of_another_number_make_it_safe():
     home = HomeMade()
     home.exchange = lambda u: np.zeros(3)
     with pytest.raises(InstrumentError, match="gives 3 readings for 1 outputs"):
-        with_limits(home).exchange(0.1)
+        LimitedActuator(home).exchange(0.1)
     assert home.sent == ["safe"]
 
 
@@ -87,7 +89,7 @@ def test_one_that_cannot_be_made_safe_may_still_be_on():
 
     home.safe = safe
     with pytest.raises(SafetyError, match="may still be on, switch it off by hand: ValueError: no"):
-        with_limits(home).safe()
+        LimitedActuator(home).safe()
 
 
 @pytest.mark.parametrize(
@@ -103,4 +105,4 @@ def test_what_is_no_actuator_is_refused(changes, sentence):
     names = ("inputs", "outputs", "tick", "apply", "exchange", "safe")
     known = {name: getattr(home, name) for name in names} | changes
     with pytest.raises(ParameterError, match=sentence):
-        with_limits(SimpleNamespace(**{k: v for k, v in known.items() if v is not None}))
+        LimitedActuator(SimpleNamespace(**{k: v for k, v in known.items() if v is not None}))

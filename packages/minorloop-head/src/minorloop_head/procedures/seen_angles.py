@@ -253,7 +253,7 @@ class SeenHead(WrappedActuator):
         cold: npt.ArrayLike = (0.0, 0.0),
         waits: Callable[[], None] = lambda: None,
     ) -> None:
-        super().__init__(actuator)
+        super().__init__(actuator, restorable=False)
         if [channel.unit for channel in actuator.inputs[:2]] != ["A", "A"]:
             known = ", ".join(str(channel) for channel in actuator.inputs)
             raise ParameterError(

@@ -86,14 +86,14 @@ class ConversionOptions:
 
         ``begun`` is true for a run that has points: its first hold is not judged anew.
         """
-        from minorloop.lab.converted_actuator import with_conversion
+        from minorloop.lab.converted_actuator import ConvertedActuator
         from minorloop.lab.records import Quantity
 
         reading = plant.outputs[0]
         conversion = self.conversion(Quantity(reading.name, reading.unit))
         if conversion is None:
             return plant
-        return with_conversion(plant, conversion, begun=begun)
+        return ConvertedActuator(plant, conversion, begun=begun)
 
     def conversion(self, reading: Quantity) -> Conversion | None:
         """Return the conversion of a reading; None if nothing was given."""

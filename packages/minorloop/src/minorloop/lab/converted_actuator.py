@@ -7,9 +7,9 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.lab.actuator import Actuator, Channel, Value
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.records import Quantity, Record
-from minorloop.lab.wrapped_actuator import WrappedActuator, WrappedTwin
+from minorloop.lab.wrapped_actuator import WrappedActuator
 
-__all__ = ["ConvertedActuator", "ConvertedTwin", "with_conversion"]
+__all__ = ["ConvertedActuator"]
 
 
 class ConvertedActuator(WrappedActuator):
@@ -69,27 +69,3 @@ class ConvertedActuator(WrappedActuator):
         """Hold an input for one tick, and return the converted output at its end."""
         reading: FloatArray = self._conversion.convert(np.atleast_1d(self._actuator.exchange(u)))
         return float(reading[0])
-
-
-class ConvertedTwin(WrappedTwin, ConvertedActuator):
-    """A converted actuator whose state can be saved and restored."""
-
-
-def with_conversion(
-    actuator: Actuator, conversion: Conversion, *, begun: bool = False
-) -> ConvertedActuator:
-    """Return an actuator that shows its converted output.
-
-    Raises a `ParameterError` if the actuator has several outputs.
-
-    Parameters
-    ----------
-    actuator : Actuator
-        What is driven; it has one output.
-    conversion : Conversion
-        From its readings to the output wanted.
-    begun : bool
-        As for `ConvertedActuator`.
-    """
-    kind = ConvertedTwin if hasattr(actuator, "restore") else ConvertedActuator
-    return kind(actuator, conversion, begun=begun)

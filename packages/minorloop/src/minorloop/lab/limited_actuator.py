@@ -10,9 +10,9 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError, SafetyError
 from minorloop.lab.actuator import Channel, Value, check_input
 from minorloop.lab.records import Record
-from minorloop.lab.wrapped_actuator import WrappedActuator, WrappedTwin
+from minorloop.lab.wrapped_actuator import WrappedActuator
 
-__all__ = ["LimitedActuator", "LimitedTwin", "with_limits"]
+__all__ = ["LimitedActuator"]
 
 
 class LimitedActuator(WrappedActuator):
@@ -34,6 +34,8 @@ class LimitedActuator(WrappedActuator):
         super().__init__(actuator)
         self.serial: str | None = getattr(actuator, "serial", None)
         self._present: FloatArray | None = None
+        if hasattr(self, "restore"):
+            self.restore = self._restore
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold inputs as the actuator does; an `InstrumentError` leaves it safe."""
@@ -69,6 +71,10 @@ class LimitedActuator(WrappedActuator):
                 f"the actuator may still be on, switch it off by hand: {_said(error)}"
             ) from error
 
+    def _restore(self, checkpoint: dict[str, Any]) -> None:
+        self._present = None
+        self._actuator.restore(checkpoint)
+
     def _done(self, work: Any) -> Any:
         """Return what was done; after an error the actuator is safe."""
         try:
@@ -86,23 +92,6 @@ class LimitedActuator(WrappedActuator):
                 f"the actuator gives {values.size} readings for {len(self.outputs)} outputs"
             )
         return float(values[0]) if values.size == 1 else values
-
-
-class LimitedTwin(WrappedTwin, LimitedActuator):
-    """Such an actuator whose state can be saved and restored."""
-
-    def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Go back to a saved state."""
-        self._present = None
-        super().restore(checkpoint)
-
-
-def with_limits(actuator: Any) -> LimitedActuator:
-    """Return an actuator that is sent no input beyond its limits.
-
-    Raises a `ParameterError` if a channel, a method or a limit is missing.
-    """
-    return (LimitedTwin if hasattr(actuator, "restore") else LimitedActuator)(actuator)
 
 
 def _check_actuator(actuator: Any) -> None:

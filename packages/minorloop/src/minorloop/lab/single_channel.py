@@ -6,9 +6,9 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Actuator, Channel, Value
 from minorloop.lab.records import Record
-from minorloop.lab.wrapped_actuator import WrappedActuator, WrappedTwin
+from minorloop.lab.wrapped_actuator import WrappedActuator
 
-__all__ = ["SingleChannel", "SingleTwinChannel", "single_channel"]
+__all__ = ["SingleChannel", "single_channel"]
 
 
 class SingleChannel(WrappedActuator):
@@ -49,10 +49,6 @@ class SingleChannel(WrappedActuator):
         return every
 
 
-class SingleTwinChannel(WrappedTwin, SingleChannel):
-    """One input and one output of an actuator that is restored, and not replayed."""
-
-
 def single_channel(
     actuator: Actuator, input: str | None = None, output: str | None = None
 ) -> Actuator:
@@ -81,8 +77,7 @@ def single_channel(
         sensor = _named(actuator.outputs, output, "output")
     if len(actuator.inputs) == len(actuator.outputs) == 1:
         return actuator
-    kind = SingleTwinChannel if hasattr(actuator, "restore") else SingleChannel
-    return kind(actuator, place, sensor)
+    return SingleChannel(actuator, place, sensor)
 
 
 def _named(channels: tuple[Channel, ...], name: str | None, what: str) -> int:

@@ -1,10 +1,11 @@
 """What an actuator that stands before another passes on unchanged."""
 
+from collections.abc import Callable
 from typing import Any
 
-from minorloop.lab.actuator import Actuator, Channel, Rounding, Timed
+from minorloop.lab.actuator import Channel, Rounding, Timed
 
-__all__ = ["WrappedActuator", "WrappedTwin"]
+__all__ = ["WrappedActuator"]
 
 
 class WrappedActuator:
@@ -14,10 +15,18 @@ class WrappedActuator:
     ----------
     actuator : Actuator
         The other one.
+    restorable : bool
+        Whether it has ``checkpoint`` and ``restore`` where the other one has them, so that a run
+        restores it and does not replay it.
     """
 
-    def __init__(self, actuator: Actuator) -> None:
+    checkpoint: Callable[[], dict[str, Any]]
+    restore: Callable[[dict[str, Any]], None]
+
+    def __init__(self, actuator: Any, *, restorable: bool = True) -> None:
         self._actuator = actuator
+        if restorable and hasattr(actuator, "restore"):
+            self.checkpoint, self.restore = actuator.checkpoint, actuator.restore
         self.inputs: tuple[Channel, ...] = tuple(actuator.inputs)
         self.outputs: tuple[Channel, ...] = tuple(actuator.outputs)
         self.warnings: tuple[str, ...] = tuple(getattr(actuator, "warnings", ()))
@@ -25,7 +34,8 @@ class WrappedActuator:
     @property
     def tick(self) -> float:
         """How long one ``exchange`` takes, in seconds."""
-        return self._actuator.tick
+        tick: float = self._actuator.tick
+        return tick
 
     @property
     def description(self) -> dict[str, Any] | None:
@@ -48,18 +58,3 @@ class WrappedActuator:
     def close(self) -> None:
         """Close the connections of the actuator, if it has any."""
         getattr(self._actuator, "close", lambda: None)()
-
-
-class WrappedTwin:
-    """What is added where the state of the actuator can be saved and restored."""
-
-    _actuator: Any
-
-    def checkpoint(self) -> dict[str, Any]:
-        """Return the state, ready for JSON."""
-        found: dict[str, Any] = self._actuator.checkpoint()
-        return found
-
-    def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Go back to a saved state."""
-        self._actuator.restore(checkpoint)
