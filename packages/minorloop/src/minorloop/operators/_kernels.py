@@ -48,6 +48,10 @@ class PlaneTables(NamedTuple):
     slope: float
 
 
+Plane = PlaneTables
+"""Name by which caches of kernels that were compiled before know it; they fail to load without."""
+
+
 @njit(**INSIDE)
 def band_of(levels, buckets, per_unit, u):
     """Band that holds u, for u inside the grid: a bucket first, then a search within it.
