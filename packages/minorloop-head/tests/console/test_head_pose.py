@@ -10,7 +10,6 @@ from minorloop_head.console.head_pose import (
     HeadPoseMap,
     HeadPoseState,
     gaze,
-    into_cone,
     slewed,
     turn,
 )
@@ -18,7 +17,6 @@ from minorloop_head.console.head_pose import (
 TICK = 0.04
 HOW = HeadPoseMap()
 angles = st.floats(-1.4, 1.4)
-pairs = st.tuples(st.floats(-4, 4), st.floats(-4, 4))
 cones = st.floats(0.02, 0.78)
 quaternions = (
     st.tuples(*(st.floats(-1, 1),) * 4)
@@ -62,14 +60,6 @@ def test_no_command_is_faster_than_the_wires(steps):
         # What is brought back into the cone may move a little further along its radius.
         assert np.abs(change).max() <= 2 * HOW.heating * TICK + 1e-9
         state = after
-
-
-@given(pairs, cones)
-def test_saturation_keeps_the_direction(wish, cone):
-    kept = into_cone(wish, cone)
-    assert math.hypot(*kept) <= cone * (1 + 1e-12)
-    assert kept[0] * wish[1] == pytest.approx(kept[1] * wish[0], abs=1e-6)
-    assert kept[0] * wish[0] + kept[1] * wish[1] >= 0
 
 
 @given(quaternions, quaternions, st.integers(0, 20))

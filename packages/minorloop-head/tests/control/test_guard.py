@@ -175,17 +175,6 @@ def test_a_guard_for_older_readings_takes_over_a_state():
     assert guarded("adaptive").later(3).observer.delay == 4
 
 
-def test_a_target_that_is_too_fast_is_logged():
-    guard, plant = guarded(), Wire(noise=0.05, seed=1)
-    state, seen = guard.begin(), 0.0
-    for k in range(1500):
-        target = 25.0 + 20.0 * math.sin(2 * math.pi * k * TICK / 6.0)
-        current, state = guard.step(state, target, seen)
-        seen = plant.exchange(current)
-    assert "behind" in causes(state)
-    assert state.unreachable is None
-
-
 def test_a_target_beyond_the_stroke_is_held_near_the_end():
     guard = guarded()
     _, state, plant = loop(guard, 90.0, 25.0)

@@ -30,7 +30,9 @@ def test_the_default_settles_in_eight_seconds_with_little_overshoot(target):
     assert run.unreachable == []
 
 
-@pytest.mark.parametrize(("period", "most"), [(60.0, 0.7), (30.0, 1.8)])
+@pytest.mark.parametrize(
+    ("period", "most"), [(60.0, 0.7), pytest.param(30.0, 1.8, marks=pytest.mark.whole)]
+)
 def test_a_circle_is_followed(period, most):
     def circle(t):
         turn = 2 * math.pi * t / period

@@ -55,13 +55,6 @@ def test_a_target_that_is_a_little_out_of_reach_is_found_while_the_wire_still_mo
     assert verdict.least < 22.0 < 24.7 < verdict.most  # It ends at 24.7 degrees.
 
 
-def test_a_wire_whose_resistance_changes_much_is_not_given_up():
-    # Its cold resistance is 0.66 of the hot one, where 0.8 is usual; at -10 degrees it moves late
-    # and slowly, and reaches 65.5 degrees in the end.
-    wire = identified_head(7003)[0][0]
-    assert watched(62.8, ambient=-10.0, seconds=30.0, specimen=7003, wire=wire)[0] is None
-
-
 def test_a_cold_head_whose_identified_branch_rises_too_late_is_not_given_up():
     # Its holds ended 3.5 degrees short where it turns most; it reaches 43.4 degrees in the end.
     wires, coupling = identified_head(95544)

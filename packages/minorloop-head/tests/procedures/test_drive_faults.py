@@ -9,7 +9,7 @@ from minorloop_head.control.unread import UnreadWatch
 from minorloop_head.procedures.drive_faults import FaultLog
 from minorloop_head.procedures.steer import steer
 from minorloop_head.twins.head import Head
-from wires import identified
+from wires import identified, made_up
 
 TARGETS = [[30.0, 30.0], [40.0, 20.0]]
 
@@ -27,6 +27,22 @@ class Spoilt(Head):
         seen, t = np.array(super().exchange(u)), self._ticks * self.tick
         self._ticks += 1
         return self._spoil(t, seen)
+
+
+class Late(Head):
+    """A head whose ticks take four times as long from 2 s on, and seven times from 3 s on."""
+
+    time = 0.0
+
+    def __init__(self, twice):
+        super().__init__(noise=0.05, seed=3)
+        self._twice = twice
+
+    def exchange(self, u):
+        seen = super().exchange(u)
+        longer = 4 if 2.0 < self.time < 2.2 else 7 if self._twice and 3.0 < self.time < 4.5 else 1
+        self.time += self.tick * longer
+        return seen
 
 
 def driven(spoil, targets=TARGETS, hold=12.0, why=""):
@@ -107,6 +123,16 @@ def test_readings_that_were_refused_are_not_called_missing():
     )
     (fault,) = driven(lost(5.0, 5.1), [[30.0, 30.0]], 9.0, why=why).faults
     assert fault.what == f"readings were not used, because {why}; the wire went by its model"
+
+
+def test_all_late_steps_are_one_warning_with_their_number_and_it_is_the_last():
+    control = head_control("observer", (made_up(), made_up()))
+    result = steer(Late(twice=True), control, [[30.0, 30.0]], 6.0)
+    (late,) = (each for each in result.faults if each.late)
+    assert late.times == 8
+    assert late.lasted == pytest.approx(2 * 0.12 + 6 * 0.24)
+    assert result.warnings[-1] == "8 steps were late, by up to 0.24 s"
+    assert sum("late" in each for each in result.warnings) == 1
 
 
 def test_an_axis_that_was_kept_names_the_fault_of_the_other():

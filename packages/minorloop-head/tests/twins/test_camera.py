@@ -8,7 +8,7 @@ import pytest
 from minorloop.errors import LimitError, ParameterError
 from minorloop_head.geometry import Mount, Pinhole, wall_point
 from minorloop_head.twins.camera import Camera, ImageSensor, led_positions
-from minorloop_head.twins.pipe import Bore, Crack, Finish, Pipe
+from minorloop_head.twins.pipe import Bore, Finish, Pipe
 from minorloop_head.twins.turbid_water import TurbidWater
 
 MATT = Finish(specular=1e-6, brush=1e-9, streak=1e-9, stain=1e-9, ambient=1e-9, diffuse=0.6)
@@ -98,20 +98,6 @@ def test_a_hole_lit_from_behind_shines_without_light():
     image = looking_at(pipe, lights=(False,) * 3, sensor=CLEAN).frame().image
     assert middle(image) == pytest.approx(100, rel=0.1)
     assert image[:50].max() == 0
-
-
-def test_a_pit_is_darker_than_the_wall_and_a_crack_too():
-    plain = middle(looking_at(Pipe(length=25.6e-3, finish=MATT), sensor=CLEAN).frame().image)
-    pit = Bore(*PLACE, 1e-3, depth=0.3e-3, brightness=0.3)
-    crack = Crack(((PLACE[0] - 0.1, PLACE[1]), (PLACE[0] + 0.1, PLACE[1])), (4e-4, 4e-4))
-    in_pit = middle(
-        looking_at(Pipe(length=25.6e-3, finish=MATT, bores=(pit,)), sensor=CLEAN).frame().image
-    )
-    in_crack = middle(
-        looking_at(Pipe(length=25.6e-3, finish=MATT, cracks=(crack,)), sensor=CLEAN).frame().image
-    )
-    assert 0.05 * plain < in_pit < 0.8 * plain
-    assert in_crack < 0.3 * plain
 
 
 def test_water_hides_what_is_under_it():

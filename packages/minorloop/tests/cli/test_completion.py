@@ -44,18 +44,6 @@ def test_bash_completes_what_follows_the_last_colon(words, found, complete):
 
 
 @pytest.mark.parametrize(
-    ("shell", "expected"), [("zsh", '"twin\\\\:fibre"'), ("fish", "twin:fibre")]
-)
-def test_other_shells_complete_whole_addresses(shell, expected, run, monkeypatch):
-    monkeypatch.setenv("_MINORLOOP_COMPLETE", f"complete_{shell}")
-    monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
-    monkeypatch.setenv("_TYPER_COMPLETE_ARGS", "minorloop run --actuator twin:fi")
-    status, out, err = run("")
-    assert (status, err) == (0, "")
-    assert expected in out
-
-
-@pytest.mark.parametrize(
     ("shell", "file"),
     [
         ("bash", ".bash_completions/minorloop.sh"),

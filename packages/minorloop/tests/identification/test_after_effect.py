@@ -9,7 +9,7 @@ from minorloop.identification.after_effect import (
     TimedRecord,
     rows_of,
 )
-from minorloop.identification.after_effect_result import AfterEffectIdentification, along
+from minorloop.identification.after_effect_result import along
 from minorloop.identification.curves import as_curves
 from minorloop.identification.design_matrix import PlaneSpec, pack
 from minorloop.lab.records import Record
@@ -178,26 +178,6 @@ def test_rows_of_the_design_matrix_are_the_operator(diagonal, field, settling):
     found = weights if settling else np.cumsum(weights, axis=0)
     unknowns = np.append(np.concatenate([pack(one) for one in found]), plane.offset)
     np.testing.assert_allclose(rows @ unknowns, along(model, t, u, curves), rtol=0, atol=1e-12)
-
-
-def test_curves_begin_anew():
-    truth, parts = creeping(), 8
-    t, u = holds(1007, parts)
-    label = np.repeat(np.arange(parts), 10)
-    whole = identify(
-        Record(
-            u,
-            np.concatenate([truth.simulate(t[label == k], u[label == k]) for k in range(parts)]),
-            t,
-            curves=label,
-            skip=1,
-        ),
-        Viscosity(LEVELS, creep="spectrum", rate=False),
-    )
-    assert isinstance(whole, AfterEffectIdentification)
-    assert whole.fitted.sum() == 9 * parts
-    again = whole.predict(t, u, curves=label)
-    np.testing.assert_allclose(again, whole.prediction)
 
 
 def test_one_rate_is_refused_with_what_to_measure():

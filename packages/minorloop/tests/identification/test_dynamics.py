@@ -170,6 +170,28 @@ def test_finds_dead_time_and_a_resonance():
     assert dict(found.rows)["damping ratio"].startswith("0.")
 
 
+@pytest.mark.whole
+def test_the_structure_of_the_plane_is_chosen_by_the_error_of_the_whole_model():
+    """The record without dynamics has ten times the noise, which hides the diagonal."""
+    t = np.arange(0, 1, 1 / RATE)
+    wave = 50 - 50 * np.cos(2 * np.pi * (2 + 8 * t) * t) * (1 - 0.8 * t)
+    u = np.concatenate([np.zeros(40), wave])
+    record = ml.Record(u, measured(u, LAGS, noise=4 * NOISE), time_of(u))
+    found = ml.identify(
+        record, ml.Dynamics(ml.Plane(levels=25), first="operator", poles=2, creep=False)
+    )
+    assert found.model.operator.diagonal == "reversible"
+    assert [choice.name for choice in found.static.choices] == ["structure"]
+
+
+def test_a_record_without_dynamics_has_none():
+    u = sweeps((5.0,))
+    record = ml.Record(u, measured(u, Linear.lags()), time_of(u))
+    found = ml.identify(record, ml.Dynamics(ml.Plane(**COARSE)))
+    assert not found.dynamic
+    assert "no better than with the operator alone" in found.advice[-1]
+
+
 def test_finds_creep():
     u = np.repeat(np.random.default_rng(1002).uniform(0, 100, 20), 150)
     u[:150] = 0.0
@@ -181,16 +203,6 @@ def test_finds_creep():
     assert found.model.creep.dc_gain == pytest.approx(1)
     assert found.nrmse < 5e-3
     assert "creep  " in str(found)
-
-
-def test_with_the_prior_it_has_bands():
-    u = sweeps((20.0,))[:120]
-    found = ml.identify(
-        ml.Record(u, measured(u, LAGS), time_of(u)),
-        ml.Dynamics(ml.Plane(5), first="operator", poles=1, creep=False),
-        prior=ml.Gaussian(),
-    )
-    assert found.static.posterior is not None
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,6 @@ from minorloop.identification import excitation
 LEVELS = np.linspace(-1.2, 1.2, 11)
 
 
-@pytest.mark.parametrize("bands", [1, 2, 4, 7, 10])
-def test_decaying_staircase_is_as_long_as_there_are_unknowns(bands):
-    u = excitation.decaying_staircase(np.arange(bands + 1.0))
-    assert u.size == 1 + bands * (bands + 1) // 2
-    assert (np.abs(np.diff(u)) == 1).all()
-    assert (u[0], u[bands]) == (0, bands)
-
-
 @pytest.mark.parametrize(("bands", "condition"), [(4, None), (10, 73), (12, 106), (20, 300)])
 def test_decaying_staircases_determine_everything(bands, condition):
     grid = np.linspace(0, 1, bands + 1)

@@ -9,14 +9,6 @@ TIME = np.arange(4000) / 400
 SIGNAL = 50 * np.sin(2 * np.pi * TIME)
 
 
-def test_equal_readings_of_a_noisy_sensor_are_found_with_the_noise():
-    y = SIGNAL + NOISE
-    y[700:750], y[2000:2030] = y[700], y[2000]
-    found = frozen(y)
-    assert found.runs == ((700, 750), (2000, 2030))
-    assert found.noise == pytest.approx(1, rel=0.1)
-
-
 def test_a_sensor_that_is_stuck_for_most_of_a_record_is_found():
     y = SIGNAL + NOISE
     y[500:3500] = y[500]

@@ -3,13 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from later import Later
 from minorloop.errors import ParameterError
 from minorloop.lab.holds import find_holds, looks_like_raw_log, turning_points
 
 SEEDS = st.integers(0, 2**32 - 1)
-
-signal = Later("scipy.signal")
 
 
 def _steps(seed, count, least):
@@ -80,23 +77,6 @@ class TestHolds:
         assert find_holds([]) == find_holds([1.0, 2.0]) == find_holds(np.ones(100)) == []
 
 
-T = np.arange(6000.0)
-SWEEPS = {
-    "sine": np.sin(T / 300),
-    "triangle": np.abs((T / 700) % 2 - 1),
-    "decaying sine": np.exp(-T / 2000) * np.sin(T / 100),
-    "coarse sine": np.round(np.sin(T / 900) * 500) / 500,
-    "12 bit sine": np.round(np.sin(T / 2000) * 2047) / 2047,
-    "chirp": np.sin((T / 600) ** 2),
-    "fast chirp": np.sin((T / 250) ** 2),
-    "modulated sine": np.sin(T / 8) * (1 - 0.8 * np.abs(T / 3000 - 1)),
-    "random levels": np.random.default_rng(1000).uniform(size=6000),
-    "random walk": np.cumsum(np.random.default_rng(1000).normal(size=6000)),
-    "white noise": np.random.default_rng(1000).normal(size=6000),
-    "small": T[:5],
-}
-
-
 class TestRawLog:
     @given(
         seed=SEEDS,
@@ -117,15 +97,6 @@ class TestRawLog:
         u, y = _log(_steps(1, 56, 0.1), 200)
         said = looks_like_raw_log(0.5 * np.arange(11_200), u, y)
         assert "11200 samples with 56 holds of about 200 samples (99.5 s)" in said
-
-    @pytest.mark.parametrize("name", SWEEPS)
-    @pytest.mark.parametrize("noise", [0.0, 0.002, 0.02])
-    def test_sweeps_and_single_rows_are_not(self, name, noise):
-        u = SWEEPS[name]
-        chance = np.random.default_rng(1000)
-        u = u + noise * np.ptp(u) * chance.normal(size=u.size)
-        y = signal.lfilter([0.05], [1, -0.95], u) + noise * chance.normal(size=u.size)
-        assert looks_like_raw_log(None, u, y) == ""
 
     def test_holds_without_transients_are_not(self):
         u = np.repeat(_steps(3, 20, 0.1), 50)

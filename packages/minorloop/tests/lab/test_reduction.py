@@ -64,14 +64,6 @@ def test_its_points_identify_the_strip(long):
     assert np.sqrt(np.mean((result.predict(record.u) - truth) ** 2)) <= 0.02 * np.ptp(truth)
 
 
-def test_short_holds_are_extrapolated_beyond_their_ends():
-    log, truth = strip_log(hold=80.0)
-    found = reduce(log, conversion=LASER)
-    assert found.count("extrapolated") >= LEVELS.size // 2
-    y, end = found.record().y, np.array([point.end for point in found.points])
-    assert np.sqrt(np.mean((y - truth) ** 2)) <= 0.4 * np.sqrt(np.mean((end - truth) ** 2))
-
-
 def test_what_has_not_settled_drives_memory_only():
     log, _ = strip_log(hold=15.0, interval=0.1)
     found = reduce(log, conversion=LASER)

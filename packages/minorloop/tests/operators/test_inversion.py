@@ -33,6 +33,16 @@ def test_a_long_table_is_shortened():
     assert "988 more" in text
 
 
+def test_draws_targets_outputs_and_inputs():
+    result = inversion(9)
+    upper, lower = result.plot(input_label="voltage [V]", output_label="angle [deg]").axes
+    assert upper.get_ylabel() == "angle [deg]"
+    assert lower.get_ylabel() == "voltage [V]"
+    drawn = [np.asarray(line.get_ydata()) for line in (*upper.lines, *lower.lines)]
+    for wanted in (result.targets, result.y, result.u):
+        assert any(np.array_equal(line, wanted) for line in drawn)
+
+
 def test_the_message_names_value_index_range_and_remedy():
     targets = np.array([0.0, 1.0, 2.0, 12.4, -11.0])
     reachable = within_reach(targets, -9.8, 9.7)

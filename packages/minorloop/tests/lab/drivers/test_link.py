@@ -13,7 +13,6 @@ import pytest
 
 from faults.instruments import Fault, Serial
 from minorloop.errors import InstrumentError
-from minorloop.lab.drivers import link as module
 from minorloop.lab.drivers.link import VisaLink
 from minorloop.lab.signals import Stopped, ended_by_signals
 
@@ -243,20 +242,6 @@ def test_a_signal_waits_for_the_answer(supply):
     assert supply.heard == 2  # an empty line, which ends what may have been there, and a whole one
     assert not link._doubtful
     link.close()
-
-
-def test_an_answer_that_lacks_only_its_end_is_shown_whole(monkeypatch):
-    clock = iter([0.0, 0.0, 0.0, 2.0])
-    monkeypatch.setattr(module.time, "monotonic", lambda: next(clock, 2.0))
-    link, parts = VisaLink.__new__(VisaLink), iter([b"14 OK 1 ", b"*240D79C3"])
-    link.name, link.owed = "board", 0
-    link._timeout, link._streams = 1.0, True
-    monkeypatch.setattr(link, "_some", lambda most: next(parts))
-    said = (
-        r"board gave no whole answer within 1 s: b'14 OK 1 \*240D79C3', without the end of a line"
-    )
-    with pytest.raises(InstrumentError, match=said):
-        link._answer()
 
 
 SECOND = """
