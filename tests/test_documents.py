@@ -190,6 +190,21 @@ def parameters(function):
     return {name for name in names if not name.startswith("_") and name not in ("self", "cls")}
 
 
+def describing(docstring, found, method):
+    """A docstring, those of the same method of protocols, and those that it names by "as of"."""
+    yield docstring
+    for name in [method, *re.findall(r"\bas\s+of\s+`([\w.]+)`", docstring, re.IGNORECASE)]:
+        owner, _, last = name.rpartition(".")
+        for one in [getattr(minorloop, owner) if owner in CALLABLES else found, *PROTOCOLS]:
+            yield inspect.getdoc(vars(one)[last]) if last in vars(one) else ""
+
+
+@pytest.mark.parametrize(("docstring", "known"), [("As of `choose`.", {"u", "y"}), ("No.", set())])
+def test_a_docstring_has_the_parameters_of_those_that_it_names(docstring, known):
+    found = describing(docstring, minorloop.Adaptive, "roles")
+    assert set().union(*map(described, found)) == known
+
+
 @pytest.mark.parametrize("name", CALLABLES)
 def test_every_parameter_of_a_public_name_is_described(name):
     found = getattr(minorloop, name)
@@ -202,8 +217,7 @@ def test_every_parameter_of_a_public_name_is_described(name):
     for method, function in vars(found).items() if inspect.isclass(found) else ():
         function = getattr(function, "__func__", function)
         if inspect.isfunction(function) and not method.startswith("_"):
-            once = [vars(one)[method] for one in PROTOCOLS if method in vars(one)]
-            known = [described(inspect.getdoc(one)) for one in [function, *once]]
+            known = [described(one) for one in describing(inspect.getdoc(function), found, method)]
             assert parameters(function) <= set().union(*known), method
 
 

@@ -122,10 +122,7 @@ class Delivery:
     def plan(self, *, input: str) -> Plan:
         """Return the plan of a run: the saturation, then intervals whose inputs are open.
 
-        Parameters
-        ----------
-        input : str
-            Name and unit of the input.
+        The name and unit of the input are as of `TargetDrive.plan`.
         """
         count = self.targets.size * self.intervals
         holds = np.r_[self.settling, np.full(count, self.every)]
@@ -151,13 +148,7 @@ class Delivery:
         TargetDrive(self.model.settled, self.targets, self.saturation).check(channel)
 
     def choose(self, points: Sequence[Point]) -> float | None:
-        """Return the input of the next interval; None when every target is done.
-
-        Parameters
-        ----------
-        points : sequence of Point
-            The points so far; the same points give the same input.
-        """
+        """Return the next input, as of `TargetDrive.choose`; None when every target is done."""
         if not points:
             return self.saturation
         done = len(points) - 1

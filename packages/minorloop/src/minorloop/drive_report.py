@@ -58,16 +58,7 @@ def drive_report(
 def draw_drive(result: DriveResult, output: str) -> Any:
     """Draw targets and achieved outputs in order, and the errors with two standard deviations.
 
-    Parameters
-    ----------
-    result : DriveResult
-        What is drawn.
-    output : str
-        Name and unit of the output.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    ``output`` is the name and unit of the output.
     """
     number = np.arange(1, len(result.arrivals) + 1)
     targets = [arrival.target for arrival in result.arrivals]

@@ -123,13 +123,6 @@ def check_writable(path: PathLike, *, force: bool = False) -> Path:
 
     Raises an `OutputError` if the path is a folder or a device, its folder is missing or not
     writable, or the file exists and ``force`` is false.
-
-    Parameters
-    ----------
-    path : str or path
-        The file to write.
-    force : bool
-        Whether a file that exists may be replaced.
     """
     target = _named(path)
     folder = target.parent
@@ -152,16 +145,10 @@ def check_writable(path: PathLike, *, force: bool = False) -> Path:
 def write_atomically(path: PathLike, content: str | bytes) -> None:
     """Write a file completely or not at all, replacing an existing one.
 
-    A reader sees the old file or the new one, never a part. A failure leaves the old one.
+    A reader sees the old file or the new one, never a part. A failure leaves the old one. Text is
+    written as UTF-8 with unchanged line ends.
 
     Raises an `OutputError` if the file cannot be written.
-
-    Parameters
-    ----------
-    path : str or path
-        The file to write.
-    content : str or bytes
-        The content; text is written as UTF-8 with unchanged line ends.
     """
     target = Path(os.path.realpath(_named(path)))
     data = content.encode() if isinstance(content, str) else content
@@ -180,16 +167,10 @@ def write_atomically(path: PathLike, content: str | bytes) -> None:
 
 
 def make_folder(path: PathLike, *, force: bool = False) -> Path:
-    """Make a folder for results, or accept an existing empty one.
+    """Make a folder for results, or accept an existing one that is empty, or with ``force`` any.
 
-    Raises an `OutputError` if the path is a file, the folder is not empty, or it cannot be made.
-
-    Parameters
-    ----------
-    path : str or path
-        The folder; missing parents are made too.
-    force : bool
-        Whether it may contain files, of which some will be replaced.
+    Missing parents are made too. Raises an `OutputError` if the path is a file, the folder is not
+    empty and ``force`` is false, or it cannot be made.
     """
     folder = _named(path)
     try:

@@ -173,16 +173,9 @@ class ModelFile:
     def inverse_columns(
         self, targets: npt.ArrayLike, found: Inversion | CascadeInversion
     ) -> dict[str, list[Any]]:
-        """Return the columns of a CSV file of an inverse, by headers with units.
+        """Return the columns of a CSV file of an inverse for targets (T,), by headers with units.
 
         A model that is not to be trusted adds the column ``warning``, its text in the first row.
-
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Wanted outputs.
-        found : Inversion or CascadeInversion
-            Result for these targets.
         """
         columns = {
             str(self.input): found.u.tolist(),
@@ -335,18 +328,7 @@ def load(path: PathLike) -> Model:
 
 
 def read(path: PathLike) -> ModelFile:
-    """Read the whole content of a model file.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-
-    Raises
-    ------
-    ModelFileError
-        As for `load`.
-    """
+    """Read the whole content of a model file, with the path and the errors of `load`."""
     data = _bytes_of(path)
     _check_header(path, data)
     try:

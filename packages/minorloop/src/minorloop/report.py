@@ -204,14 +204,7 @@ def after_effect_report(
 ) -> Report:
     """Return a report on a model with time in the plane: what time explains, and by which law.
 
-    Parameters
-    ----------
-    result : AfterEffectIdentification
-        The identification.
-    source : str
-        Name of the record.
-    input_label, output_label : str
-        Name and unit of input and output, such as ``voltage [V]``.
+    Parameters are as of `identification_report`.
     """
     left, without = result.left_out_error, result.without_time
     share = 1 - (left / without) ** 2 if without else 0.0

@@ -114,12 +114,7 @@ def draw_score(
 ) -> Any:
     """Draw loop and record, measured and predicted, and the residual by the input and in time.
 
-    Parameters
-    ----------
-    result : ModelScore
-        The errors of a model on a record.
-    input_label, output_label : str
-        Name and unit of input and output.
+    The labels are as of `draw_identification`.
     """
     figure, axes = new_figure(2, 2, 8.0, 10.5)
     figure.get_layout_engine().set(h_pad=0.1, w_pad=0.1)

@@ -25,14 +25,9 @@ _WIDTH = 640
 
 
 def as_html(result: Any) -> str:
-    """Return the figure, the table and the advice of a model or result.
+    """Return figure, table and advice of a model or result that `minorloop.plot` draws.
 
     A result without a table of its own is shown as it prints.
-
-    Parameters
-    ----------
-    result : model or result
-        An object that `minorloop.plot` draws.
     """
     name = type(result).__name__
     rows = _ROWS[name](result) if name in _ROWS else _summary(result)

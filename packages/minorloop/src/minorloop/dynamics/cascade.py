@@ -188,19 +188,9 @@ class Cascade:
         return self if same else replace(self, linear=linear, ahead=ahead)
 
     def begin(self, before: float, start: Any = "negative") -> CascadeState:
-        """Return the state of a sampled cascade that has settled at an input.
+        """Return the state of a sampled cascade that has settled; parameters are as of `simulate`.
 
-        Parameters
-        ----------
-        before : float
-            The input.
-        start : start state of the operator
-            Memory before it was applied.
-
-        Raises
-        ------
-        ParameterError
-            If the linear part is continuous; discretise it first.
+        Raises a `ParameterError` if the linear part is continuous; discretise it first.
         """
         ahead = None
         if self.ahead is not None:
@@ -246,32 +236,23 @@ class Cascade:
         unreachable: Unreachable = "raise",
         between: Between = "straight",
     ) -> CascadeInversion:
-        """Return the input with which the output follows a trajectory.
+        """Return the input with which the output follows a trajectory, linear between samples.
 
         The inverse of the linear part G differentiates. It is therefore combined with a filter F, a
         low-pass of Butterworth with the corner at 1 / filter_time and as many poles as G has more
         than zeros, so that F / G is proper. The targets are known in advance: the input is earlier
-        by the dead time and the lag of the filter, so that neither delays the output. With the
-        linear part first, the input of the operator follows the filtered signal that the targets
-        need. Zeros of G that are faster than the filter, such as those of a sampled system, count
-        as dead time.
+        by the dead time and the lag of the filter, so that neither delays the output; the last
+        target is held. With the linear part first, the input of the operator follows the filtered
+        signal that the targets need. Zeros of G that are faster than the filter, such as those of a
+        sampled system, count as dead time. Other parameters and errors are those of
+        `TimedModel.invert`; ``start`` and ``before`` are as of `simulate`.
 
         Parameters
         ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds; signals are linear between them.
-        targets : (T,) array_like
-            Wanted outputs; the last one is held.
-        start : start state of the operator
-            Memory before ``before`` was applied.
-        before : float
-            Input at which the cascade had settled before.
         filter_time : float, optional
             Seconds; a longer filter gives a smoother input and rounder corners. If not given, the
             longest of: a fifth of the fastest time constant of G, two intervals of ``t``, and that
             of the frequency from which the gain of G is below ``noise``.
-        unreachable : {"raise", "clip"}
-            What to do about targets out of reach of the operator.
         between : {"straight", "held"}
             How the input will be applied between samples, as in `Linear.simulate`.
 
@@ -280,8 +261,6 @@ class Cascade:
         NotInvertibleError
             If the linear part is unstable or has slow zeros with a real part >= 0, the creep has no
             prompt part, or the operator is not monotone.
-        UnreachableError
-            If a target is out of reach of the operator and ``unreachable="raise"``.
         """
         times, wanted = as_waveform(t, targets, name="targets")
         linear = _invertible(self.linear)

@@ -106,30 +106,20 @@ class Creep:
         return Creep(self.times, self.strengths / self.dc_gain, self.gain / self.dc_gain)
 
     def compensate(self, t: npt.ArrayLike, targets: npt.ArrayLike, *, before: float) -> FloatArray:
-        """Return the signal with which the output meets its target at every sample.
+        """Return the signal (T,) with which the output meets its target at every sample.
 
         At each sample the remaining creep of the past is subtracted from the target. The rest is
-        divided by the gain within one interval.
+        divided by the gain within one interval. Times, ``before`` and errors are as of `simulate`.
 
         Parameters
         ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds.
         targets : (T,) array_like
             Wanted outputs.
-        before : float
-            Value of the signal at which the output had settled before.
-
-        Returns
-        -------
-        (T,) array
 
         Raises
         ------
         NotInvertibleError
             If there is no prompt part.
-        SignalError
-            If the shapes differ or times do not increase.
         """
         times, wanted = as_waveform(t, targets, name="targets")
         if self.gain <= 0:

@@ -203,29 +203,21 @@ class Linear(Drawn):
         before: float = 0.0,
         between: Between = "held",
     ) -> FloatArray:
-        """Return the outputs for a sampled input; the simulation between samples is exact.
+        """Return the outputs for a sampled input, as `TimedModel.simulate`; exact between samples.
 
         Parameters
         ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds; the sampling times of a sampled system.
-        u : (T,) array_like
-            Inputs.
         before : float
-            Input at which the system had settled before.
+            Input at which the system had settled before; 0 if not given.
         between : {"held", "straight"}
             ``"held"``: u[k] is the input since the sample before, and u[0] lasts as long as u[1];
             actuators record holds in this way. ``"straight"``: the input jumps to u[0] at t[0]
             and is linear between samples; for continuous systems only.
 
-        Returns
-        -------
-        (T,) array
-
         Raises
         ------
         SignalError
-            If the shapes differ, times do not increase, or are not those of a sampled system.
+            Also if the times are not those of a sampled system.
         ParameterError
             If the system integrates and ``before`` is not 0, or ``between`` does not suit it.
         """

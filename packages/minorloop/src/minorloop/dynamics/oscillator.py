@@ -89,14 +89,10 @@ class Oscillator:
         stages: tuple[Stage, ...] = (),
         method: Method = "auto",
     ) -> FloatArray:
-        """Return the displacements for a sampled force.
+        """Return the displacements (T,) in m for forces (T,) in N at even times (T,) in seconds.
 
         Parameters
         ----------
-        t : (T,) array_like
-            Evenly spaced times in seconds.
-        u : (T,) array_like
-            Forces in N.
         between : {"band", "straight", "held"}
             Force between samples: without content above half the sampling rate, linear, or each
             sample held over the interval before it.
@@ -111,11 +107,6 @@ class Oscillator:
         method : {"auto", "runge-kutta", "newmark"}
             How to integrate. ``"auto"`` is Runge and Kutta, with a step that ends at every corner
             of the law, for operators of differential type, and Newmark for others.
-
-        Returns
-        -------
-        (T,) array
-            Displacements in m.
 
         Raises
         ------

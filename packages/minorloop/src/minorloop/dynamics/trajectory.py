@@ -62,17 +62,13 @@ class Trajectory:
     ) -> FloatArray:
         """Return the outputs for an input that is held in steps, as `TimedModel.simulate`.
 
-        With steps at t_k to settled values Y_k, and the step response s of the direction,
-        transients are joined in one of two ways:
-
-        - ``"settled"``: y(t) = y_k + (Y_k - y_k) s(t - t_k), where y_k is the output at t_k. The
-          transient of the step before ends at t_k.
-        - ``"superposed"``: y(t) = Y_0 + sum (Y_k - Y_k-1) s(t - t_k). All transients continue.
-
         Parameters
         ----------
         joining : {"settled", "superposed"}
-            How transients are joined.
+            How transients are joined, with steps at t_k to settled values Y_k, and the step
+            response s of the direction. ``"settled"``: y(t) = y_k + (Y_k - y_k) s(t - t_k), where
+            y_k is the output at t_k; the transient of the step before ends at t_k.
+            ``"superposed"``: y(t) = Y_0 + sum (Y_k - Y_k-1) s(t - t_k); all transients continue.
         """
         times, inputs = as_waveform(t, u)
         check_option("joining", joining, ("settled", "superposed"))

@@ -74,25 +74,12 @@ class CSource:
 
 
 def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: Any) -> CSource:
-    """Write the C of a model into a folder.
+    """Write the C of a model into a folder, with parameters and errors as of `CSource.write`.
 
     Parameters
     ----------
-    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or AfterEffect
-        The model.
-    folder : str or path
-        New or empty folder.
-    force : bool
-        Whether the folder may contain files; those of the same names are replaced.
-    **options
-        Options of `source`.
-
-    Raises
-    ------
-    OutputError
-        If the folder is not empty or cannot be written to.
-    NotInvertibleError, ParameterError
-        As for `source`.
+    model, **options
+        As of `source`, whose errors this has too.
     """
     code = source(model, **options)
     code.write(folder, force=force)

@@ -122,10 +122,7 @@ def by_curve(
 def scores_of(fitted: Accuracy, held_out: Accuracy | None) -> dict[str, float | None]:
     """Return the errors by name, as model files and ``--json`` have them.
 
-    Parameters
-    ----------
-    fitted, held_out : Accuracy
-        Errors on fitted and on held-out samples; all of these are None if none were held out.
+    All errors on held-out samples are None if none were held out.
     """
     return {
         f"{name}_{part}": None if errors is None else getattr(errors, name)

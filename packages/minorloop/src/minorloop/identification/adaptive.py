@@ -176,28 +176,14 @@ class Adaptive:
         return self._validation_level(progress.validated, float(u[-1]))
 
     def roles(self, u: Sequence[float], y: Sequence[float]) -> list[Role]:
-        """Return the role of each point; an ``outlier`` is not fitted.
-
-        Parameters
-        ----------
-        u : (n,) array_like
-            Inputs applied so far, in their unit.
-        y : (n,) array_like
-            Settled outputs; NaN where none was read.
-        """
+        """Return the role of each point, u and y as of `choose`; an ``outlier`` is not fitted."""
         return self._progress(u, y).roles
 
     def changes(self, u: Sequence[float], y: Sequence[float]) -> list[int]:
         """Return the points that contradict the model although their repetition agrees with them.
 
-        There the actuator or its sensor changed, or no Preisach model describes it.
-
-        Parameters
-        ----------
-        u : (n,) array_like
-            Inputs applied so far, in their unit.
-        y : (n,) array_like
-            Settled outputs; NaN where none was read.
+        There the actuator or its sensor changed, or no Preisach model describes it. u and y are as
+        of `choose`.
         """
         return sorted(self._progress(u, y).changes)
 
@@ -225,10 +211,8 @@ class Adaptive:
 
         Parameters
         ----------
-        u : (n,) array_like
-            Inputs applied so far, in their unit.
-        y : (n,) array_like
-            Settled outputs; NaN where none was read.
+        u, y
+            As of `choose`.
         law : Plane, optional
             What is not "auto" in it is used instead of what the experiment was designed for.
         prior : "auto", Gaussian or Smooth
@@ -245,15 +229,7 @@ class Adaptive:
         return replace(fit, u=np.array(u), y=outputs, fitted=fitted, held_out=held)
 
     def validation(self, u: Sequence[float], y: Sequence[float]) -> Validation | None:
-        """Return the score on the validation points; None where there are none yet.
-
-        Parameters
-        ----------
-        u : (n,) array_like
-            Inputs applied so far, in their unit.
-        y : (n,) array_like
-            Settled outputs; NaN where none was read.
-        """
+        """Return the score on the validation points, None without any; u and y as of `choose`."""
         if "validation" not in self.roles(u, y):
             return None
         fit = self.identification(u, y)

@@ -81,12 +81,7 @@ def findings(chooser: Adaptive, u: Sequence[float], y: Sequence[float]) -> RunFi
 def warnings(chooser: Adaptive, u: Sequence[float], y: Sequence[float]) -> list[str]:
     """Return why the model of an adaptive run is not to be trusted; one sentence each.
 
-    Parameters
-    ----------
-    chooser : Adaptive
-        What chose the inputs.
-    u, y : (n,) array_like
-        Inputs and settled outputs; y is NaN where nothing was measured.
+    Parameters are as of `findings`.
     """
     said = [
         f"hold {k + 1} contradicts the model, and its repetition gave the same: the actuator or "

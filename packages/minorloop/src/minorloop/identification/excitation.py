@@ -39,12 +39,7 @@ def decaying_staircase(levels: npt.ArrayLike) -> FloatArray:
     """Return a staircase up and down, one level shorter at each turn: 1 + L (L + 1) / 2 inputs.
 
     There are as many measurements as weights and offset. Each step adds one unknown, so that the
-    plane is determined exactly.
-
-    Parameters
-    ----------
-    levels : (L + 1,) array_like
-        Strictly increasing inputs.
+    plane is determined exactly. The levels are as of `staircase`.
     """
     grid = as_levels(levels)
     low, high = 0, grid.size - 1
@@ -60,12 +55,8 @@ def decaying_staircase(levels: npt.ArrayLike) -> FloatArray:
 def reversal_curves(levels: npt.ArrayLike) -> FloatArray:
     """Return first-order reversal curves: up to each level in turn, and down every level.
 
-    1 + L + L (L + 1) / 2 inputs, the returns to the lowest level included.
-
-    Parameters
-    ----------
-    levels : (L + 1,) array_like
-        Strictly increasing inputs.
+    1 + L + L (L + 1) / 2 inputs, the returns to the lowest level included. The levels are as of
+    `staircase`.
     """
     grid = as_levels(levels)
     curves = [grid[top::-1] for top in range(1, grid.size)]

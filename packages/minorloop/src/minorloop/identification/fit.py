@@ -98,12 +98,7 @@ class Plane:
     ) -> Identification:
         """Identify the weights from rows that are all used, evenly sampled where a lag counts.
 
-        Parameters
-        ----------
-        record : Record
-            The rows.
-        prior, holdout, say
-            As of `identify`, whose errors this has.
+        Parameters and errors are as of `identify`.
         """
         inputs, outputs, coded = checks.checked_record(record.u, record.y)
         check_option("spacing", self.spacing, ("uniform", "adaptive"))

@@ -49,12 +49,10 @@ def solve(
         A'A with columns of about unit length.
     gradient : callable
         z -> A'(A z - y).
-    bounded : (n,) array of bool
-        Which unknowns must not be negative.
+    bounded, scale
+        As of `active_set.solve`.
     searched : (n,) array of bool
         Which of them are looked for inside their bounds; the others begin at zero.
-    scale : float
-        Norm of y, to which violations are relative.
     """
     z = _interior_point(system, gradient, bounded, searched, scale)
     return polish(system, gradient, bounded, z, scale, searched)

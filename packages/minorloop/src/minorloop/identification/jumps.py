@@ -91,15 +91,7 @@ def find_jumps(
 
 
 def with_jumps(levels: Levels, jumps: Sequence[Jump]) -> Levels:
-    """Return levels with narrow bands around jumps, in the place of levels near to them.
-
-    Parameters
-    ----------
-    levels : (L + 1,) array
-        Thresholds.
-    jumps : sequence of Jump
-        Thresholds at which the output jumps.
-    """
+    """Return levels (L + 1,) with narrow bands around jumps in the place of levels near to them."""
     ends = [end for jump in jumps for end in (jump.low, jump.high)]
     near = _CLEAR * _mean_band(levels)
     free = np.ones(levels.size, dtype=np.bool_)
@@ -116,15 +108,7 @@ def narrow_bands(levels: Levels) -> IntArray:
 
 
 def in_narrow_bands(jumps: Sequence[Jump], levels: Levels) -> tuple[Jump, ...]:
-    """Return the jumps that overlap a narrow band of given levels.
-
-    Parameters
-    ----------
-    jumps : sequence of Jump
-        Thresholds at which the output jumps.
-    levels : (L + 1,) array
-        Thresholds.
-    """
+    """Return the jumps that overlap a narrow band of given levels (L + 1,)."""
     narrow = narrow_bands(levels)
     low, high = levels[narrow], levels[narrow + 1]
     return tuple(jump for jump in jumps if ((low <= jump.high) & (jump.low <= high)).any())

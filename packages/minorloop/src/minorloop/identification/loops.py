@@ -57,22 +57,10 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
 
 
 def loop_areas(u: FloatArray, y: FloatArray, loops: IntArray) -> FloatArray:
-    """Return the areas of loops in the plane of input and output.
+    """Return the areas (C,) of loops (C, 2) as of `closed_loops`, in units of input times output.
 
     Each is that of the polygon through the samples of the loop, smaller loops within it included;
     it is positive if the output is late.
-
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Inputs and outputs.
-    loops : (C, 2) array of int
-        First and last sample of each loop.
-
-    Returns
-    -------
-    (C,) array
-        In the unit of the input times that of the output.
     """
     if not loops.size:
         return np.zeros(0)

@@ -356,10 +356,8 @@ def systems(
         Regressors of M samples.
     y, weight : (M,) arrays
         Scaled outputs, less those of the mean of the prior, and how many samples each stands for.
-    signed : bool
-        Let weights and slope be negative.
-    centre : (n,) array, optional
-        Mean of the prior; zero if not given.
+    signed, centre
+        As of `dense_system`.
     """
     plane, cells = PlanePrior(matrix.spec), matrix.spec.cells
     centre = np.zeros(matrix.spec.unknowns) if centre is None else centre

@@ -62,13 +62,7 @@ def _effective_row(found: Fit) -> list[tuple[str, str]]:
 
 
 def accuracy_rows(fitted: Accuracy, held_out: Accuracy | None) -> list[tuple[str, str]]:
-    """Return the errors other than nrmse as rows of a table.
-
-    Parameters
-    ----------
-    fitted, held_out : Accuracy
-        Errors on fitted and on held-out samples.
-    """
+    """Return the errors on fitted and on held-out samples but for nrmse, as rows of a table."""
     errors = {"": fitted, ", held out": held_out}
     rows = [
         (f"relative rms{where}", f"{percent(one.relative_rms)} of rms")
@@ -93,15 +87,10 @@ def worst_error(errors: Accuracy, sample: str = "") -> str:
 
 
 def curve_table(curves: Sequence[CurveAccuracy]) -> CurveTable:
-    """Return headings, rows and title of a table of errors by curve.
+    """Return headings, rows and title of a table of errors on each curve or group.
 
     Of more than ten curves, these are the ten with the largest errors, the largest first. The last
     column is the error of a fit without the curve or its group, where there is one.
-
-    Parameters
-    ----------
-    curves : sequence of CurveAccuracy
-        Errors on each curve or group.
     """
     shown, columns = list(curves), len(_CURVE_COLUMNS)
     if all(one.left_out is None for one in curves):

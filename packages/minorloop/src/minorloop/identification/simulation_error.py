@@ -255,12 +255,8 @@ def fit(
 
     Parameters
     ----------
-    record : OscillatorRecord
-        What to fit.
-    start : Oscillator
-        Where to begin.
-    free : (P,) array of bool
-        Parameters that may change.
+    record, start, free
+        As of `fit_tied`.
     tie : (float, float), optional
         As for `OscillatorRecord.residuals`.
     steps, gain

@@ -132,17 +132,10 @@ def known_memory(
 def with_lost_rows(check: TimeCheck, u: npt.ArrayLike) -> TimeCheck:
     """Return the times with gaps where rows are lost of a table that has one row for each hold.
 
-    In a record of a moving input a short gap hides nothing. In a table whose input steps from row
-    to row, one lost row can hide a turn. A row is lost where an interval is a whole number of times
-    the usual one, and the input steps if it changes beside its turns as elsewhere, by enough to
-    matter to the memory. Other times are returned as they are.
-
-    Parameters
-    ----------
-    check : TimeCheck
-        The times.
-    u : (T,) array_like
-        Inputs.
+    In a record of a moving input (T,) a short gap hides nothing. In a table whose input steps from
+    row to row, one lost row can hide a turn. A row is lost where an interval is a whole number of
+    times the usual one, and the input steps if it changes beside its turns as elsewhere, by enough
+    to matter to the memory. Other times are returned as they are.
     """
     inputs, steps = np.asarray(u, np.float64), np.diff(check.t) / check.interval
     whole = np.round(steps)

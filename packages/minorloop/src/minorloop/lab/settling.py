@@ -181,16 +181,7 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     Neighbours must not be more similar than those of white noise, by the ratio of von Neumann
     (Distribution of the ratio of the mean square successive difference to the variance, 1941),
     whose distribution is approximated by a beta distribution of the same variance. An output that
-    moves smoothly has similar neighbours.
-
-    Parameters
-    ----------
-    t : (T,) array_like
-        Times in seconds, increasing.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
-    window : float
-        Trailing time over which a slope is taken, in seconds.
+    moves smoothly has similar neighbours. Parameters are as of `trend`.
 
     Returns
     -------
@@ -223,14 +214,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
 
     Each choice of one or two ``TIME_CONSTANTS`` is fitted by least squares. The choices are
     averaged by their likelihood with the penalty of Schwarz (Estimating the dimension of a model,
-    1978). The spread between choices is part of the uncertainty.
-
-    Parameters
-    ----------
-    t : (T,) array_like
-        Times of a hold in seconds, increasing, from its beginning.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
+    1978). The spread between choices is part of the uncertainty. t and y are as of `judge`.
 
     Returns
     -------
@@ -316,23 +300,15 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
 def settled_after(t: npt.ArrayLike, y: npt.ArrayLike, *, change: float, window: float) -> float:
     """Return how long a hold would have to be for its output to settle, in seconds.
 
-    What remains at its end is taken to decay with the time constant that the slope there has.
+    What remains at its end is taken to decay with the time constant that the slope there has. It is
+    NaN if that is not known: too few samples, or the output goes away from its limit.
 
     Parameters
     ----------
-    t : (T,) array_like
-        Times of the hold in seconds, increasing, from its beginning.
-    y : (T,) array_like
-        Outputs; NaN where nothing was measured.
+    t, y, window
+        As of `judge`.
     change : float
         By how much a settled output may move in another hold as long, in its unit.
-    window : float
-        Trailing time over which the slope is taken, in seconds.
-
-    Returns
-    -------
-    float
-        NaN if that is not known: too few samples, or the output goes away from its limit.
     """
     line, end = trend(t, y, window), extrapolate(t, y)
     if line is None or end is None or change <= 0 or not line.slope * end.remaining > 0:

@@ -76,15 +76,7 @@ class MeasuredSine:
 
 
 def sine_design(plan: SinePlan, actuator: Actuator) -> dict[str, Any]:
-    """Return what the setup of a store has as ``design`` for a run of sines.
-
-    Parameters
-    ----------
-    plan : SinePlan
-        The sines.
-    actuator : Actuator
-        What they are applied to.
-    """
+    """Return what the setup of a store has as ``design`` for a run of sines on an actuator."""
     return {_DESIGN: plan.to_dict(), "held": not isinstance(actuator, Driven)}
 
 

@@ -125,16 +125,9 @@ def time_column(
 
 
 def other_clocks(headers: Sequence[str], time: str, *, but: Sequence[str] = ()) -> list[str]:
-    """Return the columns with a unit of time beside the one that is used.
+    """Return the columns with a unit of time beside ``time``, the one that is used.
 
-    Parameters
-    ----------
-    headers : sequence of str
-        Headers of the columns.
-    time : str
-        Header of the column of time.
-    but : sequence of str
-        Columns that are something else, by their headers or names.
+    Other parameters are as of `time_column`.
     """
     found = []
     for header in headers:

@@ -117,18 +117,8 @@ def fit_bent_plays(
 ) -> BentPlays:
     """Return plays and dead zones with which ``centre + S(shift + plays)`` fits a record best.
 
-    Raises a `SignalError` if there are fewer measured samples than unknowns.
-
-    Parameters
-    ----------
-    u, y : (T,) arrays
-        Record; NaN in y is left out.
-    positions : (T, n) array
-        Positions of the plays.
-    knots : (K,) array
-        Outputs at which the slope of S changes, increasing.
-    signed : bool
-        As for `fit_plays`.
+    The slope of S changes at the outputs ``knots`` (K,), increasing. Other parameters, and errors,
+    are as of `fit_plays`.
     """
     known = ~np.isnan(y)
     plays, y = positions[known], y[known]

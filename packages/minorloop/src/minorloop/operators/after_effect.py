@@ -205,18 +205,7 @@ class AfterEffect(Drawn):
     def effective(
         self, t: npt.ArrayLike, u: npt.ArrayLike, start: State = "negative"
     ) -> FloatArray:
-        """Return the effective input along an input that is held between samples.
-
-        Parameters
-        ----------
-        t, u, start
-            As in `simulate`, with one signal.
-
-        Returns
-        -------
-        (T,) array
-            In the unit of the input.
-        """
+        """Return the effective input (T,), in its unit, for t, u and start as of `simulate`."""
         times, inputs = as_waveform(t, u)
         tracker = self.track(start)
         out = np.empty(times.size)

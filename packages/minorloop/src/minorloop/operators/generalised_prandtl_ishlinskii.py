@@ -65,30 +65,18 @@ class GeneralisedPrandtlIshlinskii(Drawn):
         The linear problem fits H of the inputs to the inverse of S of the outputs. From its
         solution, and from plays without dead zones, bounded least squares fits the output; the
         better of both results is returned. S has slope 1 at its origin, so H is in the unit of the
-        output.
+        output. Other parameters and errors are as of `PrandtlIshlinskii.fit`.
 
         Parameters
         ----------
-        u : (T,) array_like
-            Inputs.
-        y : (T,) array_like
-            Outputs; NaN where nothing was measured.
-        radii : int or (n,) array_like
-            As for `PrandtlIshlinskii.fit`.
         thresholds : int or (K,) array_like
             Outputs at which the slope of S changes, strictly increasing, or their number: spread
             over the range of the outputs, denser towards its ends.
-        start : start state
-            State of the plays before the first sample.
-        signed : bool
-            As for `PrandtlIshlinskii.fit`.
 
         Raises
         ------
-        SignalError
-            If the record is too short, its input or output is constant, or its lengths differ.
         ParameterError
-            If the radii or thresholds are out of range.
+            Also if the thresholds are out of range.
         """
         inputs, outputs = as_record(u, y)
         places = choose_radii(inputs, radii)
@@ -115,13 +103,7 @@ class GeneralisedPrandtlIshlinskii(Drawn):
         return -np.inf, np.inf
 
     def positions(self, start: PlayStart) -> FloatArray:
-        """Return the (n,) play positions of a start state, as `PrandtlIshlinskii.positions`.
-
-        Parameters
-        ----------
-        start : {"negative", "positive", "demagnetised"} or (n,) array_like
-            Positions of the plays before the first input, or a state by name.
-        """
+        """Return the (n,) play positions of a start state, as of `PrandtlIshlinskii.positions`."""
         return self.plays.positions(start)
 
     def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:

@@ -69,7 +69,7 @@ class Memory:
         inputs : iterable of float
             Inputs in order; beyond [low, high] they count as the nearer end.
         low, high : float
-            Ends of the plane, ``levels[0]`` and ``levels[-1]``.
+            Ends of the plane in the unit of the input, ``levels[0]`` and ``levels[-1]``.
 
         Raises
         ------
@@ -86,26 +86,12 @@ class Memory:
 
     @classmethod
     def negative(cls, low: float) -> Memory:
-        """Negative saturation of a plane that begins at ``low``.
-
-        Parameters
-        ----------
-        low : float
-            Least threshold of the plane, in the unit of the input.
-        """
+        """Negative saturation of a plane that begins at ``low``, as of `after`."""
         return cls((low,))
 
     @classmethod
     def positive(cls, low: float, high: float) -> Memory:
-        """Positive saturation of a plane from ``low`` to ``high``.
-
-        Parameters
-        ----------
-        low : float
-            Least threshold of the plane, in the unit of the input.
-        high : float
-            Greatest threshold.
-        """
+        """Positive saturation of a plane from ``low`` to ``high``, as of `after`."""
         return cls((low, high))
 
     @classmethod
@@ -113,14 +99,7 @@ class Memory:
         """After an oscillation that shrinks evenly from the whole plane to its middle.
 
         The swing shrinks by 1/512 of the plane a turn, so a plane symmetric about its middle
-        is left within about 1/512 of its range of its middle output.
-
-        Parameters
-        ----------
-        low : float
-            Least threshold of the plane, in the unit of the input.
-        high : float
-            Greatest threshold.
+        is left within about 1/512 of its range of its middle output. The ends are as of `after`.
         """
         turns = DEMAGNETISING_TURNS
         middle, half = (low + high) / 2, (high - low) / 2

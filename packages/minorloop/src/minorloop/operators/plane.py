@@ -26,37 +26,17 @@ within a cell."""
 
 
 def swing(relay: Relay) -> float:
-    """Return the output change of a relay of unit weight that switches.
-
-    Parameters
-    ----------
-    relay : {"bipolar", "unipolar"}
-        Whether its output is -1 or +1, or 0 or 1.
-    """
+    """Return the output change of a relay of unit weight that switches: 2, or 1 if unipolar."""
     return 2.0 if relay == "bipolar" else 1.0
 
 
 def off_output(relay: Relay) -> float:
-    """Return the output of a relay of unit weight that is off: -1 or 0.
-
-    Parameters
-    ----------
-    relay : {"bipolar", "unipolar"}
-        Whether its output is -1 or +1, or 0 or 1.
-    """
+    """Return the output of a relay of unit weight that is off: -1, or 0 if unipolar."""
     return 1.0 - swing(relay)
 
 
 def relay_outputs(relay: Relay, on: FloatArray) -> FloatArray:
-    """Return the mean output of relays of unit weight of which a share is on.
-
-    Parameters
-    ----------
-    relay : {"bipolar", "unipolar"}
-        Whether the output of a relay is -1 or +1, or 0 or 1.
-    on : array
-        Shares, from 0 to 1.
-    """
+    """Return the mean output of relays of unit weight of which a share, from 0 to 1, is on."""
     return off_output(relay) + swing(relay) * on
 
 

@@ -230,40 +230,17 @@ class PrandtlIshlinskii(Drawn):
         )
 
     def inverse_positions(self, start: PlayStart) -> FloatArray:
-        """Return the (n,) start positions of `inverse` for a start state of this operator.
+        """Return the (n,) start positions of `inverse` for a start state as of `positions`.
 
-        Parameters
-        ----------
-        start : {"negative", "positive", "demagnetised"} or (n,) array_like
-            Positions of the plays before the first input, or a state by name.
-
-        Raises
-        ------
-        NotInvertibleError
-            If the operator has no inverse.
+        Raises a `NotInvertibleError` if the operator has no inverse.
         """
         self._require_invertible()
         return self._inverse_positions(self.positions(start)) + self.offset
 
     def trace(self, u: npt.ArrayLike, start: PlayStart = "negative") -> FloatArray:
-        """Return the positions of the plays along an input signal.
+        """Return the positions (T, n) of the plays, in the unit of the input, along one signal.
 
-        Parameters
-        ----------
-        u : (T,) array_like
-            Inputs.
-        start : start state
-            State before the first sample.
-
-        Returns
-        -------
-        (T, n) array
-            In the unit of the input; they do not depend on the weights.
-
-        Raises
-        ------
-        SignalError
-            If the inputs are not finite numbers in one dimension.
+        They do not depend on the weights. Parameters and errors are as of `simulate`.
         """
         inputs = as_signal(u, name="u")
         out = np.empty((inputs.size, self.radii.size))

@@ -287,13 +287,7 @@ class Preisach(Drawn):
         return Tracker(self, start)
 
     def memory(self, start: Start) -> Memory:
-        """Return the memory of a start state, within the levels of this operator.
-
-        Parameters
-        ----------
-        start : {"negative", "positive", "demagnetised"} or Memory
-            The start state.
-        """
+        """Return the memory of a start state as of `simulate`, within the levels of the plane."""
         low, high = float(self.levels[0]), float(self.levels[-1])
         if isinstance(start, Memory):
             if start.extrema[0] == low and max(start.extrema) <= high:
@@ -328,12 +322,10 @@ class Preisach(Drawn):
         )
 
     def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
-        """Return the state of the compiled loops for a start memory.
+        """Return the state of the compiled loops for a start state as of `simulate`.
 
         Parameters
         ----------
-        start : {"negative", "positive", "demagnetised"} or Memory
-            The start state.
         room : int
             Number of further reversals that the state has room for.
 

@@ -139,13 +139,7 @@ class RelayModel(Drawn):
 
         This is the search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6, on a copy of the relays;
         it stops at the last level. It overshoots by up to one level; `Preisach.invert` is exact.
-
-        Parameters
-        ----------
-        targets : (T,) array_like
-            Wanted outputs, in order.
-        start : {"negative", "positive"}
-            Saturation before the first input.
+        Targets are as of `Preisach.invert`, the start is as of `states`.
 
         Returns
         -------
