@@ -24,8 +24,8 @@ from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.scpi import ScpiMeter, ScpiSource
 from minorloop.lab.drivers.serial_line import Board
+from minorloop.lab.logs import read_log
 from minorloop.lab.plan import Plan
-from minorloop.lab.records import Record
 from minorloop.operators.dead_zones import DeadZones
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.polynomial import Polynomial
@@ -290,11 +290,11 @@ def _bare(header: str) -> str:
 
 
 def _read_record(path: Path, data: bytes) -> None:
-    record = Record.from_csv(path, input="voltage", output="tip", gaps=True)
+    record = read_log(path, input="voltage", output="tip", time=None)
     rows = cells_of(data)
     _agree(record.u, _column(rows, "voltage"), "inputs")
     _agree(record.y, _column(rows, "tip", gaps=True), "outputs")
-    timed = Record.from_csv(path, input="voltage", output="tip", time="time", gaps=True)
+    timed = read_log(path, input="voltage", output="tip", time="time")
     _expect(bool((np.diff(timed.t) >= 0).all()), "time runs backwards")
     header = next(h for h in rows[0] if _bare(_unmarked(h.strip())) == "time")
     unit = {"s": 1.0, "ms": 1e-3}.get(header.strip()[4:].strip(" []"))

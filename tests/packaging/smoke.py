@@ -36,16 +36,16 @@ USES = {
 import pandas
 from minorloop import Record
 frame = pandas.DataFrame({"voltage [V]": [0.0, 1.0], "tip [mm]": [0.0, 2.0]})
-assert len(Record.from_frame(frame, input="voltage", output="tip")) == 2
+assert len(Record(frame["voltage [V]"], frame["tip [mm]"])) == 2
 """,
     "excel": """
 import openpyxl
-from minorloop import Record
+from minorloop import read
 book = openpyxl.Workbook()
 for row in (["voltage [V]", "tip [mm]"], [0.0, 1.0], [1.0, 2.0]):
     book.active.append(row)
 book.save("log.xlsx")
-assert len(Record.from_csv("log.xlsx", input="voltage", output="tip")) == 2
+assert len(read("log.xlsx", input="voltage", output="tip", time=None)) == 2
 """,
     "fmi": MODEL
     + """

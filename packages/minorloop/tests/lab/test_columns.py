@@ -5,8 +5,9 @@ from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, RecordError
 from minorloop.lab import columns, text_tables
-from minorloop.lab.columns import read_labels
-from minorloop.lab.records import Quantity, Record, read_columns, read_headers
+from minorloop.lab.columns import read_columns, read_headers, read_labels
+from minorloop.lab.logs import read_log
+from minorloop.lab.records import Quantity
 
 PLAIN = "time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n"
 
@@ -58,10 +59,10 @@ def test_gaps_are_legal_only_where_asked(table):
         read_columns(file, ["u", "y"])
     with pytest.raises(RecordError, match=r"column 'y' of .* has 'nan' in row 2"):
         read_columns(table("u,y\n1,nan\n", "other.csv"), ["y"])
-    record = Record.from_csv(file, input="u", output="y", gaps=True)
+    record = read_log(file, input="u", output="y", time=None)
     assert np.isnan(record.y).sum() == 3
     record.to_csv(file, force=True)
-    assert np.isnan(Record.from_csv(file, input="u", output="y", gaps=True).y).sum() == 3
+    assert np.isnan(read_log(file, input="u", output="y", time=None).y).sum() == 3
 
 
 @pytest.mark.parametrize("text", ["oops", "1_000", "1.2.3", "0x10", "--1", "1 2", "٣", "1𝟙"])

@@ -5,7 +5,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from minorloop.errors import OutputError, RecordError
-from minorloop.lab.records import Quantity, Record, read_columns
+from minorloop.lab.columns import read_columns
+from minorloop.lab.logs import read_log
+from minorloop.lab.records import Quantity, Record
 
 PLAIN = "time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n"
 numbers = arrays(np.float64, (3, 5), elements=st.floats(allow_nan=False, allow_infinity=False))
@@ -27,7 +29,7 @@ def small(**changes):
 
 
 def test_reads_names_units_and_numbers(table):
-    record = Record.from_csv(table(PLAIN), input="voltage", output="curvature [1/m]", time="time")
+    record = read_log(table(PLAIN), input="voltage", output="curvature [1/m]", time="time")
     assert (record.input, record.output) == (Quantity("voltage", "V"), Quantity("curvature", "1/m"))
     np.testing.assert_array_equal(record.t, [0, 1, 2])
     np.testing.assert_array_equal(record.u, [0.5, 0.6, 0.7])
@@ -37,65 +39,45 @@ def test_reads_names_units_and_numbers(table):
     assert str(record) == "3 samples of voltage [V], curvature [1/m]"
 
 
-@pytest.mark.parametrize(
-    ("unit", "last"), [("ms", 0.002), ("us", 2e-6), ("min", 120), ("h", 7200), ("s", 2)]
-)
-def test_time_becomes_seconds(table, unit, last):
-    file = table(PLAIN.replace("[s]", f"[{unit}]"))
-    record = Record.from_csv(file, input="voltage", output="curvature", time="time")
-    assert record.t[-1] == pytest.approx(last)
-    assert str(record.time) == "time [s]"
-
-
-def test_time_in_an_unknown_unit_is_refused(table):
-    file = table(PLAIN.replace("[s]", "[fortnight]"))
-    with pytest.raises(RecordError, match=r"'time \[fortnight\]' must be in one of s, ms"):
-        Record.from_csv(file, input="voltage", output="curvature", time="time")
-
-
 @given(numbers)
 def test_writing_and_reading_gives_the_same_numbers(tmp_path_factory, values):
     t, u, y = np.sort(values[0]), values[1], values[2]
     file = tmp_path_factory.mktemp("record") / "record.csv"
     record = Record(u, y, t, "voltage [V]", "curvature [1/m]")
     record.to_csv(file)
-    again = Record.from_csv(file, input="voltage", output="curvature", time="time")
+    again = read_log(file, input="voltage", output="curvature", time="time")
     for name in "tuy":
         np.testing.assert_array_equal(getattr(again, name), getattr(record, name))
     assert (again.inputs, again.outputs, again.time) == (record.inputs, record.outputs, record.time)
 
 
-@pytest.mark.parametrize("kind", ["pandas", "dict"])
-def test_takes_columns_of_any_frame(kind):
-    make = dict if kind == "dict" else pytest.importorskip("pandas").DataFrame
-    frame = make({"time [ms]": [0, 500], "voltage [V]": [1, 2], "note": ["a", "b"], "y": [3.0, 4]})
-    record = Record.from_frame(frame, input="voltage", output="y", time="time")
-    np.testing.assert_array_equal(record.t, [0, 0.5])
-    np.testing.assert_array_equal(record.y, [3, 4])
-    assert record.input == Quantity("voltage", "V")
-    assert not Record.from_frame(frame, input="voltage", output="y").timed
-
-
-def test_a_frame_may_number_its_columns():
-    record = Record.from_frame({0: [1, 0], 1: [0, 1]}, input="0", output="1")
-    np.testing.assert_array_equal(record.u, [1, 0])
+def column(values, name, **attrs):
+    """Like a column of pandas, or of xarray with its unit among the attributes."""
+    made = np.asarray(values, dtype=float).view(type("Column", (np.ndarray,), {}))
+    made.name, made.attrs = name, attrs
+    return made
 
 
 @pytest.mark.parametrize(
-    ("column", "complaint"),
-    [
-        ([1, "x"], "has 'x' at index 1; every cell must be a number"),
-        ([1, np.nan], "has nan at index 1; every cell must be a finite number"),
-        ([1, np.inf], "has inf at index 1"),
-        ([1, 1j], "real numbers"),
-        ([[1, 2], [3, 4]], "is not one column"),
-        ([], "has no rows"),
-        (np.array(["2024-01-01", "2024-01-02"], dtype="datetime64[D]"), "holds dates"),
-    ],
+    ("unit", "last"), [("ms", 0.002), ("us", 2e-6), ("min", 120), ("h", 7200), ("s", 2)]
 )
-def test_a_frame_with_unusable_numbers_is_refused(column, complaint):
-    with pytest.raises(RecordError, match=f"column 'u' of the frame.*{complaint}"):
-        Record.from_frame({"u": column, "y": [1, 2]}, input="u", output="y")
+def test_columns_of_a_frame_bring_their_names_and_units(unit, last):
+    t, u = column([0, 1, 2], f"t [{unit}]"), column([1, 2, 3], "voltage", units="V")
+    record = Record(u, column([3, 4, 5], "tip"), t)
+    assert (str(record.input), str(record.output)) == ("voltage [V]", "tip")
+    assert record.t[-1] == pytest.approx(last)
+    assert str(record.time) == "t [s]"
+
+
+def test_a_frame_of_pandas_is_read_by_columns():
+    frame = pytest.importorskip("pandas").DataFrame({"u [V]": [1, 2], "y": [3.0, np.nan]})
+    record = Record(frame["u [V]"], frame["y"])
+    assert (str(record.input), record.timed) == ("u [V]", False)
+
+
+def test_time_in_an_unknown_unit_is_refused():
+    with pytest.raises(RecordError, match=r"'t \[fortnight\]' must be in one of s, ms"):
+        Record([1, 2], [1, 2], column([0, 1], "t [fortnight]"))
 
 
 def test_a_record_owns_its_numbers_and_does_not_change():
@@ -152,14 +134,14 @@ def test_an_existing_file_is_replaced_only_by_force(tmp_path):
         small(y=[7, 8, 9]).to_csv(file)
     assert file.read_bytes() == before
     small(y=[7, 8, 9]).to_csv(file, force=True)
-    assert Record.from_csv(file, input="voltage", output="curvature").y[0] == 7
+    assert read_log(file, input="voltage", output="curvature", time=None).y[0] == 7
     with pytest.raises(OutputError, match="does not exist; make it first"):
         small().to_csv(tmp_path / "missing" / "record.csv")
 
 
 def test_reads_measured_records(shared_data):
     file = shared_data / "piezo_micromanipulator_minor_loops.csv"
-    record = Record.from_csv(file, input="input_V", output="displacement_um", time="t_s")
+    record = read_log(file, input="input_V", output="displacement_um", time="t_s")
     assert len(record) == 7000
     np.testing.assert_allclose(np.diff(record.t), 0.005, atol=1e-9)
     forc = read_columns(shared_data / "forc_feco_nanowires.csv", ["field_Oe", "moment_emu"])
@@ -171,6 +153,6 @@ def test_a_name_that_begins_as_a_formula_is_read_again(tmp_path):
     record.to_csv(tmp_path / "r.csv")
     lines = (tmp_path / "r.csv").read_text().splitlines()
     assert lines[:2] == ["time [s],'=1+1 [V],'@SUM(A1) [mm]", "0.0,-1.0,2.0"]
-    again = Record.from_csv(tmp_path / "r.csv", input="=1+1", output="@SUM(A1)", time="time")
+    again = read_log(tmp_path / "r.csv", input="=1+1", output="@SUM(A1)", time="time")
     assert (again.input, again.output) == (record.input, record.output)
     np.testing.assert_array_equal(again.u, record.u)

@@ -11,6 +11,7 @@ from minorloop.errors import OutputError, ParameterError, RecordError, SignalErr
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.lab.conversion import LaserCurvature, linear
 from minorloop.lab.curvature import displacement_from_curvature
+from minorloop.lab.logs import read_log
 from minorloop.lab.records import SAMPLE, Record
 from minorloop.lab.reduction import reduce
 from minorloop.twins.ipmc import Ipmc
@@ -267,7 +268,7 @@ def test_the_table_is_read_again(long, tmp_path):
     found = reduce(long[0], conversion=linear(-2.0, 3.0, name="force", unit="N"))
     file = tmp_path / "points.csv"
     found.to_csv(file)
-    record = Record.from_csv(file, input="voltage", output="force", time="time", gaps=True)
+    record = read_log(file, input="voltage", output="force", time="time")
     np.testing.assert_array_equal(record.y, found.record().y)
     assert str(record.output) == "force [N]"
     header = file.read_text().splitlines()[0]

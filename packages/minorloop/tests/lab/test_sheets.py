@@ -7,14 +7,13 @@ from scipy.io import savemat
 from minorloop.errors import MissingExtraError, RecordError
 from minorloop.lab.columns import read_columns, read_each, read_headers
 from minorloop.lab.logs import read_log
-from minorloop.lab.records import Record
 
 
 def test_vectors_of_a_matlab_file_are_columns(tmp_path):
     file = tmp_path / "run.mat"
     savemat(file, {"u": [1.0, 2.0, 3.0], "y": np.array([[4.0], [np.nan], [6.0]]), "note": "text"})
     assert read_headers(file) == ["u", "y"]
-    record = Record.from_csv(file, input="u", output="y", gaps=True)
+    record = read_log(file, input="u", output="y", time=None)
     np.testing.assert_array_equal(record.u, [1, 2, 3])
     np.testing.assert_array_equal(record.y, [4, np.nan, 6])
     np.testing.assert_array_equal(read_each(file)[1][1], [4, np.nan, 6])
@@ -30,7 +29,7 @@ def test_a_column_without_a_unit_takes_the_one_that_is_given(tmp_path):
     log = read_log(file, input="u", output="d [mm]", time="t [ms]")
     assert [str(log.input), str(log.output)] == ["u", "d [mm]"]
     np.testing.assert_allclose(log.t, [0, 1e-3, 2e-3])
-    assert str(Record.from_csv(file, input="u [V]", output="d").input) == "u [V]"
+    assert str(read_log(file, input="u [V]", output="d", time=None).input) == "u [V]"
 
 
 @pytest.mark.parametrize(

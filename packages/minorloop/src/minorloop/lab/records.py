@@ -13,7 +13,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples, as_samples, frozen
 from minorloop.errors import ParameterError, RecordError, SignalError, are, counted
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
-from minorloop.lab.columns import find_column, read_columns, read_headers, split_header, with_unit
+from minorloop.lab.columns import split_header
 from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
 from minorloop.lab.timebase import (
     GAP,
@@ -106,9 +106,11 @@ class Record:
     y : (T,) or (channels, T) array_like
         Outputs; NaN marks a sample that was not measured.
     t : (T,) array_like, optional
-        Time in seconds, never running backwards; the samples are counted if not given.
-    inputs, outputs : str, Quantity, or sequence of them
-        Name and unit of each channel, such as ``voltage [V]``.
+        Time in seconds, or in the unit of its name if it is a column of a data frame; never running
+        backwards. The samples are counted if not given.
+    inputs, outputs : str, Quantity, or sequence of them, optional
+        Name and unit of each channel, such as ``voltage [V]``; those of a column of a data frame or
+        of xarray if not given.
     time : Quantity
         What ``t`` is; ``SAMPLE`` for the number of the sample.
     timing : Timing, optional
@@ -165,8 +167,8 @@ class Record:
         u: npt.ArrayLike,
         y: npt.ArrayLike,
         t: npt.ArrayLike | None = None,
-        inputs: str | Quantity | Sequence[str | Quantity] = "input",
-        outputs: str | Quantity | Sequence[str | Quantity] = "output",
+        inputs: str | Quantity | Sequence[str | Quantity] | None = None,
+        outputs: str | Quantity | Sequence[str | Quantity] | None = None,
         time: Quantity | None = None,
         timing: Timing | None = None,
         *,
@@ -180,17 +182,19 @@ class Record:
         last: int | None = None,
         origin: Origin = Origin(),
     ) -> None:
-        inputs_, outputs_ = _samples(u, "u"), _samples(y, "y", gaps=True)
+        rows = {"u": _samples(u, "u"), "y": _samples(y, "y", gaps=True)}
         if t is None:
-            t, time = np.arange(inputs_.shape[-1], dtype=np.float64), time or SAMPLE
+            clock, time = np.arange(rows["u"].shape[-1], dtype=np.float64), time or SAMPLE
+        elif time is None:
+            clock, time = _clock(t)
+        else:
+            clock = _samples(t, "t")
         labels = {"curves": curves, "groups": groups}
         values = {
-            "u": frozen(inputs_),
-            "y": frozen(outputs_),
-            "t": frozen(_samples(t, "t")),
-            "inputs": _quantities(inputs),
-            "outputs": _quantities(outputs),
-            "time": time or Quantity("time", "s"),
+            **{name: frozen(value) for name, value in {**rows, "t": clock}.items()},
+            "inputs": _quantities(_named(u, "input") if inputs is None else inputs),
+            "outputs": _quantities(_named(y, "output") if outputs is None else outputs),
+            "time": time,
             "timing": timing,
             **{name: None if x is None else np.asarray(x) for name, x in labels.items()},
             "sd": np.asarray(sd, dtype=np.float64) if np.ndim(sd) else sd,  # type: ignore[arg-type]
@@ -458,74 +462,6 @@ class Record:
         return record.replace(y=y)
 
     @classmethod
-    def from_csv(
-        cls,
-        path: PathLike,
-        *,
-        input: str,
-        output: str,
-        time: str | None = None,
-        gaps: bool = False,
-    ) -> Record:
-        """Read one input and one output from a CSV file.
-
-        Parameters
-        ----------
-        path : str or path
-            A CSV file with one header line; see ``read_columns``.
-        input, output : str
-            Columns, by the whole header (``voltage [V]``) or the name (``voltage``).
-        time : str, optional
-            The column of time, in s unless its header says ms, us, min or h. Without it the samples
-            are numbered 0, 1, 2, ...
-        gaps : bool
-            Whether the output may have empty cells and ``nan``, which give NaN.
-
-        Raises
-        ------
-        RecordError
-            If the file or a column in it cannot be used.
-        """
-        headers = read_headers(path)
-        wanted = [name for name in (input, output, time) if name is not None]
-        columns = read_columns(path, wanted, gaps=(output,) if gaps else ())
-        found = {name: with_unit(name, find_column(name, headers, source=path)) for name in wanted}
-        return cls._from_columns(columns, found, input, output, time)
-
-    @classmethod
-    def from_frame(
-        cls,
-        frame: Any,
-        *,
-        input: str,
-        output: str,
-        time: str | None = None,
-        gaps: bool = False,
-    ) -> Record:
-        """Read one input and one output from a data frame.
-
-        Parameters
-        ----------
-        frame : pandas or polars data frame, or dict of arrays
-            Anything whose ``frame[column]`` gives the values of a column.
-        input, output, time, gaps
-            As in ``from_csv``.
-
-        Raises
-        ------
-        RecordError
-            If a column is missing or has other values than numbers.
-        """
-        keys = {str(key): key for key in getattr(frame, "columns", frame)}
-        wanted = [name for name in (input, output, time) if name is not None]
-        found = {name: find_column(name, list(keys), source="the frame") for name in wanted}
-        columns = {
-            name: _numbers(frame[keys[header]], header, gaps=gaps and name == output)
-            for name, header in found.items()
-        }
-        return cls._from_columns(columns, found, input, output, time)
-
-    @classmethod
     def joined(cls, records: Sequence[Record]) -> Record:
         """Join records that follow each other on the same clock.
 
@@ -565,27 +501,6 @@ class Record:
         rows = zip(*(row.tolist() for row in table), strict=True)
         write_atomically(path, table_text(header, rows))
 
-    @classmethod
-    def _from_columns(
-        cls,
-        columns: dict[str, FloatArray],
-        found: dict[str, str],
-        input: str,
-        output: str,
-        time: str | None,
-    ) -> Record:
-        u, y = columns[input], columns[output]
-        names = (found[input], found[output])
-        if time is None:
-            return cls(u, y, None, *names)
-        clock = Quantity.parse(found[time])
-        if clock.unit not in SECONDS:
-            units = ", ".join(unit for unit in SECONDS if unit)
-            raise RecordError(f"time in column '{found[time]}' must be in one of {units}")
-        with np.errstate(over="ignore"):  # infinite times are refused later
-            t = columns[time] * SECONDS[clock.unit]
-        return cls(u, y, t, *names, time=Quantity(clock.name, "s"))
-
     def _check(self) -> None:
         if self.t.ndim != 1 or self.t.size == 0:
             raise RecordError(f"t has shape {self.t.shape}; give (T,) times of at least one sample")
@@ -616,41 +531,25 @@ def _quantities(names: str | Quantity | Sequence[str | Quantity]) -> tuple[Quant
     return tuple(Quantity.parse(name) if isinstance(name, str) else name for name in each)
 
 
-def _numbers(column: Any, header: str, *, gaps: bool) -> FloatArray:
-    """Return a column of a frame as numbers; an error names the first other cell."""
-    where = f"column '{header}' of the frame"
-    if np.iscomplexobj(column):
-        raise RecordError(f"{where} is complex; give real numbers")
-    try:
-        values = np.asarray(column)
-        numbers = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        index, cell = _first_text(np.asarray(column, dtype=object).ravel())
-        raise RecordError(
-            f"{where} has {cell!r} at index {index}; every cell must be a number"
-        ) from None
-    if numbers.ndim != 1:
-        raise RecordError(f"{where} is not one column of numbers")
-    if values.dtype.kind in "mM":
-        raise RecordError(f"{where} holds dates; give time as numbers, in seconds")
-    if numbers.size == 0:
-        raise RecordError(f"{where} has no rows; there is nothing to read")
-    usable = ~np.isinf(numbers) if gaps else np.isfinite(numbers)
-    if not usable.all():
-        index = int(np.argmin(usable))
-        raise RecordError(
-            f"{where} has {numbers[index]} at index {index}; every cell must be a finite number"
-        )
-    return numbers
+def _named(values: object, default: str) -> Quantity:
+    """Return name and unit of a column of a data frame or of xarray; arrays have none."""
+    name = getattr(values, "name", None)
+    if not isinstance(name, str) or not name:
+        return Quantity(default)
+    unit = getattr(values, "attrs", {}).get("units", "")
+    return Quantity(name, unit) if unit else Quantity.parse(name)
 
 
-def _first_text(cells: npt.NDArray[np.object_]) -> tuple[int, object]:
-    for index, cell in enumerate(cells):
-        try:
-            float(cell)
-        except (TypeError, ValueError):
-            return index, cell
-    return 0, cells[0] if cells.size else None
+def _clock(t: npt.ArrayLike) -> tuple[FloatArray, Quantity]:
+    """Return times in seconds, and their name; a column may have another unit.
+
+    Raises a `RecordError` if this is no unit of time.
+    """
+    times, clock = _samples(t, "t"), _named(t, "time")
+    if clock.unit not in SECONDS:
+        units = ", ".join(unit for unit in SECONDS if unit and unit.isascii())
+        raise RecordError(f"time '{clock}' must be in one of {units}")
+    return times * SECONDS[clock.unit], Quantity(clock.name, "s")
 
 
 def _between_samples(check: TimeCheck) -> float:
