@@ -7,6 +7,7 @@ import pytest
 
 import minorloop as ml
 from benchmarks import one_model
+from minorloop import modelfile
 from minorloop.errors import ParameterError, RecordError, SignalError
 from minorloop.fleet._fitting import Task, identify_one
 from minorloop.fleet.manifest import Specimen
@@ -26,7 +27,9 @@ def _by_fleet(table, folder):
     """As a worker does, without its process."""
     one = Specimen("one", table.file, **table.columns)
     options = {"holdout": one_model.HOLDOUT, **table.options}
-    return identify_one(Task(one, one.read(), options), folder / "scratch.csv")
+    _, content = identify_one(Task(one, one.read(), options), folder / "scratch.csv")
+    (folder / "fleet.json").write_bytes(content)
+    return modelfile.read(folder / "fleet.json")
 
 
 @pytest.mark.parametrize("what", one_model.MADE)
@@ -40,8 +43,8 @@ def test_command_line_python_page_and_fleet_find_the_same_model(what, tables, tm
         assert (other.lag, other.lag_seconds) == (known.lag, known.lag_seconds)
         assert other.warnings == known.warnings
     found = _by_fleet(table, tmp_path)
-    assert found["model"] == known.model
-    assert (found["lag"], found["warnings"]) == (known.lag, known.warnings)
+    assert found.model == known.model
+    assert (found.lag, found.warnings) == (known.lag, known.warnings)
 
 
 def test_arrays_are_identified_as_their_file_is(tables, tmp_path):
