@@ -119,7 +119,7 @@ def test_readings_of_the_plant_lie_within_the_bands_and_those_of_another_do_not(
 
 def test_rows_that_are_not_used_are_not_scored():
     log = Record(U, np.where(T < 2, 100.0, Y), T, "u", "v").only(50, 150)
-    found = score(PLANE, log, skip=60)
+    found = score(PLANE, log.replace(skip=60))
     assert found.y.size == 100
     assert found.accuracy.samples == 40
     np.testing.assert_array_equal(found.prediction, PLANE.simulate(U[50:150]))

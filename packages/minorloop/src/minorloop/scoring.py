@@ -34,7 +34,7 @@ from minorloop.lab.gaps import known_memory
 from minorloop.lab.records import Quantity, Record
 from minorloop.modelfile import Identified, Model, ModelFile, Provenance, read
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.memory import Saturation, Start, StartOfCurve
+from minorloop.operators.memory import Saturation
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Preisach
 
@@ -99,8 +99,6 @@ def simulate(
     model: AnyModel,
     record: Record,
     *,
-    start: Start = "negative",
-    start_of_curve: StartOfCurve | None = None,
     between: Interpolation | None = None,
 ) -> Simulation:
     """Return the outputs of a model for the inputs of a record, lag and dynamics included.
@@ -115,17 +113,13 @@ def simulate(
     record : Record
         The inputs, and what each row has beside them, as `read` returns it; outputs are not used.
         The memory is reset where the label of the curve changes, and continues over gaps of the
-        times as far as they show the input.
-    start : {"negative", "positive", "demagnetised"} or Memory
-        Memory before the first row. The first input of dynamics has been applied for long.
-    start_of_curve : start state or "as-left", optional
-        Memory before each curve, as of `identify`; ``start`` if not given.
+        times as far as they show the input. The first input of dynamics has been applied for long.
     between : {"band", "straight", "held"}, optional
         Force of an oscillator between rows; ``"band"`` if not given.
     """
     known, log = _as_file(model), record.cut()
     u = _in_unit(np.asarray(log.u), log.input, known.input)
-    parts = as_curves(log.curves, u.size, start, start_of_curve)
+    parts = as_curves(log.curves, u.size, log.start, log.start_of_curve)
     if isinstance(known.model, Oscillator):
         if parts.start != "negative":
             raise ParameterError(
@@ -146,7 +140,7 @@ def simulate(
     if parts.begins.size > 1:
         log = log.with_memory_reset()
     notes = list(log.notes)
-    unsaid = log.curves is not None and start_of_curve is None and start == "negative"
+    unsaid = log.curves is not None and log.start_of_curve is None and log.start == "negative"
     if unsaid and not isinstance(known.model, Polynomial | Oscillator):
         notes.append(
             "each curve begins with the memory 'negative'; the model does not hold how those of "
@@ -523,20 +517,16 @@ def score(
     model: AnyModel,
     record: Record,
     *,
-    start: Start = "negative",
-    start_of_curve: StartOfCurve | None = None,
-    skip: int = 0,
     between: Interpolation | None = None,
 ) -> ModelScore:
     """Score a model on a record that it was not identified from.
 
     Parameters
     ----------
-    model, record, start, start_of_curve, between
+    model, record, between
         As of `simulate`; outputs that are NaN were not measured. Where rows have labels of groups,
-        such as specimens, each group has its errors.
-    skip : int
-        Rows at the beginning, and of each curve, that set the memory and are not scored.
+        such as specimens, each group has its errors. Rows to skip set the memory and are not
+        scored.
 
     Raises
     ------
@@ -544,10 +534,10 @@ def score(
         As of `simulate`, or if no row is left to be scored.
     """
     known, log = _as_file(model), record.cut()
-    found = simulate(known, log, start=start, start_of_curve=start_of_curve, between=between)
+    found = simulate(known, log, between=between)
     y = _in_unit(np.asarray(log.y), log.output, known.output)
     rows = np.isfinite(y) & np.isfinite(found.y) & ~_early(found)
-    rows &= ~as_skip(skip, found.curves.positions(y.size))
+    rows &= ~as_skip(log.skip, found.curves.positions(y.size))
     if not rows.any():
         raise RecordError(
             "no row is left to be scored: none was measured with a known memory; give the output, "
@@ -561,7 +551,7 @@ def score(
     for name in get_args(Saturation) if isinstance(begin, str) else ():
         with suppress(ParameterError):  # some operators have fewer starts
             if name != begin:
-                again = simulate(known, log, start=name)
+                again = simulate(known, log.replace(start=name, start_of_curve=None))
                 others[name] = replace(result, simulation=again).nrmse
     return replace(result, starts=others)
 

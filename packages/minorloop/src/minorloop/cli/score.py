@@ -64,14 +64,8 @@ def run(
     with _common.working(f"reading {file.name}") as now:
         log = _common.read_record(file, columns, now)
         now(f"scoring {len(log)} samples")
-        found = scoring.score(
-            known,
-            log,
-            start=start,  # type: ignore[arg-type]
-            start_of_curve=start_of_curve,  # type: ignore[arg-type]
-            skip=skip,
-            between=between,  # type: ignore[arg-type]
-        )
+        log = log.replace(start=start, start_of_curve=start_of_curve, skip=skip)
+        found = scoring.score(known, log, between=between)  # type: ignore[arg-type]
         if save is not None:
             _common.write_csv(save, _columns(found, log.time), force=force)
         if report is not None:

@@ -54,13 +54,8 @@ def run(
         if log.check is not None:
             _common.check_order(file, str(time), log.check, strictly=known.has_time)
         now(f"simulating {len(log)} samples")
-        found = scoring.simulate(
-            known,
-            log,
-            start=start,  # type: ignore[arg-type]
-            start_of_curve=start_of_curve,  # type: ignore[arg-type]
-            between=between,  # type: ignore[arg-type]
-        )
+        log = log.replace(start=start, start_of_curve=start_of_curve)
+        found = scoring.simulate(known, log, between=between)  # type: ignore[arg-type]
         y = found.y
         if save is not None:
             now(f"writing {save.name}")
