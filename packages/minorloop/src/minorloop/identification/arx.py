@@ -124,10 +124,8 @@ def step_response(
 
     Raises
     ------
-    SignalError
-        As `arx`; or if no step moves the output.
-    ParameterError
-        As `arx`.
+    SignalError, ParameterError
+        As `arx`; the first also if no step moves the output.
     """
     record = as_sampled((t, u, y), reading)
     other = None if second is None else as_sampled(second, reading)

@@ -44,15 +44,10 @@ class Fibre(SimulatedActuator):
     Parameters
     ----------
     specimen, noise, seed, tick, drift, substeps
-        As in `SimulatedActuator`. All twelve physical parameters differ between specimens:
-        potential, width of the isotherm, times of doping, undoping, diffusion and creep, creep,
-        stretch, two pinning potentials and their rates of release. Noise is in um. A tick is 1 s if
-        not given. Drift acts on the stretch.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of range.
+        As in `SimulatedActuator`, with its errors. All twelve physical parameters differ between
+        specimens: potential, width of the isotherm, times of doping, undoping, diffusion and creep,
+        creep, stretch, two pinning potentials and their rates of release. Noise is in um. A tick is
+        1 s if not given. Drift acts on the stretch.
 
     Notes
     -----

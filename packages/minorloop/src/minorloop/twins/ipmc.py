@@ -54,16 +54,11 @@ class Ipmc(SimulatedActuator):
     Parameters
     ----------
     specimen, noise, seed, tick, drift, substeps
-        As in `SimulatedActuator`. All seventeen physical parameters differ between specimens: times
-        of charging, relaxation, creep and sensing, saturation, drag, bending, asymmetry, set,
-        creep, three pinning potentials and their rates of release, and sensing gain. Noise is in
-        1/m; an error of 1 um of a laser 15 mm above the clamp is 0.009 1/m. A tick is 0.1 s if not
-        given. Drift acts on the bending per volt.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of range.
+        As in `SimulatedActuator`, with its errors. All seventeen physical parameters differ between
+        specimens: times of charging, relaxation, creep and sensing, saturation, drag, bending,
+        asymmetry, set, creep, three pinning potentials and their rates of release, and sensing
+        gain. Noise is in 1/m; an error of 1 um of a laser 15 mm above the clamp is 0.009 1/m. A
+        tick is 0.1 s if not given. Drift acts on the bending per volt.
 
     Notes
     -----

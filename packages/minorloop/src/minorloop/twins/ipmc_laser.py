@@ -34,14 +34,9 @@ class IpmcLaser(Ipmc):
     Parameters
     ----------
     specimen, seed, tick, drift, substeps
-        As in ``Ipmc``.
+        As in ``Ipmc``, with its errors.
     noise : float
         Standard deviation of the measured distance, in mm; 0.0028 is typical.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of range.
     """
 
     kind = "ipmc-laser"

@@ -191,19 +191,12 @@ class SimulatedActuator(SimulatedPlant):
 
     Parameters
     ----------
-    specimen : int, optional
-        Seed of a specimen, whose physical parameters are drawn within +-10 % of nominal. Nominal if
-        not given.
-    noise : float
-        Standard deviation of the sensor, in the unit of the output.
-    seed : int
-        Seed of the noise.
+    specimen, noise, seed, substeps
+        As in `SimulatedPlant`.
     tick : float, optional
         How long one ``exchange`` takes, in seconds; the default belongs to the actuator.
     drift : float
         Relative change of the coupling gain per hour, compounding: -0.05 loses 5 % an hour.
-    substeps : int
-        Number of parts of each time step of the integration.
 
     Raises
     ------
