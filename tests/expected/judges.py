@@ -12,6 +12,10 @@ from typing import Any
 from expected.case import Case
 
 _ROOT = Path(__file__).parents[2]
+_TESTS = os.pathsep.join(
+    str(_ROOT / one)
+    for one in ("tests", "packages/minorloop/tests", "packages/minorloop-head/tests")
+)
 
 
 def _printed(*arguments: str) -> Any:
@@ -19,7 +23,7 @@ def _printed(*arguments: str) -> Any:
     run = subprocess.run(
         [sys.executable, "-m", *arguments],
         cwd=_ROOT,
-        env={**os.environ, "PYTHONPATH": str(_ROOT / "tests")},
+        env={**os.environ, "PYTHONPATH": _TESTS},
         capture_output=True,
         text=True,
         check=False,
