@@ -10,6 +10,7 @@ from minorloop_head.console.head_pose import (
     HeadPoseMap,
     HeadPoseState,
     gaze,
+    into_cone,
     slewed,
     turn,
 )
@@ -18,6 +19,7 @@ TICK = 0.04
 HOW = HeadPoseMap()
 angles = st.floats(-1.4, 1.4)
 cones = st.floats(0.02, 0.78)
+pairs = st.tuples(st.floats(-4, 4), st.floats(-4, 4))
 quaternions = (
     st.tuples(*(st.floats(-1, 1),) * 4)
     .filter(lambda q: math.hypot(*q) > 0.6)
@@ -49,6 +51,14 @@ def test_no_pose_leads_out_of_the_cone(poses, cone):
     for pose in poses:
         state = gaze(how, state, pose, TICK)
         assert math.hypot(*state.command) <= cone * (1 + 1e-12)
+
+
+@given(pairs, cones)
+def test_saturation_keeps_the_direction(wish, cone):
+    kept = into_cone(wish, cone)
+    assert math.hypot(*kept) <= cone * (1 + 1e-12)
+    assert kept[0] * wish[1] == pytest.approx(kept[1] * wish[0], abs=1e-6)
+    assert kept[0] * wish[0] + kept[1] * wish[1] >= 0
 
 
 @given(st.lists(st.tuples(quaternions, st.booleans()), max_size=40))

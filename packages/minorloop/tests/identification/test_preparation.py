@@ -69,8 +69,16 @@ def test_a_record_of_arrays_has_its_times_checked():
 def test_what_cannot_be_is_refused(tables):
     record = ml.read(tables["even"].file, **tables["even"].columns)
     y = record.y
-    with pytest.raises(ParameterError, match="y is given beside a record"):
-        ml.identify(record, y)
+    for law in (y, ml.Plane, "thermal", ml.Gaussian()):
+        with pytest.raises(ParameterError, match=r"the law is .*; give Plane"):
+            ml.identify(record, law)
+    for prior in ("gaus", None, ml.Gaussian):
+        with pytest.raises(ParameterError, match=r"prior is .*; give"):
+            ml.identify(record, prior=prior)
+    with pytest.raises(ParameterError, match="plane is 'foo'; give a Plane"):
+        ml.identify(record.replace(t=0.1 * record.t, time=None), ml.Dynamics("foo"))
+    with pytest.raises(ParameterError, match="rows -5 to None are given"):
+        record.replace(first=-5)
     with pytest.raises(ParameterError, match="the record has no time"):
         ml.identify(record, ml.Plane(lag="3 ms"))
     with pytest.raises(ParameterError, match="y is missing; give the outputs, or a record"):

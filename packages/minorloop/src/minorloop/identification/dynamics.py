@@ -106,6 +106,8 @@ class Dynamics:
             checks.check_flags(creep=creep)
         if poles != "auto" and (isinstance(poles, bool) or poles not in range(MOST_POLES + 1)):
             raise ParameterError(f'poles is {poles!r}; give "auto" or 0 to {MOST_POLES}')
+        if not isinstance(self.plane, Plane):
+            raise ParameterError(f"plane is {self.plane!r}; give a Plane")
         if self.plane.lag not in ("auto", 0):
             raise ParameterError(
                 "lag cannot be combined with dynamics, which find the dead time; leave it out"

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from minorloop.errors import ParameterError
 from minorloop.identification.fit import Plane, Say, silent
 from minorloop.identification.record_checks import checked_record
-from minorloop.identification.regularisation import Prior, prior_of
+from minorloop.identification.regularisation import Gaussian, Prior, Smooth, prior_of
 from minorloop.identification.result import Identification
 from minorloop.lab.records import Record
 
@@ -117,16 +117,29 @@ def identify(
     """
     if isinstance(u, Record):
         record, law = u, y if law is None else law
-        if law is not None and not hasattr(law, "identify"):
-            raise ParameterError(
-                "y is given beside a record, which has its own outputs; leave it out"
-            )
-    elif y is None or hasattr(y, "identify"):
+    elif y is None or _is_law(y):
         raise ParameterError("y is missing; give the outputs, or a record of minorloop.read")
     else:
         checked_record(u, y)
         record = Record(u, y)
+    if law is not None and not _is_law(law):
+        raise ParameterError(
+            f"the law is {_short(law)}; give Plane(), Dynamics(), Viscosity() or Vibration(); "
+            "times and other outputs belong in Record(u, y, t)"
+        )
+    if prior != "auto" and not isinstance(prior, Gaussian | Smooth):
+        raise ParameterError(f'prior is {_short(prior)}; give "auto", Gaussian() or Smooth()')
     return (law or Plane()).identify(record, prior, holdout, progress or silent)
+
+
+def _is_law(value: object) -> bool:
+    return hasattr(value, "identify") and not isinstance(value, type)
+
+
+def _short(value: object) -> str:
+    """Return a value in a few words."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 @dataclass(frozen=True, eq=False)

@@ -143,6 +143,8 @@ class Record:
     ------
     RecordError
         If the shapes do not match, or a number cannot be used.
+    ParameterError
+        If there are no rows from ``first`` to ``last``.
     """
 
     u: Samples
@@ -276,13 +278,11 @@ class Record:
             If there are no such rows.
         """
         total = len(self)
-        begin, end, _ = slice(first, last).indices(total)
-        beyond = any(row is not None and not -total <= row <= total for row in (first, last))
-        if beyond or end <= begin:
-            raise ParameterError(
-                f"rows {first} to {last} are given, and there are {total}; give two numbers from 0 "
-                f"to {total}, the first below the last"
-            )
+        rows = [
+            None if row is None else row + total if -total <= row < 0 else row
+            for row in (first, last)
+        ]
+        begin, end = rows[0] or 0, rows[1]
         return self.replace(first=begin, last=end)
 
     @property
@@ -437,7 +437,7 @@ class Record:
         smooth = between(self.t, self.u, t, self.bridges)
         rows = {"t": t, "u": np.where(np.isnan(smooth), u, smooth), "y": y}
         sd = None if self.weighted else self.sd
-        return self.replace(**rows, curves=None, groups=None, sd=sd)
+        return self.replace(**rows, curves=None, groups=None, sd=sd, first=0, last=None)
 
     def without_lag(self, lag: float) -> Record:
         """Return the record with each output ``lag`` seconds after its input.
@@ -507,9 +507,18 @@ class Record:
         for name, values, names in (("u", self.u, self.inputs), ("y", self.y, self.outputs)):
             channels = 1 if values.ndim == 1 else values.shape[0]
             if values.shape[-1] != self.t.size:
-                raise RecordError(f"{name} has {values.shape[-1]} samples and t has {self.t.size}")
+                shape = f", of shape {values.shape}; give (channels, T)" * (values.ndim > 1)
+                raise RecordError(
+                    f"{name} has {values.shape[-1]} samples and t has {self.t.size}{shape}"
+                )
             if channels != len(names):
                 raise RecordError(f"{name} has {channels} channels and {len(names)} names")
+        end = len(self) if self.last is None else self.last
+        if not 0 <= self.first < end <= len(self):
+            raise ParameterError(
+                f"rows {self.first} to {self.last} are given, and there are {len(self)}; give two "
+                f"numbers from 0 to {len(self)}, the first below the last"
+            )
         steps = np.diff(self.t)
         if (steps < 0).any():
             row = int(np.argmax(steps < 0))
