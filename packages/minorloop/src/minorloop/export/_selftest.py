@@ -65,9 +65,8 @@ def worst_digit(model: Preisach, numbers: Numbers) -> float:
     if model.diagonal == "uniform":  # a triangle is twice as steep at its end
         weights = weights + np.diag(weights.diagonal())
     steepest = sum(float(np.max(weights.sum(axis=axis) / bands)) for axis in (0, 1))
-    swing = 2.0 if model.relay == "bipolar" else 1.0
     digit = float(np.spacing(numbers.array(np.abs(model.levels).max())))
-    return digit * (swing * steepest + abs(model.slope)) / width_of(model, None)
+    return digit * (model.swing * steepest + abs(model.slope)) / width_of(model, None)
 
 
 def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:

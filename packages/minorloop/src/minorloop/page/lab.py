@@ -19,6 +19,7 @@ from starlette.responses import FileResponse, JSONResponse, Response, StreamingR
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from minorloop.operators.plane import Relay
 from minorloop.page.admission import Admission, plain
 from minorloop.page.auth import Authentication
 from minorloop.page.uploads import RESULTS, FullError, Quota, Upload, Uploads
@@ -57,7 +58,7 @@ class _Choice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     lag: Annotated[int, msgspec.Meta(ge=0, le=1000)] | Literal["auto"] = "auto"
     holdout: Annotated[float, msgspec.Meta(ge=0.0, le=0.9)] = 0.3
     spacing: Literal["uniform", "adaptive"] = "uniform"
-    relay: Literal["bipolar", "unipolar"] = "bipolar"
+    relay: Relay = "bipolar"
     signed: bool = False
     dynamics: Literal["none", "auto"] = "none"
     creep: Literal["none", "auto", "thermal", "spectrum"] = "none"
