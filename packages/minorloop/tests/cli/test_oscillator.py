@@ -69,6 +69,7 @@ def test_what_cannot_be_used_is_refused(record, refused):
     with open("mm.csv", "w") as file:
         file.write(text)
     assert "displacement is in mm" in refused(line.replace("record", "mm") + " unknown")
+    assert "give unknown, or a model file" in refused(line.replace("record", "mm") + " unknow")
 
 
 def test_an_oscillator_is_not_inverted_and_needs_times(record, refused):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     )
     from minorloop.identification.oscillator_result import OscillatorIdentification
     from minorloop.lab.records import Record
+    from minorloop.modelfile import Provenance
     from minorloop.report import Report
 
 _MOST_RANKED = 3000
@@ -63,7 +64,7 @@ class Data:
     rows: str | None
 
     @contextmanager
-    def read(self, timed: str = "") -> Iterator[tuple[Record, Callable[..., None]]]:
+    def read(self, timed: str = "") -> Iterator[tuple[Record, Callable[[str], None]]]:
         """Yield the record, with the rows to be fitted, and what shows progress.
 
         Raises
@@ -83,9 +84,20 @@ class Data:
                     )
                 column = str(origin.time_column)
                 _common.check_order(self.file, column, record.check, part=part, rows=origin.rows)
-            now(f"identifying from {counted(part.stop - part.start, 'row')}")
+            doing = f"identifying from {counted(part.stop - part.start, 'row')}"
+            now(doing)
             with compilation_said(lambda sentence: now(sentence, kept=True)):
-                yield record.only(part.start, part.stop), now
+                yield record.only(part.start, part.stop), lambda stage: now(f"{doing}: {stage}")
+
+
+@dataclass(frozen=True)
+class Done:
+    """The result of an identification, its record, its file as it was read, and the seconds."""
+
+    found: Any
+    record: Record
+    provenance: Provenance
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -118,39 +130,37 @@ class Outputs:
     force: bool
     as_json: bool
 
-    def finish(self, printout: Printout, record: Record, file: Path, seconds: float) -> None:
+    def finish(self, printout: Printout, done: Done) -> None:
         """Write the model and the report of an identification, and print what was found."""
-        from minorloop.modelfile import Provenance
-
-        provenance = Provenance.of(file)
         steps: list[Callable[[], None]] = []
         if self.save is not None:
-            steps.append(partial(self._save, self.save, printout, record, provenance))
+            steps.append(partial(self._save, self.save, printout, done))
         if self.report is not None:
-            steps.append(partial(self._report, self.report, printout, record, provenance))
+            steps.append(partial(self._report, self.report, printout, done))
         # Files first: the reader of the output may end.
-        _common.do_all([*steps, partial(self._print, printout, seconds)])
+        _common.do_all([*steps, partial(self._print, printout, done.seconds)])
         if printout.found.warnings:
             raise typer.Exit(_DISTRUSTED)
 
-    def _save(self, path: Path, printout: Printout, record: Record, provenance: Any) -> None:
+    def _save(self, path: Path, printout: Printout, done: Done) -> None:
         from minorloop import modelfile
 
         modelfile.save(
             printout.found if printout.saved is None else printout.saved,
             path,
-            provenance=provenance,
-            input=record.input,
-            output=record.output,
+            provenance=done.provenance,
+            input=done.record.input,
+            output=done.record.output,
             warnings=printout.found.warnings,
             force=self.force,
         )
         if not self.as_json:
             typer.echo(f"model written to {path}")
 
-    def _report(self, path: Path, printout: Printout, record: Record, provenance: Any) -> None:
+    def _report(self, path: Path, printout: Printout, done: Done) -> None:
+        record = done.record
         labels = {"input_label": str(record.input), "output_label": str(record.output)}
-        draw = partial(printout.report, source=str(provenance.data), **labels)
+        draw = partial(printout.report, source=str(done.provenance.data), **labels)
         with _common.working("drawing the report"):
             _common.write_report(draw, path, force=self.force)
         if not self.as_json:
@@ -339,9 +349,9 @@ def check_units(record: Record) -> None:
 
 
 def identify(
-    data: Data, law: Any, options: Mapping[str, Any], timed: str = ""
-) -> tuple[Any, Record, float]:
-    """Read a record and identify a law from it; return the result, the record and the seconds.
+    data: Data, law: Callable[..., Any], options: Mapping[str, Any], timed: str = ""
+) -> Done:
+    """Read a record and identify a law from it.
 
     Parameters
     ----------
@@ -354,7 +364,10 @@ def identify(
     timed : str
         Options of the command line that need times.
     """
-    with data.read(timed) as (record, now):
+    with data.read(timed) as (record, say):
+        from minorloop.modelfile import Provenance
+
+        provenance = Provenance.of(data.file)
         began = time.perf_counter()
-        found = law(record.replace(**options), now)
-        return found, record, time.perf_counter() - began
+        found = law(record.replace(**options), say)
+        return Done(found, record, provenance, time.perf_counter() - began)

@@ -1,6 +1,5 @@
 """``minorloop identify``: a model from a CSV file."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +21,7 @@ from minorloop.cli._identification import (
     refuse_others,
     rough_oscillator,
 )
-from minorloop.errors import ParameterError, counted
+from minorloop.errors import ParameterError
 
 NAME = "identify"
 EXAMPLE = (
@@ -198,9 +197,9 @@ def run(
     strength = _common.number_or_auto("smoothness", smoothness, float)
     if oscillator is not None:
         refuse_others(context, _OF_OSCILLATORS, "--oscillator")
-        vibration = partial(_vibration, oscillator, period, between or "band")
-        found, record, seconds = identify(data, vibration, {"skip": skip}, "--oscillator")
-        outputs.finish(of_vibration(found, record), record, file, seconds)
+        vibration = partial(_vibration, rough_oscillator(oscillator), period, between or "band")
+        done = identify(data, vibration, {"skip": skip}, "--oscillator")
+        outputs.finish(of_vibration(done.found, done.record), done)
         return
     _common.refuse_given({"period": period, "between": between}, "is given without --oscillator")
     of_record = {"start": start, "start_of_curve": start_of_curve, "skip": skip}
@@ -209,10 +208,8 @@ def run(
         viscous: Any = True if rate else "auto" if creep == "auto" else False
         kind = (levels, creep, viscous, diagonal or "reversible", spacing)
         viscosity = partial(_viscosity, kind, strength)
-        found, record, seconds = identify(
-            data, viscosity, of_record, "a fit with --creep or --rate"
-        )
-        outputs.finish(of_viscosity(found, record), record, file, seconds)
+        done = identify(data, viscosity, of_record, "a fit with --creep or --rate")
+        outputs.finish(of_viscosity(done.found, done.record), done)
         return
     from minorloop.arrays import check_option
 
@@ -239,41 +236,38 @@ def run(
         **of_record,
     }
     data = replace(data, columns={**columns, "sd": sd, "groups": groups})
-    found, record, seconds = identify(data, partial(_plane, options, dynamics), {})
-    moving = None if dynamics == _common.NONE else found
-    static = found if moving is None else moving.static
-    outputs.finish(of_plane(static, record, moving, rank), record, file, seconds)
+    done = identify(data, partial(_plane, options, dynamics), {})
+    moving = None if dynamics == _common.NONE else done.found
+    static = done.found if moving is None else moving.static
+    outputs.finish(of_plane(static, done.record, moving, rank), done)
 
 
-def _plane(options: dict[str, Any], dynamics: str, record: Any, now: Callable[..., None]) -> Any:
+def _plane(options: dict[str, Any], dynamics: str, record: Any, say: Any) -> Any:
     """Identify a plane, with dynamics unless there are none."""
     from minorloop.identification import Dynamics
     from minorloop.identification.pipeline import Options
 
     asked = Options.of(options)
     if dynamics == _common.NONE:
-        count = counted(record.part.stop - record.first, "row")
-        return asked.identify(record, lambda stage: now(f"identifying from {count}: {stage}"))
+        return asked.identify(record, say)
     if asked.law.lag not in ("auto", 0):
         raise ParameterError("--dynamics finds the dead time itself; leave --lag out")
     law = Dynamics(asked.law, dynamics)  # type: ignore[arg-type]
     return law.identify(record.replace(**asked.of_record), asked.prior, asked.holdout)
 
 
-def _viscosity(kind: Any, strength: Any, record: Any, now: Callable[..., None]) -> Any:
+def _viscosity(kind: Any, strength: Any, record: Any, say: Any) -> Any:
     """Identify a law of time in the plane."""
     from minorloop.identification import Smooth, Viscosity
 
     levels, *others = kind
     law = Viscosity(levels or Viscosity.levels, *others)
-    return law.identify(record, Smooth(strength), say=now)
+    return law.identify(record, Smooth(strength), say=say)
 
 
-def _vibration(
-    rough: str, period: int | None, between: Any, record: Any, now: Callable[..., None]
-) -> Any:
+def _vibration(rough: Any, period: int | None, between: Any, record: Any, say: Any) -> Any:
     """Identify an oscillator."""
     from minorloop.identification.oscillator import Vibration
 
     check_units(record)
-    return Vibration(rough_oscillator(rough), period, between).identify(record)
+    return Vibration(rough, period, between).identify(record, say=say)
