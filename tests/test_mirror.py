@@ -32,7 +32,7 @@ ELSEWHERE = {
     "minorloop/lab/readings.py": "minorloop/lab/test_reduction.py",
     "minorloop/lab/text_tables.py": "minorloop/lab/test_columns.py",
     "minorloop/lab/wrapped_actuator.py": "minorloop/lab/test_converted_actuator.py",
-    "minorloop/operators/step_tracker.py": "minorloop/operators/test_operator.py",
+    "minorloop/operators/tracker.py": "minorloop/operators/test_operator.py",
     "minorloop/page/admission.py": "minorloop_head/console/test_server.py",
     "minorloop/version.py": "minorloop/cli/test_main.py",
     "minorloop_head/console/identified_head.py": "minorloop_head/console/test_loop.py",

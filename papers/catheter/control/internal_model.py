@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
 from minorloop_head.control.controller import Loop, mean_slope
 from minorloop_head.heated_wire import HeatedWire
@@ -27,7 +26,7 @@ class InverseLoop(Loop):
         """Lag of the wire in seconds, with the latent heat of its mean slope."""
         return self.wire.lag + self.wire.latent * mean_slope(self.wire)
 
-    def inverse(self, tracker: Tracker[Preisach], angle: float) -> float:
+    def inverse(self, tracker: Tracker, angle: float) -> float:
         """Return the current in A whose power brings an operator to an angle in degrees.
 
         It is the largest for angles at the end of the range and beyond: where the plane is flat
@@ -41,7 +40,7 @@ class InverseLoop(Loop):
 class InverseState:
     """State of a loop around the inverse."""
 
-    tracker: Tracker[Preisach]
+    tracker: Tracker
     """Memory of the inverse operator; it is copied and never pushed."""
     past: tuple[float, ...]
     """Angles of a model, newest first, up to the age of a reading."""

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
 from minorloop_head.control.controller import Loop, heating
 from minorloop_head.control.head import Law
@@ -34,7 +33,7 @@ class FeedforwardPIState(ProportionalIntegralState):
     The tracker is copied and never pushed.
     """
 
-    tracker: Tracker[Preisach]
+    tracker: Tracker
 
 
 @dataclass(frozen=True, kw_only=True)

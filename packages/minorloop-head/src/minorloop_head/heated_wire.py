@@ -38,7 +38,7 @@ class HeatedState:
     """Effective power: the steady power that would hold the present temperature, in A^2."""
     angle: float
     """Output of the operator, in its unit."""
-    tracker: Tracker[Preisach]
+    tracker: Tracker
     """Memory of the operator; it is copied and never pushed."""
 
 

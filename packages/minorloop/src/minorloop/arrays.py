@@ -6,8 +6,9 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields
 from reprlib import repr as short
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,17 @@ LARGEST = 1e150
 """Largest magnitude of a signal: its square must not overflow."""
 _CLOSEST = 1e-290
 """Least distance of levels: one over it is still a float."""
+
+
+class ByValue:
+    """Base of dataclasses whose fields are compared by value, arrays among them."""
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        mine: Any = self
+        pairs = ((getattr(mine, one.name), getattr(other, one.name)) for one in fields(mine))
+        return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
 
 
 def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Samples:

@@ -1,11 +1,9 @@
 import json
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -44,13 +42,6 @@ def test_the_extrema_of_a_memory_produce_the_same_memory(history):
     assert Memory.after(memory.extrema, low=-1, high=1) == memory
 
 
-def test_saturation():
-    assert Memory.negative(-1).extrema == (-1.0,)
-    assert Memory.positive(-1, 1).extrema == (-1.0, 1.0)
-    assert Memory.after([5, -5], low=-1, high=1) == Memory.negative(-1)
-    assert Memory.positive(-1, 1).u == 1.0
-
-
 def test_demagnetised_is_next_to_the_middle():
     symmetric = np.tril(np.ones((8, 8)))
     model = Preisach(np.linspace(-1, 1, 9), symmetric, offset=3.0)
@@ -59,20 +50,6 @@ def test_demagnetised_is_next_to_the_middle():
     assert len(memory) > 500
 
 
-@pytest.mark.parametrize(
-    "extrema", [[], [0, np.nan], [0, -1], [0, 1, 1], [0, 1, 0], [0, 2, 1, 3], [0, 2, 1, 2]]
-)
-def test_refuses_extrema_of_no_history(extrema):
-    with pytest.raises(ParameterError):
-        Memory(extrema)
-
-
 def test_a_memory_of_another_plane_is_clamped():
     model = Preisach([0.0, 1.0], [[1.0]])
     assert model.memory(Memory([-3.0, 0.5, 0.2])).extrema == (0.0, 0.5, 0.2)
-
-
-@pytest.mark.parametrize("inputs", [[np.nan], [0.5, np.nan, -0.5], [np.nan, 0.5, 0.2]])
-def test_refuses_inputs_that_are_not_numbers(inputs):
-    with pytest.raises(ParameterError, match="is NaN"):
-        Memory.after(inputs, low=-1, high=1)

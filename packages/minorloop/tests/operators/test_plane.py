@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
 from minorloop.operators import plane
 
 LEVELS = np.array([0.0, 1.0, 3.0, 3.5])
@@ -27,8 +26,3 @@ def test_areas_cover_the_triangle():
 def test_weights_of_a_constant_density_are_proportional_to_areas():
     weights = plane.integrate_density(LEVELS, lambda alpha, beta: 2.0)
     np.testing.assert_allclose(weights, 2 * plane.cell_areas(LEVELS))
-
-
-def test_refuses_a_density_that_is_not_finite():
-    with pytest.raises(ParameterError, match="finite on the whole plane"):
-        plane.integrate_density(LEVELS, lambda alpha, beta: np.where(alpha > 3, np.inf, 1.0))

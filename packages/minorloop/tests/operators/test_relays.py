@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError, SignalError
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 
@@ -60,27 +59,8 @@ def test_reproduces_the_diagram_of_the_fibre_paper():
     np.testing.assert_array_equal(on.astype(bool), expected)
 
 
-def test_starts_saturated():
-    model = RelayModel.from_preisach(a_plane())
-    low, high = a_plane().range
-    assert model.simulate([0.2])[0] == pytest.approx(low)
-    assert model.simulate([0.8], start="positive")[0] == pytest.approx(high)
-    batch = model.simulate([[0.2, 0.5], [0.7, 0.3]])
-    np.testing.assert_array_equal(batch[1], model.simulate([0.7, 0.3]))
-
-
 def test_stepping_ends_at_the_last_level_and_marks_targets_unreachable():
     dots = RelayModel.from_preisach(a_plane())
     found = dots.stepping_inverse([1e3, -1e3])
     assert found.u.tolist() == [LEVELS[-1], LEVELS[0]]
     assert not found.reachable.any()
-
-
-def test_compares_values_and_refuses_wrong_options():
-    assert RelayModel.from_preisach(a_plane()) == RelayModel.from_preisach(a_plane())
-    with pytest.raises(ParameterError, match="relays cannot represent"):
-        RelayModel.from_preisach(Preisach([0, 1], [[1.0]], slope=1.0))
-    with pytest.raises(ParameterError, match="start"):
-        RelayModel(LEVELS, np.zeros((7, 7))).simulate([0.0], start="demagnetised")
-    with pytest.raises(SignalError):
-        RelayModel(LEVELS, np.zeros((7, 7))).stepping_inverse([np.nan])

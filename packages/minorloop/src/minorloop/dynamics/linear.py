@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import (
+    ByValue,
     FloatArray,
     as_finite,
     as_samples,
@@ -30,7 +31,7 @@ rounded to the microsecond."""
 
 
 @dataclass(frozen=True, eq=False)
-class Linear(Drawn):
+class Linear(ByValue, Drawn):
     """A rational transfer function with dead time, continuous or sampled.
 
     Raises
@@ -116,15 +117,6 @@ class Linear(Drawn):
         """
         each = [-1 / as_seconds("time constant", time) for time in times]
         return cls.from_poles(each, dc_gain=dc_gain, delay=delay)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Linear):
-            return NotImplemented
-        return (
-            np.array_equal(self.numerator, other.numerator)
-            and np.array_equal(self.denominator, other.denominator)
-            and (self.interval, self.delay) == (other.interval, other.delay)
-        )
 
     @property
     def order(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from dataclasses import field as parameter
 from functools import cached_property
@@ -11,22 +12,21 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import (
+    ByValue,
     FloatArray,
     Samples,
     as_finite,
-    as_samples,
     as_seconds,
     as_times,
     as_triangle,
     as_waveform,
     frozen,
-    writable,
 )
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.figures import Drawn
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators import plane as _plane
-from minorloop.operators._parallel import in_parallel
+from minorloop.operators._parallel import filled
 from minorloop.operators.inversion import (
     Inversion,
     Unreachable,
@@ -61,7 +61,7 @@ def _none() -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class AfterEffect(Drawn):
+class AfterEffect(ByValue, Drawn):
     """A Preisach operator whose output changes with time while its input is held.
 
     The relays see an *effective input* v, which follows the input u by the law of thermal
@@ -129,13 +129,6 @@ class AfterEffect(Drawn):
         triangles = [as_triangle(one, bands, name="weights of creep") for one in given]
         store(self, "creep", frozen(np.array(triangles).reshape(given.shape)))
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, AfterEffect):
-            return NotImplemented
-        names = ("field", "times", "creep")
-        same = all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
-        return same and self.plane == other.plane and self.settling == other.settling
-
     def __repr__(self) -> str:
         parts = []
         if self.field.size:
@@ -184,35 +177,17 @@ class AfterEffect(Drawn):
 
         With a memory as the start, everything has settled. As `TimedModel.simulate` otherwise.
         """
-        inputs = writable(as_samples(u, name="u"))
-        times = as_times(t)
-        if inputs.shape[-1] != times.size:
-            raise SignalError(
-                f"u has shape {inputs.shape} and t {times.shape}; give one input for each time"
-            )
-        steps, y = intervals(times), np.empty_like(inputs)
+        steps = intervals(as_times(t))
 
         def run(u: FloatArray, y: FloatArray) -> None:
+            if u.size != steps.size:
+                raise SignalError(
+                    f"u has {u.size} samples and t {steps.size} times; give one input for each time"
+                )
             stack, rows, creep, _ = self.stack(start, u.size)
             _kernels.simulate(self.tables, stack, rows, creep, steps, u, y, True)
 
-        if inputs.ndim == 1:
-            run(inputs, y)
-        else:
-            in_parallel(lambda row: run(inputs[row], y[row]), len(inputs))
-        return y
-
-    def effective(
-        self, t: npt.ArrayLike, u: npt.ArrayLike, start: State = "negative"
-    ) -> FloatArray:
-        """Return the effective input (T,), in its unit, for t, u and start as of `simulate`."""
-        times, inputs = as_waveform(t, u)
-        tracker = self.track(start)
-        out = np.empty(times.size)
-        for k, (step, value) in enumerate(zip(intervals(times), inputs, strict=True)):
-            tracker.push(float(value), float(step))
-            out[k] = tracker.effective
-        return out
+        return filled(u, run)
 
     def invert(
         self,
@@ -406,11 +381,9 @@ class TimedTracker:
 
     def copy(self) -> TimedTracker:
         """Return an independent tracker with the same state."""
-        copy = object.__new__(type(self))
-        copy.model, copy._tables = self.model, self._tables
-        copy._rows, copy._before = self._rows, self._before
-        copy._stack, copy._creep = self._stack.copy(), self._creep.copy()
-        return copy
+        other = copy.copy(self)
+        other._stack, other._creep = self._stack.copy(), self._creep.copy()
+        return other
 
     def _look(self, u: float, interval: float, keep: bool) -> tuple[float, int]:
         """Return output and rows in use after an input; ``keep`` it as the present state or not."""

@@ -11,12 +11,16 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, frozen
+from minorloop.arrays import (
+    ByValue,
+    FloatArray,
+    frozen,
+)
 from minorloop.errors import NotInvertibleError, ParameterError
 
 
 @dataclass(frozen=True, eq=False)
-class DeadZones:
+class DeadZones(ByValue):
     """A weighted sum of one-sided dead zones.
 
     ``S(x) = sum of weights[k] * d_k(x)``, where ``d_k(x)`` is ``max(x - s, 0)`` for a threshold
@@ -69,13 +73,6 @@ class DeadZones:
         thresholds = np.insert(knots, centre, 0.0)
         return cls(thresholds, np.concatenate([below, slopes[centre : centre + 1], above]))
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, DeadZones):
-            return NotImplemented
-        return np.array_equal(self.thresholds, other.thresholds) and np.array_equal(
-            self.weights, other.weights
-        )
-
     @cached_property
     def knots(self) -> FloatArray:
         """Points where the slope changes: the thresholds without zero."""
@@ -104,16 +101,13 @@ class DeadZones:
 
         Raises a `NotInvertibleError` if a piece does not rise.
         """
-        self._require_invertible()
+        if not self.invertible:
+            piece = int(np.argmin(self.slopes))
+            raise NotInvertibleError(
+                f"piece {piece} of the dead zones has slope {self.slopes[piece]:g}; give weights "
+                "whose cumulative sums from zero outwards are all positive"
+            )
         return _follow(np.asarray(y, dtype=np.float64), self.heights, 1 / self.slopes, self.knots)
-
-    def inverse(self) -> DeadZones:
-        """Return the inverse curve, also as dead zones.
-
-        Raises a `NotInvertibleError` if a piece does not rise.
-        """
-        self._require_invertible()
-        return DeadZones.from_slopes(self.heights, 1 / self.slopes)
 
     @cached_property
     def heights(self) -> FloatArray:
@@ -126,14 +120,6 @@ class DeadZones:
             [-np.cumsum(rises[:centre][::-1])[::-1], np.cumsum(rises[centre:])]
         )
         return frozen(heights)
-
-    def _require_invertible(self) -> None:
-        if not self.invertible:
-            piece = int(np.argmin(self.slopes))
-            raise NotInvertibleError(
-                f"piece {piece} of the dead zones has slope {self.slopes[piece]:g}; give weights "
-                "whose cumulative sums from zero outwards are all positive"
-            )
 
 
 def as_paired(

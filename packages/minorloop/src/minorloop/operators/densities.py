@@ -3,7 +3,9 @@
 Each is a callable ``density(alpha, beta)``, vectorised, in the unit of the output over that of
 the input squared; zero where alpha < beta. ``mass`` is its integral over the half-plane
 alpha >= beta, in the unit of the output. All but the uniform one have tails. A model does not
-contain the part beyond its levels, which is small for a Gaussian and large for a Lorentzian.
+contain the part beyond its levels, which is small for a Gaussian and large for a Lorentzian. A
+number that is not finite, a spread that is not positive and a negative coercive field raise a
+`ParameterError`.
 
 A relay is described by its thresholds alpha (up) and beta (down), or by their mean
 ``m = (alpha + beta) / 2``, in magnetism minus the interaction field, and their half-width
@@ -12,13 +14,36 @@ loops are symmetric about the origin.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
+
+
+class _Shape(NamedTuple):
+    """A function of integral 1 and spread 1: its values, and its integral up to a place.
+
+    ``difference``: twice its spread, over the spread of the difference of two such numbers.
+    """
+
+    density: Callable[[FloatArray], FloatArray]
+    distribution: Callable[[float], float]
+    difference: float
+
+
+_GAUSSIAN = _Shape(
+    lambda x: np.asarray(np.exp(-0.5 * x * x) / math.sqrt(2 * math.pi)),
+    lambda x: 0.5 * math.erfc(-x / math.sqrt(2)),
+    math.sqrt(2),
+)
+_LORENTZIAN = _Shape(
+    lambda x: np.asarray(1 / (math.pi * (1 + x * x))), lambda x: 0.5 + math.atan(x) / math.pi, 1.0
+)
 
 
 class _Density:
@@ -71,17 +96,66 @@ class UniformDensity(_Density):
 
 
 @dataclass(frozen=True)
-class FactoredGaussianDensity(_Density):
+class _Factored(_Density):
+    """A product of one function in both thresholds: up above the centre, and down below it."""
+
+    _shape: ClassVar[_Shape]
+
+    coercive: float
+    """Most frequent threshold up above the centre, and threshold down below it."""
+    spread: float
+    """Standard deviation, or half-width at half-maximum, of each threshold; positive."""
+    mass: float = 1.0
+    """Integral over the half-plane alpha >= beta, in the unit of the output."""
+    centre: float = 0.0
+    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
+
+    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
+        """Return the density at thresholds of equal or broadcastable shapes."""
+        up, down = np.asarray(alpha) - self.centre, self.centre - np.asarray(beta)
+        share = self._shape.distribution(self._shape.difference * self.coercive / self.spread)
+        values = self._shape.density((up - self.coercive) / self.spread) * self._shape.density(
+            (down - self.coercive) / self.spread
+        )
+        return _half_plane(alpha, beta, values) * (self.mass / (share * self.spread**2))
+
+
+@dataclass(frozen=True)
+class _InMeanAndWidth(_Density):
+    """A product of one function in the mean and in the half-width of the thresholds."""
+
+    _shape: ClassVar[_Shape]
+
+    coercive: float
+    """Half-width of the typical relay."""
+    spread_mean: float
+    """Standard deviation, or half-width at half-maximum, of the mean of the thresholds; positive.
+    """
+    spread_width: float
+    """The same of their half-width; positive."""
+    mass: float = 1.0
+    """Integral over the half-plane alpha >= beta, in the unit of the output."""
+    centre: float = 0.0
+    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
+
+    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
+        """Return the density at thresholds of equal or broadcastable shapes."""
+        up, down = np.asarray(alpha) - self.centre, np.asarray(beta) - self.centre
+        values = self._shape.density((up + down) / 2 / self.spread_mean) * self._shape.density(
+            ((up - down) / 2 - self.coercive) / self.spread_width
+        )
+        share = 2 * self._shape.distribution(self.coercive / self.spread_width)
+        scale = self.mass / (share * self.spread_mean * self.spread_width)
+        return _half_plane(alpha, beta, values) * scale
+
+
+@dataclass(frozen=True)
+class FactoredGaussianDensity(_Factored):
     """A product of Gaussians in both thresholds, ``A f(alpha - centre) f(centre - beta)``.
 
     ``f(x) = exp(-(x - coercive)^2 / (2 spread^2))`` and
     ``A = mass / (2 pi spread^2 Phi(sqrt(2) coercive / spread))`` with the normal
     distribution function Phi.
-
-    Raises
-    ------
-    ParameterError
-        If the spread is not positive, the coercive field negative, or a number not finite.
 
     References
     ----------
@@ -89,37 +163,16 @@ class FactoredGaussianDensity(_Density):
     Kadar, Journal of Applied Physics 61 (1987) 4013: product form.
     """
 
-    coercive: float
-    """Mean threshold up above the centre, and mean threshold down below it."""
-    spread: float
-    """Standard deviation of each threshold; positive."""
-    mass: float = 1.0
-    """Integral over the half-plane alpha >= beta, in the unit of the output."""
-    centre: float = 0.0
-    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
-
-    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Return the density at thresholds of equal or broadcastable shapes."""
-        up, down = _thresholds(alpha, beta, self.centre)
-        share = _normal_distribution(math.sqrt(2) * self.coercive / self.spread)
-        values = _normal_density((up - self.coercive) / self.spread) * _normal_density(
-            (-down - self.coercive) / self.spread
-        )
-        return _half_plane(alpha, beta, values) * (self.mass / (share * self.spread**2))
+    _shape: ClassVar[_Shape] = _GAUSSIAN
 
 
 @dataclass(frozen=True)
-class GaussianDensity(_Density):
+class GaussianDensity(_InMeanAndWidth):
     """A product of Gaussians in the mean and in the half-width of the thresholds.
 
     ``A exp(-(m - centre)^2 / (2 spread_mean^2)) exp(-(h - coercive)^2 / (2 spread_width^2))``
     with ``A = mass / (4 pi spread_mean spread_width Phi(coercive / spread_width))`` and the
     normal distribution function Phi.
-
-    Raises
-    ------
-    ParameterError
-        If a spread is not positive, the coercive field negative, or a number not finite.
 
     References
     ----------
@@ -127,78 +180,30 @@ class GaussianDensity(_Density):
     Bertotti, Hysteresis in Magnetism, 1998, chapter 13.
     """
 
-    coercive: float
-    """Half-width of the typical relay."""
-    spread_mean: float
-    """Standard deviation of the mean of the thresholds; positive."""
-    spread_width: float
-    """Standard deviation of their half-width; positive."""
-    mass: float = 1.0
-    """Integral over the half-plane alpha >= beta, in the unit of the output."""
-    centre: float = 0.0
-    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
-
-    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Return the density at thresholds of equal or broadcastable shapes."""
-        up, down = _thresholds(alpha, beta, self.centre)
-        share = 2 * _normal_distribution(self.coercive / self.spread_width)
-        values = _normal_density((up + down) / 2 / self.spread_mean) * _normal_density(
-            ((up - down) / 2 - self.coercive) / self.spread_width
-        )
-        scale = self.mass / (share * self.spread_mean * self.spread_width)
-        return _half_plane(alpha, beta, values) * scale
+    _shape: ClassVar[_Shape] = _GAUSSIAN
 
 
 @dataclass(frozen=True)
-class LorentzianDensity(_Density):
+class LorentzianDensity(_InMeanAndWidth):
     """A product of Lorentzians in the mean and in the half-width of the thresholds.
 
     ``A / [(1 + ((m - centre) / spread_mean)^2) (1 + ((h - coercive) / spread_width)^2)]`` with
     ``A = mass / [2 pi spread_mean spread_width (pi/2 + arctan(coercive / spread_width))]``.
-
-    Raises
-    ------
-    ParameterError
-        If a spread is not positive, the coercive field negative, or a number not finite.
 
     References
     ----------
     Bertotti, Hysteresis in Magnetism, 1998, chapter 13: coercive and interaction fields.
     """
 
-    coercive: float
-    """Half-width of the typical relay."""
-    spread_mean: float
-    """Half-width at half-maximum in the mean of the thresholds; positive."""
-    spread_width: float
-    """Half-width at half-maximum in their half-width; positive."""
-    mass: float = 1.0
-    """Integral over the half-plane alpha >= beta, in the unit of the output."""
-    centre: float = 0.0
-    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
-
-    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Return the density at thresholds of equal or broadcastable shapes."""
-        up, down = _thresholds(alpha, beta, self.centre)
-        share = 2 * _cauchy_distribution(self.coercive / self.spread_width)
-        values = _cauchy_density((up + down) / 2 / self.spread_mean) * _cauchy_density(
-            ((up - down) / 2 - self.coercive) / self.spread_width
-        )
-        scale = self.mass / (share * self.spread_mean * self.spread_width)
-        return _half_plane(alpha, beta, values) * scale
+    _shape: ClassVar[_Shape] = _LORENTZIAN
 
 
 @dataclass(frozen=True)
-class FactoredLorentzianDensity(_Density):
+class FactoredLorentzianDensity(_Factored):
     """A product of Lorentzians in both thresholds, ``A f(alpha - centre) f(centre - beta)``.
 
     ``f(x) = 1 / (1 + ((x - coercive) / spread)^2)`` and
     ``A = mass / [pi^2 spread^2 (1/2 + arctan(coercive / spread) / pi)]``.
-
-    Raises
-    ------
-    ParameterError
-        If the spread is not positive, the coercive field negative, or a number not finite.
 
     References
     ----------
@@ -206,48 +211,8 @@ class FactoredLorentzianDensity(_Density):
     Preisach functions for non-oriented steels.
     """
 
-    coercive: float
-    """Most frequent threshold up above the centre, and threshold down below it."""
-    spread: float
-    """Half-width at half-maximum in each threshold; positive."""
-    mass: float = 1.0
-    """Integral over the half-plane alpha >= beta, in the unit of the output."""
-    centre: float = 0.0
-    """Mean threshold of the typical relay. All but the mass in the unit of the input."""
-
-    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Return the density at thresholds of equal or broadcastable shapes."""
-        up, down = _thresholds(alpha, beta, self.centre)
-        share = _cauchy_distribution(self.coercive / self.spread)
-        values = _cauchy_density((up - self.coercive) / self.spread) * _cauchy_density(
-            (-down - self.coercive) / self.spread
-        )
-        return _half_plane(alpha, beta, values) * (self.mass / (share * self.spread**2))
-
-
-def _thresholds(
-    alpha: npt.ArrayLike, beta: npt.ArrayLike, centre: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return both thresholds relative to the centre."""
-    up, down = np.asarray(alpha, dtype=np.float64), np.asarray(beta, dtype=np.float64)
-    return up - centre, down - centre
+    _shape: ClassVar[_Shape] = _LORENTZIAN
 
 
 def _half_plane(alpha: npt.ArrayLike, beta: npt.ArrayLike, values: FloatArray) -> FloatArray:
     return np.where(np.asarray(alpha) >= np.asarray(beta), values, 0.0)
-
-
-def _normal_density(x: FloatArray) -> FloatArray:
-    return np.asarray(np.exp(-0.5 * x * x) / math.sqrt(2 * math.pi))
-
-
-def _cauchy_density(x: FloatArray) -> FloatArray:
-    return np.asarray(1 / (math.pi * (1 + x * x)))
-
-
-def _normal_distribution(x: float) -> float:
-    return 0.5 * math.erfc(-x / math.sqrt(2))
-
-
-def _cauchy_distribution(x: float) -> float:
-    return 0.5 + math.atan(x) / math.pi

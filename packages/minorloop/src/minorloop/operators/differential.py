@@ -15,17 +15,17 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import (
+    ByValue,
     FloatArray,
     Samples,
     as_finite,
     as_levels,
-    as_samples,
     check_option,
     frozen,
 )
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.operators import _differential_kernels
-from minorloop.operators._parallel import in_parallel
+from minorloop.operators._parallel import filled
 from minorloop.operators.inversion import (
     Inversion,
     Unreachable,
@@ -33,7 +33,7 @@ from minorloop.operators.inversion import (
     check_unreachable_option,
     refuse_unreachable,
 )
-from minorloop.operators.step_tracker import StepTracker
+from minorloop.operators.tracker import StepTracker
 
 DifferentialStart: TypeAlias = (
     "npt.ArrayLike | Literal['negative', 'positive', 'demagnetised', 'relaxed']"
@@ -114,18 +114,13 @@ class Differential(ABC):
 
     def simulate(self, u: npt.ArrayLike, start: DifferentialStart = "demagnetised") -> Samples:
         """Return the outputs for input signals that are monotone between samples."""
-        inputs, (before, z) = as_samples(u, name="u"), self.state(start)
-        out = np.empty_like(inputs)
+        before, z = self.state(start)
 
-        def run(u: FloatArray, out: FloatArray) -> None:
+        def run(u: FloatArray, y: FloatArray) -> None:
             first = before if np.isfinite(before) else float(u[0]) if u.size else 0.0
-            _differential_kernels.simulate(u, first, z, *self.law, out)
+            _differential_kernels.simulate(u, first, z, *self.law, y)
 
-        if inputs.ndim == 1:
-            run(inputs, out)
-        else:
-            in_parallel(lambda row: run(inputs[row], out[row]), len(inputs))
-        return out
+        return filled(u, run)
 
     def invert(
         self,
@@ -227,7 +222,7 @@ class BoucWen(Differential):
 
 
 @dataclass(frozen=True, eq=False)
-class Duhem(Differential):
+class Duhem(ByValue, Differential):
     """Slopes that are any piecewise linear functions of the output, one for each direction.
 
     Steps are exact: on each piece the output is an exponential of the input.
@@ -261,11 +256,6 @@ class Duhem(Differential):
                     "each level"
                 )
             object.__setattr__(self, name, values)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Duhem):
-            return NotImplemented
-        return all(np.array_equal(a, b) for a, b in zip(self.law, other.law, strict=True))
 
     @cached_property
     def law(self) -> tuple[FloatArray, FloatArray]:

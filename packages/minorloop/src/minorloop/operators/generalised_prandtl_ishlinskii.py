@@ -7,18 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, Samples, as_finite
+from minorloop.arrays import (
+    ByValue,
+    FloatArray,
+    Samples,
+    as_finite,
+)
 from minorloop.errors import ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators._play_fit import as_record, choose_knots, choose_radii, fit_bent_plays
 from minorloop.operators.dead_zones import DeadZones
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
-from minorloop.operators.step_tracker import StepTracker
+from minorloop.operators.tracker import StepTracker
 
 
 @dataclass(frozen=True, eq=False)
-class GeneralisedPrandtlIshlinskii(Drawn):
+class GeneralisedPrandtlIshlinskii(ByValue, Drawn):
     """Plays followed by dead zones, ``y = offset + S(H[u])``, for asymmetric, saturating loops.
 
     H is a `PrandtlIshlinskii` operator and S a curve of `DeadZones`. Memory and start states are
@@ -85,12 +90,6 @@ class GeneralisedPrandtlIshlinskii(Drawn):
         bent = fit_bent_plays(inputs, outputs, positions, knots, signed=signed)
         plays = PrandtlIshlinskii(places, bent.weights, bent.shift)
         return cls(plays, DeadZones.from_slopes(bent.knots, bent.slopes), bent.centre)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, GeneralisedPrandtlIshlinskii):
-            return NotImplemented
-        mine, yours = (self.plays, self.zones), (other.plays, other.zones)
-        return mine == yours and self.offset == other.offset
 
     @property
     def invertible(self) -> bool:

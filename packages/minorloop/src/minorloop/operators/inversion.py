@@ -87,6 +87,22 @@ def within_reach(targets: FloatArray, low: float, high: float) -> BoolArray:
     return (targets >= low - slack) & (targets <= high + slack)
 
 
+def as_targets(
+    targets: npt.ArrayLike, low: float, high: float, unreachable: Unreachable
+) -> tuple[FloatArray, BoolArray]:
+    """Return targets (T,), and which of them lie between the least and the greatest output.
+
+    Raises an `UnreachableError` if one does not and ``unreachable="raise"``; a `SignalError` or a
+    `ParameterError` if targets or option are wrong.
+    """
+    check_unreachable_option(unreachable)
+    wanted = as_signal(targets, name="targets")
+    reachable = within_reach(wanted, low, high)
+    if unreachable == "raise":
+        refuse_unreachable(wanted, low, high, reachable)
+    return wanted, reachable
+
+
 def refuse_unreachable(
     targets: FloatArray, low: float, high: float, reachable: BoolArray, unit: str = ""
 ) -> None:
@@ -114,12 +130,8 @@ def as_reachable(y: float, low: float, high: float, unreachable: Unreachable) ->
     Raises an `UnreachableError` if the target is out of reach and ``unreachable="raise"``; a
     `ParameterError` if the target is not a finite number, or there is no such option.
     """
-    check_unreachable_option(unreachable)
-    target = as_finite("target", y)
-    if unreachable == "raise":
-        one = np.array([target])
-        refuse_unreachable(one, low, high, within_reach(one, low, high))
-    return min(max(target, low), high)
+    wanted, _ = as_targets([as_finite("target", y)], low, high, unreachable)
+    return min(max(float(wanted[0]), low), high)
 
 
 def _in_few_digits(target: float, low: float, high: float) -> tuple[str, str, str]:

@@ -9,18 +9,24 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import polynomial
 
-from minorloop.arrays import FloatArray, Samples, as_finite, as_pair, as_samples, as_whole, frozen
+from minorloop.arrays import (
+    ByValue,
+    FloatArray,
+    Samples,
+    as_finite,
+    as_pair,
+    as_samples,
+    as_whole,
+    frozen,
+)
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.figures import Drawn
 from minorloop.operators.inversion import (
     Inversion,
     Unreachable,
-    as_signal,
-    check_unreachable_option,
-    refuse_unreachable,
-    within_reach,
+    as_targets,
 )
-from minorloop.operators.step_tracker import StepTracker
+from minorloop.operators.tracker import StepTracker
 
 _HALVINGS = 64
 """Bisections: more than the 53 bits of a float."""
@@ -33,7 +39,7 @@ _NEGLIGIBLE = 1e-17
 
 
 @dataclass(frozen=True, eq=False)
-class Polynomial(Drawn):
+class Polynomial(ByValue, Drawn):
     """A curve without memory, ``y = sum of coefficients[k] * u**k`` on [low, high].
 
     Inputs beyond [low, high] are clamped. The methods ignore ``start`` and ``memory``, which they
@@ -127,12 +133,6 @@ class Polynomial(Drawn):
             float(inputs.max()) if high is None else high,
         )
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Polynomial):
-            return NotImplemented
-        ends = (self.low, self.high) == (other.low, other.high)
-        return ends and np.array_equal(self.coefficients, other.coefficients)
-
     @cached_property
     def range(self) -> tuple[float, float]:
         """Least and greatest output over [low, high]."""
@@ -177,14 +177,9 @@ class Polynomial(Drawn):
 
         There is no inverse if the curve is not monotone there; `monotone_stretch` is where it is.
         """
-        check_unreachable_option(unreachable)
         self._require_monotone()
-        wanted = as_signal(targets, name="targets")
-        low, high = self.range
-        reachable = within_reach(wanted, low, high)
-        if unreachable == "raise":
-            refuse_unreachable(wanted, low, high, reachable)
-        u = self._solve(np.clip(wanted, low, high))
+        wanted, reachable = as_targets(targets, *self.range, unreachable)
+        u = self._solve(np.clip(wanted, *self.range))
         y = self._at(u)
         return Inversion(u, y, y - wanted, reachable)
 

@@ -12,11 +12,18 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, Samples, as_finite, as_samples, check_option, frozen
+from minorloop.arrays import (
+    ByValue,
+    FloatArray,
+    Samples,
+    as_finite,
+    check_option,
+    frozen,
+)
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators import _play_kernels
-from minorloop.operators._parallel import in_parallel
+from minorloop.operators._parallel import filled
 from minorloop.operators._play_fit import as_record, choose_radii, fit_plays
 from minorloop.operators.dead_zones import as_paired
 from minorloop.operators.inversion import (
@@ -25,7 +32,7 @@ from minorloop.operators.inversion import (
     as_signal,
     check_unreachable_option,
 )
-from minorloop.operators.step_tracker import StepTracker
+from minorloop.operators.tracker import StepTracker
 
 PlayStart: TypeAlias = "npt.ArrayLike | Literal['negative', 'positive', 'demagnetised']"
 """Positions of the plays before the first sample, or the name of a start state."""
@@ -35,7 +42,7 @@ _CONSISTENT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class PrandtlIshlinskii(Drawn):
+class PrandtlIshlinskii(ByValue, Drawn):
     """A weighted sum of plays: ``y = offset + sum of weights[i] * play(radii[i])[u]``.
 
     A play of radius r follows its input with a slack of r on either side. A play of radius zero
@@ -115,15 +122,6 @@ class PrandtlIshlinskii(Drawn):
         weights, offset = fit_plays(inputs, outputs, positions, signed=signed)
         return cls(places, weights, offset)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, PrandtlIshlinskii):
-            return NotImplemented
-        return (
-            np.array_equal(self.radii, other.radii)
-            and np.array_equal(self.weights, other.weights)
-            and self.offset == other.offset
-        )
-
     def __repr__(self) -> str:
         return (
             f"PrandtlIshlinskii({self.radii.size} plays, radii up to {self.radii[-1]:g}, "
@@ -178,18 +176,12 @@ class PrandtlIshlinskii(Drawn):
 
     def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:
         """Return the outputs for input signals, as `Operator.simulate`."""
-        inputs, before = as_samples(u, name="u"), self.positions(start)
-        y = np.empty_like(inputs)
+        before = self.positions(start)
 
         def run(u: FloatArray, y: FloatArray) -> None:
-            after = before.copy()
-            _play_kernels.simulate(u, self.radii, self.slopes, self.offset, after, y)
+            _play_kernels.simulate(u, self.radii, self.slopes, self.offset, before.copy(), y)
 
-        if inputs.ndim == 1:
-            run(inputs, y)
-        else:
-            in_parallel(lambda row: run(inputs[row], y[row]), len(inputs))
-        return y
+        return filled(u, run)
 
     def invert(
         self,
@@ -197,11 +189,12 @@ class PrandtlIshlinskii(Drawn):
         start: PlayStart = "negative",
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Return inputs that bring the output to each target in turn, the outputs of `inverse`.
+        """Return inputs that bring the output to each target in turn, branch by branch.
 
-        They are computed branch by branch. So residuals are rounding errors even if the slopes of
-        the operator differ by many orders of magnitude. Plays reach every target. There is no
-        inverse if there is no linear term, or a cumulative sum of the weights is not positive.
+        They are those of the analytic inverse, which consists of plays too, but residuals are
+        rounding errors even if the slopes of the operator differ by many orders of magnitude. Plays
+        reach every target. There is no inverse if there is no linear term, or a cumulative sum of
+        the weights is not positive.
         """
         check_unreachable_option(unreachable)
         wanted = as_signal(targets, name="targets")
@@ -210,32 +203,6 @@ class PrandtlIshlinskii(Drawn):
         _play_kernels.invert(wanted, self.radii, self.slopes, self.offset, positions, u)
         y = self.simulate(u, start)
         return Inversion(u, y, y - wanted, np.ones(wanted.shape, dtype=np.bool_))
-
-    def inverse(self) -> PrandtlIshlinskii:
-        """Return the inverse operator, also weighted plays; `inverse_positions` is its start.
-
-        With W the cumulative sums of the weights, the j-th radius of the inverse is
-        ``sum over i < j of W_i (r_(i+1) - r_i)`` and its cumulative sums are 1 / W.
-
-        Raises
-        ------
-        NotInvertibleError
-            If there is no linear term, or a cumulative sum of the weights is not positive.
-        """
-        self._require_invertible()
-        slopes = 1 / self.slopes
-        radii = np.cumsum(np.insert(self.slopes[:-1] * np.diff(self.radii), 0, 0.0))
-        return PrandtlIshlinskii(
-            radii, np.diff(slopes, prepend=0.0), -self.offset * float(slopes[-1])
-        )
-
-    def inverse_positions(self, start: PlayStart) -> FloatArray:
-        """Return the (n,) start positions of `inverse` for a start state as of `positions`.
-
-        Raises a `NotInvertibleError` if the operator has no inverse.
-        """
-        self._require_invertible()
-        return self._inverse_positions(self.positions(start)) + self.offset
 
     def trace(self, u: npt.ArrayLike, start: PlayStart = "negative") -> FloatArray:
         """Return the positions (T, n) of the plays, in the unit of the input, along one signal.
@@ -275,13 +242,6 @@ class PrandtlIshlinskii(Drawn):
                 f"start[{i + 1}]) lie further apart than their radii, {self.radii[i]:g} and "
                 f"{self.radii[i + 1]:g}; no input leads to such positions"
             )
-
-    def _inverse_positions(self, positions: FloatArray) -> FloatArray:
-        """Return the positions of the plays of the inverse for an operator without offset."""
-        if np.isinf(positions[0]):
-            return positions.copy()
-        gaps = np.append(positions[:-1] - positions[1:], positions[-1])
-        return np.cumsum((self.slopes * gaps)[::-1])[::-1].copy()
 
     def _require_invertible(self) -> None:
         if self.invertible:

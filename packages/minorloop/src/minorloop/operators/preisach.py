@@ -10,28 +10,24 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import (
+    ByValue,
     FloatArray,
     Levels,
     Samples,
     as_finite,
     as_levels,
-    as_samples,
     as_triangle,
     check_option,
     frozen,
-    writable,
 )
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import Drawn
 from minorloop.operators import _kernels, plane
-from minorloop.operators._parallel import in_parallel
+from minorloop.operators._parallel import filled
 from minorloop.operators.inversion import (
     Inversion,
     Unreachable,
-    as_signal,
-    check_unreachable_option,
-    refuse_unreachable,
-    within_reach,
+    as_targets,
 )
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import RELAYS, Relay
@@ -47,7 +43,7 @@ _ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Preisach(Drawn):
+class Preisach(ByValue, Drawn):
     """A weighted continuum of relays; the output depends on remembered extrema of the input.
 
     Raises
@@ -165,16 +161,6 @@ class Preisach(Drawn):
         offset = float(values[0, 0]) - plane.off_output(relay) * float(weights.sum())
         return cls(levels, weights, offset, relay, diagonal, slope)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Preisach):
-            return NotImplemented
-        return (
-            np.array_equal(self.levels, other.levels)
-            and np.array_equal(self.weights, other.weights)
-            and (self.offset, self.relay, self.diagonal, self.slope)
-            == (other.offset, other.relay, other.diagonal, other.slope)
-        )
-
     def __repr__(self) -> str:
         low, high = self.levels[0], self.levels[-1]
         return (
@@ -243,16 +229,13 @@ class Preisach(Drawn):
 
     def simulate(self, u: npt.ArrayLike, start: Start = "negative") -> Samples:
         """Return the outputs for input signals, as `Operator.simulate`."""
-        inputs = as_samples(u, name="u")
-        start = self.memory(start)
-        outputs = np.empty_like(inputs)
-        if inputs.ndim == 1:
-            self._simulate_row(start, inputs, outputs)
-        else:
-            in_parallel(
-                lambda row: self._simulate_row(start, inputs[row], outputs[row]), len(inputs)
-            )
-        return outputs
+        memory = self.memory(start)
+
+        def run(u: FloatArray, y: FloatArray) -> None:
+            stack, rows = self.stack(memory, u.size)
+            _kernels.simulate(self.tables, stack, rows, u, y)
+
+        return filled(u, run)
 
     def invert(
         self,
@@ -266,12 +249,8 @@ class Preisach(Drawn):
         equal to the present output, the input does not change. Parameters, result and errors are
         those of `Operator.invert`.
         """
-        check_unreachable_option(unreachable)
         self.require_monotone()
-        wanted = as_signal(targets, name="targets")
-        reachable = within_reach(wanted, *self.range)
-        if unreachable == "raise":
-            refuse_unreachable(wanted, *self.range, reachable)
+        wanted, reachable = as_targets(targets, *self.range, unreachable)
         stack, rows = self.stack(start, wanted.size)
         u, y = np.empty_like(wanted), np.empty_like(wanted)
         _kernels.invert(self.tables, stack, rows, wanted, u, y)
@@ -282,7 +261,7 @@ class Preisach(Drawn):
         tracker = self.track(memory)
         return tracker.push(u), tracker.memory
 
-    def track(self, start: Start = "negative") -> Tracker[Preisach]:
+    def track(self, start: Start = "negative") -> Tracker:
         """Return a tracker that follows a live input sample by sample."""
         return Tracker(self, start)
 
@@ -340,10 +319,6 @@ class Preisach(Drawn):
         stack = np.empty((extrema.size + room + 2, 4))
         stack[0] = self.levels[0], self.all_off, 0.0, 0.0
         return stack, _kernels.simulate(self.tables, stack, 1, extrema, np.empty_like(extrema))
-
-    def _simulate_row(self, start: Start, u: FloatArray, y: FloatArray) -> None:
-        stack, rows = self.stack(start, u.size)
-        _kernels.simulate(self.tables, stack, rows, writable(u), y)
 
     def _check_size(self) -> None:
         """Refuse outputs so large that their differences overflow."""

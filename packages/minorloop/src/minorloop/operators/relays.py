@@ -8,12 +8,14 @@ and the resolution of the stepping inverse is that of the levels.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from functools import cached_property
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import (
+    ByValue,
     FloatArray,
     Levels,
     Samples,
@@ -25,16 +27,16 @@ from minorloop.arrays import (
 )
 from minorloop.errors import ParameterError
 from minorloop.figures import Drawn
-from minorloop.operators import _relay_kernels as _kernels
 from minorloop.operators.inversion import Inversion, as_signal
-from minorloop.operators.plane import RELAYS, Relay, off_output, swing
+from minorloop.operators.memory import Memory
+from minorloop.operators.plane import RELAYS, Relay
+from minorloop.operators.preisach import Preisach
 
-if TYPE_CHECKING:
-    from minorloop.operators.preisach import Preisach
+RelayStart: TypeAlias = Literal["negative", "positive"]
 
 
 @dataclass(frozen=True, eq=False)
-class RelayModel(Drawn):
+class RelayModel(ByValue, Drawn):
     """Weighted relays on level pairs.
 
     A relay at (alpha, beta) switches on when the input reaches alpha and off when it falls
@@ -69,15 +71,6 @@ class RelayModel(Drawn):
         store(self, "offset", as_finite("offset", self.offset))
         check_option("relay", self.relay, RELAYS)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, RelayModel):
-            return NotImplemented
-        return (
-            np.array_equal(self.levels, other.levels)
-            and np.array_equal(self.weights, other.weights)
-            and (self.offset, self.relay) == (other.offset, other.relay)
-        )
-
     @classmethod
     def from_preisach(cls, model: Preisach) -> RelayModel:
         """Return relays that are equivalent to a Preisach operator for inputs on the levels.
@@ -104,9 +97,7 @@ class RelayModel(Drawn):
         weights[1:, 1:] = model.weights
         return cls(model.levels, weights, model.offset, model.relay)
 
-    def states(
-        self, u: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
-    ) -> FloatArray:
+    def states(self, u: npt.ArrayLike, start: RelayStart = "negative") -> FloatArray:
         """Return the (N, N) relays after an input: 1 if on, 0 if off or above the diagonal.
 
         Parameters
@@ -116,59 +107,61 @@ class RelayModel(Drawn):
         start : {"negative", "positive"}
             Saturation before the first input.
         """
-        on, level = self._start(start)
-        inputs = as_signal(u, name="u")
-        _kernels.simulate(self.levels, self.weights, on, level, inputs, np.empty_like(inputs))
-        return on
+        levels, past = self._plane.levels, self._start(start).extrema
+        inputs = self._on_levels(as_signal(u, name="u"))
+        extrema = Memory.after([*past, *inputs], low=levels[0], high=levels[-1]).extrema
+        on = np.zeros(self.weights.shape)
+        # Of each maximum and the minimum after it, the relays between both are on.
+        for most, least in zip(extrema[1::2], [*extrema[2::2], np.inf], strict=False):
+            on[np.ix_(self.levels <= most, self.levels <= least)] = 1.0
+        return np.tril(on)
 
-    def simulate(
-        self, u: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
-    ) -> Samples:
+    def simulate(self, u: npt.ArrayLike, start: RelayStart = "negative") -> Samples:
         """Return the outputs for inputs from ``"negative"`` or ``"positive"`` saturation."""
-        inputs = as_samples(u, name="u")
-        outputs = np.empty_like(inputs)
-        for row, out in zip(np.atleast_2d(inputs), np.atleast_2d(outputs), strict=True):
-            on, level = self._start(start)
-            _kernels.simulate(self.levels, self.weights, on, level, row, out)
-        return self._scale(outputs)
+        inputs = self._on_levels(as_samples(u, name="u"))
+        return self._plane.simulate(inputs, self._start(start))
 
-    def stepping_inverse(
-        self, targets: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
-    ) -> Inversion:
+    def stepping_inverse(self, targets: npt.ArrayLike, start: RelayStart = "negative") -> Inversion:
         """Move the input level by level until the output passes each target.
 
-        This is the search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6, on a copy of the relays;
-        it stops at the last level. It overshoots by up to one level; `Preisach.invert` is exact.
-        Targets are as of `Preisach.invert`, the start is as of `states`.
+        This is the search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6; it stops at the last
+        level. It overshoots by up to one level; `Preisach.invert` is exact. Targets are as of
+        `Preisach.invert`, the start is as of `states`.
 
         Returns
         -------
         Inversion
             Inputs are level values; a target that no level reaches is marked unreachable.
         """
-        wanted = as_signal(targets, name="targets")
-        on, level = self._start(start)
-        size, low = self.line()
+        wanted, memory = as_signal(targets, name="targets"), self._start(start)
         u, y = np.empty_like(wanted), np.empty_like(wanted)
         reachable = np.empty(wanted.size, dtype=np.bool_)
-        _kernels.stepping_inverse(
-            self.levels, self.weights, on, level, (wanted - low) / size, u, y, reachable
-        )
-        y = self._scale(y)
+        for k, target in enumerate(wanted):
+            now, _ = self._plane.step(memory, memory.u)
+            rising = target > now
+            at = max(int(np.searchsorted(self.levels, memory.u, side="right")) - 1, 0)
+            path = self.levels[at:] if rising else self.levels[at::-1]
+            ahead = np.append(now, self._plane.simulate(path[1:], memory))
+            passed = ahead >= target if rising else ahead <= target
+            u[k] = path[int(np.argmax(passed)) if passed.any() else -1]
+            y[k], memory = self._plane.step(memory, u[k])
+            reachable[k] = y[k] >= target if rising else y[k] <= target
         return Inversion(u=u, y=y, residual=y - wanted, reachable=reachable)
-
-    def _start(self, start: str) -> tuple[FloatArray, int]:
-        """Return the relays, and the highest level that is reached (-1 if none)."""
-        check_option("start", start, ("negative", "positive"))
-        if start == "negative":
-            return np.zeros(self.weights.shape), -1
-        return np.tril(np.ones(self.weights.shape)), self.levels.size - 1
 
     def line(self) -> tuple[float, float]:
         """Return the swing of a relay, and the output when all are off."""
-        off = off_output(self.relay) * float(self.weights.sum())
-        return swing(self.relay), self.offset + off
+        return self._plane.swing, self._plane.all_off
 
-    def _scale(self, on_weight: Samples) -> Samples:
-        size, low = self.line()
-        return low + size * on_weight
+    @cached_property
+    def _plane(self) -> Preisach:
+        """The operator that these relays are on the levels, and on one below all of them."""
+        below = 2 * self.levels[0] - self.levels[1]
+        return Preisach(np.append(below, self.levels), self.weights, self.offset, self.relay)
+
+    def _on_levels(self, u: Samples) -> Samples:
+        """Return the highest level that each input reaches, or the one below all of them."""
+        return self._plane.levels[np.searchsorted(self.levels, u, side="right")]
+
+    def _start(self, start: str) -> Memory:
+        check_option("start", start, ("negative", "positive"))
+        return self._plane.memory(start)  # type: ignore[arg-type]

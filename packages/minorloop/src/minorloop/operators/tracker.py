@@ -1,8 +1,9 @@
-"""A Preisach operator that follows one live input."""
+"""Operators that follow one live input, as `LiveTracker` says."""
 
 from __future__ import annotations
 
-from typing import Generic, Protocol, TypeVar
+import copy
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -11,29 +12,10 @@ from minorloop.operators import _kernels
 from minorloop.operators.inversion import Unreachable, as_reachable
 from minorloop.operators.memory import Memory, Start
 
-
-class Tracked(Protocol):
-    """An operator on a plane of relays, such as `Preisach`."""
-
-    @property
-    def tables(self) -> _kernels.PlaneTables:
-        """Tables of the compiled loops."""
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """Least and greatest output over the grid."""
-
-    def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
-        """Return the state of the compiled loops for a start memory."""
-
-    def require_monotone(self) -> None:
-        """Refuse a model that cannot be inverted."""
+AnyMemory = TypeVar("AnyMemory")
 
 
-Model = TypeVar("Model", bound=Tracked)
-
-
-class Tracker(Generic[Model]):
+class Tracker:
     """A Preisach operator that follows one live input and owns its memory.
 
     Parameters
@@ -46,7 +28,7 @@ class Tracker(Generic[Model]):
 
     __slots__ = ("_rows", "_stack", "_tables", "_u", "_y", "model")
 
-    def __init__(self, model: Model, start: Start = "negative") -> None:
+    def __init__(self, model: Any, start: Start = "negative") -> None:
         self.model = model
         self._tables = model.tables
         self._stack, self._rows = model.stack(start, room=64)
@@ -119,12 +101,47 @@ class Tracker(Generic[Model]):
     def aim(self, y: float, unreachable: Unreachable = "raise") -> float:
         """Return the nearest input that brings the output to y; the memory stays as it is."""
         self.model.require_monotone()
-        target = as_reachable(y, *self.model.range, unreachable)
+        low, high = self.model.range
+        target = as_reachable(y, low, high, unreachable)
         return float(_kernels.aim(self._tables, self._stack, self._rows, target))
 
-    def copy(self) -> Tracker[Model]:
+    def copy(self) -> Tracker:
         """Return an independent tracker with the same memory."""
-        copy = object.__new__(type(self))
-        copy.model, copy._tables, copy._rows = self.model, self._tables, self._rows
-        copy._stack, copy._u, copy._y = self._stack.copy(), np.empty(1), np.empty(1)
-        return copy
+        other = copy.copy(self)
+        other._stack, other._u, other._y = self._stack.copy(), np.empty(1), np.empty(1)
+        return other
+
+
+class StepTracker(Generic[AnyMemory]):
+    """An operator that follows one live input and owns its memory.
+
+    Parameters
+    ----------
+    model : operator with ``step`` and ``aim``
+        For example `PrandtlIshlinskii`.
+    memory : as ``model.step`` takes it
+        Memory before the first sample.
+    """
+
+    __slots__ = ("memory", "model")
+
+    def __init__(self, model: Any, memory: AnyMemory) -> None:
+        self.model = model
+        self.memory = memory
+
+    def push(self, u: float) -> float:
+        """Return the output after the next input, and update the memory."""
+        y, self.memory = self.model.step(self.memory, u)
+        return float(y)
+
+    def peek(self, u: float) -> float:
+        """Return the output for a next input; the memory stays as it is."""
+        return float(self.model.step(self.memory, u)[0])
+
+    def aim(self, y: float, unreachable: Unreachable = "raise") -> float:
+        """Return the input that brings the output to y; the memory stays as it is."""
+        return float(self.model.aim(self.memory, y, unreachable))
+
+    def copy(self) -> StepTracker[AnyMemory]:
+        """Return an independent tracker with the same memory."""
+        return copy.copy(self)
