@@ -119,13 +119,18 @@ def _compared(link: _Line, answer: float, holds: int) -> _Errors:
     """Carry a plan out and compare the store with the log of the instrument."""
     from minorloop.lab.actuator import Channel
     from minorloop.lab.drivers.bench import Bench
-    from minorloop.lab.drivers.scpi import ScpiMeter, ScpiSource
+    from minorloop.lab.drivers.visa import Commands, ScpiMeter, ScpiSource
     from minorloop.lab.plan import Plan
     from minorloop.lab.run import run
     from minorloop.lab.store import Setup, Store
 
     voltage, tip = Channel("voltage", "V", -1.0, 1.0), Channel("tip", "mm")
-    bench = Bench(ScpiSource(link, confirm="VOLT?"), ScpiMeter(link), voltage, tip)
+    bench = Bench(
+        ScpiSource(link, Commands(safe=["VOLT 0", "OUTP OFF"], confirm="VOLT?")),
+        ScpiMeter(link),
+        voltage,
+        tip,
+    )
     bench.check()
     levels = [0.5 if k % 2 else -0.5 for k in range(holds)]
     hold = _hold(answer)

@@ -9,9 +9,9 @@ import numpy as np
 from scipy import ndimage
 
 from benchmarks.judge.scenes import HEIGHT, LEVER, RADIUS, WIDTH, Scene
-from minorloop.lab.actuator import Frame
 from minorloop_head.geometry import Mount, Pinhole
 from minorloop_head.procedures.meter import LIMITS
+from minorloop_head.sources import Frame
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 
 _ELECTRONS, _READ, _UNEVEN = 30.0, 0.9, 0.006

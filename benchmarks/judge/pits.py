@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.judge import sound
-from minorloop.lab.actuator import Shot
 from minorloop_head.geometry import Mount, Probe
+from minorloop_head.sources import Shot
 from minorloop_head.ultrasound.echoes import average
 from minorloop_head.ultrasound.field import CalibratedProbe, sound_speed
 from minorloop_head.ultrasound.pits import PitDepth, measure_pit, raster

@@ -14,12 +14,12 @@ from typing import TypeAlias
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.lab.actuator import Frame
 from minorloop_head.control.by_camera import AGE
 from minorloop_head.geometry import Mount
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.meter import LIMITS
 from minorloop_head.procedures.seen_angles import refined_view, seen_by, sweep
+from minorloop_head.sources import Frame
 from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head

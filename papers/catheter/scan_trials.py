@@ -16,7 +16,6 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.identification.bands import PER_DEVIATION
-from minorloop.lab.actuator import Shot
 from minorloop_head.geometry import Mount, Probe, wall_distance
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.measure import has_coupling, wall_about
@@ -25,6 +24,7 @@ from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.seen_base import SeenBase
 from minorloop_head.procedures.values import NOTHING, Reading, Request, apply_to_tip
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
+from minorloop_head.sources import Shot
 from minorloop_head.twins.camera import LENS
 from minorloop_head.twins.pipe import Bore, Dent, Pipe, draw_dent, draw_pit
 from minorloop_head.twins.rig import SimulatedTip

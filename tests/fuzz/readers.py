@@ -22,8 +22,8 @@ from minorloop.errors import InstrumentError, LimitError, MinorloopError, Record
 from minorloop.fleet.manifest import read_manifest
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
-from minorloop.lab.drivers.scpi import ScpiMeter, ScpiSource
 from minorloop.lab.drivers.serial_line import Board
+from minorloop.lab.drivers.visa import Commands, ScpiMeter, ScpiSource
 from minorloop.lab.logs import read_log
 from minorloop.lab.plan import Plan
 from minorloop.operators.dead_zones import DeadZones
@@ -457,7 +457,7 @@ def _make_answers(random: Random) -> list[str]:
 def _measure(answers: list[str]) -> bool:
     wire = Wire(answers)
     options = {"confirm": "VOLT?", "errors": "SYST:ERR?", "safe": ["VOLT 0", "OUTP OFF"]}
-    bench = _bench(ScpiSource(wire, tolerance=1e-6, **options), ScpiMeter(wire))
+    bench = _bench(ScpiSource(wire, Commands(tolerance=1e-6, **options)), ScpiMeter(wire))
     try:
         y = bench.exchange(0.25)
     except InstrumentError:

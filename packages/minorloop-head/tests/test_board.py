@@ -16,7 +16,7 @@ from benchmarks import _board, _cortex
 from console_rig import Pilot, ScriptedCamera
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.actuator import Channel
-from minorloop.lab.drivers import serial_board
+from minorloop.lab.drivers import link
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
 from minorloop.lab.drivers.serial_board import SerialBoard
 from minorloop.lab.drivers.serial_line import parse, write
@@ -389,7 +389,7 @@ class SocketLink:
 def test_the_console_steers_wires_through_an_emulated_board_until_it_is_killed(
     image, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(serial_board, "VisaLink", SocketLink)
+    monkeypatch.setattr(link, "VisaLink", SocketLink)
     with simulated_head() as (head_port, log), emulated(image, head_port) as (emulator, port):
         until(log, "DRIVE 0.0 0.0")
         text = (image / "bench.toml").read_text()

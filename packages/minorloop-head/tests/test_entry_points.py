@@ -8,7 +8,7 @@ from minorloop.errors import ModelFileError, ParameterError
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.frozen import RepeatedReadings
 from minorloop.lab.run import Restorable
-from minorloop.lab.single_channel import single_channel
+from minorloop.lab.wrapped_actuator import single_channel
 from minorloop.modelfile import read
 from minorloop.operators.preisach import Preisach
 from minorloop_head.heated_wire import HeatedWire

@@ -9,12 +9,10 @@ import os
 import sys
 from contextlib import contextmanager
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 
 PRELOADED = ["preloaded"]
-if find_spec("minorloop_head"):
-    PRELOADED.append("minorloop_head.console.loop")
+"""Modules that the server imports; tests of other packages may add some."""
 
 
 @cache

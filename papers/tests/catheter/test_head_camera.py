@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from minorloop.lab.actuator import Frame
 from minorloop_head.control import by_camera
+from minorloop_head.sources import Frame
 from minorloop_head.twins.head import Head
 from minorloop_head.vision.wall_patches import UNTURNED
 from papers.catheter import head_camera

@@ -24,7 +24,7 @@ from minorloop.errors import (
     SafetyError,
     StoreError,
 )
-from minorloop.lab.actuator import Channel, Frame
+from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
 from minorloop.lab.store import Setup, Store
@@ -47,6 +47,7 @@ from minorloop_head.procedures.head_file import (
 from minorloop_head.procedures.identify import HeadMeasurement
 from minorloop_head.procedures.rig import InspectionRig, LogEntry
 from minorloop_head.reconstruction.depth_map import WaterLine
+from minorloop_head.sources import Frame
 from minorloop_head.twins import surroundings
 from minorloop_head.twins.head import Head
 from minorloop_head.ultrasound.echoes import Burst

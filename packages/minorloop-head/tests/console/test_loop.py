@@ -17,8 +17,9 @@ from minorloop_head.console.plant import open_plant
 from minorloop_head.console.settings import LoopSettings
 from minorloop_head.console.supervisor import ProcessHandle
 from minorloop_head.console.watchdog import WatchedPlant
-from offspring import forking
+from offspring import PRELOADED, forking
 
+PRELOADED.append("minorloop_head.console.loop")
 NAMES = ("loop", "plant", "camera", "server")
 AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
 

@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 
-from minorloop.lab.actuator import Shot
 from minorloop_head.geometry import Mount
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.values import Reading, Request
+from minorloop_head.sources import Shot
 from minorloop_head.twins.camera import LENS, Camera, led_positions
 from minorloop_head.twins.pipe import Pipe
 from minorloop_head.vision.calibrated_camera import CalibratedCamera

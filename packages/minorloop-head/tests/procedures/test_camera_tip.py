@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from minorloop.errors import InstrumentError
-from minorloop.lab.actuator import Frame
 from minorloop_head.geometry import Pinhole
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.camera_tip import CameraTip
+from minorloop_head.sources import Frame
 
 VIEW = HeadCalibration(
     lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)), latency=0.06

@@ -5,10 +5,10 @@ import pytest
 from scipy import ndimage
 
 from minorloop.errors import ParameterError
-from minorloop.lab.actuator import Frame
 from minorloop_head.geometry import wall_point
 from minorloop_head.procedures.focus import Focusing
 from minorloop_head.procedures.values import Reading
+from minorloop_head.sources import Frame
 from vision.walls import CAMERA, photograph
 
 AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))

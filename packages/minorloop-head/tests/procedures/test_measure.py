@@ -1,7 +1,7 @@
 import numpy as np
 
-from minorloop.lab.actuator import Shot
 from minorloop_head.procedures.measure import MOST_OFF, NO_COUPLING, burst_of, has_coupling
+from minorloop_head.sources import Shot
 
 from .fakes import CALIBRATION
 

@@ -10,7 +10,7 @@ import pytest
 
 from console_rig import control
 from minorloop.errors import InstrumentError, ModelFileError, SafetyError
-from minorloop.lab.actuator import Channel, Frame
+from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop_head.control.head import HeadState
 from minorloop_head.geometry import wall_point
@@ -26,6 +26,7 @@ from minorloop_head.procedures.head_file import HeadFile, save_head
 from minorloop_head.procedures.meter import Metering
 from minorloop_head.procedures.rig import InspectionRig, rig_at
 from minorloop_head.procedures.values import Request
+from minorloop_head.sources import Frame
 from minorloop_head.twins.head import Head
 from minorloop_head.vision.defects import SEQUENCE
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minorloop.lab.actuator import Shot
 from minorloop_head.control.head import head_control
 from minorloop_head.procedures.go import GO
 from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.values import Request
+from minorloop_head.sources import Shot
 from minorloop_head.twins.catheter import Catheter
 from wires import identified
 

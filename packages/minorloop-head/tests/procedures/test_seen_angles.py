@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from minorloop.errors import InstrumentError, ParameterError
-from minorloop.lab.actuator import Channel, Frame
+from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import run
-from minorloop.lab.single_channel import single_channel
 from minorloop.lab.store import Setup, Store
+from minorloop.lab.wrapped_actuator import single_channel
 from minorloop.twins.fibre import Fibre
 from minorloop_head.console.plant import open_plant, open_tip
 from minorloop_head.geometry import Pinhole
@@ -16,6 +16,7 @@ from minorloop_head.procedures import seen_angles
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.identify import check_head
 from minorloop_head.procedures.seen_angles import SeenHead, sweep
+from minorloop_head.sources import Frame
 from minorloop_head.twins.rig import RigWires
 
 

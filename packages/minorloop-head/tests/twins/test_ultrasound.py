@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from minorloop.errors import LimitError, ParameterError
-from minorloop.lab.actuator import EchoSource
 from minorloop_head.geometry import Mount, Probe, wall_point
+from minorloop_head.sources import EchoSource
 from minorloop_head.twins import _echo_kernels as kernels
 from minorloop_head.twins.pipe import Bore, Crack, Dent, Pipe
 from minorloop_head.twins.sensor import Fault

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, SignalError
-from minorloop.lab.actuator import Shot
+from minorloop_head.sources import Shot
 from minorloop_head.ultrasound.echoes import (
     Pulse,
     average,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.lab.actuator import Shot
 from minorloop_head.geometry import Mount, Probe, wrapped
 from minorloop_head.reconstruction.depth_map import Patch
 from minorloop_head.reconstruction.findings import finding_of
 from minorloop_head.reconstruction.fusion import mean_depths
+from minorloop_head.sources import Shot
 from minorloop_head.twins.pipe import Bore, Dent, Pipe
 from minorloop_head.twins.ultrasound import Ultrasound
 from minorloop_head.ultrasound.burst_checks import usable_bursts

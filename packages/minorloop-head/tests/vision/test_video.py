@@ -245,7 +245,7 @@ def test_files_that_are_no_pictures_are_refused(tmp_path):
 
 HOME_MADE = """
 import numpy as np
-from minorloop.lab.actuator import Frame
+from minorloop_head.sources import Frame
 
 class Camera:
     exposures = []

@@ -15,7 +15,7 @@ from typing import Any
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.drivers.bench import Bench
-from minorloop.lab.limited_actuator import LimitedActuator
+from minorloop.lab.wrapped_actuator import LimitedActuator
 from minorloop.registry import loaded, registered
 
 SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
@@ -140,7 +140,7 @@ def open_module(name: str) -> Actuator:
 def factory(path: str) -> Callable[..., Any]:
     """Return a function by its module and name, such as ``package.function``.
 
-    The current folder is searched last, also in the processes of the console.
+    The current folder is searched last, also in other processes of a program.
 
     Raises a `ParameterError` if there is no such function; an `InstrumentError` if its module
     fails.

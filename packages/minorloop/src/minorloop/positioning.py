@@ -19,10 +19,10 @@ from minorloop.identification import Gaussian, Identification, Plane, Smooth, ex
 from minorloop.identification.bands import Prediction
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.conversion import LaserCurvature
-from minorloop.lab.converted_actuator import ConvertedActuator
 from minorloop.lab.records import Record
 from minorloop.lab.reduction import reduce
 from minorloop.lab.settled_holds import FURTHER, hold_each
+from minorloop.lab.wrapped_actuator import ConvertedActuator
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Diagonal
 from minorloop.twins.ipmc_laser import DISTANCE, HEIGHT, HEIGHT_SD

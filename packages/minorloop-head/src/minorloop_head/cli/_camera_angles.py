@@ -202,7 +202,7 @@ def seen_head(
             "the file of the head has no calibration of the camera; calibrate it with minorloop "
             "head calibrate first"
         )
-    from minorloop.lab.drivers.parts import WallClock
+    from minorloop.lab.drivers.bench import WallClock
     from minorloop_head.vision.video import LiveCamera
 
     live = LiveCamera(camera, _PATIENCE)

@@ -15,7 +15,6 @@ import msgspec
 import numpy as np
 
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
-from minorloop.lab.actuator import Frame
 from minorloop.page.process import be_nice
 from minorloop_head.console import messages
 from minorloop_head.console.bench_lines import RemoteWires
@@ -39,6 +38,7 @@ from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.camera_tip import CameraTip
 from minorloop_head.procedures.seen_angles import SeenAngles
 from minorloop_head.procedures.values import Tip
+from minorloop_head.sources import Frame
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.candidates import compile_outlines
 from minorloop_head.vision.imaging import opencv

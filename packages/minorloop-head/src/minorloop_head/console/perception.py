@@ -18,7 +18,6 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import MinorloopError, SignalError
-from minorloop.lab.actuator import Frame
 from minorloop_head.console.camera_protocol import FEW_PICTURES, CameraReport, CameraRequest
 from minorloop_head.console.finder import Finder
 from minorloop_head.console.mark import marking
@@ -43,6 +42,7 @@ from minorloop_head.procedures.values import (
     ToolTip,
     apply_to_tip,
 )
+from minorloop_head.sources import Frame
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.defects import Findings
 from minorloop_head.vision.reflectance_map import LitFrame

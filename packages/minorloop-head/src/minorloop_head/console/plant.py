@@ -19,7 +19,7 @@ import numpy as np
 from minorloop.connect import connect
 from minorloop.errors import ParameterError
 from minorloop.files import PathLike
-from minorloop.lab.drivers.parts import WallClock
+from minorloop.lab.drivers.bench import WallClock
 from minorloop_head.console.settings import PIPE, SAFE_WITHIN, is_pipe
 from minorloop_head.console.units import Position
 from minorloop_head.procedures.actuator_plant import ActuatorPlant

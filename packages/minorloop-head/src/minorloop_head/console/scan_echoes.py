@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.lab.actuator import Shot
 from minorloop_head.console.messages import Pair
 from minorloop_head.console.units import Position
 from minorloop_head.procedures.calibration import HeadCalibration
@@ -16,6 +15,7 @@ from minorloop_head.procedures.measure import has_coupling
 from minorloop_head.procedures.scan import RasterScan
 from minorloop_head.procedures.seen_base import SeenBase
 from minorloop_head.procedures.values import Tip
+from minorloop_head.sources import Shot
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.vision.calibrated_camera import Image
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError
-from minorloop.lab.actuator import Actuator, Frame, Shot
+from minorloop.lab.actuator import Actuator
+from minorloop_head.sources import Frame, Shot
 
 if TYPE_CHECKING:
-    from minorloop.lab.drivers.parts import Clock
+    from minorloop.lab.drivers.bench import Clock
 
 PUMP = "pump"
 """Name of the digital line that floods the pipe."""

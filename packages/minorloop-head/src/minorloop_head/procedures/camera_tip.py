@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from minorloop.errors import InstrumentError
-from minorloop.lab.actuator import Frame, Shot
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.values import Tip
+from minorloop_head.sources import Frame, Shot
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.frame_checks import (
     BLACK,

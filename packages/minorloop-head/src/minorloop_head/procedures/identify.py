@@ -25,8 +25,8 @@ from minorloop.identification import excitation
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import ResumeMode
-from minorloop.lab.single_channel import single_channel
 from minorloop.lab.store import Setup, Store
+from minorloop.lab.wrapped_actuator import single_channel
 from minorloop_head.control.controller import within
 from minorloop_head.control.heating import (
     HeatedIdentification,

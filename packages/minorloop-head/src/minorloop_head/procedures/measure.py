@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.lab.actuator import Shot
 from minorloop_head.geometry import wall_distance
 from minorloop_head.reconstruction.depth_map import DepthMap, Patch
 from minorloop_head.reconstruction.fusion import fuse, mean_depths, outline_of
+from minorloop_head.sources import Shot
 from minorloop_head.ultrasound.echoes import Burst, average, has_wall_echo
 from minorloop_head.ultrasound.field import CalibratedProbe
 from minorloop_head.ultrasound.pits import PitDepth

@@ -24,8 +24,8 @@ from minorloop.arrays import FloatArray
 from minorloop.connect import connect
 from minorloop.errors import InstrumentError, ModelFileError, SafetyError
 from minorloop.files import PathLike
-from minorloop.lab.actuator import Actuator, Frame
-from minorloop.lab.drivers.parts import WallClock
+from minorloop.lab.actuator import Actuator
+from minorloop.lab.drivers.bench import WallClock
 from minorloop.lab.run import left_safe
 from minorloop_head.control.head import HeadControl
 from minorloop_head.geometry import AXES
@@ -48,6 +48,7 @@ from minorloop_head.procedures.values import (
     apply_to_tip,
     passed,
 )
+from minorloop_head.sources import Frame
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.video import LiveCamera, check_camera
 

@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
-from minorloop.lab.actuator import Shot
 from minorloop_head.control.flooded_reach import SLEEVE_BAND, SLEEVED, WATER_BAND, flooded_reach
 from minorloop_head.control.head import HeadControl
 from minorloop_head.geometry import AXES, REACH, wrapped
@@ -25,6 +24,7 @@ from minorloop_head.procedures.go import GO, Go, GoState
 from minorloop_head.procedures.measure import burst_of, has_coupling
 from minorloop_head.procedures.meter import Metering, MeterState
 from minorloop_head.procedures.values import NOTHING, Procedure, Reading, Request, passed
+from minorloop_head.sources import Shot
 from minorloop_head.ultrasound.echoes import Burst
 from minorloop_head.ultrasound.pits import PITCH, POINTS, raster
 

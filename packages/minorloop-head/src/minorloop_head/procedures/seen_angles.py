@@ -18,13 +18,14 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError, SignalError
-from minorloop.lab.actuator import Actuator, Channel, Frame, Value
-from minorloop.lab.drivers.parts import Clock
+from minorloop.lab.actuator import Actuator, Channel, Value
+from minorloop.lab.drivers.bench import Clock
 from minorloop.lab.records import Record, Timing
 from minorloop.lab.run import left_safe
 from minorloop.lab.wrapped_actuator import WrappedActuator
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.meter import LIMITS
+from minorloop_head.sources import Frame
 from minorloop_head.vision.frame_checks import SATURATED
 from minorloop_head.vision.wall_angles import NOTHING_SEEN, WallAngles
 from minorloop_head.vision.wall_patches import SEEN, Sight, WallState

@@ -11,7 +11,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError
-from minorloop.lab.actuator import FrameSource, Shot
+from minorloop_head.sources import FrameSource, Shot
 
 if TYPE_CHECKING:
     from minorloop_head.vision.calibrated_camera import Image

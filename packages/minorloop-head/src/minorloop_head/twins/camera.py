@@ -20,9 +20,9 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import LimitError, ParameterError
-from minorloop.lab.actuator import Frame
 from minorloop_head._filter_kernels import ZERO, gaussian, smooth
 from minorloop_head.geometry import WATER_INDEX, Mount, Pinhole, Pose, meet_wall, wall_point
+from minorloop_head.sources import Frame
 from minorloop_head.twins import _camera_kernels as kernels
 from minorloop_head.twins._shade_kernels import shade
 from minorloop_head.twins.mounted import Mounted

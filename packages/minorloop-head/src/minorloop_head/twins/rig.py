@@ -17,8 +17,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.lab.actuator import Frame, Shot
 from minorloop_head.geometry import Mount, Pinhole
+from minorloop_head.sources import Frame, Shot
 from minorloop_head.twins.camera import LENS, Camera
 from minorloop_head.twins.catheter import Catheter
 from minorloop_head.twins.head import Head

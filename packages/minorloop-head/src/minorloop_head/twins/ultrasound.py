@@ -18,8 +18,8 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import LimitError, ParameterError
-from minorloop.lab.actuator import Shot
 from minorloop_head.geometry import Mount, Probe, meet_wall, wall_point, wrapped
+from minorloop_head.sources import Shot
 from minorloop_head.twins import _echo_kernels as kernels
 from minorloop_head.twins.beam_field import Beam, beam_of
 from minorloop_head.twins.crack_echo import CrackBasis, basis_of_crack

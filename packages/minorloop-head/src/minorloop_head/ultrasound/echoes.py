@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
-from minorloop.lab.actuator import Shot
+from minorloop_head.sources import Shot
 
 DEAD_TIME = 2.5e-6
 """How long the disc rings after its pulse, in seconds; samples before are ignored."""

@@ -25,8 +25,8 @@ import numpy as np
 
 from minorloop.connect import factory
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
-from minorloop.lab.actuator import Frame, FrameSource
 from minorloop.registry import loaded, registered
+from minorloop_head.sources import Frame, FrameSource
 from minorloop_head.vision.calibrated_camera import Image
 from minorloop_head.vision.imaging import opencv
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
-from minorloop.lab.actuator import Frame
+from minorloop_head.sources import Frame
 from minorloop_head.vision.calibrated_camera import CalibratedCamera
 from minorloop_head.vision.wall_angles import WallAngles
 from minorloop_head.vision.wall_patches import SEEN, WallState

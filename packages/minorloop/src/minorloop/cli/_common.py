@@ -104,7 +104,7 @@ Address = Annotated[
     str,
     typer.Option(
         show_default=False,
-        help="Its address, such as twin:ipmc or bench:head.toml; see minorloop devices.",
+        help="Its address, such as twin:ipmc or bench:bench.toml; see minorloop devices.",
         autocompletion=one_of(addresses),
     ),
 ]

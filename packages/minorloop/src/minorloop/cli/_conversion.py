@@ -86,8 +86,8 @@ class ConversionOptions:
 
         ``begun`` is true for a run that has points: its first hold is not judged anew.
         """
-        from minorloop.lab.converted_actuator import ConvertedActuator
         from minorloop.lab.records import Quantity
+        from minorloop.lab.wrapped_actuator import ConvertedActuator
 
         reading = plant.outputs[0]
         conversion = self.conversion(Quantity(reading.name, reading.unit))

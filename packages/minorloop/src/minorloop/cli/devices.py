@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator
 
 NAME = "devices"
-EXAMPLE = "minorloop devices bench:head.toml"
+EXAMPLE = "minorloop devices bench:bench.toml"
 _FILES = ".toml", ".json"
 """Endings of bench files, which may be given without ``bench:``."""
 _FAILED = 1

@@ -164,7 +164,7 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
 
 def _channel(plant: Actuator, input: str) -> Actuator:
     """Return the input with a name, and its output, of an actuator with several inputs."""
-    from minorloop.lab.single_channel import single_channel
+    from minorloop.lab.wrapped_actuator import single_channel
 
     return plant if len(plant.inputs) == 1 else single_channel(plant, input)
 

@@ -18,8 +18,8 @@ def run(
     as_json: _common.Json = False,
 ) -> None:
     """Continue a run after its last settled point, whatever stopped it."""
-    from minorloop.lab.single_channel import single_channel
     from minorloop.lab.store import Store
+    from minorloop.lab.wrapped_actuator import single_channel
 
     with Store.open(store, write=True) as opened:
         setup = opened.setup

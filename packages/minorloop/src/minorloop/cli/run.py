@@ -123,8 +123,8 @@ def run(
     """Carry out a plan: levels held until the output settles, or sines; resume continues it."""
     from minorloop.lab.run import answer_time, check_plan
     from minorloop.lab.sines import is_sine_plan
-    from minorloop.lab.single_channel import single_channel
     from minorloop.lab.store import Setup, Store
+    from minorloop.lab.wrapped_actuator import single_channel
 
     given = locals()
     options = {name: given[name] for name in _ADAPTIVE}

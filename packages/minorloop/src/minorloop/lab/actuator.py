@@ -69,28 +69,6 @@ class Channel:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """An image and when it was taken."""
-
-    t: float
-    """Time on the clock of the plant, in seconds."""
-    image: npt.NDArray[np.uint8]
-    """(height, width) or (height, width, 3) array of uint8. Row 0 is the top."""
-
-
-@dataclass(frozen=True, eq=False)
-class Shot:
-    """An ultrasonic trace and when its pulse was fired."""
-
-    t: float
-    """Time on the clock of the plant, in seconds."""
-    trace: FloatArray
-    """Shape (T,). Samples since the pulse was fired."""
-    sample_interval: float
-    """Time between samples, in seconds."""
-
-
 @runtime_checkable
 class Actuator(Protocol):
     """A plant with named inputs that can be set and named outputs that can be read."""
@@ -173,22 +151,6 @@ class Rounding(Protocol):
         """Return the input that the source writes for ``u``; nothing is applied."""
 
 
-@runtime_checkable
-class FrameSource(Protocol):
-    """A camera."""
-
-    def frame(self) -> Frame:
-        """Return the next image."""
-
-
-@runtime_checkable
-class EchoSource(Protocol):
-    """An ultrasonic probe."""
-
-    def shot(self) -> Shot:
-        """Fire one pulse, and return what is received."""
-
-
 def check_input(
     channels: tuple[Channel, ...],
     u: npt.ArrayLike,
@@ -236,6 +198,11 @@ def check_input(
     return values
 
 
+def one_or_all(values: FloatArray) -> Value:
+    """Return the number of one channel, the array (channels,) of several."""
+    return float(values[0]) if values.size == 1 else values
+
+
 def rounded_up(seconds: float) -> float:
     """Return a time rounded up to two digits.
 
@@ -277,7 +244,8 @@ def _check_rates(
     channels: tuple[Channel, ...], before: FloatArray, after: FloatArray, interval: float
 ) -> None:
     for channel, old, new in zip(channels, before, after, strict=True):
-        if abs(new - old) > channel.rate * interval * (1 + ROUNDING):
+        slack = ROUNDING * abs(old)
+        if abs(new - old) > channel.rate * interval * (1 + ROUNDING) + slack:
             raise LimitError(
                 f"{channel.name} from {old:g} to {new:g} {channel.unit} in {interval:g} s is "
                 f"faster than the limit {channel.rate:g} {channel.unit}/s; nothing was applied"

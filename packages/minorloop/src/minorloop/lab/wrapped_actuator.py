@@ -1,11 +1,39 @@
-"""What an actuator that stands before another passes on unchanged."""
+"""Actuators that stand before another one: converted, limited, or one channel of several."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
-from minorloop.lab.actuator import Channel, Rounding, Timed
+import numpy as np
+import numpy.typing as npt
 
-__all__ = ["WrappedActuator"]
+from minorloop.arrays import FloatArray
+from minorloop.errors import (
+    InstrumentError,
+    MinorloopError,
+    ParameterError,
+    SafetyError,
+    SignalError,
+)
+from minorloop.lab.actuator import (
+    Actuator,
+    Channel,
+    Rounding,
+    Timed,
+    Value,
+    check_input,
+    one_or_all,
+)
+from minorloop.lab.conversion import Conversion
+from minorloop.lab.records import Quantity, Record
+
+__all__ = [
+    "ConvertedActuator",
+    "LimitedActuator",
+    "SingleChannel",
+    "WrappedActuator",
+    "single_channel",
+]
 
 
 class WrappedActuator:
@@ -58,3 +86,245 @@ class WrappedActuator:
     def close(self) -> None:
         """Close the connections of the actuator, if it has any."""
         getattr(self._actuator, "close", lambda: None)()
+
+
+class ConvertedActuator(WrappedActuator):
+    """An actuator that shows its converted output.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        What is driven; it has one output.
+    conversion : Conversion
+        From its readings to the output wanted.
+    begun : bool
+        Whether readings were converted in this run before: then a hold without one is no error.
+
+    Raises
+    ------
+    ParameterError
+        If the actuator has several outputs.
+    """
+
+    def __init__(self, actuator: Actuator, conversion: Conversion, *, begun: bool = False) -> None:
+        if len(actuator.outputs) != 1:
+            raise ParameterError(
+                f"the actuator has {len(actuator.outputs)} outputs; a conversion is for one"
+            )
+        super().__init__(actuator)
+        self._conversion = conversion
+        reading = Quantity(actuator.outputs[0].name, actuator.outputs[0].unit)
+        quantity = conversion.quantity(reading)
+        self.outputs = (Channel(quantity.name, quantity.unit),)
+        self._covered_once = begun
+
+    @property
+    def covered(self) -> str:
+        """Which readings are covered by the conversion, for a message."""
+        return self._conversion.covered
+
+    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
+        """Hold an input as the actuator does; the output of the record is converted.
+
+        Raises a `SignalError` if the conversion covers none of the first readings.
+        """
+        raw = self._actuator.apply(u, duration, sample_interval)
+        y = self._conversion.convert(raw.y)
+        finite = np.isfinite(raw.y)
+        if not self._covered_once and finite.any() and not np.isfinite(y[finite]).any():
+            low, high = raw.y[finite].min(), raw.y[finite].max()
+            raise SignalError(
+                f"the conversion covers none of the readings, {low:.6g} to {high:.6g} "
+                f"{self._actuator.outputs[0].unit}; it covers {self.covered}: check its numbers"
+            )
+        self._covered_once = True
+        names = [str(channel) for channel in self.outputs]
+        return Record(raw.u, y, raw.t, raw.inputs, names, raw.time, raw.timing)
+
+    def exchange(self, u: Value) -> Value:
+        """Hold an input for one tick, and return the converted output at its end."""
+        reading: FloatArray = self._conversion.convert(np.atleast_1d(self._actuator.exchange(u)))
+        return float(reading[0])
+
+
+class LimitedActuator(WrappedActuator):
+    """An actuator that is sent no input beyond its limits, and made safe after any error.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Its inputs have finite limits.
+
+    Raises
+    ------
+    ParameterError
+        If a channel, a method or a limit is missing.
+    """
+
+    def __init__(self, actuator: Any) -> None:
+        _check_actuator(actuator)
+        super().__init__(actuator)
+        self.serial: str | None = getattr(actuator, "serial", None)
+        self._present: FloatArray | None = None
+        if hasattr(self, "restore"):
+            self.restore = self._restore
+
+    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
+        """Hold inputs as the actuator does; an `InstrumentError` leaves it safe."""
+        values = check_input(self.inputs, u)
+        record: Record = self._done(lambda: self._actuator.apply(u, duration, sample_interval))
+        self._present = values
+        return record
+
+    def exchange(self, u: Value) -> Value:
+        """Hold inputs for one tick as the actuator does; an `InstrumentError` leaves it safe."""
+        values = check_input(self.inputs, u, before=self._present, interval=self.tick)
+        y: Value = self._done(lambda: self._read(self._actuator.exchange(u)))
+        self._present = values
+        return y
+
+    def answer_time(self) -> float:
+        """Return how long one reading takes, in seconds; 0 where the actuator does not say."""
+        found: float = self._done(super().answer_time)
+        return found
+
+    def safe(self) -> None:
+        """Make the actuator safe.
+
+        Raises a `SafetyError` if it fails.
+        """
+        self._present = None
+        try:
+            self._actuator.safe()
+        except SafetyError:
+            raise
+        except Exception as error:
+            raise SafetyError(
+                f"the actuator may still be on, switch it off by hand: {_said(error)}"
+            ) from error
+
+    def _restore(self, checkpoint: dict[str, Any]) -> None:
+        self._present = None
+        self._actuator.restore(checkpoint)
+
+    def _done(self, work: Any) -> Any:
+        """Return what was done; after an error the actuator is safe."""
+        try:
+            return work()
+        except BaseException as error:
+            self.safe()
+            if isinstance(error, MinorloopError) or not isinstance(error, Exception):
+                raise
+            raise InstrumentError(f"the actuator failed: {_said(error)}") from error
+
+    def _read(self, y: npt.ArrayLike) -> Value:
+        values = np.asarray(y, dtype=np.float64).reshape(-1)
+        if values.size != len(self.outputs):
+            raise InstrumentError(
+                f"the actuator gives {values.size} readings for {len(self.outputs)} outputs"
+            )
+        return one_or_all(values)
+
+
+class SingleChannel(WrappedActuator):
+    """One input of an actuator, with the others at rest, and one of the outputs.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    input, output : int
+        Which input, and which output.
+    """
+
+    def __init__(self, actuator: Actuator, input: int, output: int) -> None:
+        super().__init__(actuator)
+        self._input, self._output = input, output
+        self.inputs = (actuator.inputs[input],)
+        self.outputs = (actuator.outputs[output],)
+
+    def written(self, u: float) -> float:
+        """Return the input that the source writes for ``u``; nothing is applied."""
+        return super().written(u) if len(self._actuator.inputs) == 1 else u
+
+    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
+        """Hold the input, and return a record of it and the output."""
+        found = self._actuator.apply(self._all(u), duration, sample_interval)
+        u, y = np.atleast_2d(found.u)[self._input], np.atleast_2d(found.y)[self._output]
+        names = str(self.inputs[0]), str(self.outputs[0])
+        return Record(u, y, found.t, *names, found.time, found.timing)
+
+    def exchange(self, u: Value) -> Value:
+        """Hold the input for one tick, and return the output at its end."""
+        return float(np.atleast_1d(self._actuator.exchange(self._all(u)))[self._output])
+
+    def _all(self, u: Value) -> FloatArray:
+        every: FloatArray = np.zeros(len(self._actuator.inputs))
+        every[:] = getattr(self._actuator, "rest", 0.0)
+        every[self._input] = float(np.ravel(u)[0])
+        return every
+
+
+def single_channel(
+    actuator: Actuator, input: str | None = None, output: str | None = None
+) -> Actuator:
+    """Return one input and one output of an actuator, by their names.
+
+    Raises a `ParameterError` if there is no such channel, or there are several to choose from.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    input, output : str, optional
+        Name, or name with unit, of a channel. The only input, and the output that belongs to the
+        input, without them.
+
+    Returns
+    -------
+    Actuator
+        The actuator itself if it has one of each.
+    """
+    place = _named(actuator.inputs, input, "input")
+    own = getattr(actuator, "measures", range(len(actuator.outputs)))
+    belonging = [k for k, source in enumerate(own) if source == place]
+    if output is None and len(belonging) == 1:
+        sensor = belonging[0]
+    else:
+        sensor = _named(actuator.outputs, output, "output")
+    if len(actuator.inputs) == len(actuator.outputs) == 1:
+        return actuator
+    return SingleChannel(actuator, place, sensor)
+
+
+def _named(channels: tuple[Channel, ...], name: str | None, what: str) -> int:
+    """Return the number of a channel with a name; of the only one without a name."""
+    if name is None and len(channels) == 1:
+        return 0
+    for number, channel in enumerate(channels):
+        if name is not None and name in (channel.name, str(channel)):
+            return number
+    if not channels:
+        raise ParameterError(f"the actuator has no {what}; give it one")
+    known = ", ".join(f"'{channel}'" for channel in channels)
+    if name is None:
+        raise ParameterError(f"the actuator has the {what}s {known}; choose one with --{what}")
+    raise ParameterError(f"the actuator has no {what} {name!r}; it has {known}")
+
+
+def _check_actuator(actuator: Any) -> None:
+    needed = "inputs", "outputs", "tick", "apply", "exchange", "safe"
+    missing = [name for name in needed if not hasattr(actuator, name)]
+    if missing:
+        raise ParameterError(
+            f"{type(actuator).__name__} is no actuator: it has no {', '.join(missing)}; see "
+            "minorloop.Actuator"
+        )
+    for channel in (*actuator.inputs, *actuator.outputs):
+        if not isinstance(channel, Channel):
+            raise ParameterError(f"{channel!r} is no channel; give a minorloop.Channel")
+    for channel in actuator.inputs:
+        if not (math.isfinite(channel.low) and math.isfinite(channel.high)):
+            raise ParameterError(f"{channel} has no limits; give the least and greatest input")
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -4,10 +4,18 @@ import signal
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
+from minorloop.errors import (
+    InstrumentError,
+    LimitError,
+    MinorloopError,
+    ParameterError,
+    SafetyError,
+)
 from minorloop.lab.actuator import Actuator, Channel
-from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.drivers.bench import Bench, LimitedSource
 from minorloop.lab.signals import Stopped
 
 VOLTAGE = Channel("voltage", "V", -1.0, 1.0)
@@ -278,3 +286,73 @@ def test_times_that_make_no_sense(plant, times):
     with pytest.raises(ParameterError):
         bench(plant).apply(0.5, *times)
     assert plant.sent == []
+
+
+# The limits that every command passes.
+
+TICK = 0.04
+PAN, TILT = Channel("pan", "A", 0.0, 0.4, rate=5.0), Channel("tilt", "A", 0.0, 0.4)
+
+
+def limited(*channels):
+    plant = Plant(FakeClock())
+    return LimitedSource(plant, channels, np.zeros(len(channels)), TICK, plant.clock), plant
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 0.41, -0.01, 1e308])
+def test_nothing_is_sent_beyond_a_limit(wrong):
+    one, plant = limited(TILT, TILT)
+    with pytest.raises(LimitError, match="beyond the limits"):
+        one.set([0.1, wrong])
+    assert plant.sent == []
+
+
+def test_a_change_is_refused_that_is_faster_than_the_rate_over_a_tick_or_since_the_last():
+    one, plant = limited(PAN)
+    with pytest.raises(LimitError, match=r"from 0 to 0.3 A in 0.04 s is faster than the limit 5 A"):
+        one.set(0.3)
+    one.set(0.2)
+    plant.clock.time += 0.01
+    with pytest.raises(LimitError):
+        one.set(0.26)
+    one.set(0.25)
+    plant.clock.time += 3600.0  # a long hold allows no larger step
+    with pytest.raises(LimitError):
+        one.set(0.0)
+    one.safe()
+    assert [what for _, what in plant.sent] == [0.2, 0.25, "safe"]
+    assert one.present == 0.0
+
+
+def test_after_a_failure_nothing_is_set_until_it_is_safe():
+    one, plant = limited(TILT)
+    plant.broken = InstrumentError("no answer")
+    with pytest.raises(InstrumentError, match="no answer"):
+        one.set(0.1)
+    plant.broken = None
+    with pytest.raises(InstrumentError, match="make the source safe first"):
+        one.set(0.1)
+    one.safe()
+    one.set(0.1)
+    assert [what for _, what in plant.sent] == ["safe", 0.1]
+
+
+ANY = st.one_of(st.floats(), st.floats(-0.1, 0.5))
+
+
+@given(st.lists(st.tuples(ANY, ANY, st.floats(0.0, 0.1), st.booleans()), max_size=30))
+def test_whatever_is_asked_for_what_is_sent_is_within_the_limits(asked):
+    one, plant = limited(PAN, TILT)
+    times, values = [], []
+    for pan, tilt, seconds, nearest in asked:
+        plant.clock.time += seconds
+        try:
+            one.set(one.nearest([pan, tilt]) if nearest else [pan, tilt])
+        except MinorloopError:
+            continue
+        times.append(plant.clock.time)
+        values.append(plant.sent[-1][1])
+    sent = np.array([[0.0, 0.0], *values])
+    assert ((sent >= -1e-12) & (sent <= 0.4 + 1e-12)).all()
+    gone = np.minimum(np.diff([-1.0, *times]), TICK)
+    assert (np.abs(np.diff(sent[:, 0])) <= 5.0 * gone + 1e-9).all()

@@ -8,8 +8,8 @@ from board_process import EXAMPLES
 from minorloop.connect import connect
 from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
 from minorloop.lab.drivers import bench_file
-from minorloop.lab.drivers.bench_file import open_bench
-from minorloop.lab.single_channel import single_channel
+from minorloop.lab.drivers.bench_file import open_bench, read_description, relevant
+from minorloop.lab.wrapped_actuator import single_channel
 
 BENCH = """
 tick = 0.001
@@ -50,7 +50,7 @@ class Recorder:
     """A device that keeps what it is asked to do."""
 
     def __init__(self):
-        self.done, self.readings, self.broken = [], [19.9, 2.0], False
+        self.done, self.readings = [], [19.9, 2.0]
 
     def set(self, values):
         self.done.append(values.tolist())
@@ -62,8 +62,6 @@ class Recorder:
         self.done.append(dict(values))
 
     def safe(self):
-        if self.broken:
-            raise InstrumentError("no answer")
         self.done.append("safe")
 
     def close(self):
@@ -89,16 +87,6 @@ def opened(tmp_path, monkeypatch):
         return open_bench(tmp_path / name), device, plans
 
     return opened
-
-
-def test_no_device_is_opened_where_rest_is_beyond_the_limits(opened, monkeypatch):
-    def open_device(plan):
-        raise AssertionError("it was opened")
-
-    driver = SimpleNamespace(open_device=open_device)
-    monkeypatch.setattr(bench_file, "loaded", lambda point, name: driver)
-    with pytest.raises(ParameterError, match=r"rest 1\.5 is beyond the limits"):
-        opened(BENCH.replace("rest = 0.5", "rest = 1.5"))
 
 
 def test_channels_are_converted_limited_and_wired_as_the_file_says(opened):
@@ -182,10 +170,10 @@ def test_the_description_has_all_but_times(opened):
         ('device = "one"\nlow = -1.0', 'device = "two"\nlow = -1.0', "'two'; the devices are one"),
         ("rest = 0.5", "rest = 1.5", r"rest 1.5 is beyond the limits \[-1, 1\] of voltage"),
         ("low = -1.0\nhigh = 1.0", "low = 1.0\nhigh = -1.0", "give low below high"),
-        ("high = 1.0", "high = inf", "high of source 'voltage' is inf; give a finite number"),
-        ("low = -1.0", "low = nan", "low of source 'voltage' is nan"),
-        ("rest = 0.5", "rest = nan", "rest of source 'voltage' is nan"),
-        ("low = -50.0", "low = nan", "low of sensor 'curvature' is nan; give a number, or leave"),
+        ("high = 1.0", "high = inf", "has no limits; give the least and greatest input"),
+        ("low = -1.0", "low = nan", "source 'voltage' does not describe a source: low is nan"),
+        ("rest = 0.5", "rest = nan", "source 'voltage' does not .*: rest is nan; give a number"),
+        ("low = -50.0", "low = nan", "sensor 'curvature' does not describe a sensor: low is nan"),
         ('name = "force"', 'name = "curvature"', "two sensors 'curvature'"),
         ('of = "voltage"', 'of = "current"', "is of 'current'; the sources are voltage"),
         ('of = "voltage"', "", "say with of which source sensor 'force' belongs to"),
@@ -232,10 +220,37 @@ def test_a_bench_may_have_no_sensors(opened):
         single_channel(bench)
 
 
-def test_a_file_with_one_channel_may_be_toml_too(tmp_path):
-    (tmp_path / "one.toml").write_text("[input]\nname='u'\nlow=0\nhigh=1\n[output]\nname='y'\n")
+def test_files_are_toml_or_json_by_their_names_and_may_have_one_channel(tmp_path):
+    (tmp_path / "a.toml").write_text("tick = 0.04\n[input]\nname='u'\nlow=0\nhigh=1\n")
+    (tmp_path / "a.json").write_text('{"tick": 0.04, "input": {"name": "u", "low": 0, "high": 1}}')
+    assert read_description(tmp_path / "a.toml") == read_description(tmp_path / "a.json")
+    (tmp_path / "a.toml").write_text("input={name='u', low=0, high=1}\noutput={name='y'}\n")
     with pytest.raises(ParameterError, match="needs a source and a meter, or a board"):
-        connect(f"bench:{tmp_path / 'one.toml'}")
+        connect(f"bench:{tmp_path / 'a.toml'}")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sentence"),
+    [
+        ("a.toml", "tick = ", "does not describe a bench"),
+        ("a.toml", b"\xff\xfe", "does not describe a bench"),
+        ("a.json", "[]", "it has list, not a table"),
+        ("a.json", " " * 1_000_001, "is larger than 1000000 bytes"),
+        ("none.toml", None, "cannot be read: No such file"),
+        *[("a.json", text, "does not describe a bench") for text in ("", "{", "\0", "null")],
+    ],
+)
+def test_files_that_describe_nothing(tmp_path, name, text, sentence):
+    if text is not None:
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ParameterError, match=sentence):
+        open_bench(tmp_path / name)
+
+
+def test_what_no_reading_depends_on_is_left_out():
+    devices = {"a": {"baud": 3, "on": 4}}
+    values = {"tick": 1, "timeout": 2, "devices": devices, "of": [{"done": 1}]}
+    assert relevant(values) == {"tick": 1, "devices": {"a": {"on": 4}}, "of": [{}]}
 
 
 def test_the_bench_of_the_examples_is_that_of_a_head():

@@ -43,13 +43,9 @@ def test_each_channel_goes_to_its_device_in_the_numbers_of_the_instrument():
     assert first.done == [[3.0]]
     assert second.done == [[0.5, 2.0]]
     np.testing.assert_array_equal(wiring.read(), [2.0, 6.0, 99.0])
-
-
-def test_lines_are_switched_by_their_names():
-    wiring, first, second = wired()
     assert wiring.names == ("pump", "led 1", "led 2")
     wiring.switch({"led 2": True, "led 1": False})
-    assert (first.done, second.done) == ([], [{0: False, 1: True}])
+    assert (first.done[1:], second.done[1:]) == ([], [{0: False, 1: True}])
 
 
 def test_an_input_that_a_conversion_does_not_cover_is_not_sent_to_any_device():

@@ -90,9 +90,9 @@ def test_voltages_and_lines_are_written_read_back_and_made_safe(library):
 def test_what_was_not_set_is_not_taken_for_set(library):
     device = labjack.open_device(PLAN)
     library.stuck = True
-    with pytest.raises(InstrumentError, match="DAC0 of LabJack T7 ANY was set to 1 V and has 0 V"):
+    with pytest.raises(InstrumentError, match="DAC0 of LabJack T7 ANY was set to 1 and has 0"):
         device.set(np.array([1.0, 0.0]))
-    with pytest.raises(InstrumentError, match=r"DAC1 .* was set to 0.5 V and has 0 V"):
+    with pytest.raises(InstrumentError, match=r"DAC1 .* was set to 0.5 and has 0"):
         device.safe()
     with pytest.raises(InstrumentError, match=r"FIO0 .* was set to 1 and has 0"):
         device.switch({0: True})

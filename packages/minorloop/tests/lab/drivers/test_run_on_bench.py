@@ -10,7 +10,7 @@ from minorloop.errors import InstrumentError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.link import VisaLink
-from minorloop.lab.drivers.scpi import ScpiSource
+from minorloop.lab.drivers.visa import ScpiSource
 from minorloop.lab.plan import Plan
 from minorloop.lab.store import Store
 

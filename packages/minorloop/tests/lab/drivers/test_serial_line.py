@@ -9,8 +9,9 @@ import compiled
 from minorloop.errors import InstrumentError
 from minorloop.export.c99 import source
 from minorloop.lab.actuator import Channel
-from minorloop.lab.drivers import visa
+from minorloop.lab.drivers import serial_board
 from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.drivers.bench_file import open_bench
 from minorloop.lab.drivers.scripted import SILENCE, Script
 from minorloop.lab.drivers.serial_line import Board, parse, write
 from minorloop.operators.preisach import Preisach
@@ -172,12 +173,12 @@ def test_a_board_that_is_on_is_kept_alive_until_nobody_has_it():
 
 def test_a_board_of_a_bench_file_is_kept_alive(tmp_path, monkeypatch):
     link = Listener(4)  # two readings are asked for
-    monkeypatch.setattr(visa, "VisaLink", lambda *args, **options: link)
+    monkeypatch.setattr(serial_board, "opened", lambda how, folder: link)
     (tmp_path / "bench.json").write_text(
         '{"board": {"resource": "ASRL1::INSTR"}, "tick": 0.001, "output": {"name": "tip"},'
         ' "input": {"name": "voltage", "low": -1, "high": 1}}'
     )
-    bench = visa.open_bench(tmp_path / "bench.json")
+    bench = open_bench(tmp_path / "bench.json")
     bench.exchange(0.25)
     assert link.enough.wait(20)
     bench.safe()

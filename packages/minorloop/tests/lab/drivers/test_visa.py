@@ -1,16 +1,192 @@
 import json
+import re
+import sys
 from pathlib import Path
 
 import pytest
 
 from minorloop.connect import connect
 from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
-from minorloop.lab.drivers import visa
-from minorloop.lab.drivers.link import VisaLink, _short
+from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
+from minorloop.lab.drivers.link import VisaLink, _short, number
+from minorloop.lab.drivers.scripted import SILENCE, Script
+from minorloop.lab.drivers.visa import Commands, ScpiMeter, ScpiSource, open_device
 
-pytest.importorskip("pyvisa_sim", reason="needs pyvisa and pyvisa-sim: minorloop[instruments]")
 SIMULATION = Path(__file__).parent / "bench.yaml"
 LIBRARY = f"{SIMULATION}@sim"
+OUTPUT = {"safe_query": "OUTP?", "safe_answer": "0"}
+simulated = pytest.mark.skipif(
+    "not __import__('importlib').util.find_spec('pyvisa_sim')",
+    reason="needs pyvisa and pyvisa-sim: minorloop[instruments]",
+)
+
+
+def source(script, span=None, rest=0.0, **commands):
+    how = Commands(**{"safe": ["VOLT 0", "OUTP OFF"], **commands})
+    return ScpiSource(script, how, rest=rest, span=span)
+
+
+def test_a_source_is_switched_on_once_confirmed_and_made_safe():
+    confirmed = [("VOLT?", "+5.0000E-01"), ("SYST:ERR?", '+0,"No error"')]
+    script = Script(
+        [
+            *[(line, None) for line in ("VOLT 0.5", "CURR 0.1", "OUTP ON")],
+            *confirmed,
+            ("VOLT -0.25", None),
+            *[("VOLT?", "-0.25"), ("SYST:ERR?", "0")],
+            *[("VOLT 0", None), ("OUTP OFF", None)],
+            *[("VOLT?", "0"), ("SYST:ERR?", "0")],
+        ]
+    )
+    one = source(script, on=["CURR 0.1", "OUTP ON"], confirm="VOLT?", errors="SYST:ERR?")
+    one.set(0.5)
+    one.set(-0.25)
+    one.safe()
+    assert script.finished()
+
+
+@pytest.mark.parametrize(
+    ("options", "questions", "message"),
+    [
+        ({"confirm": "VOLT?"}, [("VOLT?", "0.4")], r"set to 0.5 and answers 0.4"),
+        ({"confirm": "VOLT?"}, [("VOLT?", "nan")], r"set to 0.5 and answers nan"),
+        ({"on": ["ON"], **OUTPUT}, [("ON", None), ("OUTP?", "0")], "switched on and answers '0'"),
+        *(
+            ({"errors": "E?"}, [("E?", said)], re.escape(f"reports {said!r}"))
+            for said in ('-222,"Data out of range"', '05e-3,"x"', "0.5", "", "o")
+        ),
+    ],
+)
+def test_an_input_that_is_not_confirmed_is_an_error(options, questions, message):
+    script = Script([("VOLT 0.5", None), *questions])
+    with pytest.raises(InstrumentError, match=message):
+        source(script, **options).set(0.5)
+    assert script.finished()
+
+
+@pytest.mark.parametrize("said", ["0", "+0", '0,"No error"', '00 "No error"'])
+def test_zero_is_no_error(said):
+    script = Script([("VOLT 0.5", None), ("E?", said)])
+    source(script, errors="E?").set(0.5)
+    assert script.finished()
+
+
+@pytest.mark.parametrize("answer", ["", "1,2", "1 V", "abc", "1_0", "٣", "0x10", "1e", SILENCE])
+def test_an_answer_is_one_number(answer):
+    assert ScpiMeter(Script([("READ?", "1.5")])).read() == number("1.5", "x") == 1.5
+    with pytest.raises(InstrumentError):
+        ScpiMeter(Script([("READ?", answer)])).read()
+
+
+@pytest.mark.parametrize(
+    ("options", "questions"),
+    [
+        ({}, [("*OPC?", "1")]),
+        ({"done": "*IDN?"}, [("*IDN?", "a supply")]),
+        ({"done": None}, []),
+        ({"errors": "E?"}, [("E?", "0")]),
+        ({"confirm": "VOLT?", "rest": 0.1}, [("VOLT?", "0.1001")]),
+        ({"confirm": "VOLT?", **OUTPUT}, [("OUTP?", "0")]),
+        (OUTPUT, [("OUTP?", "0"), ("*OPC?", "1")]),
+        ({"errors": "E?", **OUTPUT}, [("OUTP?", "0"), ("E?", "0")]),
+    ],
+)
+def test_a_source_says_that_it_is_safe(options, questions):
+    script = Script([("OFF", None), *questions])
+    one = source(script, safe=["OFF"], **options)
+    one.safe()
+    assert script.finished()
+    assert one._commands.answers == bool(questions)
+
+
+@pytest.mark.parametrize(
+    ("options", "questions", "message"),
+    [
+        ({}, [("*OPC?", SILENCE)], "no answer"),
+        ({"errors": "E?"}, [("E?", "-113"), ("E?", "-113"), ("E?", "0")], "reports '-113' after"),
+        ({"confirm": "VOLT?"}, [("VOLT?", "0.5")], "answers 0.5 to 'VOLT\\?', not rest, 0"),
+        ({"confirm": "VOLT?"}, [("VOLT?", "nan")], "answers nan"),
+        (OUTPUT, [("OUTP?", "1")], "answers '1' to 'OUTP"),
+    ],
+)
+def test_a_source_that_does_not_say_so_is_not_taken_for_safe(options, questions, message):
+    script = Script([("OFF", None), *questions])
+    with pytest.raises(InstrumentError, match=message):
+        source(script, safe=["OFF"], **options).safe()
+    assert script.finished()
+
+
+def test_a_late_answer_is_not_taken_for_the_one_that_says_safe():
+    script = Script([("OFF", None), *[("*OPC?", "1")] * 3])
+    script.owed = 2
+    source(script, safe=["OFF"]).safe()
+    assert script.finished()
+
+
+def test_making_safe_goes_on_after_a_line_that_fails():
+    class Broken(Script):
+        def send(self, text):
+            super().send(text)
+            if text == "VOLT 0":
+                raise InstrumentError("no answer")
+
+    script = Broken([("VOLT 0", None), ("OUTP OFF", None)])
+    with pytest.raises(InstrumentError, match="no answer"):
+        source(script).safe()
+    assert script.finished()
+
+
+@pytest.mark.parametrize(
+    ("line", "span", "value"),
+    [
+        ("VOLT {:.1g}", None, -1.15),
+        ("VOLT {:.1g}", 2.4, -1.15),
+        ("VOLT {:.3f}", 2.4, 0.0001),
+        ("VOLT {0:.9g};CURR {0:.1f}", 2.4, 0.55),
+        ("VOLT {0:.0f}", 1e4, 1.5),
+        *[("VOLT {:.9g}", None, value) for value in (float("nan"), float("inf"))],
+    ],
+)
+def test_another_number_is_not_sent(line, span, value):
+    sentence = "another input; write more digits|nothing was sent"
+    with pytest.raises((ParameterError, InstrumentError), match=sentence):
+        source(Script([]), set=line, span=span).set(value)
+
+
+@pytest.mark.parametrize(
+    ("line", "span", "value", "sent"),
+    [
+        ("VOLT {:.1f}", 2.4, -0.3, "VOLT -0.3"),
+        ("VOLT {:.6g}", 2.4, 1.1234564999, "VOLT 1.12346"),
+        ("VOLT {0:+.3e}", None, 0.5, "VOLT +5.000e-01"),
+        ("VOLT {!r}", None, 0.1 + 0.2, "VOLT 0.30000000000000004"),
+        ("VOLT {:.9g}", None, 0.0, "VOLT 0"),
+    ],
+)
+def test_a_line_that_says_the_number_is_sent(line, span, value, sent):
+    script = Script([(sent, None), ("*OPC?", "1")])
+    source(script, set=line, span=span).set(value)
+    assert script.finished()
+
+
+@pytest.mark.parametrize(
+    ("commands", "sentence"),
+    [
+        ({"safe": []}, "makes the source safe"),
+        ({"safe_query": "OUTP?"}, "give both or neither"),
+        ({"safe_answer": "0"}, "give both or neither"),
+        *[({"set": line}, "which writes") for line in ("VOLT {:%}", "VOLT {:a<9}")],
+        *[
+            ({"set": line}, "has no number")
+            for line in ("VOLT", "VOLT {", "VOLT {x}", "VOLT {:q}", "VOLT {1}")
+        ],
+    ],
+)
+def test_commands_that_make_no_sense(commands, sentence):
+    wire = DeviceChannel("voltage", {"safe": ["OFF"], **commands}, what="source")
+    plan = DevicePlan("supply", {"resource": "ASRL1::INSTR"}, (wire,))
+    with pytest.raises(ParameterError, match=f"source 'voltage' does not .*{sentence}"):
+        open_device(plan)
 
 
 def description(**changes):
@@ -42,59 +218,43 @@ def opened(tmp_path):
     return opened
 
 
-def supply():
-    return VisaLink("ASRL1::INSTR", library=LIBRARY, timeout=0.2)
-
-
-def test_a_simulated_bench_is_an_actuator(opened):
-    plant = opened()
+@simulated
+@pytest.mark.parametrize("library", [LIBRARY, "sim.yaml@sim"])
+def test_a_simulated_bench_is_an_actuator(opened, tmp_path, library):
+    (tmp_path / "sim.yaml").write_bytes(SIMULATION.read_bytes())  # beside the file
+    plant = opened(library=library)
     record = plant.apply(0.5, 0.4, 0.2)
     assert list(record.y) == [0.0025, 0.0025]
     assert list(record.u) == [0.5, 0.5]
     assert plant.exchange(-0.25) == 0.0025
+    assert plant.written(0.1234567891) == 0.123456789
     plant.safe()
 
 
-def test_a_meter_that_talks_nonsense_leaves_the_source_safe(opened):
-    plant = opened()
-    plant._meter._link = VisaLink("ASRL3::INSTR", library=LIBRARY, timeout=0.2)
-    with pytest.raises(InstrumentError, match=r"ASRL3::INSTR answers '\?\?\?'"):
-        plant.exchange(0.5)
-    assert float(plant._source.source._link.ask("VOLT?")) == 0.0
-    with pytest.raises(InstrumentError, match=r"'\?\?\?'"):
-        opened(meter={"resource": "ASRL3::INSTR"})
+@simulated
+@pytest.mark.parametrize(
+    ("meter", "says"),
+    [
+        ({"resource": "ASRL3::INSTR"}, r"ASRL3::INSTR answers '\?\?\?'"),
+        ({"resource": "ASRL2::INSTR", "read": "NOTHING"}, r"ERROR|no answer"),
+        ({"resource": "ASRL9::INSTR"}, "ASRL9::INSTR"),
+        ({"resource": "nothing at all"}, "nothing at all cannot be opened"),
+    ],
+)
+def test_a_meter_that_cannot_be_read_leaves_the_source_safe(opened, meter, says):
+    with pytest.raises(InstrumentError, match=says):
+        opened(meter=meter)
+    assert float(VisaLink("ASRL1::INSTR", library=LIBRARY, timeout=0.2).ask("VOLT?")) == 0.0
 
 
-def test_a_meter_that_does_not_answer_leaves_the_source_safe(opened):
-    plant = opened()
-    plant._meter._read = "NOTHING"
-    with pytest.raises(InstrumentError, match=r"ERROR|no answer"):
-        plant.exchange(0.5)
-    assert float(plant._source.source._link.ask("VOLT?")) == 0.0
-
-
-def test_silence_is_an_error_and_what_comes_late_is_forgotten():
-    link = VisaLink("ASRL2::INSTR", library=LIBRARY, timeout=0.1)
-    with pytest.raises(InstrumentError, match=r"no answer within 0.1 s"):
-        link.read()
-    assert link.ask("READ?") == "+2.500000E+00"
-    link.close()
-
-
+@simulated
 def test_an_answer_that_comes_after_it_was_given_up_is_not_taken_for_the_next():
     link = VisaLink("ASRL2::INSTR", library=LIBRARY, timeout=0.1)
-    with pytest.raises(InstrumentError, match="no answer"):
+    with pytest.raises(InstrumentError, match=r"no answer within 0.1 s"):
         link.read()
     link._resource.write("READ?")  # what it answers is on the line now
     assert link.ask("*IDN?") == "meter"
     link.close()
-
-
-def test_an_instrument_that_is_not_there(opened):
-    with pytest.raises(InstrumentError, match="ASRL9::INSTR"):
-        opened(meter={"resource": "ASRL9::INSTR"})
-    with pytest.raises(InstrumentError, match="nothing at all cannot be opened"):
-        opened(meter={"resource": "nothing at all"})
 
 
 def test_what_a_library_says_is_not_cut_off_in_the_middle():
@@ -103,25 +263,29 @@ def test_what_a_library_says_is_not_cut_off_in_the_middle():
     assert _short(ValueError("x " * 300)).endswith(" ...")
 
 
+@simulated
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"meter": None}, "needs a source and a meter, or a board"),
         ({"board": {"resource": "ASRL1::INSTR"}}, "a board and a source or a meter"),
-        ({"colour": "red"}, "unknown field `colour`"),
-        ({"colour": "red"}, r"the fields there are input, .*, timeout, safe_within$"),
         (
-            {"source": {"resource": "ASRL1::INSTR", "safe": [], "timeout": 1}},
-            r"`timeout` - at `\$.source`; the fields there are resource, safe, .*, done, baud$",
+            {"colour": "red"},
+            r"unknown field `colour`; the fields there are input, .*, safe_within$",
         ),
+        (
+            {"source": {"resource": "ASRL1::INSTR", "safe": ["OFF"], "timeout": 1}},
+            r"unknown field `timeout`; the fields there are name, .*, safe, .*, done$",
+        ),
+        ({"source": {"safe": ["OFF"]}}, "has no resource; give its VISA address"),
+        ({"source": {"resource": "ASRL1::INSTR"}}, "missing required field `safe`"),
         ({"tick": "fast"}, "does not describe a bench"),
         ({"tick": -1}, "tick is -1"),
         ({"timeout": 0}, "timeout is 0"),
         ({"rest": 5.0}, "rest 5 is beyond"),
-        ({"source": {"resource": "ASRL1::INSTR"}}, "missing required field `safe`"),
         ({"input": {"name": "voltage", "low": 1.0, "high": -1.0}}, "low below high"),
-        ({"meter": {"resource": "ASRL2::INSTR", "scale": 0}}, "scale is 0.0"),
         ({"input": {"name": "voltage"}}, "missing required field `low`"),
+        ({"meter": {"resource": "ASRL2::INSTR", "scale": 0}}, "conversion of displacement: .*0"),
     ],
 )
 def test_files_that_describe_no_bench(opened, changes, message):
@@ -129,20 +293,8 @@ def test_files_that_describe_no_bench(opened, changes, message):
         opened(**changes)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "\0", "null"])
-def test_files_that_are_not_json(tmp_path, text):
-    (tmp_path / "bench.json").write_text(text)
-    with pytest.raises(ParameterError, match="does not describe a bench"):
-        visa.open_bench(tmp_path / "bench.json")
-
-
-def test_a_simulation_is_named_relative_to_the_file(tmp_path):
-    (tmp_path / "sim.yaml").write_bytes(SIMULATION.read_bytes())
-    (tmp_path / "bench.json").write_text(json.dumps(description(library="sim.yaml@sim")))
-    assert visa.open_bench(tmp_path / "bench.json").exchange(0.1) == 0.0025
-
-
+@simulated
 def test_without_pyvisa_the_extra_is_named(opened, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pyvisa", None)
+    monkeypatch.setitem(sys.modules, "pyvisa", None)
     with pytest.raises(MissingExtraError, match=r"minorloop\[instruments\]"):
         opened()

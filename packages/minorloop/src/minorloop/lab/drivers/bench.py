@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from statistics import median
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError, SafetyError
-from minorloop.lab.actuator import Channel, Value, check_input, rounded_up
-from minorloop.lab.drivers.limited import LimitedSource
-from minorloop.lab.drivers.parts import Clock, Closable, Lines, Meter, Source, WallClock
+from minorloop.lab.actuator import Channel, Value, check_input, one_or_all, rounded_up
+from minorloop.lab.drivers.device import Closable, Lines, Meter, Source
 from minorloop.lab.records import Quantity, Record, Timing
 from minorloop.lab.signals import Deferred, ended_by_signals
 
-__all__ = ["Bench", "Clock", "Closable", "Lines", "Meter", "Source", "WallClock"]
+__all__ = ["Bench", "Clock", "LimitedSource", "WallClock", "check_rest"]
 
 OVERLOAD = 9e37
 """Readings from here mean that the instrument is overloaded (IEEE 488.2: 9.9E37)."""
@@ -47,6 +48,99 @@ class _Span:
     @classmethod
     def between(cls, asked: float, answered: float) -> _Span:
         return cls((asked + answered) / 2, max(answered - asked, 0.0) / 2)
+
+
+class Clock(Protocol):
+    """Time in seconds."""
+
+    def now(self) -> float:
+        """Return the time since some origin."""
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+
+
+class WallClock:
+    """The clock of the machine."""
+
+    def now(self) -> float:
+        """Return the time since some origin, in seconds."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait for a number of seconds."""
+        time.sleep(seconds)
+
+
+class LimitedSource:
+    """A source that refuses inputs beyond limits, changes that are too fast, NaN and infinity.
+
+    One command changes an input by at most its rate limit times the time since the last command,
+    and a tick at most. After a command that failed, nothing is set until `safe` has succeeded.
+
+    Parameters
+    ----------
+    source : Source
+        Sets all inputs at once: a number for one, an array for several.
+    channels : tuple of Channel
+        The inputs.
+    rest : (channels,) array
+        The inputs that are on when the source is safe.
+    tick : float
+        In seconds.
+    clock : Clock
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        channels: tuple[Channel, ...],
+        rest: FloatArray,
+        tick: float,
+        clock: Clock,
+    ) -> None:
+        self.source, self._channels, self._clock = source, channels, clock
+        self._rates = np.array([channel.rate for channel in channels])
+        self.rest, self.present, self.tick = rest, rest.copy(), tick
+        self._changed, self._known = -math.inf, True
+
+    @property
+    def due(self) -> float:
+        """Time on the clock from which a change may be as large as the rate allows in a tick."""
+        return self._changed + self.tick if np.isfinite(self._rates).any() else -math.inf
+
+    def nearest(self, wanted: npt.ArrayLike) -> FloatArray:
+        """Return the inputs (channels,) on the way to ``wanted`` that are allowed now."""
+        unlimited = np.isinf(self._rates)
+        most = np.where(unlimited, np.inf, np.where(unlimited, 0.0, self._rates) * self._gone())
+        return np.asarray(np.clip(wanted, self.present - most, self.present + most))
+
+    def set(self, value: Value) -> None:
+        """Apply inputs.
+
+        Raises
+        ------
+        LimitError
+            If a number is not finite, or beyond a limit or a rate limit; nothing is sent then.
+        InstrumentError
+            If the source fails, or has failed and was not made safe since.
+        """
+        values = check_input(self._channels, value, before=self.present, interval=self._gone())
+        if not self._known:
+            raise InstrumentError("the last command failed; make the source safe first")
+        self._known = False
+        self.source.set(one_or_all(values))
+        self.present, self._changed, self._known = values, self._clock.now(), True
+
+    def safe(self) -> None:
+        """Go to the safe inputs, however far they are; raise an error unless confirmed."""
+        self.source.safe()
+        self.present, self._known = self.rest.copy(), True
+
+    def _gone(self) -> float:
+        """Return the time that counts for a change now, a tick at most."""
+        now = self._clock.now()
+        return self.tick if now >= self._changed + self.tick else now - self._changed
 
 
 class Bench:
@@ -116,35 +210,24 @@ class Bench:
         lines: Lines | None = None,
         serial: str | None = None,
     ) -> None:
-        self._inputs, self._outputs = _channels(input), _channels(output)
-        resting = np.broadcast_to(np.asarray(rest, dtype=np.float64), len(self._inputs)).copy()
-        check_rest(self._inputs, resting)
+        self.inputs, self.outputs = _channels(input), _channels(output)
+        resting = np.broadcast_to(np.asarray(rest, dtype=np.float64), len(self.inputs)).copy()
+        check_rest(self.inputs, resting)
         if not 0 < tick < math.inf:
             raise ParameterError(f"tick is {tick!r} s; give a positive time")
         if not 0 < safe_within <= 3600:
             raise ParameterError(f"safe_within is {safe_within!r} s; give a time of up to an hour")
-        self._tick, self._meter = float(tick), meter
+        self.tick, self.safe_within, self.serial = float(tick), float(safe_within), serial
+        self.description, self.warnings = description, tuple(warnings)
+        self.measures = tuple(range(len(self.outputs)) if measures is None else measures)
         self._clock = WallClock() if clock is None else clock
-        self._source = LimitedSource(source, self._inputs, resting, self._tick, self._clock)
-        self._description, self._links = description, tuple(links)
-        self._safe_within, self._warnings = float(safe_within), tuple(warnings)
-        self.measures = tuple(range(len(self._outputs)) if measures is None else measures)
-        self._lines, self.serial = lines, serial
+        self._source = LimitedSource(source, self.inputs, resting, self.tick, self._clock)
+        self._meter, self._lines, self._links = meter, lines, tuple(links)
         self._began = self._clock.now()
         self._set: _Span | None = None
         self._doubt = 0.0  # half the exchange that set the present input
         self._answers: deque[float] = deque(maxlen=_LATEST)
         self._found = 0.0
-
-    @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """The inputs."""
-        return self._inputs
-
-    @property
-    def outputs(self) -> tuple[Channel, ...]:
-        """The outputs."""
-        return self._outputs
 
     @property
     def rest(self) -> FloatArray:
@@ -155,26 +238,6 @@ class Bench:
     def lines(self) -> tuple[str, ...]:
         """Names of the digital lines."""
         return () if self._lines is None else self._lines.names
-
-    @property
-    def tick(self) -> float:
-        """How long one ``exchange`` takes, in seconds."""
-        return self._tick
-
-    @property
-    def description(self) -> dict[str, Any] | None:
-        """Description of the instruments, ready for JSON; None if not given."""
-        return self._description
-
-    @property
-    def safe_within(self) -> float:
-        """How long to try to make the source safe, in seconds."""
-        return self._safe_within
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the user of the bench must know."""
-        return self._warnings
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold inputs from when they are reached, and return a record, as `Actuator.apply`.
@@ -188,7 +251,7 @@ class Bench:
         InstrumentError
             If an instrument fails; the source is safe then.
         """
-        wanted = check_input(self._inputs, u)
+        wanted = check_input(self.inputs, u)
         count = _count(duration, sample_interval)
         with self._safe_after_errors():
             self._set = None
@@ -209,8 +272,8 @@ class Bench:
             held if len(held) > 1 else held[0],
             y if len(y) > 1 else y[0],
             t,
-            [Quantity(c.name, c.unit) for c in self._inputs],
-            [Quantity(c.name, c.unit) for c in self._outputs],
+            [Quantity(c.name, c.unit) for c in self.inputs],
+            [Quantity(c.name, c.unit) for c in self.outputs],
             timing=timing,
         )
 
@@ -224,19 +287,19 @@ class Bench:
         InstrumentError
             If an instrument fails; the source is safe then.
         """
-        wanted = check_input(self._inputs, u)
-        if self._found > self._tick:
+        wanted = check_input(self.inputs, u)
+        if self._found > self.tick:
             raise ParameterError(
-                f"the meter takes {self._found:.3g} s for an answer, and a tick is {self._tick:g} "
+                f"the meter takes {self._found:.3g} s for an answer, and a tick is {self.tick:g} "
                 f"s; give a tick of at least {rounded_up(self._found):g} s, or a faster meter"
             )
         with self._safe_after_errors():
-            end = self._clock.now() + self._tick
+            end = self._clock.now() + self.tick
             self._go(wanted, end)
             self._wait(end - self._usual())
             _, values = self._read_timed()
             self._wait(end)
-        return _value(values)
+        return one_or_all(values)
 
     def at_once(self, u: Value) -> Value:
         """Apply inputs, and return the outputs at once, for a loop that keeps its own time.
@@ -250,11 +313,11 @@ class Bench:
         InstrumentError
             If an instrument fails; the source is safe then.
         """
-        wanted = check_input(self._inputs, u)
+        wanted = check_input(self.inputs, u)
         with self._safe_after_errors():
             self._put(self._source.nearest(wanted))
             _, values = self._read_timed()
-        return _value(values)
+        return one_or_all(values)
 
     def switch(self, values: Mapping[str, bool]) -> None:
         """Switch digital lines on or off.
@@ -312,7 +375,7 @@ class Bench:
         for _ in range(_READINGS):
             _, values = self._read_timed()
         self._found = self._usual()
-        return _value(values)
+        return one_or_all(values)
 
     def safe(self) -> None:
         """Make the source safe; try until it confirms or a deadline is over.
@@ -322,7 +385,7 @@ class Bench:
         Raises a `SafetyError` if it does not confirm in time.
         """
         with ended_by_signals(), Deferred():
-            end, waited, pause = self._clock.now() + self._safe_within, 0.0, _PAUSE
+            end, waited, pause = self._clock.now() + self.safe_within, 0.0, _PAUSE
             while True:
                 try:
                     self._source.safe()
@@ -330,12 +393,12 @@ class Bench:
                     last = error
                 else:
                     return
-                if waited >= self._safe_within or self._clock.now() >= end:
+                if waited >= self.safe_within or self._clock.now() >= end:
                     break
                 self._clock.sleep(pause)
                 waited, pause = waited + pause, min(2 * pause, _PAUSES)
         raise SafetyError(
-            f"the source may still be on, switch it off by hand: in {self._safe_within:g} s it "
+            f"the source may still be on, switch it off by hand: in {self.safe_within:g} s it "
             f"did not say that it is safe: {last}"
         ) from last
 
@@ -402,11 +465,11 @@ class Bench:
     def _read(self) -> FloatArray:
         with _driver_errors():
             values = np.atleast_1d(np.asarray(self._meter.read(), dtype=np.float64))
-        if values.shape != (len(self._outputs),):
+        if values.shape != (len(self.outputs),):
             raise InstrumentError(
-                f"the meter gives {values.size} readings for {len(self._outputs)} outputs"
+                f"the meter gives {values.size} readings for {len(self.outputs)} outputs"
             )
-        for channel, value in zip(self._outputs, values.tolist(), strict=True):
+        for channel, value in zip(self.outputs, values.tolist(), strict=True):
             _check_reading(channel, value)
         return values
 
@@ -439,11 +502,6 @@ def _driver_errors() -> Iterator[None]:
 
 def _channels(given: Channel | Sequence[Channel]) -> tuple[Channel, ...]:
     return (given,) if isinstance(given, Channel) else tuple(given)
-
-
-def _value(values: FloatArray) -> Value:
-    """Return a number for one channel, the array for several."""
-    return float(values[0]) if values.size == 1 else values
 
 
 def check_rest(inputs: Sequence[Channel], rest: FloatArray) -> None:

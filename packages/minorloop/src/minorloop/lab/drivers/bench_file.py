@@ -1,16 +1,16 @@
-"""Open a bench with several channels from a file: ``bench:head.toml``.
+"""Open a bench from a file, TOML or JSON: ``bench:bench.toml``.
 
 ::
 
     tick = 0.04                  # s
-    serial = "H-07"              # of the plant
+    serial = "A-07"              # of the plant
 
     [devices.board]
     driver = "serial"            # visa, serial, daqmx, labjack, modbus, or one of another package
     resource = "ASRL/dev/ttyACM0::INSTR"
 
     [[sources]]
-    name = "pan current"
+    name = "current"
     unit = "A"
     device = "board"
     low = 0.0
@@ -20,17 +20,17 @@
     channel = 0                  # this and other keys are for the driver
 
     [[sensors]]
-    name = "pan"
+    name = "angle"
     unit = "deg"
     device = "board"
-    of = "pan current"           # the source that it belongs to
+    of = "current"               # the source that it belongs to
     low = -10.0
     high = 90.0
     conversion = {linear = [18.0, -9.0], reading = "V"}
     channel = 0
 
     [[lines]]
-    name = "led 1"
+    name = "valve"
     device = "board"
     rest = true
     channel = 0
@@ -39,12 +39,24 @@ A conversion is ``linear = [gain, offset]``, ``polynomial = [c0, c1, ...]``, ``t
 ``laser = [d0, h0]``. That of a sensor goes from the number of the instrument to the unit of the
 sensor, that of a source from the unit of the source to the number of the instrument, and only rises
 or only falls between the limits of the source. ``reading`` is the unit of the instrument. The other
-keys are those of the driver; see its module in ``minorloop.lab.drivers``. A file with ``input`` and
-``output`` describes one channel, as `minorloop.lab.drivers.visa` says.
+keys are those of the driver; see its module in ``minorloop.lab.drivers``.
+
+A bench with one channel may be described shortly::
+
+    {"library": "@py",
+     "source": {"resource": "GPIB0::5::INSTR", "set": "VOLT {:.9g}", "on": ["OUTP ON"],
+                "safe": ["VOLT 0", "OUTP OFF"], "confirm": "VOLT?"},
+     "meter": {"resource": "GPIB0::7::INSTR", "read": "READ?", "scale": 0.001},
+     "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2, "rate": 10},
+     "output": {"name": "displacement", "unit": "m", "low": 0, "high": 0.03},
+     "rest": 0, "tick": 0.05, "timeout": 2, "safe_within": 10}
+
+The output is ``scale * (reading - zero)``. Instead of source and meter there may be ``"board":
+{"resource": "ASRL/dev/ttyACM0::INSTR", "baud": 115200}``, a board of the driver ``serial``.
 """
 
-import math
-from collections.abc import Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +64,7 @@ import msgspec
 import numpy as np
 
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
-from minorloop.files import PathLike
+from minorloop.files import PathLike, kind_of_file
 from minorloop.lab.actuator import Channel
 from minorloop.lab.conversion import (
     CalibrationPolynomial,
@@ -62,15 +74,26 @@ from minorloop.lab.conversion import (
     linear,
 )
 from minorloop.lab.drivers.bench import Bench, Clock, check_rest
-from minorloop.lab.drivers.description import Section, parsed, read_description, relevant
-from minorloop.lab.drivers.device import Device, DeviceChannel, DevicePlan, Wired, Wiring, converted
+from minorloop.lab.drivers.device import (
+    Device,
+    DeviceChannel,
+    DevicePlan,
+    Section,
+    Wired,
+    Wiring,
+    converted,
+    parsed,
+)
 from minorloop.registry import loaded, registered
 
 __all__ = ["DRIVERS", "open_bench"]
 
 DRIVERS = "minorloop.drivers"
 """Group of the entry points of drivers."""
-
+UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
+"""Keys on which no reading depends; they may change before a run is resumed."""
+LARGEST = 1_000_000
+"""Bytes of the largest file."""
 _ROUNDING = 1e-9
 """Share of the largest number sent that a conversion may go back: rounding, far below the
 resolution of any instrument."""
@@ -121,19 +144,60 @@ class _BenchFile(Section, kw_only=True):
     safe_within: float = 10.0
 
 
+class _Meter(Section, kw_only=True):
+    resource: str
+    read: str = "READ?"
+    scale: float = 1.0
+    zero: float = 0.0
+    baud: int | None = None
+
+
+class _Board(Section, kw_only=True):
+    resource: str
+    baud: int | None = None
+
+
+class _Input(Section, kw_only=True):
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+    rate: float = float("inf")
+
+
+class _Output(Section, kw_only=True):
+    name: str
+    unit: str = ""
+    low: float = float("-inf")
+    high: float = float("inf")
+
+
+class _SingleFile(Section, kw_only=True):
+    """A bench with one channel; the keys of its source are those of the driver ``visa``."""
+
+    input: _Input
+    output: _Output
+    source: dict[str, Any] | None = None
+    meter: _Meter | None = None
+    board: _Board | None = None
+    library: str = "@py"
+    rest: float = 0.0
+    tick: float = 0.05
+    timeout: float = 2.0
+    safe_within: float = 10.0
+
+
 class _Rows:
     """Channels of one kind: what the bench knows of them, and what is left for their drivers."""
 
     def __init__(self, kind: type[Section], rows: Sequence[Mapping[str, Any]], what: str) -> None:
         self.known: list[Any] = []
-        self.keys: list[dict[str, Any]] = []
-        names = kind.__struct_fields__
-        self.named: dict[str, Any] = {"what": what, "bench_keys": names}
+        self._keys: list[dict[str, Any]] = []
+        self._what, self._names = what, kind.__struct_fields__
         for number, row in enumerate(rows, 1):
-            own = {key: value for key, value in row.items() if key in names}
-            where = f"{what} {row.get('name', number)!r}"
-            self.known.append(parsed(kind, own, where, what))
-            self.keys.append({key: value for key, value in row.items() if key not in names})
+            own = {key: value for key, value in row.items() if key in self._names}
+            self.known.append(parsed(kind, own, f"{what} {row.get('name', number)!r}", what))
+            self._keys.append({k: value for k, value in row.items() if k not in self._names})
         said = [each.name for each in self.known]
         for name in said:
             if said.count(name) > 1:
@@ -142,6 +206,16 @@ class _Rows:
     def of(self, device: str) -> tuple[int, ...]:
         """Return the numbers of the channels of a device."""
         return tuple(k for k, each in enumerate(self.known) if each.device == device)
+
+    def wires(
+        self, device: str, numbers: Callable[[int, Any], dict[str, Any]]
+    ) -> tuple[DeviceChannel, ...]:
+        """Return the channels of a device; ``numbers`` gives limits, rest and unit of each."""
+        own: dict[str, Any] = {"what": self._what, "bench_keys": self._names}
+        return tuple(
+            DeviceChannel(self.known[k].name, self._keys[k], **own, **numbers(k, self.known[k]))
+            for k in self.of(device)
+        )
 
 
 def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
@@ -166,15 +240,97 @@ def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
     """
     path = Path(path)
     content = read_description(path)
+    description = relevant(content)
     if "input" in content:
-        from minorloop.lab.drivers.visa import open_single
-
-        return open_single(content, path, clock)
+        single = parsed(_SingleFile, content, path)
+        content, description = _several(single, path), _without_defaults(single)
     described = parsed(_BenchFile, content, path)
     try:
-        return _opened(described, relevant(content), path.parent, clock)
+        return _opened(described, description, path.parent, clock)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
+
+
+def read_description(path: Path) -> dict[str, Any]:
+    """Return the content of a file, TOML if its name ends in ``.toml``, JSON otherwise.
+
+    Raises a `ParameterError` if it cannot be read, or is not a table.
+    """
+    try:
+        if path.stat().st_size > LARGEST:
+            raise ParameterError(f"{path} is larger than {LARGEST} bytes; give a bench file")
+        content = path.read_bytes()
+        kind = kind_of_file(path, content)
+        if kind not in ("", "a JSON file", "a TOML file"):
+            raise ParameterError(f"{path} is {kind}, not a bench file; give the file of a bench")
+        if path.suffix.lower() == ".toml":
+            return tomllib.loads(content.decode())
+        found = msgspec.json.decode(content)
+    except MinorloopError:
+        raise
+    except OSError as error:
+        raise ParameterError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError) as error:
+        raise ParameterError(f"{path} does not describe a bench: {error}") from None
+    if not isinstance(found, dict):
+        kind = type(found).__name__
+        raise ParameterError(f"{path} does not describe a bench: it has {kind}, not a table")
+    return found
+
+
+def relevant(values: Any) -> Any:
+    """Return all values on which a reading depends; timeouts are not among them."""
+    if isinstance(values, Mapping):
+        kept = {key: value for key, value in values.items() if key not in UNRELATED}
+        return {key: relevant(value) for key, value in kept.items()}
+    return [relevant(value) for value in values] if isinstance(values, list) else values
+
+
+def _without_defaults(described: msgspec.Struct) -> dict[str, Any]:
+    """Return what a bench with one channel has that is not as if it were left out."""
+    kept = {
+        each.name: value
+        for each in msgspec.structs.fields(described)
+        if (value := getattr(described, each.name)) != each.default and each.name not in UNRELATED
+    }
+    return {
+        name: _without_defaults(value) if isinstance(value, msgspec.Struct) else relevant(value)
+        for name, value in kept.items()
+    }
+
+
+def _several(single: _SingleFile, path: Path) -> dict[str, Any]:
+    """Return the content of the file of several channels that says the same."""
+    source, meter, board = single.source, single.meter, single.board
+    common = {"library": single.library, "timeout": single.timeout}
+    sensor: dict[str, Any] = {}
+    if board is not None:
+        if source or meter:
+            raise ParameterError(
+                f"{path} has a board and a source or a meter; give one or the other"
+            )
+        resource, keys = board.resource, dict[str, Any]()
+        devices = {resource: {"driver": "serial", "baud": board.baud}}
+    elif source is None or meter is None:
+        raise ParameterError(f"{path} needs a source and a meter, or a board")
+    elif "resource" not in source:
+        raise ParameterError(f"the source in {path} has no resource; give its VISA address")
+    else:
+        keys = {key: value for key, value in source.items() if key not in ("resource", "baud")}
+        resource = source["resource"]
+        devices = {meter.resource: {"driver": "visa", "baud": meter.baud}}
+        devices |= {resource: {"driver": "visa", "baud": source.get("baud")}}
+        sensor = {"device": meter.resource, "read": meter.read}
+        if (meter.scale, meter.zero) != (1.0, 0.0):
+            sensor["conversion"] = {"linear": [meter.scale, -meter.scale * meter.zero]}
+    input, output = msgspec.structs.asdict(single.input), msgspec.structs.asdict(single.output)
+    return {
+        "devices": {name: {"resource": name, **common, **own} for name, own in devices.items()},
+        "sources": [{**input, "device": resource, "rest": single.rest, **keys}],
+        "sensors": [{**output, "device": resource, **sensor}],
+        "tick": single.tick,
+        "safe_within": single.safe_within,
+    }
 
 
 def _opened(
@@ -185,8 +341,12 @@ def _opened(
     lines = _Rows(_LineRow, described.lines, "line")
     if not sources.known:
         raise ParameterError("a bench needs a source; give one")
-    _check_devices(described, (*sources.known, *sensors.known, *lines.known))
-    _check_numbers(sources.known, sensors.known)
+    for channel in (*sources.known, *sensors.known, *lines.known):
+        if channel.device not in described.devices:
+            known = ", ".join(described.devices) or "none"
+            raise ParameterError(
+                f"{channel.name} is on device {channel.device!r}; the devices are {known}"
+            )
     inputs = [Channel(e.name, e.unit, e.low, e.high, e.rate) for e in sources.known]
     outputs = [Channel(e.name, e.unit, e.low, e.high) for e in sensors.known]
     rest = np.array([each.rest for each in sources.known])
@@ -201,9 +361,9 @@ def _opened(
             plan = DevicePlan(
                 name=name,
                 keys={key: value for key, value in keys.items() if key != "driver"},
-                sources=tuple(_source_wire(sources, commands, k) for k in sources.of(name)),
-                sensors=tuple(_sensor_wire(sensors, k) for k in sensors.of(name)),
-                lines=tuple(_line_wire(lines, k) for k in lines.of(name)),
+                sources=sources.wires(name, lambda k, row: _sent(row, commands[k])),
+                sensors=sensors.wires(name, lambda _, row: {"unit": _unit(row)}),
+                lines=lines.wires(name, lambda _, row: {"rest": float(row.rest)}),
                 folder=folder,
             )
             named = tuple(wire.name for wire in plan.lines)
@@ -220,6 +380,7 @@ def _opened(
             description=description,
             safe_within=described.safe_within,
             links=(wiring,),
+            warnings=[said for part in parts for said in getattr(part.device, "warnings", ())],
             measures=measures,
             lines=wiring,
             serial=described.serial,
@@ -229,34 +390,6 @@ def _opened(
         wiring.close()
         raise
     return bench
-
-
-def _check_devices(described: _BenchFile, channels: Sequence[Any]) -> None:
-    """Refuse devices without a driver, and channels of devices that are not there."""
-    known = ", ".join(described.devices) or "none"
-    for channel in channels:
-        if channel.device not in described.devices:
-            raise ParameterError(
-                f"{channel.name} is on device {channel.device!r}; the devices are {known}"
-            )
-
-
-def _check_numbers(sources: Sequence[_SourceRow], sensors: Sequence[_SensorRow]) -> None:
-    """Refuse limits that are not numbers, and limits and rest of sources that are not finite."""
-    for source in sources:
-        for name in ("low", "high", "rest"):
-            value = getattr(source, name)
-            if not math.isfinite(value):
-                raise ParameterError(
-                    f"{name} of source {source.name!r} is {value}; give a finite number"
-                )
-    for sensor in sensors:
-        for name in ("low", "high"):
-            if math.isnan(getattr(sensor, name)):
-                raise ParameterError(
-                    f"{name} of sensor {sensor.name!r} is nan; give a number, or leave it out "
-                    "where there is no limit"
-                )
 
 
 def _driver(name: str, keys: Mapping[str, Any]) -> Any:
@@ -296,22 +429,19 @@ def _measures(sources: Sequence[_SourceRow], sensors: Sequence[_SensorRow]) -> l
     return found
 
 
-def _source_wire(rows: _Rows, commands: Sequence[Conversion | None], k: int) -> DeviceChannel:
-    """Return a source in the numbers of the instrument."""
-    each: _SourceRow = rows.known[k]
-    conversion = commands[k]
-    ends = [converted(conversion, value) for value in (each.low, each.high, each.rest)]
+def _sent(source: _SourceRow, conversion: Conversion | None) -> dict[str, Any]:
+    """Return limits, rest, unit and rate of a source, in the numbers of the instrument."""
+    ends = [converted(conversion, value) for value in (source.low, source.high, source.rest)]
     if not np.isfinite(ends).all():
         raise ParameterError(
-            f"the conversion of {each.name} does not cover its limits [{each.low:g}, "
-            f"{each.high:g}] and rest {each.rest:g}"
+            f"the conversion of {source.name} does not cover its limits [{source.low:g}, "
+            f"{source.high:g}] and rest {source.rest:g}"
         )
     if conversion is not None:
-        _check_one_way(each, conversion)
+        _check_one_way(source, conversion)
     low, high = sorted(ends[:2])
-    return DeviceChannel(
-        each.name, rows.keys[k], _unit(each), low, high, ends[2], each.rate, **rows.named
-    )
+    limits = {"low": low, "high": high, "rest": ends[2]}
+    return {"unit": _unit(source), "rate": source.rate, **limits}
 
 
 def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:
@@ -331,16 +461,6 @@ def _check_one_way(source: _SourceRow, conversion: Conversion) -> None:
             f"[{source.low:g}, {source.high:g}]: it sends {shown}; give one that only rises or "
             "only falls between them"
         )
-
-
-def _sensor_wire(rows: _Rows, k: int) -> DeviceChannel:
-    each: _SensorRow = rows.known[k]
-    return DeviceChannel(each.name, rows.keys[k], _unit(each), **rows.named)
-
-
-def _line_wire(rows: _Rows, k: int) -> DeviceChannel:
-    each: _LineRow = rows.known[k]
-    return DeviceChannel(each.name, rows.keys[k], rest=float(each.rest), **rows.named)
 
 
 def _unit(channel: _SourceRow | _SensorRow) -> str | None:

@@ -8,16 +8,15 @@ and must agree within ``tolerance``, in V. A sensor has ``channel``, such as ``a
 known that NI-DAQmx has taken a voltage.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, Literal
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import InstrumentError, MissingExtraError
-from minorloop.lab.drivers.description import Section, parsed
-from minorloop.lab.drivers.device import DevicePlan, all_done
+from minorloop.errors import MissingExtraError
+from minorloop.lab.drivers.device import DevicePlan, PlannedDevice, Section
 
 __all__ = ["NEEDS", "DaqDevice", "found", "open_device"]
 
@@ -48,38 +47,22 @@ class _DaqmxLine(Section, kw_only=True):
     channel: str
 
 
-class DaqDevice:
-    """A device of NI with several channels: one task for each kind.
+class DaqDevice(PlannedDevice):
+    """A device of NI with several channels: one task for each kind."""
 
-    Parameters
-    ----------
-    plan : DevicePlan
-
-    Raises
-    ------
-    ParameterError
-        If a key is missing, unknown, or of another type.
-    MissingExtraError
-        If nidaqmx is not installed.
-    InstrumentError
-        If there is no such device, or the NI-DAQmx driver is missing.
-    """
+    settings, source, sensor, line = _DaqmxSettings, _DaqmxSource, _DaqmxSensor, _DaqmxLine
 
     def __init__(self, plan: DevicePlan) -> None:
         try:
             import nidaqmx
         except ImportError:
             raise MissingExtraError("nidaqmx", "daqmx") from None
+        super().__init__(plan)
         self._daq: Any = nidaqmx
-        self._name = parsed(_DaqmxSettings, plan.keys, f"device {plan.name!r}", "device").device
-        self._sources = [wire.parsed(_DaqmxSource) for wire in plan.sources]
-        self._limits = [(wire.low, wire.high) for wire in plan.sources]
-        self._sensors = [wire.parsed(_DaqmxSensor) for wire in plan.sensors]
-        self._lines = [wire.parsed(_DaqmxLine).channel for wire in plan.lines]
-        self._rest, self._on = plan.rest, dict(plan.resting_lines)
-        self._resting_lines = plan.resting_lines
+        self.name = self._how.device
+        self._on = dict(plan.resting_lines)
         self._tasks: dict[str, Any] = {}
-        self._begin()
+        self._do(lambda: None)
 
     def set(self, values: FloatArray) -> None:
         """Set the voltages of all sources; read back those that are wired to an input."""
@@ -88,11 +71,8 @@ class DaqDevice:
         self._write("sources", values.tolist())
         wired = [(each, v) for each, v in zip(self._sources, values, strict=True) if each.confirm]
         for (source, wanted), found in zip(wired, self._read("confirm", len(wired)), strict=True):
-            if not abs(found - wanted) <= source.tolerance:
-                raise InstrumentError(
-                    f"{source.channel} of {self._name} was set to {wanted:g} V, and "
-                    f"{source.confirm} reads {found:g} V"
-                )
+            reads = f"{source.confirm} reads"
+            self._confirm(source.channel, wanted, found, source.tolerance, reads)
 
     def read(self) -> FloatArray:
         """Return the voltages of all sensors."""
@@ -105,10 +85,6 @@ class DaqDevice:
             self._write("lines", [on[line] for line in sorted(on)])
             self._on = on
 
-    def safe(self) -> None:
-        """Set sources and lines to rest."""
-        all_done([lambda: self.set(self._rest), lambda: self.switch(self._resting_lines)])
-
     def close(self) -> None:
         """Close the tasks; outputs keep their voltage."""
         while self._tasks:
@@ -118,72 +94,56 @@ class DaqDevice:
 
     def _begin(self) -> None:
         """Make the tasks."""
-        try:
-            for name, channels, add in (
-                ("sources", self._sources, self._add_sources),
-                ("confirm", [s for s in self._sources if s.confirm], self._add_confirming),
-                ("sensors", self._sensors, self._add_sensors),
-                ("lines", self._lines, self._add_lines),
-            ):
-                if channels:
-                    self._tasks[name] = self._daq.Task()
-                    add(self._tasks[name])
-        except self._daq.errors.Error as error:
-            raise self._failed(error) from None
-
-    def _add_sources(self, task: Any) -> None:
-        for source, (low, high) in zip(self._sources, self._limits, strict=True):
-            place = f"{self._name}/{source.channel}"
-            task.ao_channels.add_ao_voltage_chan(place, min_val=low, max_val=high)
-
-    def _add_confirming(self, task: Any) -> None:
-        for source in self._sources:
-            if source.confirm is not None:
-                place = f"{self._name}/{source.confirm}"
-                task.ai_channels.add_ai_voltage_chan(place, min_val=-10.0, max_val=10.0)
-
-    def _add_sensors(self, task: Any) -> None:
         from nidaqmx.constants import TerminalConfiguration
 
+        limits = [(wire.low, wire.high) for wire in self._plan.sources]
+        for source, (low, high) in zip(self._sources, limits, strict=True):
+            outputs = self._task("sources").ao_channels
+            outputs.add_ao_voltage_chan(self._at(source.channel), min_val=low, max_val=high)
+            if source.confirm is not None:
+                inputs = self._task("confirm").ai_channels
+                place = self._at(source.confirm)
+                inputs.add_ai_voltage_chan(place, min_val=-10.0, max_val=10.0)
         for sensor in self._sensors:
             low, high = sensor.range
-            task.ai_channels.add_ai_voltage_chan(
-                f"{self._name}/{sensor.channel}",
+            self._task("sensors").ai_channels.add_ai_voltage_chan(
+                self._at(sensor.channel),
                 terminal_config=TerminalConfiguration[sensor.terminals.upper()],
                 min_val=low,
                 max_val=high,
             )
-
-    def _add_lines(self, task: Any) -> None:
         for line in self._lines:
-            task.do_channels.add_do_chan(f"{self._name}/{line}")
+            self._task("lines").do_channels.add_do_chan(self._at(line.channel))
+
+    def _at(self, channel: str) -> str:
+        return f"{self.name}/{channel}"
+
+    def _task(self, name: str) -> Any:
+        if name not in self._tasks:
+            self._tasks[name] = self._daq.Task()
+        return self._tasks[name]
 
     def _write(self, task: str, values: Sequence[Any]) -> None:
         """Write one sample of each channel."""
-        if not self._tasks:
-            self._begin()
-        try:
-            data = values[0] if len(values) == 1 else list(values)
-            self._tasks[task].write(data, auto_start=True, timeout=_WAIT)
-        except self._daq.errors.Error as error:
-            raise self._failed(error) from None
+        data = values[0] if len(values) == 1 else list(values)
+        self._do(lambda: self._tasks[task].write(data, auto_start=True, timeout=_WAIT))
 
     def _read(self, task: str, count: int) -> list[float]:
         """Return one sample of each channel."""
         if not count:
             return []
-        if not self._tasks:
-            self._begin()
-        try:
-            return [float(v) for v in np.atleast_1d(self._tasks[task].read(timeout=_WAIT))]
-        except self._daq.errors.Error as error:
-            raise self._failed(error) from None
+        found = self._do(lambda: self._tasks[task].read(timeout=_WAIT))
+        return [float(v) for v in np.atleast_1d(found)]
 
-    def _failed(self, error: Exception) -> InstrumentError:
-        """Close the tasks, which the next command makes again; return what to raise."""
-        self.close()
-        said = " ".join(str(error).split())
-        return InstrumentError(f"{self._name} cannot be used: {said[:200]}")
+    def _do(self, step: Callable[[], Any]) -> Any:
+        """Do a step with the tasks; after an error the next one makes them again."""
+        try:
+            if not self._tasks:
+                self._begin()
+            return step()
+        except self._daq.errors.Error as error:
+            self.close()
+            raise self._failed(error) from None
 
 
 def open_device(plan: DevicePlan) -> DaqDevice:

@@ -1,30 +1,84 @@
-"""Devices with several channels, and how the channels of a bench are wired to them.
+"""What drivers and benches share: sources, meters, devices with several channels, and their wiring.
 
 A driver is a module with ``open_device(plan)``, which returns a `Device` for a `DevicePlan`. It is
 found by its entry point of the group ``minorloop.drivers``. It may have ``found()``, which lists
 the devices that are there, and ``NEEDS``, its library and the extra that installs it. Numbers of a
-device are those of the instrument, such as volts; conversions to the units of the bench are made
-here.
+device are those of the instrument, such as volts; `Wiring` converts to the units of the bench.
 """
 
+import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol, TypeVar
 
+import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import InstrumentError, LimitError
+from minorloop.errors import InstrumentError, LimitError, ParameterError
+from minorloop.lab.actuator import Value
 from minorloop.lab.conversion import Conversion
-from minorloop.lab.drivers.description import Parsed, parsed
 
-__all__ = ["Device", "DeviceChannel", "DevicePlan", "Wired", "Wiring", "all_done"]
+__all__ = [
+    "Closable",
+    "Device",
+    "DeviceChannel",
+    "DevicePlan",
+    "Lines",
+    "Meter",
+    "PlannedDevice",
+    "Section",
+    "Source",
+    "Wired",
+    "Wiring",
+    "all_done",
+    "parsed",
+]
 
 
-class Device(Protocol):
-    """A connection with several sources, sensors and digital lines, each numbered from 0."""
+class Source(Protocol):
+    """Sets the inputs of a plant."""
+
+    def set(self, value: Any) -> None:
+        """Apply inputs, a number for one, an array for several; return only when they are on."""
+
+    def safe(self) -> None:
+        """Go to a safe state; raise an error unless this is confirmed."""
+
+
+class Meter(Protocol):
+    """Reads the outputs of a plant."""
+
+    def read(self) -> Value:
+        """Return the outputs now, a number for one, an array for several."""
+
+
+class Lines(Protocol):
+    """Digital lines, such as for LEDs and a pump."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the lines."""
+
+    def switch(self, values: Mapping[str, bool]) -> None:
+        """Switch lines on or off by their names; return only when they are."""
+
+
+class Closable(Protocol):
+    """What a bench closes at its end."""
+
+    def close(self) -> None:
+        """Close the connection."""
+
+
+class Device(Closable, Protocol):
+    """A connection with several sources, sensors and digital lines, each numbered from 0.
+
+    It may have ``warnings``, sentences that the user of the bench must know.
+    """
 
     def set(self, values: FloatArray) -> None:
         """Set all sources; return only when they are on."""
@@ -38,8 +92,65 @@ class Device(Protocol):
     def safe(self) -> None:
         """Set sources and lines to rest, even if one fails; raise an error unless confirmed."""
 
-    def close(self) -> None:
-        """Close the connection."""
+
+class Section(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """Part of a bench file; unknown keys and NaN are refused."""
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            value = getattr(self, name)
+            if isinstance(value, float) and math.isnan(value):
+                raise ValueError(f"{name} is nan; give a number")
+
+
+Parsed = TypeVar("Parsed", bound=Section)
+
+
+def parsed(
+    kind: type[Parsed],
+    values: Mapping[str, Any],
+    where: object,
+    what: str = "bench",
+    also: Sequence[str] = (),
+) -> Parsed:
+    """Return part of a file as its structure.
+
+    Raises a `ParameterError` if a key is missing, unknown, or of another type.
+
+    Parameters
+    ----------
+    kind : type
+        The structure.
+    values : mapping
+        Keys and values of the part.
+    where : object
+        Name of the part, for a message.
+    what : str
+        What the part describes, for a message.
+    also : sequence of str
+        Keys of the part that are read elsewhere, for a message.
+    """
+    try:
+        return msgspec.convert(values, kind)
+    except ValueError as error:
+        allowed = _allowed(kind, error, also)
+        raise ParameterError(f"{where} does not describe a {what}: {error}{allowed}") from None
+
+
+def _allowed(kind: Any, error: Exception, also: Sequence[str]) -> str:
+    """Say which fields there are, where one is not known."""
+    found = re.search(r"unknown field `.*?`(?: - at `\$\.(\w+)`)?", str(error))
+    if not found:
+        return ""
+    if found[1]:
+        (part,) = [each.type for each in msgspec.structs.fields(kind) if each.name == found[1]]
+        kinds = [part, *getattr(part, "__args__", ())]
+        kind = next((each for each in kinds if hasattr(each, "__struct_fields__")), kind)
+        also = ()
+    fields = msgspec.structs.fields(kind)
+    required = sorted(each.name for each in fields if each.required)
+    others = [each.name for each in fields if not each.required]
+    return f"; the fields there are {', '.join([*also, *required, *others])}"
 
 
 @dataclass(frozen=True)
@@ -64,10 +175,7 @@ class DeviceChannel:
     """What the file may say of it to the bench."""
 
     def parsed(self, kind: type[Parsed]) -> Parsed:
-        """Return what the file says of it to the driver as a structure.
-
-        Raises a `ParameterError` if a key is missing, unknown, or of another type.
-        """
+        """Return what the file says of it to the driver, as `parsed` does."""
         where = f"{self.what} {self.name!r}"
         return parsed(kind, self.keys, where, self.what, self.bench_keys)
 
@@ -95,6 +203,68 @@ class DevicePlan:
     def resting_lines(self) -> dict[int, bool]:
         """Rest of each line."""
         return {number: bool(wire.rest) for number, wire in enumerate(self.lines)}
+
+
+class PlannedDevice:
+    """The base of drivers: what a file says of a device as structures, and how it is made safe.
+
+    A driver states its structures, and defines the methods of a `Device` other than ``safe``.
+
+    Parameters
+    ----------
+    plan : DevicePlan
+
+    Raises
+    ------
+    ParameterError
+        If a key is missing, unknown, or of another type.
+    MissingExtraError
+        If the library of the driver is not installed.
+    InstrumentError
+        If there is no such device, it does not answer, or its library lacks that of the
+        manufacturer.
+    """
+
+    settings: ClassVar[type[Section]] = Section
+    source: ClassVar[type[Section]] = Section
+    sensor: ClassVar[type[Section]] = Section
+    line: ClassVar[type[Section]] = Section
+    name = ""
+    """Of the device in messages."""
+
+    def __init__(self, plan: DevicePlan) -> None:
+        self._plan = plan
+        self._how: Any = parsed(self.settings, plan.keys, f"device {plan.name!r}", "device")
+        self._sources: list[Any] = [wire.parsed(self.source) for wire in plan.sources]
+        self._sensors: list[Any] = [wire.parsed(self.sensor) for wire in plan.sensors]
+        self._lines: list[Any] = [wire.parsed(self.line) for wire in plan.lines]
+
+    def set(self, values: FloatArray) -> None:
+        """Set all sources; return only when they are on."""
+        raise NotImplementedError
+
+    def switch(self, values: Mapping[int, bool]) -> None:
+        """Switch lines on or off by their numbers; return only when they are."""
+        raise NotImplementedError
+
+    def safe(self) -> None:
+        """Set sources and lines to rest, even if one fails; raise an error unless confirmed."""
+        rest, lines = self._plan.rest, self._plan.resting_lines
+        all_done([lambda: self.set(rest), lambda: self.switch(lines)])
+
+    def _confirm(
+        self, place: object, wanted: float, found: float, tolerance: float = 0.0, has: str = "has"
+    ) -> None:
+        """Refuse a reading of a source or line that is not what was set."""
+        if not abs(found - wanted) <= tolerance:  # also refuses NaN
+            raise InstrumentError(
+                f"{place} of {self.name} was set to {float(wanted):g} and {has} {found:g}"
+            )
+
+    def _failed(self, error: object) -> InstrumentError:
+        """Return what to raise for an error of the library."""
+        said = " ".join(str(error).split())
+        return InstrumentError(f"{self.name} cannot be used: {said[:200]}")
 
 
 @dataclass(frozen=True)
@@ -145,6 +315,12 @@ class Wiring:
         for part in self.parts:
             if part.sources:
                 part.device.set(raw[list(part.sources)])
+
+    def written(self, u: float) -> float:
+        """Return the input that the only source writes for ``u``; nothing is applied."""
+        (device,) = (part.device for part in self.parts if part.sources)
+        written = getattr(device, "written", None)
+        return u if written is None or self.commands != [None] else float(written(u))
 
     def read(self) -> FloatArray:
         """Return the outputs; NaN where a conversion does not cover a reading."""

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import InstrumentError, MissingExtraError
-from minorloop.lab.drivers.description import Section, parsed
-from minorloop.lab.drivers.device import DevicePlan, all_done
+from minorloop.errors import MissingExtraError
+from minorloop.lab.drivers.device import DevicePlan, PlannedDevice, Section
 
 __all__ = ["NEEDS", "LabJack", "found", "open_device"]
 
@@ -45,35 +44,19 @@ class _LabjackLine(Section, kw_only=True):
     channel: str
 
 
-class LabJack:
-    """A LabJack as a device with several channels.
+class LabJack(PlannedDevice):
+    """A LabJack as a device with several channels."""
 
-    Parameters
-    ----------
-    plan : DevicePlan
-
-    Raises
-    ------
-    ParameterError
-        If a key is missing, unknown, or of another type.
-    MissingExtraError
-        If labjack-ljm is not installed.
-    InstrumentError
-        If there is no such device, or the LJM library of the manufacturer is missing.
-    """
+    settings, source, sensor, line = _LabjackSettings, _LabjackSource, _LabjackSensor, _LabjackLine
 
     def __init__(self, plan: DevicePlan) -> None:
         self._ljm = _library()
-        how = parsed(_LabjackSettings, plan.keys, f"device {plan.name!r}", "device")
-        self._sources = [wire.parsed(_LabjackSource) for wire in plan.sources]
-        sensors = [wire.parsed(_LabjackSensor) for wire in plan.sensors]
-        self._sensors = [each.channel for each in sensors]
-        self._lines = [wire.parsed(_LabjackLine).channel for wire in plan.lines]
-        self._rest, self._resting_lines = plan.rest, plan.resting_lines
-        self._name = f"LabJack {how.model} {how.identifier}"
+        super().__init__(plan)
+        how = self._how
+        self.name = f"LabJack {how.model} {how.identifier}"
         self._handle = self._call("openS", how.model, how.connection, how.identifier)
+        ranges = {f"{e.channel}_RANGE": e.range for e in self._sensors if e.range is not None}
         try:
-            ranges = {f"{e.channel}_RANGE": e.range for e in sensors if e.range is not None}
             self._write(list(ranges), list(ranges.values()))
         except BaseException:
             self.close()
@@ -84,28 +67,18 @@ class LabJack:
         names = [source.channel for source in self._sources]
         self._write(names, values.tolist())
         for source, wanted, found in zip(self._sources, values, self._read(names), strict=True):
-            if not abs(found - wanted) <= source.tolerance:
-                raise InstrumentError(
-                    f"{source.channel} of {self._name} was set to {wanted:g} V and has {found:g} V"
-                )
+            self._confirm(source.channel, wanted, found, source.tolerance)
 
     def read(self) -> FloatArray:
         """Return the voltages of all sensors."""
-        return np.array(self._read(self._sensors))
+        return np.array(self._read([sensor.channel for sensor in self._sensors]))
 
     def switch(self, values: Mapping[int, bool]) -> None:
         """Switch lines on or off, and read them back."""
-        names = [self._lines[line] for line in values]
+        names = [self._lines[line].channel for line in values]
         self._write(names, [float(on) for on in values.values()])
         for name, on, found in zip(names, values.values(), self._read(names), strict=True):
-            if bool(found) != on:
-                raise InstrumentError(
-                    f"{name} of {self._name} was set to {int(on)} and has {found:g}"
-                )
-
-    def safe(self) -> None:
-        """Set sources and lines to rest, and read them back."""
-        all_done([lambda: self.set(self._rest), lambda: self.switch(self._resting_lines)])
+            self._confirm(name, on, float(bool(found)))
 
     def close(self) -> None:
         """Close the connection."""
@@ -124,12 +97,9 @@ class LabJack:
         try:
             return getattr(self._ljm, name)(*given)
         except self._ljm.LJMError as error:
-            said = " ".join(str(error).split())
-            raise InstrumentError(f"{self._name} cannot be used: {said}") from None
+            raise self._failed(error) from None
         except AttributeError:  # of a library that is None
-            raise InstrumentError(
-                f"{self._name} cannot be used: the LJM library is missing; install that of LabJack"
-            ) from None
+            raise self._failed("the LJM library is missing; install that of LabJack") from None
 
 
 def open_device(plan: DevicePlan) -> LabJack:

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
+from minorloop.lab.drivers.device import Section
 from minorloop.lab.signals import Deferred
 
-__all__ = ["Link", "VisaLink"]
+__all__ = ["Link", "LinkSettings", "VisaLink", "number", "opened"]
 
 LONGEST = 4096
 """Most characters of an answer."""
@@ -55,6 +56,15 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Close the connection."""
+
+
+class LinkSettings(Section, kw_only=True):
+    """What a file says of a connection; see `VisaLink`."""
+
+    resource: str
+    library: str = "@py"
+    timeout: float = 2.0
+    baud: int | None = None
 
 
 class VisaLink:
@@ -384,3 +394,23 @@ def _short(error: Exception) -> str:
     message = " ".join(f"{error or type(error).__name__}".split())
     message = re.split(r": (?=\[Errno \d+\])", message)[-1]
     return message if len(message) <= _LONGEST_MESSAGE else f"{message[:_LONGEST_MESSAGE]} ..."
+
+
+def opened(how: LinkSettings, folder: Path) -> VisaLink:
+    """Return a connection; the file of a simulated library is relative to a folder."""
+    name, at, kind = how.library.rpartition("@")
+    library = f"{folder / name}{at}{kind}" if name else how.library
+    return VisaLink(how.resource, library=library, timeout=how.timeout, baud=how.baud)
+
+
+def number(answer: str, name: str) -> float:
+    """Return the number in an answer.
+
+    Raises an `InstrumentError` if it is not exactly one number.
+    """
+    try:
+        if "_" in answer or not answer.isascii():
+            raise ValueError
+        return float(answer)
+    except ValueError:
+        raise InstrumentError(f"{name} answers {answer[:80]!r}, which is not a number") from None

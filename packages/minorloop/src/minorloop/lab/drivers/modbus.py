@@ -16,8 +16,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, MissingExtraError
-from minorloop.lab.drivers.description import Section, parsed
-from minorloop.lab.drivers.device import DevicePlan, all_done
+from minorloop.lab.drivers.device import DevicePlan, PlannedDevice, Section
 
 __all__ = ["NEEDS", "ModbusDevice", "open_device"]
 
@@ -50,36 +49,20 @@ class _ModbusLine(Section, kw_only=True):
     coil: int
 
 
-class ModbusDevice:
-    """A device with registers and coils.
+class ModbusDevice(PlannedDevice):
+    """A device with registers and coils."""
 
-    Parameters
-    ----------
-    plan : DevicePlan
-
-    Raises
-    ------
-    ParameterError
-        If a key is missing, unknown, or of another type.
-    MissingExtraError
-        If pymodbus is not installed.
-    InstrumentError
-        If nothing answers at the address.
-    """
+    settings, source, sensor, line = _ModbusSettings, _ModbusSource, _ModbusSensor, _ModbusLine
 
     def __init__(self, plan: DevicePlan) -> None:
         try:
             from pymodbus.client import ModbusTcpClient
         except ImportError:
             raise MissingExtraError("pymodbus", "modbus") from None
+        super().__init__(plan)
         # Its messages repeat what is raised here.
         logging.getLogger("pymodbus").addHandler(logging.NullHandler())
-        self._how = parsed(_ModbusSettings, plan.keys, f"device {plan.name!r}", "device")
-        self._sources = [wire.parsed(_ModbusSource) for wire in plan.sources]
-        self._sensors = [wire.parsed(_ModbusSensor) for wire in plan.sensors]
-        self._lines = [wire.parsed(_ModbusLine).coil for wire in plan.lines]
-        self._rest, self._resting_lines = plan.rest, plan.resting_lines
-        self._name = f"{self._how.host}:{self._how.port}"
+        self.name = f"{self._how.host}:{self._how.port}"
         self._client = ModbusTcpClient(
             self._how.host, port=self._how.port, timeout=self._how.timeout, retries=0
         )
@@ -92,11 +75,8 @@ class ModbusDevice:
             words = self._call("convert_to_registers", number, self._type(source))
             self._asked("write_registers", source.register, words)
             found = self._register("read_holding_registers", source)
-            if not abs(found - number) <= _SAME * max(1.0, abs(number)):
-                raise InstrumentError(
-                    f"register {source.register} of {self._name} was set to {number:g} and has "
-                    f"{found:g}"
-                )
+            place = f"register {source.register}"
+            self._confirm(place, number, found, _SAME * max(1.0, abs(number)))
 
     def read(self) -> FloatArray:
         """Return the registers of all sensors."""
@@ -106,16 +86,10 @@ class ModbusDevice:
     def switch(self, values: Mapping[int, bool]) -> None:
         """Switch coils on or off, and compare them."""
         for line, on in values.items():
-            coil = self._lines[line]
+            coil = self._lines[line].coil
             self._asked("write_coil", coil, on)
-            if bool(self._asked("read_coils", coil, count=1).bits[0]) != on:
-                raise InstrumentError(
-                    f"coil {coil} of {self._name} was set to {int(on)} and has {int(not on)}"
-                )
-
-    def safe(self) -> None:
-        """Set registers and coils to rest, and compare them."""
-        all_done([lambda: self.set(self._rest), lambda: self.switch(self._resting_lines)])
+            found = self._asked("read_coils", coil, count=1).bits[0]
+            self._confirm(f"coil {coil}", on, float(bool(found)))
 
     def close(self) -> None:
         """Close the connection."""
@@ -134,7 +108,7 @@ class ModbusDevice:
         try:
             return getattr(self._client, name)(*given, word_order=self._how.word_order)
         except Exception as error:  # struct.error, ValueError, ModbusException
-            raise InstrumentError(f"{self._name} cannot hold {given[0]}: {error}") from None
+            raise InstrumentError(f"{self.name} cannot hold {given[0]}: {error}") from None
 
     def _asked(self, name: str, *given: Any, **options: Any) -> Any:
         """Return the answer to a question; open the connection again if it was lost."""
@@ -142,9 +116,7 @@ class ModbusDevice:
 
         try:
             if not self._client.connected and not self._client.connect():
-                raise InstrumentError(
-                    f"nothing answers at {self._name}; check host, port and cable"
-                )
+                raise InstrumentError(f"nothing answers at {self.name}; check host, port and cable")
             if name == "connect":
                 return None
             answer = getattr(self._client, name)(*given, device_id=self._how.unit_id, **options)
@@ -154,10 +126,10 @@ class ModbusDevice:
                 raise
             said = " ".join(str(error).split())
             raise InstrumentError(
-                f"{self._name} gave no answer within {self._how.timeout:g} s: {said}"
+                f"{self.name} gave no answer within {self._how.timeout:g} s: {said}"
             ) from None
         if answer.isError():
-            raise InstrumentError(f"{self._name} refuses {name} at {given[0]}: {answer}")
+            raise InstrumentError(f"{self.name} refuses {name} at {given[0]}: {answer}")
         return answer
 
 

@@ -27,10 +27,8 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.actuator import ROUNDING
-from minorloop.lab.drivers.description import Section, parsed
-from minorloop.lab.drivers.device import DeviceChannel, DevicePlan, all_done
-from minorloop.lab.drivers.link import Link, VisaLink
-from minorloop.lab.drivers.scpi import number
+from minorloop.lab.drivers.device import DeviceChannel, DevicePlan, Section, all_done, parsed
+from minorloop.lab.drivers.link import Link, LinkSettings, number, opened
 from minorloop.lab.drivers.serial_line import BoardLine
 
 __all__ = ["NEEDS", "SerialBoard", "found", "open_device"]
@@ -40,14 +38,11 @@ NEEDS = "pyvisa", "instruments"
 
 _GREETINGS = (["2"], 5), (["3"], 6)
 """Protocols, and words of their answers to HELLO."""
-_DIGITS = "{:.9g}"
 _SAME = 1e-6
 """Largest difference of a safe value that counts as the same, as a share of the range."""
 
 
-class _SerialSettings(Section, kw_only=True):
-    resource: str
-    library: str = "@py"
+class _SerialSettings(LinkSettings, kw_only=True):
     timeout: float = 0.5
     baud: int | None = 115200
 
@@ -75,6 +70,8 @@ class SerialBoard(BoardLine):
     def __init__(self, link: Link, plan: DevicePlan) -> None:
         super().__init__(link)
         inputs, outputs, lines = self._counts()
+        # Protocol 2 may have a limit of more than nine digits; a line of many inputs has no room.
+        self._written = repr if self.hello[1] == "2" else "{:.9g}".format
         self._sources = _places(plan.sources, inputs, "input")
         self._sensors = _places(plan.sensors, outputs, "output")
         self._lines = _places(plan.lines, lines, "line")
@@ -87,13 +84,13 @@ class SerialBoard(BoardLine):
         """Apply inputs; those that the bench does not use stay at rest."""
         every = self._rest.copy()
         every[self._sources] = values
-        self._apply(every.tolist(), *(_DIGITS.format(each) for each in every))
+        self._apply(every.tolist(), *map(self._written, every.tolist()))
 
     def follow(self, targets: FloatArray) -> None:
         """Give targets (N,) of all outputs, which the exact inverses in the board follow.
 
         Until the next ``set`` or ``safe`` the board sets its inputs by itself, within its own
-        limits, see `minorloop_head.board`.
+        limits.
 
         Raises a `ParameterError` if the bench has narrower limits than the board, or rate limits,
         which it does not know; an `InstrumentError` if a target is out of reach, or the firmware
@@ -109,7 +106,8 @@ class SerialBoard(BoardLine):
                 f"{self._slow[0]} has a rate limit, which {self._link.name} does not know: it sets "
                 "its inputs by itself; leave the rate out, or command currents instead of targets"
             )
-        self._apply(list(targets), *(_DIGITS.format(each) for each in targets), command="FOLLOW")
+        wanted = targets.tolist()
+        self._apply(wanted, *map(self._written, wanted), command="FOLLOW")
 
     def read(self) -> FloatArray:
         """Return the readings of the sensors."""
@@ -221,7 +219,7 @@ def open_device(plan: DevicePlan) -> SerialBoard:
     how = parsed(_SerialSettings, plan.keys, f"device {plan.name!r}", "device")
     for wire in (*plan.sources, *plan.sensors, *plan.lines):  # before anything is opened
         wire.parsed(_BoardChannel)
-    link = VisaLink(how.resource, library=how.library, timeout=how.timeout, baud=how.baud)
+    link = opened(how, plan.folder)
     try:
         board = SerialBoard(link, plan)
     except BaseException:

@@ -33,8 +33,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from minorloop.errors import InstrumentError, counted
-from minorloop.lab.drivers.link import Link
-from minorloop.lab.drivers.scpi import number
+from minorloop.lab.drivers.link import Link, number
 from minorloop.lab.signals import Deferred
 
 __all__ = ["Board", "BoardLine", "parse", "write"]

@@ -1,49 +1,42 @@
 """Instruments through PyVISA: SCPI and similar commands in lines of text.
 
-On a bench with several channels, a device of the driver ``visa`` has ``resource``, ``library``,
-``timeout`` and ``baud``; its sources have the commands of ``source`` below (``set``, ``safe``
-and so on), its sensors ``read``. A digital line has the commands ``on`` and ``off``, and may have
-a question, ``ask``, with the answers ``is_on`` and ``is_off``.
-
-A bench with one channel may be described shortly, also in JSON::
-
-    {"library": "@py",
-     "source": {"resource": "GPIB0::5::INSTR", "set": "VOLT {:.9g}", "on": ["OUTP ON"],
-                "safe": ["VOLT 0", "OUTP OFF"], "confirm": "VOLT?"},
-     "meter": {"resource": "GPIB0::7::INSTR", "read": "READ?", "scale": 0.001},
-     "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2, "rate": 10},
-     "output": {"name": "displacement", "unit": "m", "low": 0, "high": 0.03},
-     "rest": 0, "tick": 0.05, "timeout": 2, "safe_within": 10}
+A device of the driver ``visa`` has ``resource``, ``library``, ``timeout`` and ``baud``; its sources
+have the commands of `Commands`, its sensors ``read``. A digital line has the commands ``on`` and
+``off``, and may have a question, ``ask``, with the answers ``is_on`` and ``is_off``.
 
 After each input the source is asked ``confirm`` and ``errors``. If neither is given, it is asked
 ``done``, to which any answer is right. After ``safe`` it is asked the same, but the answer to
 ``confirm`` must be ``rest``. ``safe_query``, whose answer must be ``safe_answer``, then takes the
 place of ``confirm``. ``"done": null`` is for a source that answers nothing.
-
-Instead of source and meter there may be ``"board": {"resource": "ASRL/dev/ttyACM0::INSTR",
-"baud": 115200}``, a board with the protocol of `minorloop.lab.drivers.serial_line`.
 """
 
+import math
+import re
 import warnings
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from functools import partial
+from string import Formatter
 
 import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError
-from minorloop.files import PathLike
-from minorloop.lab.actuator import Channel
-from minorloop.lab.drivers.bench import Bench, Clock
-from minorloop.lab.drivers.description import UNRELATED, Section, parsed, read_description
-from minorloop.lab.drivers.device import DevicePlan, all_done
-from minorloop.lab.drivers.link import Link, VisaLink
-from minorloop.lab.drivers.scpi import ScpiMeter, ScpiSource
-from minorloop.lab.drivers.serial_line import Board
+from minorloop.lab.actuator import SIX_DIGITS
+from minorloop.lab.drivers.bench_file import open_bench
+from minorloop.lab.drivers.device import DevicePlan, PlannedDevice, Section, all_done
+from minorloop.lab.drivers.link import Link, LinkSettings, number, opened
 
-__all__ = ["NEEDS", "ScpiDevice", "found", "open_bench", "open_device", "open_single"]
+__all__ = [
+    "NEEDS",
+    "Commands",
+    "ScpiMeter",
+    "ScpiSource",
+    "VisaDevice",
+    "found",
+    "open_bench",
+    "open_device",
+]
 
 NEEDS = "pyvisa", "instruments"
 """Library of the driver, and the extra that installs it."""
@@ -52,9 +45,45 @@ UNANSWERED = (
     "{} answers nothing, so it cannot confirm that it is safe; check it at the end of the run, or "
     "give confirm, errors, safe_query or done"
 )
+_MOST_ERRORS = 30
+"""Most errors in the queue of an instrument."""
+_NO_ERROR = re.compile(r"[+-]?0+(?=[ \t,]|$)", re.ASCII)
 
 
-class _Commands(Section, kw_only=True):
+class Commands(Section, kw_only=True):
+    """Lines of text that a source understands.
+
+    Parameters
+    ----------
+    safe : list of str
+        Commands that make it safe: ``VOLT 0``, ``OUTP OFF``.
+    set : str
+        Command that sets the input, with the number in braces: ``VOLT {:.9g}``. An input that it
+        rounds by more than 5e-6 of the range is refused, because the record would be wrong.
+    on : list of str
+        Commands sent once, before the first input: the range, the current limit, output on.
+    confirm : str, optional
+        Query for the present input: ``VOLT?``. The answer must equal the input within
+        ``tolerance``.
+    tolerance : float
+        In the unit of the input.
+    errors : str, optional
+        Query for errors, ``SYST:ERR?``, after each input. An answer that does not begin with the
+        number 0 is an error.
+    safe_query : str, optional
+        Query after ``safe`` instead of ``confirm``, such as ``OUTP?``.
+    safe_answer : str, optional
+        Required answer to it, such as ``0``; after ``on`` the answer must differ.
+    done : str or None
+        Query if neither ``confirm`` nor ``errors`` is given; any answer shows that the lines before
+        are done. None if the instrument does not answer it.
+
+    Raises
+    ------
+    ValueError
+        If there is no command that makes it safe, or ``set`` does not contain the number.
+    """
+
     safe: list[str]
     set: str = "VOLT {:.9g}"
     on: list[str] = msgspec.field(default_factory=list)
@@ -65,21 +94,50 @@ class _Commands(Section, kw_only=True):
     safe_answer: str | None = None
     done: str | None = "*OPC?"
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.safe:
+            raise ValueError("there is no command that makes the source safe; give safe")
+        try:
+            different = self.set.format(1.0) != self.set.format(2.0)
+        except (ValueError, IndexError, KeyError, AttributeError) as error:
+            raise ValueError(f"set is {self.set!r}, which has no number: {error}") from None
+        if not different:
+            raise ValueError(f"set is {self.set!r}, which has no number; write VOLT {{:.9g}}")
+        if (self.safe_query is None) != (self.safe_answer is None):
+            raise ValueError(
+                f"safe_query is {self.safe_query!r} and safe_answer is {self.safe_answer!r}; give "
+                "both or neither"
+            )
+        self.numbers(1.0)
 
-class _Source(_Commands, kw_only=True):
-    resource: str
-    baud: int | None = None
+    @property
+    def answers(self) -> bool:
+        """Whether the instrument can confirm that it is safe."""
+        queries = self.safe_query, self.confirm, self.errors, self.done
+        return any(query is not None for query in queries)
+
+    def numbers(self, value: float) -> list[float]:
+        """Return the numbers in the command for an input.
+
+        Raises a `ValueError` if it writes no plain number.
+        """
+        found = []
+        for _, name, spec, conversion in Formatter().parse(self.set):
+            if name is not None:
+                field = f"{{{name}{f'!{conversion}' if conversion else ''}:{spec}}}"
+                try:
+                    found.append(float(field.format(value)))
+                except ValueError:
+                    raise ValueError(
+                        f"set is {self.set!r}, which writes {field.format(value)!r} for "
+                        f"{value:g}; write VOLT {{:.9g}}"
+                    ) from None
+        return found
 
 
 class _Query(Section, kw_only=True):
     read: str = "READ?"
-
-
-class _Meter(_Query, kw_only=True):
-    resource: str
-    scale: float = 1.0
-    zero: float = 0.0
-    baud: int | None = None
 
 
 class _LineCommands(Section, kw_only=True):
@@ -90,116 +148,181 @@ class _LineCommands(Section, kw_only=True):
     is_off: str = "0"
 
 
-class _VisaSettings(Section, kw_only=True):
-    resource: str
-    library: str = "@py"
-    timeout: float = 2.0
-    baud: int | None = None
-
-
-class _Board(Section, kw_only=True):
-    resource: str
-    baud: int | None = None
-
-
-class _Input(Section, kw_only=True):
-    name: str
-    low: float
-    high: float
-    unit: str = ""
-    rate: float = float("inf")
-
-
-class _Output(Section, kw_only=True):
-    name: str
-    unit: str = ""
-    low: float = float("-inf")
-    high: float = float("inf")
-
-
-class _Bench(Section, kw_only=True):
-    input: _Input
-    output: _Output
-    source: _Source | None = None
-    meter: _Meter | None = None
-    board: _Board | None = None
-    library: str = "@py"
-    rest: float = 0.0
-    tick: float = 0.05
-    timeout: float = 2.0
-    safe_within: float = 10.0
-
-
-def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
-    """Return the actuator of one channel that a file describes; make it safe and read it first.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    clock : Clock, optional
-        The clock of the machine if not given.
-
-    Raises
-    ------
-    ParameterError
-        If the file cannot be read, or does not describe such a bench.
-    MissingExtraError
-        If PyVISA is not installed.
-    InstrumentError
-        If an instrument does not answer; a `SafetyError` if the source does not confirm that it is
-        safe.
-    """
-    return open_single(read_description(Path(path)), Path(path), clock)
-
-
-def open_single(content: Mapping[str, Any], path: Path, clock: Clock | None = None) -> Bench:
-    """Return the actuator of one channel for the content of a file, as `open_bench` does."""
-    described = parsed(_Bench, content, path)
-    if described.board is not None and (described.source or described.meter):
-        raise ParameterError(f"{path} has a board and a source or a meter; give one or the other")
-    if described.board is None and (described.source is None or described.meter is None):
-        raise ParameterError(f"{path} needs a source and a meter, or a board")
-    links: dict[str, VisaLink] = {}
-    try:
-        bench = _built(described, links, path, clock)
-        bench.check()
-    except BaseException:
-        for link in links.values():
-            link.close()
-        raise
-    return bench
-
-
-class ScpiDevice:
-    """An instrument with several channels, each with commands of its own.
+class ScpiSource:
+    """Sets an input by a line of text.
 
     Parameters
     ----------
     link : Link
-    sources : sequence of ScpiSource
-    meters : sequence of ScpiMeter
-    lines : sequence
-        Commands of digital lines.
-    rest : mapping of int to bool
-        Lines when the device is safe.
+        The line to the instrument.
+    commands : Commands
+    rest : float
+        Answer to ``confirm`` when the source is safe.
+    span : float, optional
+        Width of the range of the input, in its unit; the size of each input if not given.
     """
 
     def __init__(
-        self,
-        link: Link,
-        sources: tuple[ScpiSource, ...],
-        meters: tuple[ScpiMeter, ...],
-        lines: tuple[_LineCommands, ...],
-        rest: Mapping[int, bool],
+        self, link: Link, commands: Commands, *, rest: float = 0.0, span: float | None = None
     ) -> None:
-        self._link, self._sources, self._meters = link, sources, meters
-        self._lines, self._rest = lines, dict(rest)
+        self._link, self._commands, self._rest, self._span = link, commands, rest, span
+        alone = commands.confirm is None and commands.errors is None
+        self._done = commands.done if alone else None
+        self._is_on = False
+
+    def set(self, value: float) -> None:
+        """Apply an input.
+
+        Raises
+        ------
+        InstrumentError
+            If the instrument does not take it, or answers another input.
+        ParameterError
+            If the command would contain another number; nothing is sent then.
+        """
+        if not math.isfinite(value):
+            raise InstrumentError(f"{value} is not a valid input; nothing was sent")
+        how = self._commands
+        width = abs(value) if self._span is None else self._span
+        if any(abs(said - value) > SIX_DIGITS * width for said in how.numbers(value)):
+            raise ParameterError(
+                f"{how.set!r} makes {how.set.format(value)!r} of {value:.9g}, which is another "
+                "input; write more digits, such as {:.9g}, or give inputs that need fewer"
+            )
+        self._link.send(how.set.format(value))
+        if not self._is_on:
+            self._switch_on()
+        if how.confirm is not None:
+            found = number(self._link.ask(how.confirm), self._link.name)
+            if not abs(found - value) <= how.tolerance:  # also refuses NaN
+                raise InstrumentError(
+                    f"{self._link.name} was set to {value:g} and answers {found:g}; check its range"
+                )
+        if how.errors is not None:
+            answer = self._link.ask(how.errors)
+            if _NO_ERROR.match(answer) is None:
+                raise InstrumentError(f"{self._link.name} reports {answer[:100]!r}")
+        if self._done is not None:
+            self._link.ask(self._done)
+
+    def _switch_on(self) -> None:
+        how = self._commands
+        for line in how.on:
+            self._link.send(line)
+        asked = how.safe_query if how.on else None
+        if asked is not None and self._link.ask(asked) == how.safe_answer:
+            raise InstrumentError(
+                f"{self._link.name} was switched on and answers {how.safe_answer!r} to "
+                f"{asked!r}, as when it is safe"
+            )
+        self._is_on = True
+
+    def safe(self) -> None:
+        """Send all commands that make it safe, even if one fails, and ask whether it is safe.
+
+        An instrument executes one line after the other, so an answer shows that the lines before
+        are done. If earlier answers missed their deadline, the question is repeated as often, so
+        that a late answer does not count for this question.
+
+        Raises
+        ------
+        InstrumentError
+            The first error, or if the answer is not as required.
+        """
+        try:
+            all_done(partial(self._link.send, line) for line in self._commands.safe)
+        finally:
+            self._is_on = False
+        for _ in range(1 + getattr(self._link, "owed", 0)):
+            self._ask_if_safe()
+
+    def _ask_if_safe(self) -> None:
+        how = self._commands
+        if how.safe_query is not None:
+            found = self._link.ask(how.safe_query)
+            if found != how.safe_answer:
+                raise InstrumentError(
+                    f"{self._link.name} was made safe and answers {found[:80]!r} to "
+                    f"{how.safe_query!r}, not {how.safe_answer!r}"
+                )
+        elif how.confirm is not None:
+            value = number(self._link.ask(how.confirm), self._link.name)
+            if not abs(value - self._rest) <= how.tolerance:
+                raise InstrumentError(
+                    f"{self._link.name} was made safe and answers {value:g} to {how.confirm!r}, "
+                    f"not rest, {self._rest:g}; let safe set rest too, or give safe_query and "
+                    "safe_answer"
+                )
+        if how.errors is not None:
+            self._ask_for_errors(how.errors)
+        if self._done is not None:
+            self._link.ask(self._done)
+
+    def _ask_for_errors(self, query: str) -> None:
+        """Empty the queue of errors; raise the first, which may be older than this command."""
+        first = found = self._link.ask(query)
+        for _ in range(_MOST_ERRORS):
+            if _NO_ERROR.match(found) is not None:
+                break
+            found = self._link.ask(query)
+        if _NO_ERROR.match(first) is None:
+            raise InstrumentError(
+                f"{self._link.name} reports {first[:100]!r} after it was made safe"
+            )
+
+    def written(self, value: float) -> float:
+        """Return the input that the command contains for ``value``; nothing is sent."""
+        return self._commands.numbers(value)[0]
+
+
+class ScpiMeter:
+    """Reads an output by a query.
+
+    Parameters
+    ----------
+    link : Link
+        The line to the instrument.
+    query : str
+        Query for a reading.
+    """
+
+    def __init__(self, link: Link, query: str = "READ?") -> None:
+        self._link, self._query = link, query
+
+    def read(self) -> float:
+        """Return the reading now.
+
+        Raises an `InstrumentError` if there is no answer in time, or it is not a number.
+        """
+        return number(self._link.ask(self._query), self._link.name)
+
+
+class VisaDevice(PlannedDevice):
+    """An instrument with several channels, each with commands of its own."""
+
+    settings, source, sensor, line = LinkSettings, Commands, _Query, _LineCommands
+
+    def __init__(self, plan: DevicePlan) -> None:
+        super().__init__(plan)
+        self._link = opened(self._how, plan.folder)
+        self._link.last_lines = tuple(line for each in self._sources for line in each.safe)
+        self.name = self._link.name
+        self._setters = [
+            ScpiSource(self._link, how, rest=wire.rest, span=wire.high - wire.low)
+            for wire, how in zip(plan.sources, self._sources, strict=True)
+        ]
+        self._meters = [ScpiMeter(self._link, each.read) for each in self._sensors]
+        silent = [each for each in self._sources if not each.answers]
+        self.warnings = [UNANSWERED.format(self.name)] if silent else []
 
     def set(self, values: FloatArray) -> None:
         """Set all sources, one after the other."""
-        for source, value in zip(self._sources, values.tolist(), strict=True):
+        for source, value in zip(self._setters, values.tolist(), strict=True):
             source.set(value)
+
+    def written(self, value: float) -> float:
+        """Return the input that the command of the first source contains; nothing is sent."""
+        return self._setters[0].written(value)
 
     def read(self) -> FloatArray:
         """Return the readings of all meters."""
@@ -207,55 +330,28 @@ class ScpiDevice:
 
     def switch(self, values: Mapping[int, bool]) -> None:
         """Switch lines on or off."""
-        for number, on in values.items():
-            line = self._lines[number]
+        for place, on in values.items():
+            line = self._lines[place]
             self._link.send(line.on if on else line.off)
             wanted = line.is_on if on else line.is_off
             if line.ask is not None and (answer := self._link.ask(line.ask)) != wanted:
                 raise InstrumentError(
-                    f"{self._link.name} answers {answer[:80]!r} to {line.ask!r}, not {wanted!r}"
+                    f"{self.name} answers {answer[:80]!r} to {line.ask!r}, not {wanted!r}"
                 )
 
     def safe(self) -> None:
         """Make all sources safe, and set the lines to rest."""
-        all_done([*(source.safe for source in self._sources), lambda: self.switch(self._rest)])
+        lines = self._plan.resting_lines
+        all_done([*(source.safe for source in self._setters), lambda: self.switch(lines)])
 
     def close(self) -> None:
         """Close the connection."""
         self._link.close()
 
 
-def open_device(plan: DevicePlan) -> ScpiDevice:
-    """Return an instrument with several channels.
-
-    Raises
-    ------
-    ParameterError
-        If a key is missing, unknown, or of another type.
-    MissingExtraError, InstrumentError
-        As `open_bench`.
-    """
-    how = parsed(_VisaSettings, plan.keys, f"device {plan.name!r}", "device")
-    lines = tuple(wire.parsed(_LineCommands) for wire in plan.lines)
-    commands = [wire.parsed(_Commands) for wire in plan.sources]
-    queries = [wire.parsed(_Query) for wire in plan.sensors]
-    link = VisaLink(
-        how.resource,
-        library=_beside(how.library, plan.folder),
-        timeout=how.timeout,
-        baud=how.baud,
-    )
-    try:
-        sources = tuple(
-            ScpiSource(link, span=wire.high - wire.low, rest=wire.rest, **_fields(each))
-            for wire, each in zip(plan.sources, commands, strict=True)
-        )
-        meters = tuple(ScpiMeter(link, read=each.read) for each in queries)
-        link.last_lines = tuple(line for each in commands for line in each.safe)
-        return ScpiDevice(link, sources, meters, lines, plan.resting_lines)
-    except BaseException:
-        link.close()
-        raise
+def open_device(plan: DevicePlan) -> VisaDevice:
+    """Return an instrument with several channels; see `VisaDevice`."""
+    return VisaDevice(plan)
 
 
 def found() -> list[str]:
@@ -269,74 +365,3 @@ def found() -> list[str]:
     except Exception:  # each backend has its own errors
         return []
     return [str(each) for each in found if not str(each).startswith("ASRL")]
-
-
-def _fields(commands: _Commands) -> dict[str, Any]:
-    return msgspec.structs.asdict(commands)
-
-
-def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clock | None) -> Bench:
-    def link(part: Any) -> VisaLink:
-        if part.resource not in links:  # a source-meter has both
-            links[part.resource] = VisaLink(
-                part.resource,
-                library=_beside(described.library, path.parent),
-                timeout=described.timeout,
-                baud=part.baud,
-            )
-        return links[part.resource]
-
-    wanted, seen = described.input, described.output
-    channel = Channel(wanted.name, wanted.unit, wanted.low, wanted.high, wanted.rate)
-    output = Channel(seen.name, seen.unit, seen.low, seen.high)
-    options: dict[str, Any] = {
-        **{name: getattr(described, name) for name in ("rest", "tick", "safe_within")},
-        "clock": clock,
-        "description": _description(described),
-    }
-    if described.board is not None:
-        board = Board(link(described.board))
-        if not board.low <= channel.low < channel.high <= board.high:
-            raise ParameterError(
-                f"{path} allows [{channel.low:g}, {channel.high:g}] and the board "
-                f"[{board.low:g}, {board.high:g}]; give limits inside those of the board"
-            )
-        board.keep_alive()
-        return Bench(board, board, channel, output, links=tuple(links.values()), **options)
-    assert described.source is not None
-    assert described.meter is not None
-    fields = msgspec.structs.asdict(described.source)
-    source = ScpiSource(
-        link(described.source),
-        span=channel.high - channel.low,
-        rest=described.rest,
-        **{k: v for k, v in fields.items() if k not in ("resource", "baud")},
-    )
-    meter = ScpiMeter(
-        link(described.meter),
-        read=described.meter.read,
-        scale=described.meter.scale,
-        zero=described.meter.zero,
-    )
-    link(described.source).last_lines = tuple(described.source.safe)
-    if not source.answers:
-        options["warnings"] = [UNANSWERED.format(described.source.resource)]
-    return Bench(source, meter, channel, output, links=tuple(links.values()), **options)
-
-
-def _description(described: msgspec.Struct) -> dict[str, Any]:
-    """Return all on which a reading depends; timeouts are not part of it."""
-    return {
-        field.name: _description(value) if isinstance(value, msgspec.Struct) else value
-        for field in msgspec.structs.fields(described)
-        if (value := getattr(described, field.name)) != field.default
-        and field.name not in UNRELATED
-    }
-
-
-def _beside(library: str, folder: Path) -> str:
-    """Return the library; the file of a simulation is relative to a folder."""
-    name, at, kind = library.rpartition("@")
-    if not name or Path(name).is_absolute():
-        return library
-    return f"{folder / name}{at}{kind}"
