@@ -1,11 +1,9 @@
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.dynamics.creep import Creep, fit_creep
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 
 TIMES = st.lists(st.floats(0.2, 50), min_size=1, max_size=4)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -68,29 +66,6 @@ def test_noise_makes_no_strength_negative():
     assert fit.model.strengths.min() >= 0
     assert abs(fit.model.dc_gain - 1.2) < 0.01
     assert fit.nrmse < 0.012
-
-
-@pytest.mark.parametrize(
-    ("make", "why"),
-    [
-        (lambda: Creep([1.0, 2.0], [0.1]), "one strength for each time"),
-        (lambda: Creep([0.0], [0.1]), "positive seconds"),
-        (lambda: Creep([1.0], [-0.1]), "numbers >= 0"),
-        (lambda: Creep([1.0], [0.1], gain=np.nan), "finite"),
-        (lambda: fit_creep([0, 1, 2, 9], [0, 1, 1, 1], [0, 1, 1, 1], per_decade=0), "at least 1"),
-        (lambda: fit_creep([0, 1, 2], [0, 1, 1], [0, 1, 1]), "shortest <= longest"),
-    ],
-)
-def test_refuses_parameters(make, why):
-    with pytest.raises(ParameterError, match=why):
-        make()
-
-
-def test_refuses_records_without_steps_and_creep_without_prompt_part():
-    with pytest.raises(SignalError, match="record at least one step"):
-        fit_creep([0, 1, 2], [1, 1, 1], [0, 1, 2])
-    with pytest.raises(NotInvertibleError, match="prompt gain"):
-        Creep([1.0], [0.5], gain=0.0).compensate([0, 1], [0, 1], before=0.0)
 
 
 def test_prints_and_draws():

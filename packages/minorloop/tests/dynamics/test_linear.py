@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from later import Later
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError, SignalError
 
 signal = Later("scipy.signal")
 
@@ -101,78 +100,8 @@ def test_continuous_inverts_discretise(times, interval, late):
     np.testing.assert_allclose(again.response(hertz), system.response(hertz), rtol=1e-4)
 
 
-@given(LAGS, st.integers(0, 3), st.floats(-2, 2))
-def test_single_steps_equal_simulate(times, late, before):
-    interval = 0.25
-    sampled = with_zero(times, delay=late * interval).discretise(interval)
-    u = np.sin(np.arange(20.0))
-    state, y = sampled.settled(before), []
-    for value in u:
-        kept = state.copy()
-        out, after = sampled.step(state, value)
-        np.testing.assert_array_equal(state, kept)
-        state = after
-        y.append(out)
-    whole = sampled.simulate(interval * np.arange(1, 21), u, before=before)
-    np.testing.assert_allclose(y, whole, atol=1e-9)
-
-
 def test_normalised_has_dc_gain_one():
     assert abs(with_zero([3.0, 0.4], gain=-7.3).normalised().dc_gain - 1) <= 1e-15
-    with pytest.raises(ParameterError, match="integrates"):
-        Linear([1.0], [1.0, 0.0]).normalised()
-    with pytest.raises(ParameterError, match="DC gain is 0"):
-        Linear([1.0, 0.0], [1.0, 1.0]).normalised()
-
-
-def test_equal_when_the_numbers_are():
-    assert Linear([2.0], [2.0, 4.0]) == Linear([0.0, 1.0], [1.0, 2.0])
-    assert Linear([1.0], [1.0, 2.0]) != Linear([1.0], [1.0, 2.0], delay=1.0)
-    assert Linear([1.0], [1.0, 2.0]) != "a system"
-
-
-@pytest.mark.parametrize(
-    ("make", "why"),
-    [
-        (lambda: Linear([1, 2, 3], [1, 2]), "no more zeros than poles"),
-        (lambda: Linear([1.0], [0.0, 1.0]), "leave it out"),
-        (lambda: Linear([np.nan], [1.0]), "finite coefficients"),
-        (lambda: Linear(["a"], [1.0]), "real numbers"),
-        (lambda: Linear([1.0], [1.0, 1.0], delay=-1), "dead time >= 0"),
-        (lambda: Linear([1.0], [1.0, 1.0], interval=0.0), "positive number of seconds"),
-        (lambda: Linear([1.0], [1.0, 0.5], interval=1.0, delay=0.5), "whole number"),
-        (lambda: Linear.lags(-1.0), "positive number of seconds"),
-        (lambda: Linear.from_poles([-1 + 1j]), "conjugate pairs"),
-        (lambda: Linear.lags(1.0, delay=0.5).discretise(1.0), "whole number"),
-        (lambda: Linear.lags(1.0).discretise(1.0).discretise(1.0), "sampled already"),
-        (lambda: Linear.lags(1.0).continuous(), "continuous already"),
-        (lambda: Linear([1.0], [1.0, 0.5], interval=1.0).continuous(), "negative real axis"),
-        (lambda: Linear.lags(1.0).settled(1.0), "discretise"),
-        (lambda: Linear([1.0], [1.0, 0.0]).simulate([0, 1], [1, 1], before=1.0), "does not settle"),
-        (
-            lambda: Linear.lags(1.0).discretise(1.0).simulate([0, 1], [1, 1], between="straight"),
-            "holds its input",
-        ),
-        (lambda: Linear.lags(1.0).simulate([0, 1], [1, 1], between="bent"), "'held', 'straight'"),
-    ],
-)
-def test_refuses_impossible_systems(make, why):
-    with pytest.raises(ParameterError, match=why):
-        make()
-
-
-@pytest.mark.parametrize(
-    ("t", "u", "why"),
-    [
-        ([0, 1, 1], [0, 0, 0], "does not increase at index 2"),
-        ([0, 1], [0, 0, 0], "shape"),
-        ([0], [0], "at least 2"),
-        ([0, 1, 3], [0, 0, 0], "steps of 1 s"),
-    ],
-)
-def test_refuses_samples_that_do_not_fit(t, u, why):
-    with pytest.raises(SignalError, match=why):
-        Linear.lags(1.0).discretise(1.0).simulate(t, u)
 
 
 @given(LAGS, st.integers(0, 8), st.sampled_from(["held", "straight"]), st.floats(-1, 1))

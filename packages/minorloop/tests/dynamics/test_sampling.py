@@ -4,11 +4,9 @@ import pytest
 from minorloop.dynamics.sampling import (
     checked_stages,
     decimated,
-    even_interval,
     pulses,
     refined,
 )
-from minorloop.errors import ParameterError, SignalError
 
 
 def sine(t, frequency):
@@ -50,13 +48,3 @@ def test_a_decimation_keeps_slow_signals_and_their_phase():
     gain *= (1 + 2 * np.cos(np.pi / 15) + 2 * np.cos(2 * np.pi / 15)) / 5
     columns = decimated(np.column_stack([slow, 2 * slow]), stages, periodic=True)
     assert columns == pytest.approx(gain * np.column_stack([slow, 2 * slow])[::6])
-
-
-def test_bad_stages_and_times_say_what_to_do():
-    with pytest.raises(ParameterError, match="give an odd number of symmetric taps"):
-        checked_stages([(2, [0.5, 0.5])], 2)
-    with pytest.raises(ParameterError, match="give substeps=6"):
-        checked_stages([(2, [1.0]), (3, [1.0])], 5)
-    with pytest.raises(SignalError, match="step of t after index 1 is 2 s"):
-        even_interval(np.array([0.0, 1.0, 3.0, 4.0]))
-    assert even_interval(np.arange(5) * 0.1) == pytest.approx(0.1)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 from minorloop.errors import NotInvertibleError, UnreachableError
-from minorloop.operators.after_effect import AfterEffect, AfterEffectState, intervals
+from minorloop.operators.after_effect import AfterEffect, intervals
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -130,20 +130,6 @@ def test_the_output_after_an_interval_rises_with_the_input(law):
         tracker.push(u, step % 3 + 0.01)
     y = [tracker.peek(u, 0.05) for u in np.linspace(-1, 1, 400)]
     assert (np.diff(y) >= -1e-12).all()
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_step_and_tracker_agree_with_simulate(law):
-    model = a_model(law)
-    t, u = a_walk(7, 150)
-    y = model.simulate(t, u, "demagnetised")
-    state, tracker = "demagnetised", model.track("demagnetised")
-    for step, value, wanted in zip(intervals(t), u, y, strict=True):
-        peeked = tracker.peek(value, step)
-        assert peeked == tracker.push(value, step)
-        got, state = model.step(state, value, step)
-        assert (got, peeked) == pytest.approx((wanted, wanted), abs=1e-11)
-    assert isinstance(state, AfterEffectState)
 
 
 def test_a_tracker_aims_and_its_copy_is_independent():

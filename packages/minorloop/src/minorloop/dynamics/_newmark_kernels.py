@@ -1,7 +1,7 @@
 """Compiled steps of Newmark, with Newton in each, for an oscillator with any hysteretic force.
 
 The method is the one with the constants 1/2 and 1/4, which neither damps nor amplifies. ``law`` is
-one of `SlopeLaw`, `PlayLaw` and `PlaneLaw`; its memory is updated. ``state`` (3,) is
+a `PlayLaw` or a `PlaneLaw`; its memory is updated. ``state`` (3,) is
 displacement, velocity and acceleration. Other arguments are those of `_oscillator_kernels`.
 """
 
@@ -14,7 +14,6 @@ from numba.extending import overload
 
 from minorloop.arrays import FloatArray, IntArray
 from minorloop.dynamics._oscillator_kernels import keep
-from minorloop.operators import _differential_kernels as differential
 from minorloop.operators import _kernels as planes
 from minorloop.operators._play_kernels import move
 
@@ -24,14 +23,6 @@ _ROUNDING = 1e-14
 """Relative change of the acceleration at which they end."""
 _FAR = 1e100
 """Displacement from which a simulation counts as unstable; its square is still finite."""
-
-
-class SlopeLaw(NamedTuple):
-    """A law of differential type: levels and values, and memory (2,), input and output."""
-
-    levels: FloatArray
-    values: FloatArray
-    memory: FloatArray
 
 
 class PlayLaw(NamedTuple):
@@ -102,20 +93,6 @@ def _commit(y, law):
 def _carry(y, v, a, h, mass, damping, spring, stiffness, law, slopes):
     """Update the derivatives of the state and of the memory, which has not moved yet."""
     raise NotImplementedError
-
-
-def _trial_differential(y, law):
-    """Return force and tangent."""
-    levels, values, memory = law
-    z = differential.advance(memory[1], y - memory[0], levels, values)
-    side = 1.0 if y >= memory[0] else -1.0
-    return z, differential.slope(z, side, differential.piece(z, True, levels), levels, values)[0]
-
-
-def _commit_differential(y, law):
-    levels, values, memory = law
-    memory[1] = differential.advance(memory[1], y - memory[0], levels, values)
-    memory[0] = y
 
 
 def _trial_plays(y, law):
@@ -197,7 +174,6 @@ def _no_derivatives(y, v, a, h, mass, damping, spring, stiffness, law, slopes):
 
 
 _KINDS = {
-    SlopeLaw: (_trial_differential, _commit_differential, _no_derivatives),
     PlayLaw: (_trial_plays, _commit_plays, _carry_plays),
     PlaneLaw: (_trial_preisach, _commit_preisach, _no_derivatives),
 }

@@ -6,12 +6,12 @@ resonance depend on the amplitude.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_waveform, as_whole, check_option, frozen
+from minorloop.arrays import FloatArray, as_finite, as_waveform, as_whole, frozen
 from minorloop.dynamics import _newmark_kernels, _oscillator_kernels
 from minorloop.dynamics.sampling import (
     Interpolation,
@@ -25,8 +25,6 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.operators.differential import Differential
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
-
-Method: TypeAlias = Literal["auto", "runge-kutta", "newmark"]
 
 _MOST_TURNS = 50
 """Periods after which a response counts as settled anyway."""
@@ -87,9 +85,11 @@ class Oscillator:
         substeps: int = 8,
         periodic: bool = False,
         stages: tuple[Stage, ...] = (),
-        method: Method = "auto",
     ) -> FloatArray:
         """Return the displacements (T,) in m for forces (T,) in N at even times (T,) in seconds.
+
+        For operators of differential type the method is that of Runge and Kutta, with a step that
+        ends at every corner of the law, for others that of Newmark.
 
         Parameters
         ----------
@@ -104,9 +104,6 @@ class Oscillator:
         stages : sequence of (int, array)
             Filters of a converter that samples ``substeps`` times as fast and decimates: factor and
             symmetric taps of each. None if the displacement is sampled directly.
-        method : {"auto", "runge-kutta", "newmark"}
-            How to integrate. ``"auto"`` is Runge and Kutta, with a step that ends at every corner
-            of the law, for operators of differential type, and Newmark for others.
 
         Raises
         ------
@@ -120,7 +117,7 @@ class Oscillator:
         count = as_whole("substeps", substeps, 1)
         filters = checked_stages(stages, count)
         force = pulses(forces, count, between, periodic=periodic)
-        y = self._response(force, interval / count, periodic, method)
+        y = self._response(force, interval / count, periodic)
         if y is None:
             raise SignalError(
                 "the displacement grows without bound for this force; check the units, make the "
@@ -136,18 +133,9 @@ class Oscillator:
         """Mass, damping, spring, levels and values, as the compiled loops take them."""
         return self.mass, self.damping, self.stiffness, *self.operator.law
 
-    def _response(
-        self, force: FloatArray, step: float, periodic: bool, method: Method
-    ) -> FloatArray | None:
+    def _response(self, force: FloatArray, step: float, periodic: bool) -> FloatArray | None:
         """Return the displacement after each step, (K + 1,); None where it is not finite."""
-        check_option("method", method, ("auto", "runge-kutta", "newmark"))
-        differential = isinstance(self.operator, Differential)
-        if method == "runge-kutta" and not differential:
-            raise ParameterError(
-                "method is 'runge-kutta', which is for operators of differential type; give "
-                "'newmark' or 'auto'"
-            )
-        motion = Motion(self, newmark=method == "newmark")
+        motion = Motion(self)
         y, none = np.empty(len(force) + 1), np.empty((len(force) + 1, 0))
         for _ in range(_MOST_TURNS if periodic else 1):
             before = motion.state.copy()
@@ -165,33 +153,21 @@ class Motion:
     ----------
     model : Oscillator
         The oscillator.
-    newmark : bool
-        Whether to use the method of Newmark where another one is possible.
     gradient : bool
         Whether derivatives with respect to the parameters are wanted: mass, damping, springs, and
         those of the operator. There are none for Preisach operators.
     """
 
-    def __init__(self, model: Oscillator, *, newmark: bool = False, gradient: bool = False) -> None:
-        self.model = model
-        operator = model.operator
-        self.state = np.zeros(3)
-        self._law: Any = None
+    def __init__(self, model: Oscillator, *, gradient: bool = False) -> None:
+        self.model, operator = model, model.operator
+        self._differential = isinstance(operator, Differential)
+        self._plays = isinstance(operator, PrandtlIshlinskii)
         count = 0
-        if isinstance(operator, Differential):
-            count = operator.law[1].size
-            if newmark:
-                self._law = _newmark_kernels.SlopeLaw(*operator.law, np.zeros(2))
-        elif isinstance(operator, PrandtlIshlinskii):
-            count = operator.weights.size
+        if self._differential or self._plays:
+            count = (operator.weights if self._plays else operator.law[1]).size
         parameters = 2 + model.stiffness.size + count if gradient else 0
-        self.slopes = np.zeros((3, parameters))
-        if isinstance(operator, PrandtlIshlinskii):
-            n = operator.radii.size
-            positions, play_slopes = np.zeros(n), np.zeros((n, parameters))
-            law = operator.radii, operator.weights, operator.offset, positions, play_slopes
-            self._law = _newmark_kernels.PlayLaw(*law)
-        self._begun = False
+        self.state, self.slopes = np.zeros(3), np.zeros((3, parameters))
+        self._law: Any = None
 
     def run(self, force: FloatArray, step: float, y_out: FloatArray, gradient: FloatArray) -> bool:
         """Continue with a force (K, 3), and return whether the displacements are finite.
@@ -207,44 +183,35 @@ class Motion:
         gradient : (K + 1, P) array
             Receives their derivatives.
         """
-        model = self.model
-        if self._law is None and not isinstance(model.operator, Preisach):
-            return bool(
-                _oscillator_kernels.respond(
-                    force, step, model.plant, self.state, self.slopes, y_out, gradient
-                )
-            )
-        if isinstance(model.operator, Preisach):
-            self._make_room(len(force))
-        if not self._begun:
+        model, state = self.model, (self.state, self.slopes, y_out, gradient)
+        if self._differential:
+            return bool(_oscillator_kernels.respond(force, step, model.plant, *state))
+        if self._law is None:
             self._begin(float(force[0, 0]))
-        spring = model.stiffness
-        return bool(
-            _newmark_kernels.march(
-                *(force, step, model.mass, model.damping, spring, self._law),
-                *(self.state, self.slopes, y_out, gradient),
-            )
-        )
+        if not self._plays:
+            self._make_room(len(force))
+        plant = model.mass, model.damping, model.stiffness
+        return bool(_newmark_kernels.march(force, step, *plant, self._law, *state))
 
     def _begin(self, force: float) -> None:
-        """Set the acceleration at rest, and its derivative to the mass."""
-        start = "demagnetised" if isinstance(self.model.operator, Preisach) else None
+        """Set the memory and the acceleration at rest, and its derivative to the mass."""
         operator = self.model.operator
-        z = operator.step(start, 0.0)[0] if start else getattr(operator, "offset", 0.0)
+        if self._plays:
+            n, z = operator.radii.size, operator.offset
+            memory = np.zeros(n), np.zeros((n, self.slopes.shape[1]))
+            self._law = _newmark_kernels.PlayLaw(operator.radii, operator.weights, z, *memory)
+        else:
+            z = operator.step("demagnetised", 0.0)[0]
+            stack, rows = operator.stack("demagnetised", 0)
+            count = np.array([rows], dtype=np.int64)
+            self._law = _newmark_kernels.PlaneLaw(operator.tables, stack, count, stack, np.zeros(2))
         self.state[2] = (force - z) / self.model.mass
         if self.slopes.size:
             self.slopes[2, 0] = -self.state[2] / self.model.mass
-        self._begun = True
 
     def _make_room(self, steps: int) -> None:
         """Give the memory of a Preisach operator room for a reversal in every step."""
-        operator = self.model.operator
-        if self._law is None:
-            stack, rows = operator.stack("demagnetised", steps)
-        else:
-            rows = int(self._law.rows[0])
-            stack = np.empty((rows + steps + 2, 4))
-            stack[:rows] = self._law.stack[:rows]
-        count = np.array([rows], dtype=np.int64)
-        law = operator.tables, stack, count, np.empty_like(stack), np.zeros(2)
-        self._law = _newmark_kernels.PlaneLaw(*law)
+        rows = int(self._law.rows[0])
+        stack = np.empty((rows + steps + 2, 4))
+        stack[:rows] = self._law.stack[:rows]
+        self._law = self._law._replace(stack=stack, scratch=np.empty_like(stack))
