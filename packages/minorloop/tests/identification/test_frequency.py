@@ -104,7 +104,7 @@ def test_behind_the_true_operator_the_gain_forgets_the_amplitude():
 def test_advice_names_a_plant_that_has_not_settled():
     slow = Linear.lags(30.0)
     found = frequency_response(
-        driving(PLANE, system=slow), [0.5], [0.4], preamble=PREAMBLE, settling=0.0, bias=0.5
+        driving(PLANE, system=slow), [0.5], [0.4], preamble=Preamble(-1.0, 10.0, 0.5), settling=0.0
     )
     assert "increase the settling time" in found.advice[0]
     assert "advice" in str(found)

@@ -7,7 +7,7 @@ operator to the output of the plant does not depend on the amplitude.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -36,6 +36,8 @@ HARMONICS = 10
 """Highest harmonic of the distortion."""
 _SWITCH = 1e-3
 """Duration of a change of the input in the preamble, in seconds."""
+_NOTHING = 1e-9
+"""Share of a signal below which its fundamental is rounding."""
 _UNSETTLED = 0.01
 """Relative change of the fundamental between periods above which it is not settled."""
 
@@ -54,11 +56,73 @@ class Preamble:
     """Input that saturates the plant, or wipes out its memory."""
     hold: float
     """Seconds for which this input is held, and then the bias."""
+    bias: float = 0.0
+    """Mean of the sine."""
 
     def __post_init__(self) -> None:
         as_finite("input", self.input)
+        as_finite("bias", self.bias)
         if as_finite("hold", self.hold) <= 0:
             raise ParameterError(f"hold is {self.hold:g} s; give a positive time")
+
+
+@dataclass(frozen=True, eq=False)
+class SinePeriods:
+    """The measured whole periods of a sine."""
+
+    frequency: float
+    amplitude: float
+    offset: float
+    """``frequency``, ``amplitude`` and ``offset``: frequency in Hz, amplitude and mean of the input
+    in its unit."""
+    periods: int
+    """Number of periods."""
+    u: FloatArray
+    y: FloatArray
+    """``u`` and ``y``: shape (T,). Inputs and outputs, evenly sampled over the periods."""
+    w: FloatArray | None = None
+    """Shape (T,). Outputs of the operator; None without an operator."""
+    held: bool = False
+    """Whether each input was held until its output was read; otherwise it is linear in between."""
+
+    @property
+    def correction(self) -> complex:
+        """Fundamental of a held input over that of its samples at the ends of the holds."""
+        if not self.held:
+            return 1.0
+        turn = 2j * np.pi * self.periods / self.u.size
+        return complex((np.exp(turn) - 1) / turn)
+
+    def gains(self) -> tuple[complex, complex]:
+        """Return the gains of the fundamental before and after the operator; NaN without one.
+
+        Raises a `SignalError` if input, operator or output does not oscillate.
+        """
+        if np.isnan(self.y).any():
+            raise SignalError(
+                f"the sine of {self.frequency:g} Hz and amplitude {self.amplitude:g} has gaps in "
+                "its output; measure it again"
+            )
+        y = fundamental(self.y, self.periods)
+        if abs(y) <= _NOTHING * np.abs(self.y).max(initial=0.0):
+            raise SignalError(
+                f"the output does not oscillate at {self.frequency:g} Hz and amplitude "
+                f"{self.amplitude:g}; check the sensor, or increase the amplitude"
+            )
+        before, after = (
+            np.nan if x is None else y / (fundamental_of_sine(x, self.periods) * self.correction)
+            for x in (self.u, self.w)
+        )
+        return before, after
+
+    def unsettled(self) -> float:
+        """Return the relative change of the fundamental between the last two periods."""
+        each = self.y.size // self.periods
+        last, before = (
+            fundamental(self.y[self.y.size - k * each : self.y.size - (k - 1) * each], 1)
+            for k in (1, 2)
+        )
+        return abs(last - before) / abs(last) if last else np.inf
 
 
 @dataclass(frozen=True)
@@ -187,9 +251,7 @@ def frequency_response(
     *,
     preamble: Preamble,
     settling: float,
-    bias: float = 0.0,
     operator: Operator | None = None,
-    start: Any = "negative",
     periods: int = PERIODS,
     samples: int = SAMPLES,
 ) -> FrequencyResponse:
@@ -209,15 +271,11 @@ def frequency_response(
     amplitudes : (A,) array_like
         Amplitudes of the input, in its unit.
     preamble : Preamble
-        Inputs that bring plant and operator to the same memory.
+        Inputs that bring plant and operator to the same memory, and the mean of the input.
     settling : float
         Seconds before the measured periods; five of the slowest time constants are enough.
-    bias : float
-        Mean of the input.
     operator : Operator, optional
         Model of the hysteresis that comes before the dynamics.
-    start : start state of the operator
-        Memory before the preamble, which should wipe it out.
     periods : int
         Measured periods, at least 2.
     samples : int
@@ -232,31 +290,41 @@ def frequency_response(
     """
     hertz, swings = _positive("frequency", frequencies), _positive("amplitude", amplitudes)
     _check_counts(periods, samples, settling)
-    shape = (swings.size, hertz.size)
-    plant, after = np.empty(shape, np.complex128), np.empty(shape, np.complex128)
-    distortion, unsettled = np.empty(shape), np.empty(shape)
-    for i, amplitude in enumerate(swings):
-        for j, frequency in enumerate(hertz):
-            t, u = _waveform(frequency, amplitude, bias, preamble, settling, periods, samples)
-            sensed, y = _measured_periods(drive(t, u), t, periods * samples)
-            component = fundamental(y, periods)
-            plant[i, j] = component / fundamental_of_sine(sensed, periods)
-            distortion[i, j] = harmonic_distortion(y, periods)
-            last, one_before = (
-                fundamental(y[y.size - n * samples : y.size - (n - 1) * samples], 1) for n in (1, 2)
-            )
-            unsettled[i, j] = abs(last - one_before) / abs(last)
-            if operator is not None:
-                w = operator.simulate(u, start)[-periods * samples :]
-                after[i, j] = component / fundamental_of_sine(w, periods)
+
+    def sine(frequency: float, amplitude: float) -> SinePeriods:
+        t, u = _waveform(frequency, amplitude, preamble, settling, periods, samples)
+        sensed, y = _measured_periods(drive(t, u), t, periods * samples)
+        w = None if operator is None else operator.simulate(u)[-periods * samples :]
+        return SinePeriods(frequency, amplitude, preamble.bias, periods, sensed, y, w)
+
+    grid = [[sine(f, a) for f in hertz.tolist()] for a in swings.tolist()]
+    return response_of(grid, hertz, swings, preamble.bias)
+
+
+def response_of(
+    sines: Sequence[Sequence[SinePeriods]],
+    frequencies: npt.ArrayLike,
+    amplitudes: npt.ArrayLike,
+    bias: float,
+) -> FrequencyResponse:
+    """Return the gains of sines; `FrequencyResponse` has the other parameters.
+
+    Raises a `SignalError` if input, operator or output of one does not oscillate.
+
+    Parameters
+    ----------
+    sines : (A, F) sequence of SinePeriods
+        One of each amplitude and frequency.
+    """
+    gains = np.array([[sine.gains() for sine in row] for row in sines])
     return FrequencyResponse(
-        hertz,
-        swings,
+        np.asarray(frequencies),
+        np.asarray(amplitudes),
         float(bias),
-        plant,
-        None if operator is None else after,
-        distortion,
-        unsettled,
+        gains[:, :, 0],
+        gains[:, :, 1] if all(sine.w is not None for row in sines for sine in row) else None,
+        np.array([[harmonic_distortion(sine.y, sine.periods) for sine in row] for row in sines]),
+        np.array([[sine.unsettled() for sine in row] for row in sines]),
     )
 
 
@@ -325,7 +393,6 @@ def degrees(gain: ComplexArray) -> FloatArray:
 def _waveform(
     frequency: float,
     amplitude: float,
-    bias: float,
     preamble: Preamble,
     settling: float,
     periods: int,
@@ -336,8 +403,8 @@ def _waveform(
     count = np.arange(1, (discarded + periods) * samples + 1)
     switch = min(_SWITCH, preamble.hold / 2)
     t = np.array([0.0, preamble.hold - switch, preamble.hold, 2 * preamble.hold])
-    u = np.array([preamble.input, preamble.input, bias, bias])
-    sine = bias + amplitude * np.sin(2 * np.pi * count / samples)
+    u = np.array([preamble.input, preamble.input, preamble.bias, preamble.bias])
+    sine = preamble.bias + amplitude * np.sin(2 * np.pi * count / samples)
     return np.concatenate([t, t[-1] + count / (samples * frequency)]), np.concatenate([u, sine])
 
 
@@ -364,7 +431,7 @@ def fundamental_of_sine(x: FloatArray, periods: int) -> complex:
     Raises a `SignalError` if it does not.
     """
     component = fundamental(x, periods)
-    if abs(component) <= 1e-9 * np.abs(x).max(initial=0.0):
+    if abs(component) <= _NOTHING * np.abs(x).max(initial=0.0):
         raise SignalError(
             "the input or the operator does not oscillate; increase the amplitude beyond the "
             "deadzone"

@@ -9,7 +9,6 @@ Shahinpoor 2005, section V).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,9 +17,9 @@ from minorloop.arrays import FloatArray, as_pair, as_samples, as_times
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.frequency import (
     FrequencyResponse,
-    fundamental,
+    SinePeriods,
     fundamental_of_sine,
-    harmonic_distortion,
+    response_of,
 )
 from minorloop.operators.operator import Operator
 
@@ -37,73 +36,12 @@ __all__ = [
 
 FEWEST_SAMPLES = 20
 """Least samples of a period in a log."""
-_NOTHING = 1e-9
-"""Share of the output below which its fundamental is rounding."""
 _MOST_SAMPLES = 4096
 """Most samples of a period to which a log is interpolated."""
 _ROUNDING = 1e-3
 """Share of an interval by which times of a log may be rounded."""
 _SAME_AMPLITUDE = 1.05
 """Amplitudes of a log whose ratio is below this count as one."""
-
-
-@dataclass(frozen=True, eq=False)
-class SinePeriods:
-    """The measured whole periods of a sine."""
-
-    frequency: float
-    amplitude: float
-    offset: float
-    """``frequency``, ``amplitude`` and ``offset``: frequency in Hz, amplitude and mean of the input
-    in its unit."""
-    periods: int
-    """Number of periods."""
-    u: FloatArray
-    y: FloatArray
-    """``u`` and ``y``: shape (T,). Inputs and outputs, evenly sampled over the periods."""
-    w: FloatArray | None = None
-    """Shape (T,). Outputs of the operator; None without an operator."""
-    held: bool = False
-    """Whether each input was held until its output was read; otherwise it is linear in between."""
-
-    @property
-    def correction(self) -> complex:
-        """Fundamental of a held input over that of its samples at the ends of the holds."""
-        if not self.held:
-            return 1.0
-        turn = 2j * np.pi * self.periods / self.u.size
-        return complex((np.exp(turn) - 1) / turn)
-
-    def gains(self) -> tuple[complex, complex]:
-        """Return the gains of the fundamental before and after the operator; NaN without one.
-
-        Raises a `SignalError` if input, operator or output does not oscillate.
-        """
-        if np.isnan(self.y).any():
-            raise SignalError(
-                f"the sine of {self.frequency:g} Hz and amplitude {self.amplitude:g} has gaps in "
-                "its output; measure it again"
-            )
-        y = fundamental(self.y, self.periods)
-        if abs(y) <= _NOTHING * np.abs(self.y).max(initial=0.0):
-            raise SignalError(
-                f"the output does not oscillate at {self.frequency:g} Hz and amplitude "
-                f"{self.amplitude:g}; check the sensor, or increase the amplitude"
-            )
-        before, after = (
-            np.nan if x is None else y / (fundamental_of_sine(x, self.periods) * self.correction)
-            for x in (self.u, self.w)
-        )
-        return before, after
-
-    def unsettled(self) -> float:
-        """Return the relative change of the fundamental between the last two periods."""
-        each = self.y.size // self.periods
-        last, before = (
-            fundamental(self.y[self.y.size - k * each : self.y.size - (k - 1) * each], 1)
-            for k in (1, 2)
-        )
-        return abs(last - before) / abs(last) if last else np.inf
 
 
 def measured_periods(one: MeasuredSine, operator: Operator | None = None) -> SinePeriods:
@@ -253,17 +191,7 @@ def sine_response(sines: Sequence[SinePeriods]) -> tuple[FrequencyResponse, list
             "different offsets cannot be compared"
         )
     grid = [[table[i, f] for f in complete] for i in range(len(amplitudes))]
-    gains = np.array([[sine.gains() for sine in row] for row in grid])
-    response = FrequencyResponse(
-        np.array(complete),
-        np.array(amplitudes),
-        float(np.mean(offsets)),
-        gains[:, :, 0],
-        gains[:, :, 1] if all(sine.w is not None for sine in sines) else None,
-        np.array([[harmonic_distortion(s.y, s.periods) for s in row] for row in grid]),
-        np.array([[s.unsettled() for s in row] for row in grid]),
-    )
-    return response, notes
+    return response_of(grid, complete, amplitudes, float(np.mean(offsets))), notes
 
 
 def _last_periods(
