@@ -130,7 +130,7 @@ def test_an_adaptive_run_ends_with_a_score(run, answer):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ("--holds 2", "holds is 2; give a budget of 3 to 1000"),
+        ("--holds 2", "holds is 2; give a whole number from 3 to 1000"),
         ("--holds 5 --hours 1", "one of them"),
         ("--hours 0.01", "0.01 h are 0 holds of 100 s"),
         ("--low -2", "voltage -2 V is beyond the limits"),

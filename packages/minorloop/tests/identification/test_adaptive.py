@@ -3,7 +3,13 @@ import pytest
 
 from minorloop.connect import connect
 from minorloop.errors import ParameterError
-from minorloop.identification.adaptive import VALIDATION, Adaptive
+from minorloop.identification.adaptive import (
+    REPEATS,
+    VALIDATION,
+    Adaptive,
+    _Progress,
+    design_holds,
+)
 
 
 def experiment(chooser, specimen=1, outlier_at=None, upto=1000):
@@ -98,12 +104,9 @@ def test_an_early_outlier_is_left_out_and_replaced():
 def test_never_spends_the_validation(surprising, monkeypatch):
     """Whatever is repeated, and however that ends."""
     away = (1.0, 1e-9 if surprising == "always" else 1.0)
-    monkeypatch.setattr(Adaptive, "_deviation", lambda *_: away)
+    monkeypatch.setattr(_Progress, "_deviation", lambda *_: away)
     chooser = Adaptive(-1.0, 1.0, holds=8)
-    u, y = [], []
-    while (level := chooser.choose(u, y)) is not None:
-        u.append(level)
-        y.append(level)
+    u, y = measured(chooser, lambda k, u: u)
     assert len(u) == 12 + (3 if surprising == "always" else 0)
     assert chooser.roles(u, y)[-1] == "validation"
     assert len(set(u[-VALIDATION:])) == VALIDATION
@@ -117,10 +120,56 @@ def test_stops_early_where_holds_gain_too_little():
     assert roles[-VALIDATION:] == ["validation"] * VALIDATION
 
 
+def measured(chooser, reads):
+    u, y = [], []
+    while (level := chooser.choose(u, y)) is not None:
+        u.append(level)
+        y.append(reads(len(y), level))
+    return u, y
+
+
+def test_an_outlier_that_was_repeated_is_among_the_findings():
+    chooser = Adaptive(-1, 1, levels=10)
+    found = chooser.findings(*measured(chooser, lambda k, u: u + 5.0 * (k == 9)))
+    assert found.outliers == found.repeated == (9,)
+    assert found.changes == ()
+    assert "1 outlier: sample 9" in found.warnings[0]
+    assert found.holds == 13 - 1
+    assert found.validation.trusted
+
+
 @pytest.mark.parametrize(
-    ("options", "says"),
-    [({"holds": 2}, "holds is 2"), ({"least_gain": 1.5}, "least_gain is 1.5")],
+    ("reads", "says"),
+    [
+        (lambda k, u: -u, "the output falls as the input rises"),
+        (lambda k, u: u + 3.0 * (k >= 8), "changed at about hold 9"),
+        (lambda k, u: u + 9.0 * (k >= 12) * (-1) ** k, "do not trust this model"),
+        (lambda k, u: u, ""),
+    ],
 )
-def test_refuses(options, says):
+def test_findings_of_a_run_are_reported(reads, says):
+    chooser = Adaptive(-1, 1, levels=10)
+    said = chooser.findings(*measured(chooser, reads)).warnings
+    assert says in " ".join(said)
+    assert bool(said) == bool(says)
+
+
+def test_hours_include_validation_and_repetitions_and_holds_do_not():
+    assert design_holds(12, None, 200.0) == 12
+    assert design_holds(None, 1.0, 200.0) == 18 - VALIDATION - REPEATS
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Adaptive(0.0, 1.0, holds=2), "holds is 2"),
+        (lambda: Adaptive(0.0, 1.0, least_gain=1.5), "least_gain is 1.5"),
+        (lambda: design_holds(None, 0.5, 200.0), r"give 0\.556 h or more"),
+        (lambda: design_holds(None, 1.0, 0.0), "hold is 0"),
+        (lambda: design_holds(5, 1.0, 200.0), "one of them"),
+        (lambda: design_holds(None, None, 200.0), "one of them"),
+    ],
+)
+def test_refuses(make, says):
     with pytest.raises(ParameterError, match=says):
-        Adaptive(0.0, 1.0, **options)
+        make()

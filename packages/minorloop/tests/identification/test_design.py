@@ -68,11 +68,7 @@ def test_stops_where_the_next_hold_gains_too_little():
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({}, "one of them"),
-        ({"holds": 5, "hours": 1.0}, "one of them"),
-        ({"holds": 2}, "holds is 2; give a budget of 3 to 1000"),
-        ({"hours": 0.1}, "0.1 h are 1 holds of 200 s; give a budget"),
-        ({"hours": 1.0, "hold": 0.0}, "hold is 0 s"),
+        ({"holds": 2}, "holds is 2; give a whole number from 3 to 1000"),
         ({"holds": 5, "step": 0.0}, "step is 0"),
         ({"holds": 5, "low": 0.7, "high": 0.6}, "no input is allowed"),
         ({"holds": 5, "least_gain": 1.0}, "least_gain is 1.0"),

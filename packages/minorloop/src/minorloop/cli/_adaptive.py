@@ -10,8 +10,7 @@ import typer
 from minorloop.cli._common import HOLD
 
 if TYPE_CHECKING:
-    from minorloop.identification.adaptive import Adaptive
-    from minorloop.identification.adaptive_run import RunFindings
+    from minorloop.identification.adaptive import Adaptive, RunFindings
     from minorloop.lab.actuator import Actuator
     from minorloop.lab.store import Point, Store
 
@@ -22,8 +21,7 @@ def design_of(plant: Actuator, options: dict[str, Any]) -> dict[str, Any]:
     Raises a `ParameterError` if the budget is too small; a `LimitError` if the range is beyond the
     limits of the actuator.
     """
-    from minorloop.identification.adaptive import Adaptive
-    from minorloop.identification.adaptive_run import design_holds
+    from minorloop.identification.adaptive import Adaptive, design_holds
     from minorloop.lab.actuator import check_input
 
     channel = plant.inputs[0]
@@ -50,9 +48,7 @@ def next_level(chooser: Adaptive, points: Sequence[Point]) -> float | None:
 
 def findings_of(chooser: Adaptive, store: Store) -> RunFindings:
     """Return what the points of a store show."""
-    from minorloop.identification.adaptive_run import findings
-
-    return findings(chooser, *_inputs_and_outputs(store.points()))
+    return chooser.findings(*_inputs_and_outputs(store.points()))
 
 
 def as_json(found: RunFindings) -> dict[str, Any]:

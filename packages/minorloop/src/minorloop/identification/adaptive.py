@@ -10,10 +10,11 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, Levels, as_finite, uniform_levels
-from minorloop.errors import ParameterError
+from minorloop.arrays import FloatArray, Levels, as_finite, as_seconds, as_whole, uniform_levels
+from minorloop.errors import MinorloopError, ParameterError
+from minorloop.identification.advising import fault_warnings
 from minorloop.identification.bands import Prediction
-from minorloop.identification.design import budget, design, next_input
+from minorloop.identification.design import MOST_HOLDS, design, next_input
 from minorloop.identification.fit import Plane
 from minorloop.identification.regularisation import Gaussian, Prior
 from minorloop.identification.result import Identification
@@ -37,6 +38,10 @@ _OUTLIER_DEVIATIONS = 6.0
 _LEAST_INSIDE = 0.75
 _MOST_RMS = 3.0
 """Validation passes with this share inside the bands, and this rms error in deviations."""
+_FITTED = ("design", "repeat")
+"""Roles of points that are fitted."""
+_FEWEST = 3
+"""Least holds of a design."""
 _PART_ORDER = (2, 0, 3, 1)
 """Order in which validation visits the quarters of the range, so that it reverses every time."""
 
@@ -70,24 +75,22 @@ class Validation:
         return inside and bool(np.sqrt(np.mean(away**2)) <= _MOST_RMS)
 
 
-@dataclass
-class _Progress:
-    """State of an experiment.
+@dataclass(frozen=True)
+class RunFindings:
+    """What an adaptive run shows."""
 
-    ``designed`` and ``validated`` count the holds of design and validation, ``extra`` repetitions
-    and replacements, ``replaced`` the replacements alone. ``changes`` are the deviations from the
-    model of points whose repetition agreed with them. ``repeat_next``: the last point is to be
-    repeated. ``validating``: the design is complete.
-    """
-
-    roles: list[Role] = field(default_factory=list)
-    designed: int = 0
-    validated: int = 0
-    extra: int = 0
-    replaced: int = 0
-    changes: dict[int, float] = field(default_factory=dict)
-    repeat_next: bool = False
-    validating: bool = False
+    holds: int
+    """Holds that the model was fitted to."""
+    outliers: tuple[int, ...]
+    """Holds left out of the fit: not measured, or far outside their band."""
+    repeated: tuple[int, ...]
+    """Those of ``outliers`` that were measured again at once."""
+    changes: tuple[int, ...]
+    """Holds that contradict the model although their repetition gave the same."""
+    validation: Validation | None
+    """Score on the holds that were never fitted; None where there are none yet."""
+    warnings: tuple[str, ...]
+    """Why the model is not to be trusted."""
 
 
 @dataclass
@@ -130,11 +133,11 @@ class Adaptive:
     """Seed of the levels of the validation."""
     noise: float | None = None
     """Standard deviation of a measured output, where it is known."""
-    _fits: dict[bytes, Identification] = field(default_factory=dict, repr=False)
+    _fits: dict[bytes, Identification] = field(default_factory=dict, init=False, repr=False)
     _first: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        budget(self.holds, None, 1.0)
+        as_whole("holds", self.holds, _FEWEST, MOST_HOLDS)
         if not 0 <= as_finite("least_gain", self.least_gain) < 1:
             raise ParameterError(f"least_gain is {self.least_gain}; give a share from 0 to 1")
         self._first = design(self.grid, min(_FIXED, self.holds), step=self.step)
@@ -164,11 +167,11 @@ class Adaptive:
         y : (n,) array_like
             Settled outputs; NaN where none was read.
         """
-        progress = self._progress(u, y)
+        progress = _Progress(self, u, y)
         if progress.repeat_next:
             return float(u[-1])
-        if not self._is_designed(progress):
-            following = self._design(u, y, progress)
+        if not progress.is_designed:
+            following = progress.design(len(u))
             if following is not None:
                 return following
         if progress.validated == VALIDATION:
@@ -177,7 +180,7 @@ class Adaptive:
 
     def roles(self, u: Sequence[float], y: Sequence[float]) -> list[Role]:
         """Return the role of each point, u and y as of `choose`; an ``outlier`` is not fitted."""
-        return self._progress(u, y).roles
+        return _Progress(self, u, y).roles
 
     def changes(self, u: Sequence[float], y: Sequence[float]) -> list[int]:
         """Return the points that contradict the model although their repetition agrees with them.
@@ -185,7 +188,7 @@ class Adaptive:
         There the actuator or its sensor changed, or no Preisach model describes it. u and y are as
         of `choose`.
         """
-        return sorted(self._progress(u, y).changes)
+        return sorted(_Progress(self, u, y).changes)
 
     def learn_noise(self, sd: Sequence[float]) -> None:
         """Estimate the noise from the standard deviations of the first settled outputs.
@@ -220,8 +223,8 @@ class Adaptive:
         start : {"negative", "positive", "demagnetised"} or Memory
             Memory before the first point.
         """
-        progress = self._progress(u, y)
-        fit = self._fit(u, y, progress, law, prior, start)
+        progress = _Progress(self, u, y)
+        fit = progress.fit(len(u), law, prior, start)
         outputs = np.where(np.isfinite(y), y, np.nan)
         fitted = np.zeros(outputs.size, dtype=np.bool_)
         fitted[: fit.fitted.size] = fit.fitted
@@ -241,116 +244,40 @@ class Adaptive:
         scale = float(np.ptp(fit.y[fit.fitted | held])) or 1.0
         return Validation(part, fit.y[held], scale)
 
-    def _progress(self, u: Sequence[float], y: Sequence[float]) -> _Progress:
-        progress = _Progress()
-        for k in range(len(u)):
-            if progress.repeat_next:
-                self._repeated(u[: k + 1], y[: k + 1], progress)
-            else:
-                self._measured(u[: k + 1], y[: k + 1], progress)
-            self._find_outliers(u[: k + 1], y[: k + 1], progress)
-        return progress
+    def findings(self, u: Sequence[float], y: Sequence[float]) -> RunFindings:
+        """Return what the points show; u and y as of `choose`."""
+        roles = self.roles(u, y)
+        outliers = [k for k, role in enumerate(roles) if role == "outlier"]
+        validation = self.validation(u, y)
+        return RunFindings(
+            holds=sum(role in _FITTED for role in roles),
+            outliers=tuple(outliers),
+            repeated=tuple(k for k in outliers if k + 1 < len(u) and u[k] == u[k + 1]),
+            changes=tuple(self.changes(u, y)),
+            validation=validation,
+            warnings=tuple(self._warnings(u, y, validation)),
+        )
 
-    def _measured(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> None:
-        """Set the role of the last point, which is no repetition."""
-        progress.validating = self._is_designed(progress) or self._stopped_early(u, y, progress)
-        role: Role = "validation" if progress.validating else "design"
-        progress.validated += progress.validating
-        progress.designed += not progress.validating
-        if self._is_doubtful(u, y, progress):
-            role, progress.repeat_next = "outlier", progress.extra < REPEATS
-        progress.roles.append(role)
-
-    def _repeated(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> None:
-        """Set the role of the last point, which repeats the one before."""
-        progress.extra += 1
-        progress.repeat_next = not np.isfinite(y[-1]) and progress.extra < REPEATS
-        if not np.isfinite(y[-1]):
-            progress.roles.append("outlier")
-            return
-        if np.isfinite(y[-2]):
-            away = self._deviation(u[:-1], y[:-1], progress)[0]
-            if abs(y[-1] - y[-2]) < abs(y[-1] - y[-2] + away):
-                progress.changes[len(u) - 2] = abs(away)
-                if not progress.validating:
-                    progress.roles[-1] = "design"
-        progress.roles.append("validation" if progress.validating else "repeat")
-
-    def _find_outliers(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> None:
-        """Leave out earlier points that now turn out to be outliers, and replace them."""
-        if progress.validating or progress.repeat_next or progress.extra == REPEATS:
-            return
-        if sum(role in ("design", "repeat") for role in progress.roles) < _BEFORE_CHECKS:
-            return
-        for k in self._fit(u, y, progress).suspects:
-            sure = k in progress.changes or progress.roles[k] != "design"
-            if not sure and progress.extra < REPEATS:
-                progress.roles[k] = "outlier"
-                progress.extra += 1
-                progress.replaced += 1
-
-    def _is_doubtful(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> bool:
-        """Whether the last reading is missing, or far outside its band and can be repeated."""
-        if not np.isfinite(y[-1]):
-            return True
-        known = sum(role in ("design", "repeat") for role in progress.roles)
-        if known < _BEFORE_CHECKS or progress.extra == REPEATS:
-            return False
-        away, allowed = self._deviation(u, y, progress)
-        return abs(away) > _OUTLIER_DEVIATIONS * allowed
-
-    def _deviation(
-        self, u: Sequence[float], y: Sequence[float], progress: _Progress
-    ) -> tuple[float, float]:
-        """Error of the prediction of the last point from those before, and its deviation."""
-        before = len(u) - 1
-        fit = self._fit(u[:before], y[:before], progress)
-        shown = fit.predict(np.array(u), bands=PROBABILITY)
-        return float(y[-1] - shown.y[-1]), float(shown.sd[-1])
-
-    def _is_designed(self, progress: _Progress) -> bool:
-        return progress.validating or progress.designed >= self.holds + progress.replaced
-
-    def _stopped_early(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> bool:
-        """Whether the design ended early, before the last point."""
-        if self.least_gain == 0 or progress.designed < self._first.size:
-            return False
-        return self._next(u[:-1], y[:-1], progress) is None
-
-    def _design(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> float | None:
-        if progress.designed < self._first.size:
-            return float(self._first[progress.designed])
-        return self._next(u, y, progress)
-
-    def _next(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> float | None:
-        memory = Memory.after(u, low=self.low, high=self.high)
-        found = next_input(self._fit(u, y, progress), memory, step=self.step)
-        return None if found.gain < self.least_gain else found.u
-
-    def _fit(
-        self,
-        u: Sequence[float],
-        y: Sequence[float],
-        progress: _Progress,
-        law: Plane | None = None,
-        prior: Prior = "auto",
-        start: Start = "negative",
-    ) -> Identification:
-        """Identify the model from the points whose roles are known; results are cached."""
-        kept = [k for k in range(len(u)) if progress.roles[k] in ("design", "repeat")]
-        last = max(kept, default=-1) + 1
-        outputs = np.full(last, np.nan)
-        outputs[kept] = np.array(y, dtype=np.float64)[kept]
-        inputs = np.array(u[:last], dtype=np.float64)
-        given = {} if law is None else {one.name: getattr(law, one.name) for one in fields(law)}
-        used = replace(self.law, **{k: v for k, v in given.items() if not _is_auto(v)})
-        prior = Gaussian() if prior == "auto" else prior
-        key = inputs.tobytes() + outputs.tobytes()
-        key += repr((self.noise, used, prior, start)).encode()
-        if key not in self._fits:
-            record = Record(inputs, outputs, sd=self.noise, start=start)
-            self._fits[key] = used.fit(record, prior)
-        return _with_wider_bands(self._fits[key], progress.changes)
+    def _warnings(
+        self, u: Sequence[float], y: Sequence[float], validation: Validation | None
+    ) -> list[str]:
+        """Return why the model is not to be trusted; one sentence each."""
+        said = [
+            f"hold {k + 1} contradicts the model, and its repetition gave the same: the actuator "
+            f"or its sensor changed at about hold {k + 1}, or a Preisach model cannot follow it; "
+            "the bands are widened by this contradiction"
+            for k in self.changes(u, y)
+        ]
+        if validation is not None and not validation.trusted:
+            said.append(
+                f"do not trust this model: {validation.covered} of {validation.measured.size} "
+                "validation holds lie within their 90 % bands, with an error of "
+                f"{validation.nrmse:.2%} of range"
+            )
+        try:
+            return [*said, *fault_warnings(self.identification(u, y))]
+        except MinorloopError:
+            return said  # Too few points for a model yet.
 
     def _validation_level(self, index: int, now: float) -> float:
         """Random level in one quarter of the range, at most a step from the present one."""
@@ -360,8 +287,121 @@ class Adaptive:
         return float(np.clip(level, now - self.step, now + self.step))
 
 
-def _is_auto(value: object) -> bool:
-    return isinstance(value, str) and value == "auto"
+class _Progress:
+    """State of an experiment after some points, decided from each point to the next.
+
+    ``designed`` and ``validated`` count the holds of design and validation, ``extra`` repetitions
+    and replacements, ``replaced`` the replacements alone. ``changes`` are the deviations from the
+    model of points whose repetition agreed with them. ``repeat_next``: the last point is to be
+    repeated. ``validating``: the design is complete.
+    """
+
+    def __init__(self, of: Adaptive, u: Sequence[float], y: Sequence[float]) -> None:
+        self.of = of
+        self.u, self.y = np.array(u, dtype=np.float64), np.array(y, dtype=np.float64)
+        self.roles: list[Role] = []
+        self.designed = self.validated = self.extra = self.replaced = 0
+        self.changes: dict[int, float] = {}
+        self.repeat_next = self.validating = False
+        for k in range(len(u)):
+            if self.repeat_next:
+                self._repeated(k)
+            else:
+                self._measured(k)
+            self._find_outliers(k + 1)
+
+    @property
+    def is_designed(self) -> bool:
+        """Whether the holds of the design are complete."""
+        return self.validating or self.designed >= self.of.holds + self.replaced
+
+    def design(self, count: int) -> float | None:
+        """Return the input that follows the first points; None if it gains too little."""
+        first = self.of._first
+        if self.designed < first.size:
+            return float(first[self.designed])
+        memory = Memory.after(self.u[:count], low=self.of.low, high=self.of.high)
+        found = next_input(self.fit(count), memory, step=self.of.step)
+        return None if found.gain < self.of.least_gain else found.u
+
+    def fit(
+        self,
+        count: int,
+        law: Plane | None = None,
+        prior: Prior = "auto",
+        start: Start = "negative",
+    ) -> Identification:
+        """Identify the model from the first points, whose roles are known; results are cached."""
+        kept = [k for k in range(count) if self.roles[k] in _FITTED]
+        last = max(kept, default=-1) + 1
+        outputs = np.full(last, np.nan)
+        outputs[kept] = self.y[kept]
+        inputs = self.u[:last].copy()
+        given = {} if law is None else {one.name: getattr(law, one.name) for one in fields(law)}
+        known = {name: x for name, x in given.items() if not (isinstance(x, str) and x == "auto")}
+        used = replace(self.of.law, **known)
+        prior = Gaussian() if prior == "auto" else prior
+        key = inputs.tobytes() + outputs.tobytes()
+        key += repr((self.of.noise, used, prior, start)).encode()
+        if key not in self.of._fits:
+            record = Record(inputs, outputs, sd=self.of.noise, start=start)
+            self.of._fits[key] = used.fit(record, prior)
+        return _with_wider_bands(self.of._fits[key], self.changes)
+
+    def _measured(self, k: int) -> None:
+        """Set the role of a point that is no repetition."""
+        early = self.of.least_gain > 0 and self.designed >= self.of._first.size
+        self.validating = self.is_designed or (early and self.design(k) is None)
+        role: Role = "validation" if self.validating else "design"
+        self.validated += self.validating
+        self.designed += not self.validating
+        if self._is_doubtful(k):
+            role, self.repeat_next = "outlier", self.extra < REPEATS
+        self.roles.append(role)
+
+    def _repeated(self, k: int) -> None:
+        """Set the role of a point that repeats the one before."""
+        self.extra += 1
+        measured = bool(np.isfinite(self.y[k]))
+        self.repeat_next = not measured and self.extra < REPEATS
+        if not measured:
+            self.roles.append("outlier")
+            return
+        if np.isfinite(self.y[k - 1]):
+            away, apart = self._deviation(k - 1)[0], self.y[k] - self.y[k - 1]
+            if abs(apart) < abs(apart + away):
+                self.changes[k - 1] = abs(away)
+                if not self.validating:
+                    self.roles[-1] = "design"
+        self.roles.append("validation" if self.validating else "repeat")
+
+    def _find_outliers(self, count: int) -> None:
+        """Leave out earlier points that now turn out to be outliers, and replace them."""
+        if self.validating or self.repeat_next or self.extra == REPEATS or self._too_few():
+            return
+        for k in self.fit(count).suspects:
+            sure = k in self.changes or self.roles[k] != "design"
+            if not sure and self.extra < REPEATS:
+                self.roles[k] = "outlier"
+                self.extra += 1
+                self.replaced += 1
+
+    def _is_doubtful(self, k: int) -> bool:
+        """Whether a reading is missing, or far outside its band and can be repeated."""
+        if not np.isfinite(self.y[k]):
+            return True
+        if self._too_few() or self.extra == REPEATS:
+            return False
+        away, allowed = self._deviation(k)
+        return abs(away) > _OUTLIER_DEVIATIONS * allowed
+
+    def _too_few(self) -> bool:
+        return sum(role in _FITTED for role in self.roles) < _BEFORE_CHECKS
+
+    def _deviation(self, k: int) -> tuple[float, float]:
+        """Error of the prediction of a point from those before, and its deviation."""
+        shown = self.fit(k).predict(self.u[: k + 1], bands=PROBABILITY)
+        return float(self.y[k] - shown.y[-1]), float(shown.sd[-1])
 
 
 def _with_wider_bands(fit: Identification, changes: dict[int, float]) -> Identification:
@@ -372,3 +412,34 @@ def _with_wider_bands(fit: Identification, changes: dict[int, float]) -> Identif
     away = float(np.sqrt(np.mean(np.square(list(changes.values()))))) / posterior.unit
     widened = replace(h, discrepancy=max(h.discrepancy, away))
     return replace(fit, posterior=replace(posterior, hyperparameters=widened))
+
+
+def design_holds(holds: int | None, hours: float | None, hold: float) -> int:
+    """Return how many holds of a budget the design may choose.
+
+    Raises a `ParameterError` if both or neither are given, or they allow less than 3 holds or more
+    than 1000.
+
+    Parameters
+    ----------
+    holds : int, optional
+        Holds to choose; those of validation and repetitions come on top.
+    hours : float, optional
+        All there is, validation and repetitions included.
+    hold : float
+        Longest hold, in seconds.
+    """
+    if holds is not None and hours is None:
+        return as_whole("holds", holds, _FEWEST, MOST_HOLDS)
+    if holds is not None or hours is None:
+        raise ParameterError("give a budget in holds or in hours, one of them")
+    more = VALIDATION + REPEATS
+    seconds = as_seconds("hold", hold)
+    count = int(as_finite("hours", hours) * 3600 / seconds)
+    if not _FEWEST <= count - more <= MOST_HOLDS:
+        raise ParameterError(
+            f"{hours:g} h are {max(count, 0)} holds of {seconds:g} s; {VALIDATION} of them are for "
+            f"validation and {REPEATS} for repetitions; give "
+            f"{(_FEWEST + more) * seconds / 3600:.3g} h or more, for at most {MOST_HOLDS} holds"
+        )
+    return count - more

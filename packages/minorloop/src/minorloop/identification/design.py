@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_levels, writable
+from minorloop.arrays import FloatArray, Levels, as_finite, as_levels, as_whole, writable
 from minorloop.errors import ParameterError
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import PlaneSpec
@@ -106,17 +106,15 @@ def next_input(
             f"next_input needs dense matrices, and the plane has {identification.unknowns} "
             "unknowns; give at most 64 levels"
         )
-    candidates = _allowed(identification, memory, low, high, step)
+    candidates = _allowed(identification.matrix.spec.levels, memory, low, high, step)
     with one_thread():
         return _best(identification.posterior, memory, candidates)
 
 
 def design(
     levels: npt.ArrayLike,
-    holds: int | None = None,
+    holds: int,
     *,
-    hours: float | None = None,
-    hold: float = 200.0,
     low: float | None = None,
     high: float | None = None,
     step: float = np.inf,
@@ -130,12 +128,8 @@ def design(
     ----------
     levels : (L + 1,) array_like
         Thresholds of the model that will be identified.
-    holds : int, optional
-        Number of inputs; give this or ``hours``.
-    hours : float, optional
-        Time to spend.
-    hold : float
-        Seconds for each, with ``hours``.
+    holds : int
+        Number of inputs, 3 to 1000.
     low, high, step
         As in `next_input`; the first input is ``low``.
     least_gain : float
@@ -153,76 +147,36 @@ def design(
     Raises
     ------
     ParameterError
-        If the budget is none, or an option is out of its range.
+        If an option is out of its range.
     """
     spec = PlaneSpec(as_levels(levels), diagonal=diagonal)
-    count = budget(holds, hours, hold)
+    count = as_whole("holds", holds, 3, MOST_HOLDS)
     if not 0 <= as_finite("least_gain", least_gain) < 1:
         raise ParameterError(f"least_gain is {least_gain}; give a share from 0 to 1")
     h = hyperparameters or Hyperparameters()
     inputs = [float(spec.levels[0]) if low is None else as_finite("low", low)]
     with one_thread():
-        return _sequence(spec, h, inputs, count, (low, high, step), least_gain)
-
-
-def _sequence(
-    spec: PlaneSpec,
-    h: Hyperparameters,
-    inputs: list[float],
-    count: int,
-    allowed: tuple[float | None, float | None, float],
-    least_gain: float,
-) -> FloatArray:
-    while len(inputs) < count:
-        u = np.array(inputs)
-        dense = regressors(spec, u, np.ones(u.size, dtype=np.bool_), "negative")
-        memory = Memory.after(inputs, low=spec.levels[0], high=spec.levels[-1])
-        found = _best(posterior_after(spec, h, dense), memory, _allowed(spec, memory, *allowed))
-        if found.gain < least_gain:
-            break
-        inputs.append(found.u)
+        while len(inputs) < count:
+            u = np.array(inputs)
+            dense = regressors(spec, u, np.ones(u.size, dtype=np.bool_), "negative")
+            memory = Memory.after(inputs, low=spec.levels[0], high=spec.levels[-1])
+            allowed = _allowed(spec.levels, memory, low, high, step)
+            found = _best(posterior_after(spec, h, dense), memory, allowed)
+            if found.gain < least_gain:
+                break
+            inputs.append(found.u)
     return np.array(inputs)
 
 
-def budget(holds: int | None, hours: float | None, hold: float) -> int:
-    """Number of holds that a budget allows.
-
-    Raises
-    ------
-    ParameterError
-        Unless just one of ``holds`` and ``hours`` is given, and allows 3 to 1000 holds.
-    """
-    if (holds is None) == (hours is None):
-        raise ParameterError("give a budget in holds or in hours, one of them")
-    if holds is not None:
-        count = _whole(holds)
-        said = f"holds is {holds!r}"
-    elif hours is not None:
-        seconds = as_finite("hold", hold)
-        if seconds <= 0:
-            raise ParameterError(f"hold is {hold:g} s; give a positive time")
-        count = int(as_finite("hours", hours) * 3600 / seconds)
-        said = f"{hours:g} h are {max(count, 0)} holds of {seconds:g} s"
-    if not 3 <= count <= MOST_HOLDS:
-        raise ParameterError(f"{said}; give a budget of 3 to {MOST_HOLDS} holds")
-    return count
-
-
-def _whole(holds: int) -> int:
-    whole = isinstance(holds, int | np.integer) and not isinstance(holds, bool)
-    return int(holds) if whole else 0
-
-
 def _allowed(
-    of: Identification | PlaneSpec,
+    levels: Levels,
     memory: Memory,
     low: float | None,
     high: float | None,
     step: float,
 ) -> FloatArray:
     """Candidates for the next input."""
-    spec = of if isinstance(of, PlaneSpec) else of.matrix.spec
-    bottom, top = float(spec.levels[0]), float(spec.levels[-1])
+    bottom, top = float(levels[0]), float(levels[-1])
     least = bottom if low is None else max(as_finite("low", low), bottom)
     most = top if high is None else min(as_finite("high", high), top)
     if isinstance(step, bool) or not isinstance(step, int | float | np.number) or not step > 0:

@@ -10,7 +10,6 @@ import numpy as np
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike
 from minorloop.identification.adaptive import Adaptive
-from minorloop.identification.adaptive_run import findings
 from minorloop.identification.fit import Plane
 from minorloop.identification.preparation import RecordAdvice
 from minorloop.identification.regularisation import Prior
@@ -140,7 +139,7 @@ def _identify_run(
         )
     u, y = record.u.tolist(), record.y.tolist()
     result = chooser.identification(u, y, law, prior, record.start)
-    found = findings(chooser, u, y)
+    found = chooser.findings(u, y)
     new = tuple(text for text in found.warnings if text not in result.advice)
     told = RecordAdvice(notes=record.origin.notes, warnings=new, left_out=found.outliers)
     return replace(result, t=record.t, told=told)
