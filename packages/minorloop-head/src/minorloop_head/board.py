@@ -21,11 +21,11 @@ import numpy.typing as npt
 from minorloop import modelfile
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ModelFileError, ParameterError
-from minorloop.export._tables import Numbers
-from minorloop.export._templates import render
+from minorloop.export._tables import Numbers, render
 from minorloop.export.c99 import source
 from minorloop.files import PathLike, write_folder
 from minorloop.lab.actuator import Channel
+from minorloop.lab.records import Quantity
 from minorloop.operators.memory import ROOM
 from minorloop.operators.preisach import Preisach
 from minorloop.version import __version__
@@ -191,14 +191,9 @@ def board_source(
     for k, axis in enumerate(axes):
         heated = isinstance(axis.model, HeatedWire)
         named = f"effective power of the {axis.input.name} [A^2]" if heated else str(axis.input)
-        code = source(
-            axis.operator,
-            name=f"axis{k}",
-            memory=memory,
-            float32=float32,
-            input=named,
-            output=str(axis.output),
-        )
+        names = Quantity(named), Quantity(str(axis.output))
+        known = modelfile.ModelFile(axis.operator, *names, 0, modelfile.Provenance())
+        code = source(known, name=f"axis{k}", memory=memory, float32=float32)
         files |= {name: text for name, text in code.files.items() if "selftest" not in name}
         table_bytes += code.table_bytes
         state_bytes += code.state_bytes

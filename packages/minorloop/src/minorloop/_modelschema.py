@@ -158,6 +158,18 @@ else:
 """JSON objects of any operator, and of any model; their key ``kind`` names the class."""
 
 
+class LinearPart(_Strict):
+    """A linear part alone, as in a file for exports."""
+
+    numerator: list[float]
+    denominator: list[float]
+    interval: float | None = None
+    delay: float = 0.0
+
+
+_CLASS_OF[LinearPart] = Linear
+
+
 def build(part: msgspec.Struct) -> Any:
     """Return the model, or a part of one, from its JSON object.
 

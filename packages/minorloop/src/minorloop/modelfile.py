@@ -74,6 +74,7 @@ from minorloop._modelschema import (
     BandsPart,
     Content,
     Header,
+    LinearPart,
     Model,
     Named,
     Provenance,
@@ -86,6 +87,7 @@ from minorloop._modelschema import (
 )
 from minorloop.arrays import as_finite
 from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.errors import ModelFileError, ParameterError
 from minorloop.files import PathLike, check_name, check_writable, kind_of_file, write_atomically
@@ -346,6 +348,19 @@ def read(path: PathLike) -> ModelFile:
     bands = None if content.bands is None else partial(_read_bands, path, content.bands, model)
     warnings, lag_s = tuple(content.warnings), float(content.lag_s)
     return ModelFile(model, *mapped, content.lag, content.provenance, warnings, lag_s, bands)
+
+
+def read_linear(path: PathLike) -> Linear:
+    """Read a linear part: an object with numerator, denominator, and interval and delay in seconds.
+
+    Raises a `ModelFileError` if there is no such file or it has something else; a `ParameterError`
+    as `Linear`.
+    """
+    data = _bytes_of(path)
+    try:
+        return build(msgspec.json.decode(data, type=LinearPart))  # type: ignore[no-any-return]
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise ModelFileError(f"{path} is not a linear part: {reason(error)}") from None
 
 
 def _version(bands: bool, warnings: bool) -> int:

@@ -55,9 +55,9 @@ def test_a_linear_part_is_read_from_a_file(run, tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("{", "is not JSON"),
-        ('{"numerator": [1]}', "not an object with a numerator"),
-        ('{"numerator": [1], "denominator": [1], "gain": 2}', "key 'gain'"),
+        ("{", "is not a linear part"),
+        ('{"numerator": [1]}', "missing required field `denominator`"),
+        ('{"numerator": [1], "denominator": [1], "gain": 2}', "unknown field `gain`"),
         ('{"numerator": [1], "denominator": [1, 0.5]}', "continuous"),
     ],
 )
@@ -73,10 +73,10 @@ def test_refuses_unusable_linear_parts(refused, tmp_path, content, message):
         ("export rust model.json --out x", "no export 'rust'; give one of c, fmu"),
         (f"{LINE} --largest -5", "largest is -5 bytes"),
         (f"{LINE} --largest 100", "needs 1955 bytes, 595 of tables"),
-        (f"{LINE} --linear nothing.json", "cannot be read"),
-        (f"{LINE} --interval 3", "--interval does nothing for c"),
+        (f"{LINE} --linear nothing.json", "there is no file"),
+        (f"{LINE} --interval 3", "an interval does nothing"),
         (f"{LINE} --first linear", "--first does nothing without --linear"),
-        ("export fmu model.json --out a.fmu --float32", "--float32 does nothing for fmu"),
+        ("export fmu model.json --out a.fmu --float32", "--float32 is not for fmu"),
         ("export c plays.json --out a --memory 8", "--memory does nothing for a PrandtlIsh"),
     ],
 )

@@ -57,10 +57,10 @@ def test_valid_and_equal_to_python_one_row_later(model, tmp_path):
 @pytest.mark.parametrize("first", ["operator", "linear"])
 def test_with_a_linear_part(model, first, tmp_path):
     path = tmp_path / "actuator.fmu"
-    export_fmu(model, path, linear=LAGS, first=first, input="voltage", output="tip")
+    cascade = Cascade(model, LAGS, first)
+    export_fmu(cascade, path, input="voltage", output="tip")
     assert not validation.validate_fmu(str(path))
     u = np.random.default_rng(1).uniform(-2, 2, 200)
-    cascade = Cascade(model, LAGS, first)
     low = float(model.levels[0]) / (LAGS.dc_gain if first == "linear" else 1)
     state, expected = cascade.begin(low), []
     for sample in u:
@@ -122,7 +122,7 @@ def test_states_can_be_kept_restored_and_reset(model, tmp_path):
 def test_wrong_calls_are_errors_of_the_unit(model, tmp_path):
     from fmpy.fmi1 import FMICallException
 
-    export_fmu(model, tmp_path / "a.fmu", linear=LAGS)
+    export_fmu(Cascade(model, LAGS), tmp_path / "a.fmu")
     unit = instance_of(tmp_path / "a.fmu", tmp_path / "a")
     for wrong in (
         lambda: unit.setReal([0], [float("nan")]),
@@ -146,27 +146,30 @@ def test_equal_names_and_xml_characters_are_changed(model, tmp_path):
     assert [v.name for v in variables] == ["<x> &", "<x> &_", "error_bound"]
 
 
-def test_a_compiler_may_have_options_and_no_variable_is_called_time(model, tmp_path):
-    export_fmu(model, tmp_path / "a.fmu", input="time [s]", compiler="cc -O0 -DUNUSED='a b'")
+def test_a_compiler_may_have_options_and_no_variable_is_called_time(model, tmp_path, monkeypatch):
+    monkeypatch.setenv("CC", "cc -O0 -DUNUSED='a b'")
+    export_fmu(model, tmp_path / "a.fmu", input="time [s]")
     variables = fmpy.read_model_description(str(tmp_path / "a.fmu")).modelVariables
     assert [v.name for v in variables] == ["time_", "output", "error_bound"]
 
 
-def test_refusals(model, tmp_path):
-    with pytest.raises(ParameterError, match=r"ends in \.fmu"):
-        export_fmu(model, tmp_path / "a.zip")
-    with pytest.raises(ParameterError, match="the model is a PrandtlIshlinskii"):
-        export_fmu(PrandtlIshlinskii([0.0], [1.0]), tmp_path / "a.fmu")
-    with pytest.raises(ParameterError, match="positive time"):
-        export_fmu(model, tmp_path / "a.fmu", interval=0.0)
-    with pytest.raises(ParameterError, match="with this linear part"):
-        export_fmu(model, tmp_path / "a.fmu", linear=LAGS, interval=0.015)
-    with pytest.raises(ParameterError, match="no C compiler 'no-such"):
-        export_fmu(model, tmp_path / "a.fmu", compiler="no-such-compiler -O2")
-    with pytest.raises(ParameterError, match="no C compiler"):
-        export_fmu(model, tmp_path / "a.fmu", compiler="cc '")
-    with pytest.raises(OutputError, match=r"the compiler .* failed"):
-        export_fmu(model, tmp_path / "a.fmu", compiler="false")
-    (tmp_path / "a.fmu").write_text("mine")
-    with pytest.raises(OutputError, match="exists already"):
-        export_fmu(model, tmp_path / "a.fmu")
+@pytest.mark.parametrize(
+    ("file", "kind", "options", "compiler", "message"),
+    [
+        ("a.zip", "plain", {}, "cc", r"ends in \.fmu"),
+        ("a.fmu", "plays", {}, "cc", "the model is a PrandtlIshlinskii"),
+        ("a.fmu", "plain", {"interval": 0.0}, "cc", "positive number of seconds"),
+        ("a.fmu", "lags", {"interval": 0.015}, "cc", "with this linear part"),
+        ("a.fmu", "plain", {}, "no-such-compiler -O2", "no C compiler 'no-such"),
+        ("a.fmu", "plain", {}, "cc '", "no C compiler"),
+        ("a.fmu", "plain", {}, "false", "the compiler .* failed"),
+        ("mine.fmu", "plain", {}, "cc", "exists already"),
+    ],
+)
+def test_refusals(file, kind, options, compiler, message, model, tmp_path, monkeypatch):
+    monkeypatch.setenv("CC", compiler)
+    (tmp_path / "mine.fmu").write_text("mine")
+    plays = PrandtlIshlinskii([0.0], [1.0])
+    given = {"plain": model, "plays": plays, "lags": Cascade(model, LAGS)}[kind]
+    with pytest.raises((ParameterError, OutputError), match=message):
+        export_fmu(given, tmp_path / file, **options)

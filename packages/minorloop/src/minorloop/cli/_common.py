@@ -232,6 +232,12 @@ def number_or_auto(name: str, text: str, kind: type[int] | type[float]) -> Any:
         raise ParameterError(f"--{name} is {text!r}; give auto or {number}") from None
 
 
+def check_word(what: str, word: str, known: Sequence[str]) -> None:
+    """Refuse an argument that is not one of the known words."""
+    if word not in known:
+        raise ParameterError(f"there is no {what} {word!r}; give one of {', '.join(known)}")
+
+
 def refuse_given(options: Mapping[str, Any], why: str) -> None:
     """Refuse options that are given; None is one that is not. The message says ``why``."""
     for name, value in options.items():

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import ModelFileError, ParameterError
+from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
-    from minorloop.dynamics.linear import Linear
     from minorloop.export.c99 import CSource
     from minorloop.modelfile import ModelFile
 
 NAME = "export"
 EXAMPLE = "minorloop export c model.json --out firmware --float32 --memory 32"
-_TARGETS = ("c", "fmu")
-_LARGEST = 2**20
-"""Bytes of the largest file of a linear part."""
 _FOR_C = "Options of export c"
-_LINEAR_KEYS = {"numerator", "denominator", "interval", "delay"}
 
 
 def run(
@@ -80,21 +75,10 @@ def run(
     as_json: _common.Json = False,
 ) -> None:
     """Write a model as C99, without allocation or libraries, or as an FMU."""
-    if target not in _TARGETS:
-        raise ParameterError(f"there is no export {target!r}; give one of {', '.join(_TARGETS)}")
-    for_c = {
-        "--float32": float32,
-        "--largest": largest,
-        "--firmware": firmware,
-        "--no-inverse": no_inverse,
-    }
-    for option, value in for_c.items():
-        if target == "fmu" and value:
-            raise ParameterError(f"{option} does nothing for fmu; leave it out")
+    _common.check_word("export", target, ("c", "fmu"))
     if first is not None and linear is None:
         raise ParameterError("--first does nothing without --linear; leave it out")
     from minorloop import modelfile
-    from minorloop.operators.after_effect import AfterEffect
     from minorloop.operators.preisach import Preisach
 
     known = modelfile.read(model)
@@ -105,55 +89,30 @@ def run(
             f"--memory does nothing for a {type(operator).__name__}, whose memory has a "
             "fixed size; leave it out"
         )
-    part, order = _dynamics(known, model, linear, first, interval)
-    timed = isinstance(known.model, AfterEffect)
-    if interval is not None and part is None and target == "c" and not timed:
-        raise ParameterError("--interval does nothing for c without dynamics; leave it out")
-    options: dict[str, Any] = {
-        "name": name,
-        "first": order,
-        "linear": part,
-        "input": str(known.input),
-        "output": str(known.output),
+    if linear is not None:
+        known = _with_linear(known, model, linear, first or "operator")
+    options: dict[str, Any] = {"name": name, "interval": interval, "force": force}
+    options |= {} if memory is None else {"memory": memory}
+    for_c = {
+        "float32": float32,
+        "largest": largest,
+        "firmware": firmware,
+        "inverse": not no_inverse,
     }
-    if memory is not None:
-        options["memory"] = memory
-    if target == "fmu":
-        _write_unit(known, model, out, options, interval, force, as_json)
+    if target == "c":
+        from minorloop.export.c99 import export_c
+
+        with _common.working("writing C"):
+            code = export_c(known, out, **{**options, **for_c})
+        _show(code, out, known, as_json)
         return
-    from minorloop.export.c99 import export_c
-
-    if timed:
-        options["interval"] = interval
-    with _common.working("writing C"):
-        code = export_c(
-            known.model if timed else known.operator,
-            out,
-            **options,
-            force=force,
-            float32=float32,
-            inverse=not no_inverse,
-            largest=largest,
-            firmware=firmware,
-            warnings=known.warnings,
-        )
-    _show(code, out, known, as_json)
-
-
-def _write_unit(
-    known: ModelFile,
-    model: Path,
-    out: Path,
-    options: dict[str, Any],
-    interval: float | None,
-    force: bool,
-    as_json: bool,
-) -> None:
     from minorloop.export.fmu import export_fmu
 
+    given = {"float32": float32, "largest": largest, "firmware": firmware, "no-inverse": no_inverse}
+    _common.refuse_given({each: value or None for each, value in given.items()}, "is not for fmu")
     _common.check_outputs([out], inputs=[model], force=force)
     with _common.working("compiling the unit"):
-        unit = export_fmu(known.operator, out, **options, interval=interval, force=force)  # type: ignore[arg-type]
+        unit = export_fmu(known, out, **options)
     if as_json:
         _common.print_json({"file": str(out), "bytes": out.stat().st_size, "platforms": unit})
         return
@@ -162,17 +121,10 @@ def _write_unit(
 
 
 def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
-    figures = {
-        "folder": str(out),
-        "files": list(code.files),
-        "table_bytes": code.table_bytes,
-        "state_bytes": code.state_bytes,
-        "memory": code.memory,
-        "drop_error": code.drop_error,
-        "input_error": code.input_error,
-    }
+    names = ("table_bytes", "state_bytes", "memory", "drop_error", "input_error")
+    figures = {name: getattr(code, name) for name in names}
     if as_json:
-        _common.print_json(figures)
+        _common.print_json({"folder": str(out), "files": list(code.files), **figures})
         return
     rows = [
         ("files", ", ".join(code.files)),
@@ -193,28 +145,6 @@ def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
     typer.echo(f"next: cd {out} && cc -std=c99 {source} {test} -lm -o selftest && ./selftest")
 
 
-def _dynamics(
-    known: ModelFile, path: Path, linear: Path | None, first: str | None, interval: float | None
-) -> tuple[Linear | None, str]:
-    """Return the sampled linear part of the model or of a file, and what comes first."""
-    from minorloop.dynamics.cascade import Cascade
-
-    if not isinstance(known.model, Cascade):
-        return (None if linear is None else _linear(linear)), first or "operator"
-    if linear is not None:
-        raise ParameterError(f"{path} has dynamics of its own; leave --linear out")
-    if interval is None:
-        raise ParameterError(
-            f"{path} has dynamics; give the seconds between samples with --interval"
-        )
-    if known.model.ahead is not None:
-        raise ParameterError(
-            f"{path} has dynamics on both sides of the operator, which exports do not carry; "
-            "identify with --dynamics operator or --dynamics linear"
-        )
-    return known.model.sampled(interval).linear, known.model.first
-
-
 def _say_what_is_missing(known: ModelFile, what: str) -> None:
     """Print what of the model an export does not carry."""
     from minorloop.dynamics.cascade import Cascade
@@ -232,28 +162,12 @@ def _say_what_is_missing(known: ModelFile, what: str) -> None:
         typer.echo(f"the output creeps after the model; this creep is not in the {what}")
 
 
-def _linear(path: Path) -> Linear:
-    """Return the linear part that a file describes."""
-    from minorloop.dynamics.linear import Linear
+def _with_linear(known: ModelFile, path: Path, file: Path, first: Any) -> ModelFile:
+    """Return a model with the linear part of a file."""
+    from minorloop.dynamics.cascade import Cascade
+    from minorloop.modelfile import read_linear
 
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise ModelFileError(f"{path} is larger than {_LARGEST} bytes; give a linear part")
-        content = json.loads(path.read_text())
-    except OSError as error:
-        raise ModelFileError(f"{path} cannot be read: {error.strerror}") from None
-    except ModelFileError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise ModelFileError(f"{path} is not JSON: {error}") from None
-    if not isinstance(content, dict) or not {"numerator", "denominator"} <= set(content):
-        raise ModelFileError(f"{path} is not an object with a numerator and a denominator")
-    strange = sorted(set(content) - _LINEAR_KEYS)
-    if strange:
-        raise ModelFileError(
-            f"{path} has the key {strange[0]!r}; allowed are {', '.join(sorted(_LINEAR_KEYS))}"
-        )
-    for key in ("interval", "delay"):
-        if isinstance(content.get(key), bool):
-            raise ModelFileError(f"{path} has the {key} {content[key]}; give a number of seconds")
-    return Linear(**content)
+    operator: Any = known.operator
+    if isinstance(known.model, Cascade):
+        raise ParameterError(f"{path} has dynamics of its own; leave --linear out")
+    return replace(known, model=Cascade(operator, read_linear(file), first))

@@ -4,39 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.dynamics.cascade import Cascade, CascadeState, First
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError
-from minorloop.export._tables import VECTORS, Numbers, wrapped
-from minorloop.export._templates import render
+from minorloop.export._tables import DIGITS, DIGITS_LINEAR, Numbers, render, wrapped
 from minorloop.operators.preisach import Preisach
 
-_COARSEST = 0.01
-"""Largest tolerance of a self-test, as a share of the range. A choice: more rounding than this
-would be a large part of the error of a good model."""
+if TYPE_CHECKING:
+    from minorloop.export._kinds import Parts
+
 _NEAR, _STEEPEST = 1e-4, 10.0
 """The inverse is compared at outputs where, within this share of the range on either side, the
 slope of the inverse is at most 10 in shares of both ranges: rounding is amplified by no more."""
-_DIGITS, _DIGITS_LINEAR = 8, 32
-"""Errors allowed in units of the last digit of inputs and of outputs. A choice: a few operations
-round between them, and those of the recursion of a linear part add up."""
 
 
 def examples(
-    model: Preisach, numbers: Numbers, memory: int, linear: Linear | None, first: First
+    model: Preisach,
+    count: int,
+    numbers: Numbers,
+    memory: int,
+    linear: Linear | None,
+    first: First,
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return inputs rounded to the type of the C, their outputs, and the effect of a last digit.
 
     Raises a `ParameterError` if the last digit of an input changes the output by too large a share
     of its range.
     """
-    typed = numbers.array(_inputs(model, memory))
+    typed = numbers.array(_inputs(model, count, memory))
     ways = np.where(np.random.default_rng(1).random(typed.size) < 0.5, -np.inf, np.inf)
     neighbours = np.nextafter(typed, ways.astype(typed.dtype)).astype(np.float64)
     u = typed.astype(np.float64)
@@ -45,13 +44,8 @@ def examples(
         for x in (u, neighbours)
     )
     digit = float(np.abs(beside - y).max()) / width_of(model, linear)
-    if _DIGITS * digit > _COARSEST:
-        raise ParameterError(
-            f"the last digit of a {numbers.type} near {np.abs(u).max():g} changes the output by "
-            f"{100 * digit:.2g} % of its range, and {100 * _COARSEST / _DIGITS:g} % are allowed; "
-            + ("export doubles, or " if numbers.single else "")
-            + "identify against the input less its offset"
-        )
+    of = "changes the output by {:.2g} % of its range"
+    numbers.digit(np.abs(u).max(), digit, of, "identify against the input less its offset")
     return u, y, digit
 
 
@@ -69,93 +63,52 @@ def worst_digit(model: Preisach, numbers: Numbers) -> float:
     return digit * (model.swing * steepest + abs(model.slope)) / width_of(model, None)
 
 
-def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:
-    """Refuse thresholds that differ only in the last digits of their type.
-
-    Raises a `ParameterError` if a last digit is too large a share of the range of the levels.
-    """
-    largest = np.abs(levels).max()
-    digit = float(np.spacing(largest)) / float(np.ptp(levels.astype(np.float64)))
-    if _DIGITS * digit > _COARSEST:
-        raise ParameterError(
-            f"the last digit of a {numbers.type} near {largest:g} is {100 * digit:.2g} % of the "
-            f"range of the levels, and {100 * _COARSEST / _DIGITS:g} % are allowed; "
-            + ("export doubles, or " if numbers.single else "")
-            + "identify against the input less its offset"
-        )
-
-
-def output_error(numbers: Numbers, y: FloatArray, width: float, linear: bool = False) -> float:
-    """Return the rounding error of outputs in the type of the C, as a share of their range.
-
-    Raises a `ParameterError` if it is too large: with an offset far larger than its range, an
-    output changes only in its last digits.
-    """
-    largest = float(np.abs(y).max())
-    digit = float(np.spacing(numbers.array(largest))) / (width or 1.0)
-    digits = _DIGITS_LINEAR if linear else _DIGITS
-    if digits * digit > _COARSEST:
-        raise ParameterError(
-            f"the last digit of a {numbers.type} near {largest:g} is {100 * digit:.2g} % of the "
-            f"range of the output, and {100 * _COARSEST / digits:.2g} % are allowed; "
-            + ("export doubles, or " if numbers.single else "")
-            + "identify the output less its offset"
-        )
-    return digits * digit
-
-
 def width_of(model: Preisach, linear: Linear | None) -> float:
     """Return the range of the output, to which errors are related."""
     low, high = model.range
     return (high - low) * (1.0 if linear is None else abs(linear.dc_gain)) or 1.0
 
 
-def selftest(
-    context: dict[str, Any],
-    numbers: Numbers,
-    u: FloatArray,
-    y: FloatArray,
-    width: float,
-    both_ways: bool,
-    digit: float = 0.0,
-    asked: Asked | None = None,
-    targets: FloatArray | None = None,
-) -> str:
+def selftest(context: dict[str, Any], numbers: Numbers, parts: Parts) -> str:
     """Return the self-test, which compares the C with outputs of Python within a tolerance.
 
-    The inverse is tested with the outputs in reverse order, or ``targets`` (T,). With a linear
-    part, the output reaches a target later only; so the inputs that the C computes are compared
-    instead.
+    With a linear part, the output reaches a target later only; so the inputs that the C computes
+    are compared instead.
+
+    Raises a `ParameterError` if rounding outputs costs too much: with an offset far larger than its
+    range, an output changes only in its last digits.
     """
-    width = width or 1.0
+    y, width, asked = parts.y, parts.width or 1.0, parts.asked
     rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
+    largest = float(np.abs(y).max())
+    digit = float(np.spacing(numbers.array(largest))) / width
+    of, digits = "is {:.2g} % of the range of the output", DIGITS
+    if context.get("linear"):
+        digits = DIGITS_LINEAR
+    tolerance = max(1e-12, 300 * rounding) + DIGITS * parts.digit
+    tolerance += numbers.digit(largest, digit, of, "identify the output less its offset", digits)
     tables = {
-        "inputs": numbers.table(u),
+        "inputs": numbers.table(parts.u),
         # As doubles: rounded to the type, they would hide what rounding does to the output.
         "outputs": Numbers(False).table(y),
-        "targets": numbers.table(y[::-1] if targets is None else targets),
+        "targets": numbers.table(y[::-1] if parts.targets is None else parts.targets),
     }
-    tolerance = max(1e-12, 300 * rounding) + _DIGITS * digit
-    tolerance += output_error(numbers, y, width, "linear" in context and bool(context["linear"]))
     if asked is not None:
         tables |= {
             "asked_targets": numbers.table(asked.targets),
             "asked_inputs": numbers.table(asked.inputs),
             "asked_after": wrapped(f"{k}" for k in asked.after),
         }
-    return render(
-        "selftest.c",
-        {
-            **context,
-            "tables": tables,
-            "count": u.size,
-            "both_ways": both_ways,
-            "width": repr(width),
-            "tolerance": f"{tolerance:.3g}",
-            "asked": asked,
-            "asked_tolerance": f"{_STEEPEST * tolerance:.3g}",
-        },
-    )
+    test = {
+        "tables": tables,
+        "count": parts.u.size,
+        "both_ways": parts.inverse,
+        "width": repr(width),
+        "tolerance": f"{tolerance:.3g}",
+        "asked": asked,
+        "asked_tolerance": f"{_STEEPEST * tolerance:.3g}",
+    }
+    return render("selftest.c", {**context, **test})
 
 
 @dataclass(frozen=True)
@@ -202,11 +155,11 @@ def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> As
     return Asked(after, targets, [v / gain for v in inputs], (high - low) / abs(gain))
 
 
-def _inputs(model: Preisach, memory: int) -> FloatArray:
+def _inputs(model: Preisach, count: int, memory: int) -> FloatArray:
     """Return inputs over the whole plane whose histories fit into a bounded memory."""
     low, high = map(float, model.levels[[0, -1]])
     rng, tracker, chosen = np.random.default_rng(0), model.track(), []
-    for share in rng.beta(0.7, 0.7, VECTORS):
+    for share in rng.beta(0.7, 0.7, count):
         u = low + float(share) * (high - low)
         for wanted in (u, high):
             trial = tracker.copy()

@@ -1,24 +1,26 @@
-"""Format numbers and tables of the exported operator in C."""
+"""Numbers and tables in C, and the templates that they are written into."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
-from minorloop.operators import plane
-from minorloop.operators.preisach import Preisach
 
-VECTORS = 200
-"""Inputs of a self-test, in about 10 kB of C."""
 _COLUMNS = 100
 """Longest line of a table."""
 _MOST_SINGLE, _MOST_DOUBLE = 1e15, 1e150
 """Largest range of a signal, and inverse of the least, by the type of the C: their squares are
 within 1e38 and 1e308, the largest numbers of these types."""
+_COARSEST = 0.01
+"""Largest effect of rounding, as a share of a range. A choice: more than this would be a large part
+of the error of a good model."""
+DIGITS, DIGITS_LINEAR = 8, 32
+"""Errors allowed in units of the last digit of inputs and of outputs. A choice: a few operations
+round between them, and those of the recursion of a linear part add up."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,10 @@ class Numbers:
     def size(self) -> int:
         """Bytes of one number."""
         return 4 if self.single else 8
+
+    @property
+    def _doubles(self) -> str:
+        return "export doubles, or " if self.single else ""
 
     def array(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
         """Return numbers rounded to the type.
@@ -60,10 +66,48 @@ class Numbers:
         if high / 2 - low / 2 > most / 2 or 0 < high - low < 1 / most:
             raise ParameterError(
                 f"the {what} goes from {low:g} to {high:g}, and C with a {self.type} can have "
-                f"ranges from {1 / most:g} to {most:g}; "
-                + ("export doubles, or " if self.single else "")
-                + "identify in another unit"
+                f"ranges from {1 / most:g} to {most:g}; {self._doubles}identify in another unit"
             )
+
+    def check_distinct(self, levels: npt.ArrayLike) -> npt.NDArray[Any]:
+        """Return levels rounded to the type; refuse those that coincide in it.
+
+        Raises a `ParameterError` if two of them do.
+        """
+        rounded, exact = self.array(levels), np.asarray(levels)
+        if not (np.diff(rounded) > 0).all():
+            raise ParameterError(
+                f"levels are only {np.diff(exact).min():g} apart around {np.abs(exact).max():g}, "
+                "which a float cannot distinguish; export doubles"
+            )
+        return rounded
+
+    def digit(
+        self, largest: float, effect: float, of: str, advice: str, digits: int = DIGITS
+    ) -> float:
+        """Return the error allowed for the last digits of a number.
+
+        Raises a `ParameterError` if it is too large a share of a range.
+
+        Parameters
+        ----------
+        largest : float
+            The number.
+        effect : float
+            Effect of its last digit, as a share of a range.
+        of : str
+            What it changes, with the effect in percent as ``{:.2g} %``.
+        advice : str
+            What to do, apart from exporting doubles.
+        digits : int
+            Last digits that are allowed.
+        """
+        if digits * effect > _COARSEST:
+            raise ParameterError(
+                f"the last digit of a {self.type} near {largest:g} {of.format(100 * effect)}, and "
+                f"{100 * _COARSEST / digits:.2g} % are allowed; {self._doubles}{advice}"
+            )
+        return digits * effect
 
     def one(self, value: float) -> str:
         """Return a literal of exactly this number, in brackets if it is negative."""
@@ -79,20 +123,6 @@ class Numbers:
         return wrapped(self.one(value).strip("()") for value in values)
 
 
-@dataclass(frozen=True)
-class Parts:
-    """Template context and self-test of a model whose memory has a fixed size."""
-
-    context: dict[str, Any]
-    table_bytes: int
-    state_bytes: int
-    memory: int
-    inputs: FloatArray
-    start: str
-    template: str
-    title: str
-
-
 def wrapped(words: Iterable[str]) -> str:
     """Return words with commas, in lines of bounded length."""
     lines, line = [], ""
@@ -102,56 +132,6 @@ def wrapped(words: Iterable[str]) -> str:
             line = ""
         line += f"{word}, " if line else f"    {word}, "
     return "\n".join(text.rstrip() for text in [*lines, line])
-
-
-def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], int]:
-    """Return the template context of an operator, and the bytes of its tables.
-
-    Raises a `ParameterError` if levels coincide or numbers overflow in the type of the C.
-    """
-    levels = numbers.array(model.levels)
-    if not (np.diff(levels) > 0).all():
-        raise ParameterError(
-            f"levels are only {np.diff(model.levels).min():g} apart around "
-            f"{np.abs(model.levels).max():g}, which a float cannot distinguish; export doubles"
-        )
-    begun, per_unit = plane.buckets(levels)
-    nodes = model.tables.nodes
-    signed = bool((model.weights < 0).any())
-    bowed = model.diagonal == "uniform"
-    tables = {
-        "levels": numbers.table(levels),
-        "per_band": numbers.table(1 / np.diff(levels.astype(np.float64))),
-        "begun": wrapped(str(int(band)) for band in begun),
-        "nodes": numbers.table(_packed(nodes)),
-        "bow": numbers.table(nodes.diagonal(-1)),
-    }
-    unsigned = model.swing * plane.nodes_from_weights(np.abs(model.weights))
-    if signed:
-        tables["nodes_unsigned"] = numbers.table(_packed(unsigned))
-        tables["bow_unsigned"] = numbers.table(unsigned.diagonal(-1))
-    wide = model.bands > 256
-    count = levels.size + model.bands + (1 + signed) * (_packed(nodes).size + bowed * model.bands)
-    context = {
-        "tables": tables,
-        "bands": model.bands,
-        "slices": begun.size,
-        "narrow": bool((np.diff(begun) <= 1).all()),
-        "slice_type": "uint16_t" if wide else "uint8_t",
-        "per_unit": numbers.one(per_unit),
-        "saturation": numbers.one(model.all_off),
-        "slope": numbers.one(model.slope),
-        "sloped": model.slope != 0,
-        "signed": signed,
-        "bowed": bowed,
-        "begin": numbers.one(model.all_off + model.slope * float(model.levels[0])),
-        "low": numbers.one(model.levels[0]),
-        "high": numbers.one(model.levels[-1]),
-        "reach_low": numbers.one(model.range[0]),
-        "reach_high": numbers.one(model.range[1]),
-        "swing": float(model.swing * np.abs(model.weights).sum()),
-    }
-    return context, numbers.size * count + (2 if wide else 1) * begun.size
 
 
 def text_only(words: Mapping[str, str]) -> dict[str, str]:
@@ -164,6 +144,18 @@ def text_only(words: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-def _packed(nodes: FloatArray) -> FloatArray:
-    """Return the rows of a lower triangle one after the other."""
-    return np.asarray(nodes[np.tril_indices(len(nodes))])
+@cache
+def _environment(package: str) -> Any:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader(package),
+        undefined=StrictUndefined,
+        autoescape=False,
+        keep_trailing_newline=True,
+    )
+
+
+def render(template: str, context: dict[str, Any], package: str = "minorloop.export") -> str:
+    """Return the text of a file from a template in the package's folder ``templates``."""
+    return str(_environment(package).get_template(template).render(context))

@@ -2,30 +2,22 @@
 
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from minorloop.arrays import as_whole, check_option
-from minorloop.dynamics.cascade import First
+from minorloop.arrays import as_whole
+from minorloop.dynamics.cascade import Cascade, First
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import NotInvertibleError, ParameterError
-from minorloop.export._after_effect import after_effect_parts
-from minorloop.export._plays import plays_parts
-from minorloop.export._relays import relay_parts
-from minorloop.export._selftest import asked_of, examples, selftest, width_of, worst_digit
-from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
-from minorloop.export._templates import render
+from minorloop.errors import ParameterError
+from minorloop.export._kinds import parts_of, preisach_parts
+from minorloop.export._selftest import selftest
+from minorloop.export._tables import Numbers, render, text_only
 from minorloop.files import PathLike, write_folder
+from minorloop.modelfile import ModelFile
 from minorloop.operators.after_effect import AfterEffect
-from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM
-from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
-from minorloop.operators.relays import RelayModel
 from minorloop.version import __version__
 
 __all__ = ["CSource", "export_c", "source"]
@@ -34,9 +26,6 @@ _LONGEST_NAME = 40
 """Characters of the name, so that public names have fewer than 63, as many as C99 distinguishes."""
 _COMMENT = 96
 """Characters of a line in a comment."""
-_MOST_LAG = 100_000
-"""Intervals of dead time, each of which takes a number in a state."""
-_OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel, AfterEffect)
 
 
 @dataclass(frozen=True)
@@ -93,14 +82,9 @@ def source(
     memory: int = ROOM,
     float32: bool = False,
     inverse: bool = True,
-    linear: Linear | None = None,
-    first: First = "operator",
-    input: str = "input",
-    output: str = "output",
+    interval: float | None = None,
     largest: int | None = None,
     firmware: bool = False,
-    interval: float | None = None,
-    warnings: Sequence[str] = (),
 ) -> CSource:
     """Return the C99 of a model.
 
@@ -110,8 +94,11 @@ def source(
 
     Parameters
     ----------
-    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or AfterEffect
-        The operator. Only a Preisach operator can have a linear part; relays have no inverse.
+    model : ModelFile, Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii,
+            AfterEffect or Cascade
+        The model. A `ModelFile` gives names, units and warnings for the comments too. Relays have
+        no inverse. A cascade has a Preisach operator, and a linear part with a DC gain, which is
+        stepped together with it; creep of its output is left out.
     name : str
         Name of the files, and prefix of all public names in them.
     memory : int
@@ -121,150 +108,85 @@ def source(
         Whether to compute in single precision.
     inverse : bool
         Whether to write the inverse too.
-    linear : Linear, optional
-        A sampled linear part with a DC gain, stepped together with the operator.
-    first : {"operator", "linear"}
-        Which of the two receives the input.
-    input, output : str
-        Names of input and output, for the comments.
+    interval : float, optional
+        Seconds of one step, of a model with after-effect or dynamics; that at which the linear part
+        is sampled if not given.
     largest : int, optional
         Most bytes of tables and one state together.
     firmware : bool
         Whether to write a sketch of firmware too, with the serial protocol of
         `minorloop.lab.drivers.serial_line`.
-    interval : float, optional
-        Seconds of one step, for an operator with after-effect only.
-    warnings : sequence of str
-        Why the model is not to be trusted, for a comment at the top of header and source.
     """
-    _check_options(name, memory)
-    check_option("first", first, ("operator", "linear"))
-    words = {"name": name, "input": input, "output": output, "notice": "; ".join(warnings)}
+    words = {"name": name, "input": "input", "output": "output", "notice": ""}
+    if isinstance(model, ModelFile):
+        words |= {"input": str(model.input), "output": str(model.output)}
+        words["notice"] = "; ".join(model.warnings)
+        model = model.model
+    if not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or len(name) > _LONGEST_NAME:
+        raise ParameterError(
+            f"name {name!r} cannot begin the names in C; give a letter, then letters, digits and "
+            f"underscores, {_LONGEST_NAME} at most"
+        )
+    as_whole("memory", memory, LEAST_ROOM, MOST_ROOM)
     numbers = Numbers(float32)
-    if isinstance(model, _OTHERS):
-        if linear is not None or firmware:
-            raise ParameterError(
-                f"C of a {type(model).__name__} has no linear part and no firmware; identify a "
-                "Preisach model for these"
-            )
-        if isinstance(model, AfterEffect):
-            return _timed_source(model, numbers, inverse, largest, words, interval, memory)
-        return _other_source(model, numbers, inverse, largest, words)
-    operator = _as_preisach(model, inverse)
-    context, table_bytes, state_bytes = _preisach_tables(operator, linear, first, numbers, memory)
-    _check_bytes(table_bytes, state_bytes, largest)
-    drop_error = context["swing"] / (memory - 3)
-    u, y, digit = examples(operator, numbers, memory, linear, first)
-    input_error = max(digit, worst_digit(operator, numbers))
-    context |= {
-        "single": f"{drop_error:.3g}",
-        "input_error": f"{input_error:.2g}",
-        **_common("a Preisach operator with piecewise uniform density", numbers, inverse, words),
-    }
-    invertible = inverse and operator.range[0] < operator.range[1]
-    asked = asked_of(operator, linear, first, u) if invertible and linear is not None else None
-    both_ways = invertible and linear is None
-    width = width_of(operator, linear)
-    test = selftest(context, numbers, u, y, width, both_ways, digit, asked)
-    files = _files("model", context, test)
-    if firmware:
-        low, high = map(float, operator.levels[[0, -1]])
-        safe = numbers.one(min(max(0.0, low), high))
-        files[f"{name}_firmware.c"] = render("firmware.c", {**context, "safe": safe})
-    return CSource(files, table_bytes, state_bytes, memory, drop_error, input_error)
-
-
-def _other_source(
-    model: Any,
-    numbers: Numbers,
-    inverse: bool,
-    largest: int | None,
-    words: Mapping[str, str],
-) -> CSource:
-    """Return the C of plays and of relays, whose memory has a fixed size."""
-    if isinstance(model, RelayModel):
-        numbers.check_range("input", model.levels)
-    make: Any = relay_parts if isinstance(model, RelayModel) else plays_parts
-    parts: Parts = make(model, numbers, inverse)
+    operator, linear, first = split(model, interval)
+    if not isinstance(operator, Preisach) and (linear is not None or firmware):
+        raise ParameterError(
+            f"C of a {type(operator).__name__} has no linear part and no firmware; identify a "
+            "Preisach model for these"
+        )
+    if isinstance(operator, Preisach):
+        parts = preisach_parts(operator, numbers, inverse, memory, linear, first)
+    else:
+        parts = parts_of(operator, numbers, inverse, memory, interval)
     _check_bytes(parts.table_bytes, parts.state_bytes, largest)
-    context = parts.context | _common(parts.title, numbers, inverse, words)
-    u = numbers.array(parts.inputs).astype(np.float64)
-    if isinstance(model, RelayModel):  # outputs jump at the thresholds as the C rounds them
-        model = replace(model, levels=numbers.array(model.levels).astype(np.float64))
-    y = model.simulate(u, parts.start)
-    numbers.check_range("input", u)
-    numbers.check_range("output", y)
-    test = selftest(context, numbers, u, y, float(np.ptp(y)), inverse)
-    files = _files(parts.template, context, test)
-    return CSource(files, parts.table_bytes, parts.state_bytes, parts.memory, 0.0, 0.0)
-
-
-def _timed_source(
-    model: AfterEffect,
-    numbers: Numbers,
-    inverse: bool,
-    largest: int | None,
-    words: Mapping[str, str],
-    interval: float | None,
-    memory: int,
-) -> CSource:
-    """Return the C of an operator with after-effect, stepped at a fixed interval."""
-    parts = after_effect_parts(model, numbers, inverse, interval, memory)
-    _check_bytes(parts.table_bytes, parts.state_bytes, largest)
-    context = parts.context | _common(parts.title, numbers, inverse, words)
-    u = numbers.array(parts.inputs).astype(np.float64)
-    y = model.simulate(float(interval or 1.0) * np.arange(u.size), u)
-    width = model.range[1] - model.range[0]
-    test = selftest(context, numbers, u, y, width, inverse, targets=y)
-    swing = model.plane.swing * float(np.abs(model.plane.weights).sum() + np.abs(model.creep).sum())
-    drop_error = swing / (memory - 3)
-    files = _files(parts.template, context, test)
-    return CSource(files, parts.table_bytes, parts.state_bytes, memory, drop_error, 0.0)
-
-
-def _files(template: str, context: dict[str, Any], test: str) -> dict[str, str]:
-    """Return header, source and self-test by their names."""
-    name = context["name"]
-    return {
-        f"{name}.h": render(f"{template}.h", context),
-        f"{name}.c": render(f"{template}.c", context),
-        f"{name}_selftest.c": test,
-    }
-
-
-def _preisach_tables(
-    operator: Preisach, linear: Linear | None, first: First, numbers: Numbers, memory: int
-) -> tuple[dict[str, Any], int, int]:
-    """Return the context of operator and linear part, and the bytes of tables and of a state."""
-    numbers.check_range("input", operator.levels)
-    numbers.check_range("output", operator.range)
-    context, table_bytes = operator_tables(operator, numbers)
-    state_bytes = _state_bytes(numbers.size, memory)
-    context |= {
-        "sqrt": "sqrtf" if numbers.single else "sqrt",
-        "memory": memory,
-        "linear": None,
-        "about": about(operator, linear, first),
-    }
-    if linear is not None:
-        part, tables = _linear_context(linear, first, numbers)
-        context["linear"] = part
-        context["tables"] |= tables
-        table_bytes += 2 * numbers.size * part["order"]
-        state_bytes += numbers.size * (part["order"] + part["lag"] + (part["lag"] > 0))
-    return context, table_bytes, state_bytes
-
-
-def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]) -> dict[str, Any]:
-    """Return the context that all templates have in common."""
-    return {
-        "guard": words["name"].upper(),
+    context = {
+        **parts.context,
+        "guard": name.upper(),
         "real": numbers.type,
         "inverse": inverse,
         "version": __version__,
         **(text := text_only(words)),
-        "title": f"Hysteresis of an actuator: {what}.{_notice(text['notice'])}",
+        "title": f"Hysteresis of an actuator: {parts.title}.{_notice(text['notice'])}",
     }
+    files = {
+        f"{name}.h": render(f"{parts.template}.h", context),
+        f"{name}.c": render(f"{parts.template}.c", context),
+        f"{name}_selftest.c": selftest(context, numbers, parts),
+    }
+    if firmware:
+        low, high = map(float, operator.levels[[0, -1]])
+        safe = numbers.one(min(max(0.0, low), high))
+        files[f"{name}_firmware.c"] = render("firmware.c", {**context, "safe": safe})
+    bytes_of = parts.table_bytes, parts.state_bytes
+    return CSource(files, *bytes_of, parts.memory, parts.drop_error, parts.input_error)
+
+
+def split(model: Any, interval: float | None) -> tuple[Any, Linear | None, First]:
+    """Return the operator of a model, its linear part sampled at the interval, and what is first.
+
+    Raises a `ParameterError` if an interval is given for a model without time, or a cascade has
+    dynamics on both sides or a linear part of another interval.
+    """
+    if not isinstance(model, Cascade):
+        if interval is not None and not isinstance(model, AfterEffect):
+            raise ParameterError(
+                "the model has no dynamics, so that an interval does nothing (interval, "
+                "--interval); leave it out"
+            )
+        return model, None, "operator"
+    if model.ahead is not None:
+        raise ParameterError(
+            "the model has dynamics on both sides of the operator, which exports do not carry; "
+            "identify with dynamics on one side (--dynamics operator or linear)"
+        )
+    if interval is None and model.linear.interval is None:
+        raise ParameterError(
+            "the model has dynamics and its linear part is continuous; give the seconds between "
+            "samples (interval, --interval)"
+        )
+    sampled = model if interval is None else model.sampled(interval)
+    return sampled.operator, sampled.linear, sampled.first
 
 
 def _notice(warnings: str) -> str:
@@ -273,31 +195,6 @@ def _notice(warnings: str) -> str:
         return ""
     lines = textwrap.wrap(f"WARNING: this model is not to be trusted: {warnings}", _COMMENT)
     return "".join(f"\n * {line}" for line in ["", *lines]).replace("* \n", "*\n")
-
-
-def _as_preisach(model: Any, inverse: bool) -> Preisach:
-    if not isinstance(model, Preisach):
-        raise ParameterError(
-            f"C is written for Preisach models, relays and plays, and this is a "
-            f"{type(model).__name__}; "
-            "identify a Preisach model from the same record"
-        )
-    if inverse and not model.monotone:
-        raise NotInvertibleError(
-            f"the model is not monotone (least weight {model.weights.min():g}), so its C cannot "
-            "have an inverse; export it without (inverse=False, --no-inverse), or identify with "
-            "signed=False"
-        )
-    return model
-
-
-def _check_options(name: str, memory: int) -> None:
-    if not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or len(name) > _LONGEST_NAME:
-        raise ParameterError(
-            f"name {name!r} cannot begin the names in C; give a letter, then letters, digits and "
-            f"underscores, {_LONGEST_NAME} at most"
-        )
-    as_whole("memory", memory, LEAST_ROOM, MOST_ROOM)
 
 
 def _check_bytes(table_bytes: int, state_bytes: int, largest: int | None) -> None:
@@ -309,54 +206,3 @@ def _check_bytes(table_bytes: int, state_bytes: int, largest: int | None) -> Non
             f"the model needs {needed} bytes, {table_bytes} of tables and {state_bytes} of state, "
             f"and {largest} are allowed; allow more, use fewer levels, a smaller memory, or float32"
         )
-
-
-def _state_bytes(size: int, memory: int) -> int:
-    """Return the bytes of a state without linear part, padded as by compilers."""
-    extremum = 20 if size == 4 else 40
-    return (memory + 1) * extremum + 8 + 4 * size
-
-
-def _linear_context(
-    linear: Linear, first: First, numbers: Numbers
-) -> tuple[dict[str, Any], dict[str, str]]:
-    if linear.interval is None:
-        raise ParameterError(
-            "the linear part is continuous; give linear.discretise(interval) with the interval at "
-            "which the C will step"
-        )
-    if linear.lag > _MOST_LAG:
-        raise ParameterError(
-            f"the linear part has a delay of {linear.delay:g} s, for which the C would have to "
-            f"store {linear.lag} intervals; give at most {_MOST_LAG}"
-        )
-    if not np.isfinite(linear.dc_gain) or linear.dc_gain == 0:
-        raise ParameterError(
-            f"the linear part has a DC gain of {linear.dc_gain:g} and no settled state to begin "
-            "from; give one whose DC gain is finite and not zero"
-        )
-    if not linear.stable:
-        raise ParameterError("the linear part is unstable; give one that settles")
-    context = {
-        "order": linear.order,
-        "lag": linear.lag,
-        "interval": numbers.one(linear.interval),
-        "feedthrough": numbers.one(linear.state_space[3]),
-        "gain": numbers.one(linear.dc_gain),
-        "rest": numbers.one(1 / linear.at_rest(linear.denominator)),
-        "first": first,
-    }
-    tables = {
-        "transition": numbers.table(-linear.denominator[1:]),
-        "readout": numbers.table(linear.state_space[2]),
-    }
-    return context, tables
-
-
-def about(model: Preisach, linear: Linear | None, first: First) -> str:
-    """Return a comment that describes the model."""
-    parts = f"{model.bands} bands, {model.relay} relays, {model.diagonal} diagonal"
-    if linear is None:
-        return f"{parts}."
-    order = "after" if first == "operator" else "before"
-    return f"{parts}; a linear part of order {linear.order} {order} it."

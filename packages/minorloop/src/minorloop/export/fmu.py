@@ -15,16 +15,19 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from minorloop.arrays import as_finite
-from minorloop.dynamics.cascade import First
+from minorloop.arrays import as_seconds
+from minorloop.dynamics.cascade import Cascade, First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import OutputError, ParameterError
-from minorloop.export._templates import render
-from minorloop.export.c99 import about, source
+from minorloop.export._kinds import about
+from minorloop.export._tables import render
+from minorloop.export.c99 import source, split
 from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.lab.records import Quantity
+from minorloop.modelfile import ModelFile, Provenance
 from minorloop.operators.memory import ROOM
 from minorloop.operators.preisach import Preisach
+from minorloop.version import __version__
 
 __all__ = ["export_fmu"]
 
@@ -36,17 +39,14 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def export_fmu(
-    model: Preisach,
+    model: ModelFile | Preisach | Cascade,
     path: PathLike,
     *,
     name: str = "minorloop",
     memory: int = ROOM,
-    linear: Linear | None = None,
-    first: First = "operator",
     input: str | Quantity = "input",
     output: str | Quantity = "output",
     interval: float | None = None,
-    compiler: str | None = None,
     force: bool = False,
 ) -> list[str]:
     """Write a model as an FMI 2.0 co-simulation unit.
@@ -55,31 +55,27 @@ def export_fmu(
     from dropped extrema. The input is held over each communication step, and the output is that at
     its end: the output after the step that begins with ``u[k]`` is ``y[k]`` of ``simulate``, and a
     simulator shows it in row k + 1. The unit contains the source too, so that it can be compiled
-    for other platforms.
+    for other platforms. The compiler is ``$CC``, which may have options, or ``cc``.
 
     Raises a `ParameterError` if C cannot hold the model, an option is out of its range, or there is
     no C compiler; an `OutputError` if the file cannot be written, or the compiler fails.
 
     Parameters
     ----------
-    model : Preisach
-        The operator.
+    model : ModelFile, Preisach or Cascade
+        The model. The after-effect of a file is left out; a cascade is as for `source`, and
+        communication steps are then whole numbers of the interval of its linear part.
     path : str or path
         The file to write, ``*.fmu``.
     name : str
         Name of the unit and of the files in it.
     memory : int
         Remembered extrema of the input.
-    linear : Linear, optional
-        A sampled linear part; communication steps are then whole numbers of its interval.
-    first : {"operator", "linear"}
-        Which of the two receives the input.
     input, output : str or Quantity
-        Names and units, such as ``voltage [V]``.
+        Names and units, such as ``voltage [V]``; those of a `ModelFile` are used instead.
     interval : float, optional
-        Default step of a simulator in seconds; if not given, that of the linear part, or 0.01.
-    compiler : str, optional
-        The C compiler, and options for it; ``$CC`` or ``cc`` if not given.
+        Default step of a simulator in seconds, and that of a continuous linear part; if not given,
+        that of the linear part, or 0.01.
     force : bool
         Whether a file that exists may be replaced.
 
@@ -91,52 +87,37 @@ def export_fmu(
     target = check_writable(path, force=force)
     if target.suffix != ".fmu":
         raise ParameterError(f"the unit is named {target.name}; give a name that ends in .fmu")
-    if not isinstance(model, Preisach):
-        raise ParameterError(
-            f"the model is a {type(model).__name__}, and units can contain Preisach models only; "
-            "identify one from the same record"
-        )
-    named = [q if isinstance(q, Quantity) else Quantity.parse(q) for q in (input, output)]
-    code = source(
-        model,
-        name=name,
-        memory=memory,
-        inverse=False,
-        linear=linear,
-        first=first,
-        input=str(named[0]),
-        output=str(named[1]),
-    )
-    files = {file: text for file, text in code.files.items() if "_selftest" not in file}
-    step = _interval(linear, interval)
-    context = _context(model, files, named, linear, first, name, step)
-    files[f"{name}_fmi2.c"] = render("fmi2.c", context)
-    system, suffix = _platform()
-    binary = _compiled(files, name, suffix, compiler)
-    description = render("modelDescription.xml", context)
-    write_atomically(
-        target,
-        _archive(
-            {
-                "modelDescription.xml": description.encode(),
-                **{f"sources/{file}": text.encode() for file, text in files.items()},
-                f"binaries/{system}/{name}{suffix}": binary,
-            }
-        ),
-    )
-    return [system]
-
-
-def _interval(linear: Linear | None, wanted: float | None) -> float:
-    own = None if linear is None else linear.interval
-    step = (own or 0.01) if wanted is None else as_finite("interval", wanted)
-    if step <= 0:
-        raise ParameterError(f"interval is {step:g} s; give a positive time")
-    if own is not None and abs(step / own - round(step / own)) > 1e-9:
+    if isinstance(model, ModelFile):
+        input, output = model.input, model.output
+        model = model.model if isinstance(model.model, Cascade) else model.operator  # type: ignore[assignment]
+    step = None if interval is None else as_seconds("interval", interval)
+    own = model.linear.interval if isinstance(model, Cascade) else None
+    if step is not None and own is not None and abs(step / own - round(step / own)) > 1e-9:
         raise ParameterError(
             f"interval is {step:g} s; with this linear part give a whole number of {own:g} s"
         )
-    return step
+    operator, linear, first = split(model, own or step if isinstance(model, Cascade) else None)
+    if not isinstance(operator, Preisach):
+        raise ParameterError(
+            f"the model is a {type(operator).__name__}, and units can contain Preisach models "
+            "only; identify one from the same record"
+        )
+    named = [q if isinstance(q, Quantity) else Quantity.parse(q) for q in (input, output)]
+    whole = operator if linear is None else Cascade(operator, linear, first)
+    labelled = ModelFile(whole, named[0], named[1], 0, Provenance())
+    code = source(labelled, name=name, memory=memory, inverse=False)
+    files = {file: text for file, text in code.files.items() if "_selftest" not in file}
+    context = _context(operator, files, named, linear, first, name, step or own or 0.01)
+    files[f"{name}_fmi2.c"] = render("fmi2.c", context)
+    system, suffix = _platform()
+    binary = _compiled(files, name, suffix)
+    content = {
+        "modelDescription.xml": render("modelDescription.xml", context).encode(),
+        **{f"sources/{file}": text.encode() for file, text in files.items()},
+        f"binaries/{system}/{name}{suffix}": binary,
+    }
+    write_atomically(target, _archive(content))
+    return [system]
 
 
 def _context(
@@ -148,8 +129,6 @@ def _context(
     name: str,
     interval: float,
 ) -> dict[str, Any]:
-    from minorloop.version import __version__
-
     digest = hashlib.sha256("".join(f"{k}{files[k]}" for k in sorted(files)).encode())
     low = float(model.levels[0])
     if linear is not None and first == "linear":
@@ -187,22 +166,16 @@ def _distinct(*names: str) -> list[str]:
 
 def _prototypes() -> list[str]:
     """Return the declarations of the public functions that the template defines."""
-    text = _render_source()
+    keys = ["name", "guid", "version", "start", "guard"]
+    blank: dict[str, Any] = {
+        **dict.fromkeys(keys, "x"),
+        "linear": None,
+        "bands": 1,
+        "prototypes": [],
+    }
+    text = render("fmi2.c", blank)
     pattern = r"^((?:fmi2\w+|const char \*|void)\s?\*?fmi2\w+\([^{]*?\))\n\{"
     return [f"API {' '.join(p.split())}" for p in re.findall(pattern, text, flags=re.MULTILINE)]
-
-
-def _render_source() -> str:
-    blank = {
-        "name": "x",
-        "guid": "",
-        "version": "",
-        "start": "0.0",
-        "linear": None,
-        "guard": "X",
-        "bands": 1,
-    }
-    return render("fmi2.c", {**blank, "prototypes": []})
 
 
 def _platform() -> tuple[str, str]:
@@ -214,9 +187,9 @@ def _platform() -> tuple[str, str]:
     return f"{system}{bits}", {"linux": ".so", "darwin": ".dylib", "win": ".dll"}[system]
 
 
-def _compiled(files: dict[str, str], name: str, suffix: str, compiler: str | None) -> bytes:
+def _compiled(files: dict[str, str], name: str, suffix: str) -> bytes:
     """Return the unit as a shared library."""
-    found, options = _compiler(compiler or os.environ.get("CC") or "cc")
+    found, options = _compiler(os.environ.get("CC") or "cc")
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         for file, text in files.items():
