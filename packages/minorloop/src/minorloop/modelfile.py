@@ -89,17 +89,19 @@ from minorloop.arrays import as_finite
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.oscillator import Oscillator
-from minorloop.errors import ModelFileError, ParameterError
+from minorloop.errors import ModelFileError, NotInvertibleError, ParameterError
 from minorloop.files import PathLike, check_name, check_writable, kind_of_file, write_atomically
 from minorloop.lab.records import Quantity
 from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
 from minorloop.version import __version__
 
 if TYPE_CHECKING:
     from minorloop.dynamics.cascade import CascadeInversion
     from minorloop.identification.band_model import BandModel
-    from minorloop.operators.inversion import Inversion
+    from minorloop.operators.inversion import Inversion, Unreachable
+    from minorloop.operators.memory import Start
 
 __all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "ModelWarning", "Provenance"]
 __all__ += ["load", "plain", "read", "save"]
@@ -113,6 +115,10 @@ _GIVE = "give one that identify --save has written"
 _MOST = {b",": 2_200_000, b"[": 5_000, b"{": 1_000, b":": 100_000}
 """Largest number of each mark: more than such a plane needs. Without these bounds, refusing a file
 full of marks takes minutes."""
+
+
+_TIME_CONSTANTS = 5.0
+"""Time constants after which less than 1 % is left."""
 
 
 class ModelWarning(UserWarning):
@@ -171,6 +177,92 @@ class ModelFile:
     def kind(self) -> str:
         """The name of the class of the model in the file."""
         return kind_of(self.model)
+
+    def invert(
+        self,
+        targets: npt.ArrayLike,
+        start: Start = "negative",
+        unreachable: Unreachable = "raise",
+        *,
+        t: npt.ArrayLike | None = None,
+    ) -> Inversion | CascadeInversion:
+        """Return the inputs that bring the output to each target in turn.
+
+        Raises a `NotInvertibleError` if the model has no inverse; an `UnreachableError` if a target
+        is out of reach and ``unreachable`` is not ``"clip"``.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Wanted outputs, in order.
+        start : {"negative", "positive", "demagnetised"} or Memory
+            Memory before the first target; a model with dynamics rests there at the lowest or the
+            highest level, or at 0.
+        unreachable : {"raise", "clip"}
+            What to do with targets out of reach.
+        t : (T,) array_like, optional
+            Times in seconds, at which a model with time or a lag in seconds follows the targets.
+            Without them, each input is the one at which the output settles.
+        """
+        if isinstance(self.operator, RelayModel):
+            raise NotInvertibleError(
+                "the file has a relay-by-relay model, which has no exact inverse; identify a "
+                "Preisach model on the same levels"
+            )
+        in_time: Any = self.model
+        if t is not None and not isinstance(in_time, Cascade) and self.lag_seconds:
+            in_time = Cascade(self.operator, Linear.lags(delay=self.lag_seconds))  # a dead time
+        if t is not None and isinstance(in_time, Cascade):
+            low, high = self._ends or (0.0, 0.0)
+            rest = {"negative": low, "positive": high}.get(str(start), 0.0)
+            how: Any = {"before": rest, "between": "held", "unreachable": unreachable}
+            return in_time.invert(t, targets, start, **how)
+        if t is not None and isinstance(in_time, AfterEffect):
+            return in_time.invert(t, targets, start, unreachable)
+        return self.operator.invert(targets, start, unreachable)  # type: ignore[arg-type]
+
+    @property
+    def _ends(self) -> tuple[float, float] | None:
+        """The inputs of negative and positive saturation; None for a model without levels."""
+        levels = getattr(self.operator, "levels", None)
+        return None if levels is None else (float(levels[0]), float(levels[-1]))
+
+    def inverse_plan(
+        self, targets: npt.ArrayLike, hold: float, start: str = "negative", clip: bool = False
+    ) -> tuple[Inversion, dict[str, list[Any]]]:
+        """Return the inverse for targets (T,) that are held, and the columns of a plan for `run`.
+
+        A model with after-effect reaches each target at the end of its hold. The first row
+        saturates the actuator, until the slowest after-effect has settled to 1 %.
+
+        Raises as `invert`, and a `ParameterError` if the model has no levels or does not begin in
+        saturation.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Wanted outputs.
+        hold : float
+            Seconds to hold each input.
+        start : {"negative", "positive"}
+            The saturation before the first target.
+        clip : bool
+            Whether to go as near as possible to targets out of reach.
+        """
+        if self._ends is None or start == "demagnetised":
+            raise ParameterError(
+                "a plan of holds (--hold) begins in saturation, which needs a model with levels "
+                "and a start that is negative or positive; use minorloop drive, or give no hold"
+            )
+        creeps = self.model if isinstance(self.model, AfterEffect) else None
+        ends = hold * np.arange(1.0, np.size(targets) + 1)
+        unreachable: Unreachable = "clip" if clip else "raise"
+        found: Any = self.invert(targets, start, unreachable, t=ends if creeps else None)  # type: ignore[arg-type]
+        slowest = max([creeps.settling, *creeps.times], default=0.0) if creeps else 0.0
+        plan = {name: ["", *cells] for name, cells in self.inverse_columns(targets, found).items()}
+        plan[str(self.input)][0] = self._ends[start == "positive"]
+        first = max(2 * hold, _TIME_CONSTANTS * slowest)
+        return found, {**plan, "hold [s]": [first, *[hold] * np.size(targets)]}
 
     def inverse_columns(
         self, targets: npt.ArrayLike, found: Inversion | CascadeInversion

@@ -86,7 +86,7 @@ def test_without_times_invert_settles_at_the_targets(cascade, model, run):
 
 
 def test_c_carries_the_dynamics_at_an_interval(cascade, run, refused, tmp_path):
-    assert "give the seconds between samples with --interval" in refused(
+    assert "give the seconds between samples (interval, --interval)" in refused(
         "export c dynamic.json --out c"
     )
     assert "--interval is 0; give a positive number" in refused(
