@@ -35,8 +35,22 @@ def _printed(*arguments: str) -> Any:
 
 
 def _faults() -> Any:
+    """Return the exit status, and each count over all cases: none but that of cases may be more
+    than 0."""
     found = _printed("faults", "60")
-    return {**found, "rows": [row.rpartition(" ")[0] for row in found["rows"]]}  # no seconds
+    rows = [row.split() for row in found["rows"]]
+    counts = [[int(cell) for cell in row[-7:-1]] for row in rows if _is_number(row[-1])]
+    names = ("cases", "left on", "lost", "twice", "differs", "hung")
+    return {
+        "status": found["status"],
+        **{
+            name: sum(column) for name, column in zip(names, zip(*counts, strict=True), strict=True)
+        },
+    }
+
+
+def _is_number(cell: str) -> bool:
+    return cell.replace(".", "", 1).isdigit()
 
 
 CASES = (

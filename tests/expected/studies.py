@@ -15,4 +15,18 @@ def _study(name: str) -> Any:
     return command(f"{name} --specimens 3 --seed 1000 --json", main)
 
 
-CASES = tuple(Case(f"study_{name}", partial(_study, name), quick=False) for name in _NAMES)
+_BANDS = {
+    "head": {"*.tool.*": 0.1, "*": 0.02},
+    "inspection": {"*": 0.02},
+}
+"""Pictures steer the head: they turn the last digits of a model into other decisions."""
+CASES = tuple(
+    Case(
+        f"study_{name}",
+        partial(_study, name),
+        quick=False,
+        bands=_BANDS.get(name, {}),
+        left_out=("*.realtime.*", "*.processor_s"),
+    )
+    for name in _NAMES
+)

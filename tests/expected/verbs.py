@@ -120,7 +120,7 @@ _HEAD = "--actuator twin:head --specimen 1000 --noise 0.05"
 
 def _head() -> Any:
     inputs.table(
-        "targets.csv", "pan [deg],tilt [deg]", np.array([10.0, 25.0]), np.array([5.0, -15.0])
+        "targets.csv", "pan [deg],tilt [deg]", np.array([10.0, 25.0]), np.array([5.0, 15.0])
     )
     return commands(
         {
