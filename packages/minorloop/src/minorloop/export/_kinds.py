@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from minorloop.arrays import FloatArray, as_seconds
 from minorloop.dynamics.cascade import First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
-from minorloop.export._selftest import Asked, asked_of, examples, width_of, worst_digit
+from minorloop.export._selftest import Parts, asked_of, examples, width_of, worst_digit
 from minorloop.export._tables import Numbers, wrapped
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators import plane
@@ -32,37 +32,6 @@ _LEAST = {True: 2e-7, False: 4e-16}
 _SETTLED = {True: 1e-5, False: _kernels.SETTLED}
 """Distance from the input that counts as none, as in `_after_effect_kernels`."""
 _WITHOUT = "export it without (inverse=False, --no-inverse)"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parts:
-    """Template context, bytes and self-test of a model."""
-
-    template: str
-    """Name of its templates."""
-    title: str
-    """What it is, in words."""
-    context: dict[str, Any]
-    table_bytes: int
-    state_bytes: int
-    memory: int
-    """Extrema, plays or relays that a state remembers."""
-    u: FloatArray
-    y: FloatArray
-    """``u`` and ``y``: inputs of the self-test, rounded to the type of the C, and outputs, (T,)."""
-    width: float
-    """Range of the output, to which errors are related."""
-    inverse: bool
-    """Whether the self-test follows targets."""
-    targets: FloatArray | None = None
-    """Shape (T,). These targets; the outputs in reverse order without them."""
-    asked: Asked | None = None
-    """Inputs of the inverse to compare, of a model with a linear part."""
-    digit: float = 0.0
-    """Effect of a last digit of the inputs, as a share of the range."""
-    drop_error: float = 0.0
-    input_error: float = 0.0
-    """``drop_error`` and ``input_error``: as of `CSource`."""
 
 
 def parts_of(

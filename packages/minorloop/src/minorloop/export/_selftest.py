@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +14,58 @@ from minorloop.dynamics.linear import Linear
 from minorloop.export._tables import DIGITS, DIGITS_LINEAR, Numbers, render, wrapped
 from minorloop.operators.preisach import Preisach
 
-if TYPE_CHECKING:
-    from minorloop.export._kinds import Parts
-
 _NEAR, _STEEPEST = 1e-4, 10.0
 """The inverse is compared at outputs where, within this share of the range on either side, the
 slope of the inverse is at most 10 in shares of both ranges: rounding is amplified by no more."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Inputs that an inverse has to ask for, each after some of the inputs of the self-test."""
+
+    after: Sequence[int]
+    """The input after which it is asked, counted from 0."""
+    targets: Sequence[float]
+    inputs: Sequence[float]
+    """``targets`` and ``inputs``: what is wanted, and what has to be put on for it."""
+    span: float
+    """Range of the inputs, which errors are shares of."""
+
+    @property
+    def count(self) -> int:
+        """How often it is asked."""
+        return len(self.after)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parts:
+    """Template context, bytes and self-test of a model."""
+
+    template: str
+    """Name of its templates."""
+    title: str
+    """What it is, in words."""
+    context: dict[str, Any]
+    table_bytes: int
+    state_bytes: int
+    memory: int
+    """Extrema, plays or relays that a state remembers."""
+    u: FloatArray
+    y: FloatArray
+    """``u`` and ``y``: inputs of the self-test, rounded to the type of the C, and outputs, (T,)."""
+    width: float
+    """Range of the output, to which errors are related."""
+    inverse: bool
+    """Whether the self-test follows targets."""
+    targets: FloatArray | None = None
+    """Shape (T,). These targets; the outputs in reverse order without them."""
+    asked: Asked | None = None
+    """Inputs of the inverse to compare, of a model with a linear part."""
+    digit: float = 0.0
+    """Effect of a last digit of the inputs, as a share of the range."""
+    drop_error: float = 0.0
+    input_error: float = 0.0
+    """``drop_error`` and ``input_error``: as of `CSource`."""
 
 
 def examples(
@@ -109,24 +155,6 @@ def selftest(context: dict[str, Any], numbers: Numbers, parts: Parts) -> str:
         "asked_tolerance": f"{_STEEPEST * tolerance:.3g}",
     }
     return render("selftest.c", {**context, **test})
-
-
-@dataclass(frozen=True)
-class Asked:
-    """Inputs that an inverse has to ask for, each after some of the inputs of the self-test."""
-
-    after: Sequence[int]
-    """The input after which it is asked, counted from 0."""
-    targets: Sequence[float]
-    inputs: Sequence[float]
-    """``targets`` and ``inputs``: what is wanted, and what has to be put on for it."""
-    span: float
-    """Range of the inputs, which errors are shares of."""
-
-    @property
-    def count(self) -> int:
-        """How often it is asked."""
-        return len(self.after)
 
 
 def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> Asked | None:
