@@ -4,8 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, RecordError
-from minorloop.lab import columns, text_tables
-from minorloop.lab.columns import read_columns, read_headers, read_labels
+from minorloop.lab import columns, tables, text_tables
+from minorloop.lab.columns import opened, read_columns, read_headers, read_labels
+from minorloop.lab.headers import split_header
 from minorloop.lab.logs import read_log
 from minorloop.lab.records import Quantity
 
@@ -55,8 +56,8 @@ def test_gaps_are_legal_only_where_asked(table):
     file = table("u,y\n1,2\n2,\n3,nan\n4, \n")
     read = read_columns(file, ["u", "y"], gaps=["y"])
     np.testing.assert_array_equal(read["y"], [2, np.nan, np.nan, np.nan])
-    with pytest.raises(RecordError, match=r"column 'y' of .* is empty in row 3"):
-        read_columns(file, ["u", "y"])
+    with pytest.raises(RecordError, match=r"column 'y' of .* is empty in row 3; give a number"):
+        read_columns(table("u,y\n1,2\n2,\n3,4\n", "empty.csv"), ["u", "y"])
     with pytest.raises(RecordError, match=r"column 'y' of .* has 'nan' in row 2"):
         read_columns(table("u,y\n1,nan\n", "other.csv"), ["y"])
     record = read_log(file, input="u", output="y", time=None)
@@ -113,7 +114,7 @@ def test_comments_units_and_encodings_are_understood(table, text, encoding):
     read = read_columns(file, ["voltage", "curvature"])
     np.testing.assert_array_equal(read["voltage"], [0.5, 0.6, 0.7])
     np.testing.assert_array_equal(read["curvature"], [1, 2, 3])
-    units = [columns.split_header(header)[1] for header in read_headers(file)]
+    units = [split_header(header)[1] for header in read_headers(file)]
     assert units == ["s", "V", "1/m"]
 
 
@@ -164,7 +165,8 @@ def test_a_gap_does_not_change_the_blocks_around_it(table, monkeypatch):
     cells[50] = ""
     shares = []
     file = table("t,u\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells)))
-    read = read_columns(file, ["t", "u"], gaps=["u"], progress=shares.append)
+    with opened(file, shares.append) as found:
+        read = found.read(["t", "u"], gaps=["u"])
     np.testing.assert_array_equal(read["t"], np.arange(100))
     np.testing.assert_array_equal(read["u"], [float(cell or "nan") for cell in cells])
     assert shares[-1] == "100%"
@@ -227,7 +229,7 @@ def test_places_without_a_file_are_refused(tmp_path, table, monkeypatch):
         read_columns("/dev/zero", ["u"])
     with pytest.raises(RecordError, match="cannot be read"):
         read_columns("a\0b", ["u"])
-    monkeypatch.setattr(text_tables, "MAX_BYTES", 3)
+    monkeypatch.setattr(tables, "MAX_BYTES", 3)
     with pytest.raises(RecordError, match="has 4 bytes, more than the 3 that are read; split it"):
         read_columns(table("u\n1\n"), ["u"])
 

@@ -341,7 +341,7 @@ def _seekable(file: Path) -> Iterator[Path]:
     if not file.is_fifo():
         yield file
         return
-    from minorloop.lab.text_tables import MAX_BYTES
+    from minorloop.lab.tables import MAX_BYTES
 
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "poses.csv"

@@ -14,7 +14,8 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.files import PathLike
-from minorloop.lab.columns import find_column, read_headers, read_table, split_header
+from minorloop.lab.columns import opened
+from minorloop.lab.headers import split_header
 from minorloop_head.geometry import AXES, Pinhole
 from minorloop_head.procedures.calibration import HeadCalibration
 from minorloop_head.procedures.head_file import HeadFile
@@ -478,19 +479,16 @@ def _angles_of_names(pictures: TargetPictures) -> dict[str, tuple[float, float]]
 
 
 def _angles_of_table(file: PathLike) -> dict[str, tuple[float, float]]:
-    headers = read_headers(file)
-    columns = []
-    for axis in AXES:
-        header = find_column(axis, headers, source=file)
-        unit = split_header(header)[1]
-        if unit != "deg":
-            raise RecordError(
-                f"column '{header}' of {file} is in {unit or 'no unit'}; give '{axis} [deg]'"
-            )
-        columns.append(header)
-    numbers, labels = read_table(file, columns, ["picture"])
-    pictures = [str(name) for name in labels["picture"].tolist()]
-    rows = zip(*(numbers[name].tolist() for name in columns), strict=True)
+    with opened(file) as table:
+        for header in map(table.find, AXES):
+            name, unit = split_header(header)
+            if unit != "deg":
+                raise RecordError(
+                    f"column '{header}' of {file} is in {unit or 'no unit'}; give '{name} [deg]'"
+                )
+        columns = table.read(AXES, ["picture"])
+    pictures = [str(name) for name in columns["picture"].tolist()]
+    rows = zip(*(columns[axis].tolist() for axis in AXES), strict=True)
     found = dict(zip(pictures, ((pan, tilt) for pan, tilt in rows), strict=True))
     if len(found) < len(pictures):
         raise RecordError(f"{file} names a picture twice; give one row for each")

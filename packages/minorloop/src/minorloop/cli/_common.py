@@ -464,18 +464,20 @@ def read_column(file: Path, column: str, unit: str = "", of: str = "the model") 
     of : str
         What has this unit, for the message.
     """
-    from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
+    from minorloop.lab.columns import opened
     from minorloop.lab.conversion import unit_factor
+    from minorloop.lab.headers import split_header
 
-    header = find_column(column, read_headers(file), source=file)
-    found = split_header(header)[1]
-    factor = unit_factor(found, unit) if found and unit else 1.0
-    if factor is None:
-        raise RecordError(
-            f"column '{header}' of {file} is in {found} and {of} in {unit}; "
-            f"give the column in {unit}"
-        )
-    values = read_columns(file, [column])[column]
+    with opened(file) as table:
+        header = table.find(column)
+        found = split_header(header)[1]
+        factor = unit_factor(found, unit) if found and unit else 1.0
+        if factor is None:
+            raise RecordError(
+                f"column '{header}' of {file} is in {found} and {of} in {unit}; "
+                f"give the column in {unit}"
+            )
+        values: FloatArray = table.read([column])[column]
     return values if factor == 1 else factor * values
 
 
@@ -532,7 +534,7 @@ def check_order(
     """
     import numpy as np
 
-    from minorloop.lab.columns import find_column, read_headers, row_number
+    from minorloop.lab.columns import opened, row_number
 
     back = np.zeros(check.t.size - 1, dtype=np.bool_)
     back[check.jumps] = True
@@ -543,7 +545,8 @@ def check_order(
         return
     step = int(np.argmax(wrong))
     row = row_number(file, step + 1 if rows is None else int(rows[step + 1]))
-    where = f"column '{find_column(column, read_headers(file), source=file)}' of {file}"
+    with opened(file) as table:
+        where = f"column '{table.find(column)}' of {file}"
     if back[step]:
         raise RecordError(
             f"{where} runs backwards in row {row}; give the rows in the order of time"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minorloop.drawing.layout import new_figure
-from minorloop.lab.columns import split_header
+from minorloop.lab.headers import split_header
 from minorloop.operators.plane import cell_areas
 
 if TYPE_CHECKING:

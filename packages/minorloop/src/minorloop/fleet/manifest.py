@@ -14,7 +14,7 @@ from urllib.parse import quote
 from minorloop.errors import RecordError
 from minorloop.files import PathLike, check_name, unquoted
 from minorloop.fleet.summary import Outcome
-from minorloop.lab.text_tables import MAX_BYTES
+from minorloop.lab.tables import MAX_BYTES
 
 __all__ = ["Specimen", "read_manifest"]
 

@@ -17,8 +17,9 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, frozen
 from minorloop.errors import ParameterError, counted
 from minorloop.files import PathLike
-from minorloop.lab.columns import read_columns, read_headers, split_header
+from minorloop.lab.columns import opened
 from minorloop.lab.curvature import curvature_from_displacement, curvature_uncertainty
+from minorloop.lab.headers import split_header
 from minorloop.lab.records import Quantity
 
 __all__ = [
@@ -183,16 +184,15 @@ class CalibrationTable(_Calibration):
     @classmethod
     def from_csv(cls, path: PathLike, *, calibration_sd: float = 0.0) -> CalibrationTable:
         """Read a table from a file with two columns: readings, and values with their unit."""
-        headers = read_headers(path)
-        if len(headers) != 2:
-            raise ParameterError(
-                f"{path} has {counted(len(headers), 'column')}; a calibration table has two, the "
-                "reading and "
-                "the value"
-            )
-        columns = read_columns(path, headers)
-        name, unit = split_header(headers[1])
-        return cls(name, unit or None, calibration_sd, columns[headers[0]], columns[headers[1]])
+        with opened(path) as table:
+            if len(table.headers) != 2:
+                raise ParameterError(
+                    f"{path} has {counted(len(table.headers), 'column')}; a calibration table has "
+                    "two, the reading and the value"
+                )
+            readings, values = table.read(table.headers).values()
+        name, unit = split_header(table.headers[1])
+        return cls(name, unit or None, calibration_sd, readings, values)
 
     def convert(self, readings: npt.ArrayLike) -> FloatArray:
         """Return the value for each reading; NaN beyond the table."""

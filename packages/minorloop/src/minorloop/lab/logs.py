@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray, Samples
+from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples
 from minorloop.errors import ParameterError, RecordError, counted
 from minorloop.files import PathLike
-from minorloop.lab.columns import (
-    Labels,
-    SparseColumnError,
-    deviation_column,
-    find_column,
-    read_columns,
-    read_headers,
-    read_table,
-    split_header,
-    with_unit,
-)
+from minorloop.lab.cells import SparseColumnError
+from minorloop.lab.columns import opened
 from minorloop.lab.gaps import with_lost_rows
+from minorloop.lab.headers import deviation_column, split_header, with_unit
 from minorloop.lab.records import SAMPLE, Origin, Quantity, Record
-from minorloop.lab.sheets import is_sheet, read_sheet
-from minorloop.lab.text_tables import LATIN, encoding_of
+from minorloop.lab.tables import OpenTable
 from minorloop.lab.timebase import (
     GAP,
     SECONDS,
@@ -64,7 +54,7 @@ def read_log(
     Parameters
     ----------
     path : str or path
-        The file; see `minorloop.lab.columns.read_columns`.
+        The file; see `minorloop.lab.columns.opened`.
     input, output : str
         Columns, by the whole header or the name, which may have the unit that a header lacks; the
         output may have gaps.
@@ -82,145 +72,129 @@ def read_log(
     progress : callable, optional
         Called with the share that has been read, as text.
     """
-    headers = read_headers(path)
-    deviation = _deviation(path, headers, output, sd)
-
-    def read(time: str | None) -> Record:
-        columns = _Columns(input, output, time, curves, groups, deviation)
-        return _read(path, headers, columns, progress)
-
-    if time != AUTO:
-        return read(time)
+    with opened(path, progress or (lambda share: None)) as table:
+        found, why = time, ""
+        if time == AUTO:
+            found, why = _time_column(table, (input, output), strict)
+        others = [] if found is None else other_clocks(table.headers, found, but=(input, output))
+        named = {"--input": input, "--output": output, "--time": found}
+        headers = _headers(table, {key: name for key, name in named.items() if name is not None})
+        deviation = _deviation(table, headers["--output"], sd)
+        clock = [] if found is None else [found]
+        columns = table.read(
+            [input, output, *clock, *([] if deviation is None else [deviation]), *others],
+            [name for name in (curves, groups) if name is not None],
+            gaps=[output] if deviation is None else [output, deviation],
+            dates=clock,
+            tried=[input, *clock, *others],
+        )
+    other = [one for one in others if _is_clock(columns.pop(one))]
+    said, kept, check, quantity = table.notes, None, None, SAMPLE
     try:
-        found = time_column(headers, source=path, but=(input, output))
-        log = read(found)
+        if found is not None:
+            _usable(columns[found])
+            columns, kept, filled = _merged(columns, found, input, output, headers["--input"])
+            said += filled
+            quantity, check = _checked(columns[found], headers["--time"])
+            check = with_lost_rows(check, _usable(columns[input]))
+    except RecordError as error:
+        if strict or time != AUTO:
+            raise
+        found, why = None, str(error)
+    if isinstance(columns[input], SparseColumnError):
+        raise SparseColumnError(
+            f"{columns[input]}, or, where two loggers were merged into one table, name the column "
+            "of time (--time), by which the input is then interpolated"
+        )
+    u, y = _usable(columns[input]), columns[output]
+    chosen = (f"time: none, because {why}",) if why else ()
+    if found is not None and time == AUTO and other:
+        shown = ", ".join(f"'{header}'" for header in other)
+        said += (f"'{found}' is the time; {shown} could be too: name the right one with --time",)
+    elif found is not None and time == AUTO:
+        chosen = (f"time: column '{found}'; name another one, or none, with time= (--time)",)
+    return Record(
+        u,
+        y,
+        np.arange(u.size, dtype=np.float64) if check is None else check.t,
+        headers["--input"],
+        headers["--output"],
+        quantity,
+        curves=None if curves is None else columns[curves],
+        groups=None if groups is None else columns[groups],
+        sd=None if deviation is None else known_deviations(columns[deviation], y),
+        origin=Origin(check, found, deviation or "", said, chosen, rows=kept),
+    )
+
+
+def _time_column(table: OpenTable, but: Sequence[str], strict: bool) -> tuple[str | None, str]:
+    """Return the column of time, if there is one, or why there is none although it is sought."""
+    try:
+        return time_column(table.headers, source=table.file, but=but), ""
     except RecordError as error:
         if strict:
             raise
-        log = read(None)
-        return log.with_origin(chosen=(*log.origin.chosen, f"time: none, because {error}"))
-    if found is None:
-        return log
-    others = other_clocks(headers, found, but=(input, output))
-    if clocks := [header for header in others if _is_clock(path, header)]:
-        named = ", ".join(f"'{header}'" for header in clocks)
-        note = f"'{found}' is the time; {named} could be too: name the right one with --time"
-        return log.with_origin(notes=(*log.origin.notes, note))
-    said = f"time: column '{found}'; name another one, or none, with time= (--time)"
-    return log.with_origin(chosen=(*log.origin.chosen, said))
+        return None, str(error)
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """Names of columns, as they were given; None for none."""
+def _headers(table: OpenTable, named: Mapping[str, str]) -> dict[str, str]:
+    """Return headers with units of columns, by the options that name them.
 
-    input: str
-    output: str
-    time: str | None
-    curves: str | None
-    groups: str | None
-    sd: str | None
+    Raises a `ParameterError` if two are one column.
+    """
+    found: dict[str, str] = {}
+    for option, name in named.items():
+        header = table.find(name)
+        for other, others in named.items():
+            if other in found and table.find(others) == header:
+                raise ParameterError(f"{other} and {option} are both '{header}'; give two columns")
+        found[option] = with_unit(name, header)
+    return found
 
 
-def _deviation(path: PathLike, headers: Sequence[str], output: str, sd: Named) -> str | None:
+def _deviation(table: OpenTable, measured: str, sd: Named) -> str | None:
     """Return the column of standard deviations of the output, if any.
 
     Raises a `RecordError` if the one that is named has another unit.
     """
-    if sd is None:
-        return None
-    measured = with_unit(output, _found(path, headers, output))
     if sd == AUTO:
-        return deviation_column(headers, measured)
-    header = with_unit(sd, find_column(sd, headers, source=path))
-    if split_header(header)[1] not in ("", split_header(measured)[1]):
-        raise RecordError(
-            f"column '{header}' of {path} is no standard deviation of '{measured}'; give one in "
-            "the unit of the output"
-        )
+        return deviation_column(table.headers, measured)
+    if sd is not None:
+        header = with_unit(sd, table.find(sd))
+        if split_header(header)[1] not in ("", split_header(measured)[1]):
+            raise RecordError(
+                f"column '{header}' of {table.file} is no standard deviation of '{measured}'; give "
+                "one in the unit of the output"
+            )
     return sd
 
 
-def _found(path: PathLike, headers: Sequence[str], name: str) -> str:
-    """Return the header of a column; an error names the sheet that was read, if there are more."""
-    try:
-        return find_column(name, headers, source=path)
-    except RecordError as error:
-        which = "".join(f"; {text}" for text in _of_file(path) if is_sheet(path))
-        raise RecordError(f"{error}{which}") from None
+def _usable(column: FloatArray | RecordError) -> FloatArray:
+    """Return a column that was tried; raise the error if it is one."""
+    if isinstance(column, RecordError):
+        raise column
+    return column
 
 
-def _read(
-    path: PathLike,
-    headers: Sequence[str],
-    wanted: _Columns,
-    progress: Callable[[str], None] | None,
-) -> Record:
-    """Read columns in one pass."""
-    input, output, time, sd = wanted.input, wanted.output, wanted.time, wanted.sd
-    given = [name for name in (input, output, time) if name is not None]
-    found = [_found(path, headers, name) for name in given]
-    names = [with_unit(*pair) for pair in zip(given, found, strict=True)]
-    for place, header in enumerate(found):
-        if header in found[:place]:
-            options = ("--input", "--output", "--time")
-            raise ParameterError(
-                f"{options[found.index(header)]} and {options[place]} are both '{header}'; give "
-                "two columns"
-            )
-    dates = () if time is None else (time,)
-    deviations = () if sd is None else (sd,)
-    labels = [name for name in (wanted.curves, wanted.groups) if name is not None]
-
-    def read(*gaps: str) -> tuple[dict[str, FloatArray], dict[str, Labels]]:
-        names = [*given, *deviations]
-        return read_table(path, names, labels, gaps=gaps, dates=dates, progress=progress)
-
-    said, kept = _of_file(path), None
-    try:
-        columns, texts = read(output, *deviations)
-    except SparseColumnError as error:
-        if time is None:
-            raise SparseColumnError(
-                f"{error}, or, where two loggers were merged into one table, name the column of "
-                "time (--time), by which the input is then interpolated"
-            ) from None
-        columns, texts = read(input, output, *deviations)
-        rows, columns[input], filled = _filled(columns[time], columns[input], names[0])
-        measured = np.isfinite(columns[output])
-        if 2 * np.count_nonzero(measured) > measured.size - np.count_nonzero(measured):
-            rows &= measured  # the output is read about as often as the input
-        kept = np.flatnonzero(rows)
-        columns = {name: values[rows] for name, values in columns.items()}
-        texts, said = {name: values[rows] for name, values in texts.items()}, (*said, filled)
-    u, y = columns[input], columns[output]
-    if time is None:
-        clock, check, t = SAMPLE, None, np.arange(u.size, dtype=np.float64)
-    else:
-        clock, check = _checked(columns[time], names[2])
-        check = with_lost_rows(check, u)
-        t = check.t
-    return Record(
-        u,
-        y,
-        t,
-        names[0],
-        names[1],
-        clock,
-        curves=None if wanted.curves is None else texts[wanted.curves],
-        groups=None if wanted.groups is None else texts[wanted.groups],
-        sd=None if sd is None else known_deviations(columns[sd], y),
-        origin=Origin(check, time, sd or "", said, rows=kept),
-    )
-
-
-def _is_clock(path: PathLike, header: str) -> bool:
+def _is_clock(column: FloatArray | RecordError) -> bool:
     """Whether a column has a time in every row, and never runs backwards."""
-    try:
-        values = read_columns(path, [header])[header]
-    except RecordError:
+    if isinstance(column, RecordError) or column.size < 2:
         return False
-    return bool(values.size > 1 and values[0] < values[-1] and (values[1:] >= values[:-1]).all())
+    return bool(column[0] < column[-1] and (np.diff(column) >= 0).all())
+
+
+def _merged(
+    columns: dict[str, Any], time: str, input: str, output: str, header: str
+) -> tuple[dict[str, Any], IntArray | None, tuple[str, ...]]:
+    """Return columns whose input was filled, where two loggers were merged; rows, and a note."""
+    if not isinstance(sparse := columns[input], SparseColumnError):
+        return columns, None, ()
+    rows, u, filled = _filled(columns[time], sparse.values, header)
+    columns[input] = u
+    measured = np.isfinite(columns[output])
+    if 2 * np.count_nonzero(measured) > measured.size - np.count_nonzero(measured):
+        rows &= measured  # the output is read about as often as the input
+    return {name: x[rows] for name, x in columns.items()}, np.flatnonzero(rows), (filled,)
 
 
 def _filled(t: FloatArray, u: FloatArray, name: str) -> tuple[BoolArray, FloatArray, str]:
@@ -261,22 +235,14 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
 
     Raises a `RecordError` as for ``read_log``.
     """
-    header = with_unit(time, find_column(time, read_headers(path), source=path))
-    return _checked(read_columns(path, [time], dates=[time])[time], header)
+    with opened(path) as table:
+        header = with_unit(time, table.find(time))
+        return _checked(table.read([time], dates=[time])[time], header)
 
 
 def known_deviations(sd: FloatArray, y: Samples) -> FloatArray | None:
     """Return the standard deviations, or None where no measured output has one."""
     return sd if np.isfinite(sd[np.isfinite(y)]).any() else None
-
-
-def _of_file(path: PathLike) -> tuple[str, ...]:
-    if is_sheet(path):
-        which = read_sheet(path).which
-        return (which,) if which else ()
-    if encoding_of(path) != LATIN:
-        return ()
-    return (f"{path} is not UTF-8 and was read as Windows-1252; check units such as µm and °C",)
 
 
 def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:

@@ -14,8 +14,9 @@ from minorloop.arrays import FloatArray, as_finite, as_samples, frozen
 from minorloop.errors import ParameterError, RecordError, SignalError, counted
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.actuator import rounded_up
-from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
+from minorloop.lab.columns import opened
 from minorloop.lab.durations import as_duration
+from minorloop.lab.headers import split_header
 from minorloop.lab.records import Quantity
 from minorloop.lab.timebase import SECONDS
 
@@ -138,22 +139,23 @@ class Plan:
         ParameterError
             If a number is out of range.
         """
-        headers = read_headers(path)
-        times = {name: _time_column(name, headers) for name in (str(LONGEST), str(SHORTEST))}
-        hold, least = times[str(LONGEST)], times[str(SHORTEST)]
-        if hold is None:
-            raise RecordError(f"{path} has no column '{LONGEST}'; a plan says how long to hold")
-        if input is None:
-            others = [header for header in headers if header not in (hold, least)]
-            if len(others) != 1:
-                shown = ", ".join(f"'{header}'" for header in others[:12]) or "none"
-                raise RecordError(
-                    f"{path} has {len(others)} columns that could be the input ({shown}); name one"
-                )
-            input = others[0]
-        header = find_column(input, headers, source=path)
-        wanted = [name for name in (header, hold, least) if name is not None]
-        columns = read_columns(path, wanted, gaps=(header,))
+        with opened(path) as table:
+            headers = table.headers
+            hold, least = (_time_column(str(name), headers) for name in (LONGEST, SHORTEST))
+            if hold is None:
+                raise RecordError(f"{path} has no column '{LONGEST}'; a plan says how long to hold")
+            if input is None:
+                others = [header for header in headers if header not in (hold, least)]
+                if len(others) != 1:
+                    shown = ", ".join(f"'{header}'" for header in others[:12]) or "none"
+                    raise RecordError(
+                        f"{path} has {len(others)} columns that could be the input ({shown}); name "
+                        "one"
+                    )
+                input = others[0]
+            header = table.find(input)
+            wanted = [name for name in (header, hold, least) if name is not None]
+            columns = table.read(wanted, gaps=(header,))
         if least is not None:
             settings.setdefault("shortest", _seconds(columns[least], least, path))
         longest = _seconds(columns[hold], hold, path)

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples, as_samples, frozen
 from minorloop.errors import ParameterError, RecordError, SignalError, are, counted
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
-from minorloop.lab.columns import split_header
 from minorloop.lab.gaps import Bridges, between, bridged, known_memory, with_lost_rows
+from minorloop.lab.headers import split_header
 from minorloop.lab.timebase import (
     GAP,
     SECONDS,

@@ -1,7 +1,7 @@
 """Read tables that are not text: MATLAB files and Excel workbooks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from math import prod
 from pathlib import Path
 from sys import getsizeof
@@ -14,8 +14,12 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import MinorloopError, MissingExtraError, RecordError
 from minorloop.files import PathLike
-from minorloop.lab.bounds import LARGEST, NUMBER, Bounds
-from minorloop.lab.text_tables import check_file, check_headers, with_units
+from minorloop.lab.bounds import NUMBER, Bounds
+from minorloop.lab.cells import Cells
+from minorloop.lab.headers import check_headers, with_units
+from minorloop.lab.tables import Block, OpenTable, check_file
+
+__all__ = ["is_sheet", "read_sheet"]
 
 _FEWEST_NUMBERS = 2
 """Numbers in the first row of data, and texts in a row of headers, at least; a title has one."""
@@ -27,45 +31,12 @@ _SHOWN = 12
 """Variables that a message names."""
 
 
-@dataclass(frozen=True, eq=False)
-class Sheet:
-    """A table."""
-
-    file: Path
-    """The file."""
-    headers: tuple[str, ...]
-    """Headers, with units."""
-    columns: tuple[list[Any] | FloatArray, ...]
-    """Cells of each column; an array where all are numbers."""
-    numbers: Sequence[int]
-    """Numbers of the rows of data in the file; blank rows are left out."""
-    name: str = ""
-    """Name of the sheet of a workbook."""
-    others: tuple[str, ...] = ()
-    """Names of its other sheets, which are not read."""
-
-    @property
-    def which(self) -> str:
-        """Which sheet this is, in words; empty if there is no other."""
-        if not self.others:
-            return ""
-        return (
-            f"sheet '{self.name}' is read, the first with a table of numbers; the others are "
-            + ", ".join(f"'{one}'" for one in self.others)
-        )
-
-    def cells(self, header: str) -> list[str] | FloatArray:
-        """Return the cells of a column as numbers, or as text."""
-        column = self.columns[self.headers.index(header)]
-        return column if isinstance(column, np.ndarray) else [_as_text(cell) for cell in column]
-
-
 def is_sheet(path: PathLike) -> bool:
     """Whether a name is that of a MATLAB file or an Excel workbook."""
     return Path(path).suffix.casefold() in (".mat", ".xlsx", ".xlsm")
 
 
-def read_sheet(path: PathLike, bounds: Bounds = LARGEST) -> Sheet:
+def read_sheet(file: Path, bounds: Bounds) -> OpenTable:
     """Return the table of a MATLAB file (versions 4 to 7.2) or a workbook: its first with numbers.
 
     Raises a `RecordError` if the file cannot be read, has no table, or one that is larger than the
@@ -73,22 +44,21 @@ def read_sheet(path: PathLike, bounds: Bounds = LARGEST) -> Sheet:
 
     Parameters
     ----------
-    path : str or path
+    file : Path
         The file.
-    bounds : Bounds, optional
+    bounds : Bounds
         Of the table; they are checked before anything of its size is allocated.
     """
-    file = Path(path)
     check_file(file)
     found = (_mat if file.suffix.casefold() == ".mat" else _workbook)(file, bounds)
     if not found.headers:
         raise RecordError(f"{file} has no table; it needs columns of numbers")
-    bounds.check(file, rows=len(found.numbers), columns=len(found.headers))
     check_headers(found.headers, file)
+    bounds.check(file, columns=len(found.headers))
     return found
 
 
-def _mat(file: Path, bounds: Bounds) -> Sheet:
+def _mat(file: Path, bounds: Bounds) -> OpenTable:
     from scipy.io import loadmat, whosmat
 
     try:
@@ -124,7 +94,9 @@ def _mat(file: Path, bounds: Bounds) -> Sheet:
             f"are {shown}; save each column as a variable, such as voltage"
         )
     longest = max(column.size for column in columns.values())
-    return Sheet(file, tuple(columns), tuple(columns.values()), range(1, longest + 1))
+    bounds.check(file, rows=longest)
+    block = Block(list(columns.values()).__getitem__, range(1, longest + 1))
+    return OpenTable(file, list(columns), iter([block]))
 
 
 def _is_table(shape: Sequence[int], kind: str) -> bool:
@@ -141,7 +113,7 @@ def _split(name: str, value: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
     return {f"{name}_{k}": part for k, part in enumerate(wide, 1)}
 
 
-def _workbook(file: Path, bounds: Bounds) -> Sheet:
+def _workbook(file: Path, bounds: Bounds) -> OpenTable:
     try:
         from openpyxl import load_workbook
     except ImportError:
@@ -153,7 +125,7 @@ def _workbook(file: Path, bounds: Bounds) -> Sheet:
         book = load_workbook(file, read_only=True, data_only=True)
         try:
             name, numbers, rows = _first_table(book, file, bounds)
-            others = tuple(one for one in book.sheetnames if one != name)
+            others = [f"'{one}'" for one in book.sheetnames if one != name]
         finally:
             book.close()
     except (MinorloopError, MemoryError):
@@ -161,7 +133,7 @@ def _workbook(file: Path, bounds: Bounds) -> Sheet:
     except Exception as error:
         raise RecordError(f"{file} is not an Excel workbook: {error}") from None
     if not rows:
-        return Sheet(file, (), (), ())
+        return OpenTable(file, [], iter([]))
     first = _header_row(rows)
     rows, numbers = rows[first:], numbers[first:]
     headers = [_as_text(cell).strip() for cell in rows[0]]
@@ -172,13 +144,15 @@ def _workbook(file: Path, bounds: Bounds) -> Sheet:
     body, numbers = rows[1:], numbers[1:]
     if body and (units := with_units(headers, list(map(_as_text, body[0][: len(headers)])))):
         headers, body, numbers = units, body[1:], numbers[1:]
-    columns = tuple(_column(body, k) for k in range(len(headers)))
-    return Sheet(file, tuple(headers), columns, numbers, name, others)
+    said = f"sheet '{name}' is read, the first with a table of numbers; the others are "
+    notes = (said + ", ".join(others),) if others else ()
+    return OpenTable(file, headers, iter([Block(partial(_column, body), numbers)]), notes=notes)
 
 
-def _column(rows: Sequence[Sequence[Any]], index: int) -> list[Any] | FloatArray:
+def _column(rows: Sequence[Sequence[Any]], index: int) -> Cells:
     cells = [row[index] if index < len(row) else None for row in rows]
-    return np.array(cells, np.float64) if cells and all(map(_is_number, cells)) else cells
+    numbers = cells and all(map(_is_number, cells))
+    return np.array(cells, np.float64) if numbers else list(map(_as_text, cells))
 
 
 def _first_table(

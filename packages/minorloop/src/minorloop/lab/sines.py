@@ -17,7 +17,8 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, as_samples
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
-from minorloop.lab.columns import read_columns, read_headers, split_header
+from minorloop.lab.columns import opened, read_headers
+from minorloop.lab.headers import split_header
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity
 
@@ -262,12 +263,12 @@ class SinePlan:
         Raises a `RecordError` if the file or a column in it cannot be used; a `ParameterError` if a
         number is out of range.
         """
-        input = _input_of(read_headers(path))
-        if input is None:
-            raise RecordError(f"{path} has no column of an amplitude; plan sines writes one")
-        headers = _headers(input)
-        columns = read_columns(path, list(headers.values()))
-        rows = zip(*(columns[header].tolist() for header in headers.values()), strict=True)
+        with opened(path) as table:
+            input = _input_of(table.headers)
+            if input is None:
+                raise RecordError(f"{path} has no column of an amplitude; plan sines writes one")
+            columns = table.read(list(_headers(input).values()))
+        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
         found = []
         for number, row in enumerate(rows, 1):
             try:

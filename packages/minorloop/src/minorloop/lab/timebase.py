@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_finite
 from minorloop.errors import ParameterError, RecordError, are, counted
-from minorloop.lab.columns import split_header
+from minorloop.lab.headers import split_header
 
 __all__ = [
     "SECONDS",

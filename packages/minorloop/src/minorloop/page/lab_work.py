@@ -36,7 +36,8 @@ from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
 from minorloop.identification.pipeline import Options
 from minorloop.identification.scores import OF_OPERATOR, score_rows
 from minorloop.lab.bounds import Bounds
-from minorloop.lab.columns import read_each, split_header
+from minorloop.lab.columns import read_each
+from minorloop.lab.headers import split_header
 from minorloop.lab.logs import AUTO, read_times
 from minorloop.lab.records import Record
 from minorloop.lab.timebase import time_column
