@@ -16,7 +16,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.identification import Dynamics, Plane, identify
 from minorloop.identification.dynamic_result import DynamicIdentification
-from minorloop.identification.result import Identification
+from minorloop.identification.plane_result import Identification
 from minorloop.lab.records import Record
 from minorloop.report import Table
 from minorloop.twins.stage import RATE, TRAVEL, VOLTAGE, Stage

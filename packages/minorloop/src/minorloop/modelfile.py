@@ -57,10 +57,9 @@ import json
 import stat
 import warnings as _warnings
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -71,7 +70,6 @@ import numpy.typing as npt
 from minorloop._modelschema import (
     LONGEST_WARNING,
     MOST_WARNINGS,
-    BandsPart,
     Content,
     Header,
     LinearPart,
@@ -99,7 +97,6 @@ from minorloop.version import __version__
 
 if TYPE_CHECKING:
     from minorloop.dynamics.cascade import CascadeInversion
-    from minorloop.identification.band_model import BandModel
     from minorloop.operators.inversion import Inversion, Unreachable
     from minorloop.operators.memory import Start
 
@@ -142,9 +139,8 @@ class ModelFile:
     """Why the model is not to be trusted; empty if there are no warnings."""
     lag_seconds: float = 0.0
     """The lag in seconds; 0 if it is known in samples only."""
-    band_model: Callable[[], BandModel] | None = None
-    """Returns what the bands follow from, which takes a moment; None where the file has no bands.
-    """
+    bands: Any = None
+    """What bands follow from: a `BandsPart`, as in a file, or a `BandModel`; None without bands."""
 
     @property
     def has_time(self) -> bool:
@@ -357,7 +353,8 @@ def save(
         lag = getattr(model, "lag_of_model", model.lag) if lag is None else lag
         lag_seconds = model.lag_seconds if lag_seconds is None else lag_seconds
         warnings = model.warnings if warnings is None else warnings
-        bands = _bands_of(model)
+        known = getattr(model, "band_model", None)
+        bands = None if known is None else known.in_file()
         complete = {**complete, "scores": {**model.scores, **complete["scores"]}}
         model = model.model
     content = {
@@ -433,13 +430,16 @@ def read(path: PathLike) -> ModelFile:
                 "a file with bands has version 3, another one with warnings 2, all others 1"
             )
         model = build(content.model)
+        if content.bands is not None and not isinstance(model, Preisach):
+            raise ParameterError("a model of another kind than preisach has no bands")
         _check_words(content.provenance)
         mapped = _quantity(content.input), _quantity(content.output)
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
-    bands = None if content.bands is None else partial(_read_bands, path, content.bands, model)
     warnings, lag_s = tuple(content.warnings), float(content.lag_s)
-    return ModelFile(model, *mapped, content.lag, content.provenance, warnings, lag_s, bands)
+    return ModelFile(
+        model, *mapped, content.lag, content.provenance, warnings, lag_s, content.bands
+    )
 
 
 def read_linear(path: PathLike) -> Linear:
@@ -458,31 +458,6 @@ def read_linear(path: PathLike) -> Linear:
 def _version(bands: bool, warnings: bool) -> int:
     """Return the version of a file, by what it has."""
     return VERSION if bands else 2 if warnings else 1
-
-
-def _bands_of(found: Identified) -> dict[str, Any] | None:
-    """Return what a file keeps of the bands of an identification; None if that has none."""
-    known = getattr(found, "band_model", None)
-    if known is None:
-        return None
-    from minorloop._bandschema import bands_in_file  # identification takes half a second to import
-
-    return bands_in_file(known)
-
-
-def _read_bands(path: PathLike, part: BandsPart, model: Preisach) -> BandModel:
-    """Return what bands follow from.
-
-    Raises a `ModelFileError` if the numbers contradict each other.
-    """
-    from minorloop._bandschema import bands_of
-
-    try:
-        if not isinstance(model, Preisach):
-            raise ParameterError("a model of another kind than preisach has no bands")
-        return bands_of(part, model)
-    except ValueError as error:
-        raise ModelFileError(f"the bands of {path} are not valid: {reason(error)}") from None
 
 
 def _bytes_of(path: PathLike) -> bytes:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from math import isfinite
 from os import PathLike
-from typing import Any, TypeAlias, get_args
+from typing import Any, ClassVar, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -18,17 +17,26 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.dynamics.sampling import Interpolation
 from minorloop.errors import ParameterError, RecordError, are, counted
-from minorloop.figures import Drawn
 from minorloop.identification import residuals
 from minorloop.identification.accuracy import Accuracy, CurveAccuracy, accuracy, by_curve
 from minorloop.identification.after_effect_result import along
+from minorloop.identification.band_model import BandModel
 from minorloop.identification.bands import BAND, Prediction
 from minorloop.identification.baseline import delayed, percent, polynomial_nrmse
 from minorloop.identification.curves import Curves, as_curves, as_groups
 from minorloop.identification.record_checks import as_skip
 from minorloop.identification.residuals import ResidualSummary
+from minorloop.identification.result import (
+    ACCURACY_TEXTS,
+    Rule,
+    Scored,
+    ScoreRow,
+    add_curves,
+    if_finite,
+    of_range,
+)
 from minorloop.identification.rough_model import Basis, one_of_each
-from minorloop.identification.scores import worst_error
+from minorloop.identification.screening import record_faults
 from minorloop.lab.conversion import unit_factor
 from minorloop.lab.gaps import known_memory
 from minorloop.lab.records import Quantity, Record
@@ -37,6 +45,7 @@ from minorloop.operators.after_effect import AfterEffect
 from minorloop.operators.memory import Saturation
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Preisach
+from minorloop.report import Picture, Report, Table
 
 __all__ = ["ModelScore", "Simulation", "score", "simulate"]
 
@@ -179,8 +188,7 @@ def _as_file(model: AnyModel) -> ModelFile:
         return ModelFile(model, *names, 0, Provenance())
     scores = Provenance(scores=dict(model.scores))
     warnings = tuple(model.warnings)
-    known = getattr(model, "band_model", None)
-    bands = None if known is None else lambda: known
+    bands = getattr(model, "band_model", None)
     return ModelFile(model.model, *names, model.lag, scores, warnings, model.lag_seconds, bands)
 
 
@@ -232,9 +240,126 @@ def _late(known: ModelFile, t: FloatArray | None, y: FloatArray) -> FloatArray:
     return delayed(y, known.lag)
 
 
-@dataclass(frozen=True, eq=False)
-class ModelScore(Drawn):
+def _wrong(score: ModelScore) -> Iterator[str]:
+    if score.nrmse > _WRONG:
+        yield (
+            f"the error is {percent(score.nrmse)} of range, more than {_WRONG:.0%}: the model "
+            "does not predict this record"
+        )
+
+
+def _outside(score: ModelScore) -> Iterator[str]:
+    """Name inputs beyond the levels, and readings at the end of the range of the sensor."""
+    yield from score.simulation.of_levels
+    faults = record_faults(score.u, score.y, score.curves, score.lag, searched=True)
+    yield from (one.text for one in faults if one.kind == "clipped")
+
+
+def _causes(score: ModelScore) -> Iterator[str]:
+    """Say what explains the error, most likely causes first."""
+    found, error = score.residual, score.nrmse
+    if error < _LEAST:
+        return
+    if score.coverage is not None and score.coverage < _FEW_COVERED:
+        yield (
+            f"{score.coverage:.0%} of the readings lie within the 90 % bands of the model: this "
+            "record differs from its own by more than parts of that differ from one another"
+        )
+    promised = score.promised
+    if promised is not None and error > _WORSE * promised:
+        yield (
+            f"the error is {error / promised:.1f} times the {percent(promised)} that the model "
+            "had on left-out data of its own record"
+        )
+    if error > score.baseline_nrmse:
+        yield (
+            f"a polynomial of the delayed input that is fitted to this record is better "
+            f"({percent(score.baseline_nrmse)} against {percent(error)})"
+        )
+    best = min(score.starts, key=score.starts.__getitem__, default=None)
+    if best is not None and score.starts[best] < _BETTER * error:
+        yield (
+            f"the error is {percent(score.starts[best])} if the memory before is {best!r}: give "
+            f'start="{best}" (--start {best}), or --start-of-curve for curves'
+        )
+    elif found.startup is not None:
+        rows = found.startup.rows
+        yield (
+            f"the first {counted(rows, 'row')} have {found.startup.share:.0%} of the squared "
+            f"error: the memory before them is not that of the start; leave them out with "
+            f"skip={rows} (--skip {rows})"
+        )
+    within = score.within_levels
+    if within is not None and within < _BETTER * error:
+        yield (
+            f"at inputs within the levels of the model the error is {percent(within)}: "
+            "identify from a record that reaches all inputs"
+        )
+        return
+    offset, gain, left = score.line
+    if left < _BETTER * error:
+        yield (
+            f"an offset of {offset:+.2%} of range and a gain of {gain:.4g} explain most of "
+            f"it, {percent(left)} is left: the zero or the gain of the sensor changed, or this "
+            "is another specimen"
+        )
+    elif found.step is not None:
+        yield (
+            f"from sample {found.step.sample} on the output is shifted by "
+            f"{found.step.size:+.2%} of range: the sensor or its mount moved"
+        )
+    elif abs(found.drift) > _LEAST:
+        yield f"the output drifts by {found.drift:+.2%} of range along the record"
+    if found.outliers:
+        shown = ", ".join(map(str, found.outliers[:6]))
+        yield (
+            f"{counted(len(found.outliers), 'reading')} far from the model and from their "
+            f"neighbours, samples {shown}: empty these cells"
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelScore(Scored):
     """How near a model is to the outputs of a record that it was not identified from."""
+
+    SCORES: ClassVar[tuple[ScoreRow, ...]] = (
+        ScoreRow("nrmse", "nrmse", "error", of_range),
+        ScoreRow("nrmse_promised", "promised", "error on left-out data of its record", percent),
+        ScoreRow(
+            "baseline_nrmse", "baseline_nrmse", "best delayed polynomial, fitted here", percent
+        ),
+        ScoreRow("coverage", "coverage", "readings within their 90 % bands", "{:.0%}"),
+        ScoreRow("", "_samples_text", "samples scored"),
+        ScoreRow("", lambda found: found._with_unit(found.accuracy.rmse), "rms error"),
+        *(ScoreRow("", "accuracy", *texts) for texts in ACCURACY_TEXTS),
+        ScoreRow("half_width", "half_width"),
+        ScoreRow("", "half_width", "half width of the bands, mean", "{:.4g}"),
+        ScoreRow("offset", lambda found: found.line[0]),
+        ScoreRow("gain", lambda found: found.line[1]),
+        ScoreRow("", "_line_text", "offset and gain"),
+        ScoreRow(
+            "nrmse_without_offset_and_gain",
+            lambda found: found.line[2],
+            "error without them",
+            percent,
+        ),
+        ScoreRow("outside", lambda found: float(found.simulation.outside.mean())),
+        ScoreRow(
+            "",
+            lambda found: float(found.simulation.outside.mean()) or None,
+            "inputs beyond the levels",
+            "{:.1%}",
+        ),
+        ScoreRow("nrmse_within_levels", "within_levels", "error at the other inputs", percent),
+        ScoreRow("", "residual.autocorrelation", "residual autocorrelation", if_finite),
+        *(ScoreRow(one.name, f"accuracy.{one.name}") for one in fields(Accuracy)),
+        ScoreRow("starts", lambda found: dict(found.starts)),
+        ScoreRow("curves", lambda found: [asdict(one) for one in found.curve_accuracy]),
+        ScoreRow("residual", lambda found: asdict(found.residual)),
+        ScoreRow("notes", lambda found: list(found.simulation.notes)),
+    )
+    WARNINGS: ClassVar[tuple[Rule, ...]] = (_wrong,)
+    REMARKS: ClassVar[tuple[Rule, ...]] = (_outside, _causes)
 
     simulation: Simulation
     """The model and its outputs."""
@@ -348,11 +473,12 @@ class ModelScore(Drawn):
     @cached_property
     def bands(self) -> Prediction | None:
         """Outputs with 90 % bands at up to 2000 scored rows; None where the model has no bands."""
-        known, model = self.simulation.model.band_model, self.simulation.model.model
-        if known is None or not isinstance(model, Preisach):
+        part, model = self.simulation.model.bands, self.simulation.model.model
+        if part is None or not isinstance(model, Preisach):
             return None
+        known = part if isinstance(part, BandModel) else BandModel.of_file(part, model)
         rows = self.band_rows
-        sd = known().deviation(model, self.u, self.curves, rows, BAND, self.lag)
+        sd = known.deviation(model, self.u, self.curves, rows, BAND, self.lag)
         return Prediction(self.u[rows], self.prediction[rows], sd, BAND)
 
     @property
@@ -373,144 +499,53 @@ class ModelScore(Drawn):
         return scores.get("nrmse_holdout", scores.get("left_out_nrmse"))
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Why the model does not predict this record; empty where it does."""
-        return tuple(self._warnings())
+    def half_width(self) -> float | None:
+        """Mean half width of the 90 % bands; None where the model has no bands."""
+        return None if self.bands is None else float(self.bands.half_width.mean())
 
-    def _warnings(self) -> Iterator[str]:
-        if self.nrmse > _WRONG:
-            yield (
-                f"the error is {percent(self.nrmse)} of range, more than {_WRONG:.0%}: the model "
-                "does not predict this record"
-            )
-
-    @cached_property
-    def advice(self) -> tuple[str, ...]:
-        """Warnings, what the errors are from and what to do; empty where nothing is weak."""
-        return (*self.warnings, *self.simulation.of_levels, *self._causes())
-
-    def _causes(self) -> Iterator[str]:
-        """Say what explains the error, most likely causes first."""
-        found, error = self.residual, self.nrmse
-        if error < _LEAST:
-            return
-        if self.coverage is not None and self.coverage < _FEW_COVERED:
-            yield (
-                f"{self.coverage:.0%} of the readings lie within the 90 % bands of the model: this "
-                "record differs from its own by more than parts of that differ from one another"
-            )
-        promised = self.promised
-        if promised is not None and error > _WORSE * promised:
-            yield (
-                f"the error is {error / promised:.1f} times the {percent(promised)} that the model "
-                "had on left-out data of its own record"
-            )
-        if error > self.baseline_nrmse:
-            yield (
-                f"a polynomial of the delayed input that is fitted to this record is better "
-                f"({percent(self.baseline_nrmse)} against {percent(error)})"
-            )
-        best = min(self.starts, key=self.starts.__getitem__, default=None)
-        if best is not None and self.starts[best] < _BETTER * error:
-            yield (
-                f"the error is {percent(self.starts[best])} if the memory before is {best!r}: give "
-                f'start="{best}" (--start {best}), or --start-of-curve for curves'
-            )
-        elif found.startup is not None:
-            rows = found.startup.rows
-            yield (
-                f"the first {counted(rows, 'row')} have {found.startup.share:.0%} of the squared "
-                f"error: the memory before them is not that of the start; leave them out with "
-                f"skip={rows} (--skip {rows})"
-            )
-        within = self.within_levels
-        if within is not None and within < _BETTER * error:
-            yield (
-                f"at inputs within the levels of the model the error is {percent(within)}: "
-                "identify from a record that reaches all inputs"
-            )
-            return
-        offset, gain, left = self.line
-        if left < _BETTER * error:
-            yield (
-                f"an offset of {offset:+.2%} of range and a gain of {gain:.4g} explain most of "
-                f"it, {percent(left)} is left: the zero or the gain of the sensor changed, or this "
-                "is another specimen"
-            )
-        elif found.step is not None:
-            yield (
-                f"from sample {found.step.sample} on the output is shifted by "
-                f"{found.step.size:+.2%} of range: the sensor or its mount moved"
-            )
-        elif abs(found.drift) > _LEAST:
-            yield f"the output drifts by {found.drift:+.2%} of range along the record"
-        if found.outliers:
-            shown = ", ".join(map(str, found.outliers[:6]))
-            yield (
-                f"{counted(len(found.outliers), 'reading')} far from the model and from their "
-                f"neighbours, samples {shown}: empty these cells"
-            )
+    def _with_unit(self, value: float) -> str:
+        """Return a value in the unit of the output as text."""
+        return f"{value:.4g} {self.simulation.model.output.unit}".rstrip()
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
-        """Rows of a table, label and value."""
-        one, unit = self.accuracy, self.simulation.model.output.unit
-        offset, gain, left = self.line
-        rows = [
-            ("error", f"{percent(one.nrmse)} of range"),
-            ("rms error", f"{one.rmse:.4g} {unit}".rstrip()),
-            ("relative rms", f"{percent(one.relative_rms)} of rms"),
-            ("worst error", worst_error(one, f", sample {one.worst_sample}")),
-        ]
-        if one.loop_area is not None:
-            rows.append(
-                ("loop area", f"{percent(one.loop_area)} off, {counted(one.loops, 'loop')}")
-            )
-        if self.promised is not None:
-            rows.append(("error on left-out data of its record", percent(self.promised)))
-        if self.bands is not None:
-            width = f"{float(self.bands.half_width.mean()):.4g} {unit}".rstrip()
-            rows.append(("readings within their 90 % bands", f"{self.coverage:.0%}"))
-            rows.append(("half width of the bands, mean", width))
-        rows.append(("best delayed polynomial, fitted here", percent(self.baseline_nrmse)))
-        rows.append(("offset and gain", f"{round(offset, 4) + 0.0:+.2%} of range, {gain:.4g}"))
-        rows.append(("error without them", percent(left)))
-        outside = int(self.simulation.outside.sum())
-        rows.append(("samples scored", f"{one.samples} of {self.y.size}"))
-        if outside:
-            rows.append(("inputs beyond the levels", f"{outside / self.u.size:.1%}"))
-        if self.within_levels is not None:
-            rows.append(("error at the other inputs", percent(self.within_levels)))
-        if isfinite(self.residual.autocorrelation):
-            rows.append(("residual autocorrelation", f"{self.residual.autocorrelation:.2f}"))
-        return rows
+    def _samples_text(self) -> str:
+        return f"{self.accuracy.samples} of {self.y.size}"
 
     @property
-    def figures(self) -> dict[str, Any]:
-        """All scores by name, as ``--json`` prints them."""
-        offset, gain, left = self.line
-        return {
-            **asdict(self.accuracy),
-            "nrmse_promised": self.promised,
-            "coverage": self.coverage,
-            "half_width": None if self.bands is None else float(self.bands.half_width.mean()),
-            "baseline_nrmse": self.baseline_nrmse,
-            "offset": offset,
-            "gain": gain,
-            "nrmse_without_offset_and_gain": left,
-            "outside": float(self.simulation.outside.mean()),
-            "nrmse_within_levels": self.within_levels,
-            "starts": dict(self.starts),
-            "curves": [asdict(one) for one in self.curve_accuracy],
-            "residual": asdict(self.residual),
-            "notes": list(self.simulation.notes),
-            "advice": list(self.advice),
-            "warnings": list(self.warnings),
-        }
+    def _line_text(self) -> str:
+        offset, gain, _ = self.line
+        return f"{round(offset, 4) + 0.0:+.2%} of range, {gain:.4g}"
 
-    def __str__(self) -> str:
-        lines = [f"{name:<38} {value}" for name, value in self.rows]
-        return "\n".join([*lines, *(f"advice: {text}" for text in self.advice)])
+    def report(self, model: str, source: str) -> Report:
+        """Return a report on the errors.
+
+        Parameters
+        ----------
+        model, source : str
+            Names of the model file and of the record.
+        """
+        known = self.simulation.model
+        report = Report(
+            f"{model} on {source}",
+            f"The model predicts {self.accuracy.samples} readings of {source} to "
+            f"{percent(self.nrmse, 2)} of their range, {self._with_unit(self.accuracy.rmse)} rms. "
+            f"It was identified from {known.provenance.data or 'no file'}.",
+        )
+        labels = {"input_label": str(known.input), "output_label": str(known.output)}
+        labels = {name: label.replace("$", r"\$") for name, label in labels.items()}
+        caption = (
+            "Measured and predicted loop; the record; the residual, predicted less measured, by "
+            "the input, and in time with the 90 % bands, if the model has some."
+        )
+        report.add(
+            "How good it is",
+            table=Table(("", ""), self.summary()),
+            pictures=[Picture(self.plot(**labels), caption)],
+            notes=[*known.warnings, *self.advice, *self.simulation.notes],
+        )
+        if self.curve_accuracy:
+            add_curves(report, self)
+        return report
 
 
 def score(

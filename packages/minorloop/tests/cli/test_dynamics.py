@@ -120,7 +120,7 @@ def test_identify_finds_dynamics(cascade, run, answer, refused):
     assert late == pytest.approx(0.09, abs=0.01)
     assert found["nrmse_train"] < 5e-3
     assert modelfile.load("new.json").linear.order > 0
-    assert "With dynamics" in Path("new.html").read_text()
+    assert "Dynamics that were compared" in Path("new.html").read_text()
     assert "name the column of time" in refused(line.replace("--time time", "--time none"))
-    assert "leave --lag out" in refused(f"{line} --lag 2")
+    assert "lag cannot be combined with dynamics" in refused(f"{line} --lag 2")
     assert "(--groups) cannot be combined with dynamics" in refused(f"{line} --groups time")

@@ -9,8 +9,8 @@ import pytest
 import minorloop.identification
 import minorloop.report
 from minorloop import __version__, modelfile
-from minorloop.cli import _identification as output
 from minorloop.errors import OutputError
+from minorloop.identification import plane_result
 from minorloop.identification.pipeline import Options
 from minorloop.lab.records import Record
 from minorloop.operators.densities import LorentzianDensity
@@ -105,8 +105,8 @@ def test_a_lag_is_found_and_kept_in_the_file(answer, model):
 
 
 def test_the_rank_of_a_large_plane_is_worked_out_when_asked(monkeypatch, run):
-    monkeypatch.setattr(output, "_MOST_RANKED", 10)
-    assert "not computed (--rank)" in run(IDENTIFY)[1]
+    monkeypatch.setattr(plane_result, "_MOST_RANKED", 10)
+    assert "not computed, see --rank" in run(f"{IDENTIFY} -v")[1]
     assert json.loads(run(f"{IDENTIFY} --json")[1])["rank"] is None
     assert json.loads(run(f"{IDENTIFY} --rank --json")[1])["rank"] > 30
 
@@ -184,7 +184,7 @@ def test_a_report_that_cannot_be_drawn_costs_neither_model_nor_numbers(as_json, 
     def fail(*args, **options):
         raise RuntimeError("no fonts")
 
-    monkeypatch.setattr(minorloop.report, "identification_report", fail)
+    monkeypatch.setattr(minorloop.report.Report, "html", fail)
     line = f"{IDENTIFY} --save new.json --report new.html {as_json}"
     status, out, err = run(line)
     assert status == 2
@@ -249,7 +249,7 @@ def test_a_model_not_to_be_trusted_says_so_in_its_status_its_file_and_its_report
 def test_samples_are_counted_from_the_first_row_used(answer, run):
     stuck()
     line = f"{IDENTIFY.replace('good', 'stuck')} --rows 50:400"
-    out = " ".join(run(line)[1].split())
+    out = " ".join(run(f"{line} -v")[1].split())
     assert "from sample 150 to 229" in out
     assert "samples are counted from row 50 of the file here" in out
 
@@ -277,7 +277,7 @@ def test_curves_of_a_column_are_reset_and_left_out(model, run, answer):
     assert [curve["name"] for curve in found["curves"]] == [f"{k}" for k in range(6)]
     assert found["curves"][5]["accuracy"]["samples"] == 38
     assert found["band_sd"] > 0
-    shown = run(f"{line} --curves curve --start-of-curve positive --report curves.html")[1]
+    shown = run(f"{line} --curves curve --start-of-curve positive --report curves.html -v")[1]
     assert "errors over the range of the record, by curve" in shown
     assert "Curve by curve" in Path("curves.html").read_text()
     assert run(f"{line} --groups curve")[0] == 1  # one curve for all: not to be trusted
@@ -307,7 +307,7 @@ def test_the_choices_and_the_residual_are_in_the_json(answer, run):
     found = answer(f"{IDENTIFY} --lag auto")
     assert [choice["name"] for choice in found["choices"]] == ["structure"]
     assert found["residual"]["worst_sample"] < 400
-    assert "chosen structure: " in run(f"{IDENTIFY} --report chosen.html")[1]
+    assert "chosen structure: " in run(f"{IDENTIFY} --report chosen.html -v")[1]
     assert "Chosen structure: " in Path("chosen.html").read_text()
 
 

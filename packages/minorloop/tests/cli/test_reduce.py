@@ -31,7 +31,7 @@ def test_a_log_becomes_points_that_identify_takes(run):
     assert "8 holds in 800 samples: 8 settled" in out
     assert "points written to points.csv" in out
     assert "Settled points of curvature" in Path("r.html").read_text()
-    status, out, _ = run("identify points.csv --input voltage --output curvature --levels 4")
+    status, out, _ = run("identify points.csv --input voltage --output curvature --levels 4 -v")
     assert "curvature [1/m] against voltage [V]" in out
     assert "weights: by the standard deviations in the column sd [1/m]" in out
 

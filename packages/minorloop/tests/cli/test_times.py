@@ -34,7 +34,7 @@ def test_uneven_samples_are_said_where_a_lag_needs_even_ones(answer, run):
     t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 900))
     _log(t, U, MODEL.simulate(U), COLUMNS.replace("time [s]", "clock [ms]"))
     assert "uneven" not in " ".join(answer(f"{LINE} --lag 0")["advice"])
-    assert "samples are uneven" in " ".join(run(f"{LINE} --lag 3")[1].split())
+    assert "samples are uneven" in " ".join(run(f"{LINE} --lag 3 -v")[1].split())
 
 
 def test_a_lag_in_seconds_needs_time(answer, refused):

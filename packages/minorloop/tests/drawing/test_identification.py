@@ -89,7 +89,7 @@ def test_curves_are_drawn_with_their_rms_and_largest_errors():
     found = identify(
         Record(np.tile(U, 12), np.tile(TRUTH.simulate(U), 12), curves=labels, skip=1), Plane(4)
     )
-    rms, largest, left_out = identification.draw_curves(found.curve_accuracy).axes[0].lines
+    rms, largest, left_out = found.plot(part="curves").axes[0].lines
     errors = [one.accuracy for one in found.curve_accuracy]
     np.testing.assert_allclose(rms.get_ydata(), [100 * one.nrmse for one in errors])
     np.testing.assert_allclose(largest.get_ydata(), [100 * abs(one.worst) for one in errors])

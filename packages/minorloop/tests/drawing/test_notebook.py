@@ -70,13 +70,17 @@ def test_a_notebook_shows_a_figure_and_a_table(name):
     assert len(html) < 150_000
 
 
+def subclasses(one):
+    return [each for below in one.__subclasses__() for each in (below, *subclasses(below))]
+
+
 def test_everything_that_can_be_drawn_is_shown():
     drawn = ("dynamics.cascade", "dynamics.creep", "scoring")
     drawn += ("identification.data_sheet", "identification.linear_fit")
     drawn += ("identification.after_effect_result", "identification.oscillator_result")
     for name in drawn:
         import_module(f"minorloop.{name}")
-    shown = {each.__name__ for each in Drawn.__subclasses__()}
+    shown = {each.__name__ for each in subclasses(Drawn)}
     assert shown >= registered("minorloop.drawing").keys() - {"html"}
 
 

@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
 
-from fault_records import INPUTS, record
+from fault_records import INPUTS, record, sine
 from fixed_options import Options, Plane, identify
 from minorloop.identification import Smooth, excitation
 from minorloop.lab.columns import read_columns
 from minorloop.lab.records import Record
+from minorloop.operators.densities import GaussianDensity
+from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_plane, a_record
 
 
@@ -95,3 +97,81 @@ def test_advice_names_one_measured_major_loop(shared_data):
     )
     u, y = (column[200:] for column in columns.values())
     assert "one major loop" in " ".join(identify(u, y, Plane(25, lag=3), holdout=0.3).advice)
+
+
+def advice(u, y, **options):
+    return " ".join(
+        Options.of({"levels": 8, "holdout": 0.3, **options}).identify(Record(u, y)).advice
+    )
+
+
+def test_a_startup_is_named_with_its_rows_and_its_share():
+    u, y = record()
+    y[:6] += np.ptp(y) * np.array([0.5, 0.4, 0.3, 0.2, 0.15, 0.1])
+    found = identify(u, y, Plane(8), holdout=0.3)
+    startup = found.residual.startup
+    assert 4 <= startup.rows <= 10
+    assert startup.share > 0.5
+    assert f"skip={startup.rows} (--skip {startup.rows})" in " ".join(found.advice)
+    skipped = identify(Record(u, y, skip=startup.rows), Plane(8), holdout=0.3)
+    assert skipped.residual.startup is None
+    assert skipped.nrmse < 0.5 * found.nrmse
+
+
+@pytest.mark.parametrize("shape", ["sine", "staircase", "levels"])
+def test_a_sound_record_has_neither_startup_nor_drift(shape):
+    said = advice(*record(shape))
+    assert "start-up" not in said
+    assert "drifts" not in said
+
+
+def test_a_shift_of_the_sensor_is_named_with_its_row_and_size():
+    u, y = record()
+    first, size = int(0.55 * y.size), 0.05 * np.ptp(y)
+    found = identify(u, y + size * (np.arange(y.size) >= first), Plane(16))
+    assert found.residual.step.sample == first
+    assert found.residual.step.size == pytest.approx(0.05, rel=0.4)
+    said = " ".join(found.advice)
+    assert f"from sample {first} on the output is shifted by +" in said
+    assert "drifts" not in said
+    assert "autocorrelation" not in said
+
+
+def test_groups_that_differ_are_named_and_not_taken_for_rate_or_creep():
+    u, y = record()
+    groups = np.repeat(np.arange(4), y.size)
+    u, y = np.tile(u, 4), np.tile(y, 4) * (1 + 0.03 * groups)
+    found = identify(Record(u, y, curves=groups, start_of_curve="negative"), Plane(8))
+    said = " ".join(found.advice)
+    assert found.residual.groups.share > 0.5
+    assert "the 4 groups differ from one another" in said
+    assert "rate" not in said
+    assert "drifts" not in said
+
+
+def test_an_error_that_grows_with_the_loop_or_the_rate_is_named():
+    noise = np.random.default_rng(0).normal(size=1000)
+    u = sine()
+    rate = np.abs(np.gradient(u))
+    y = u + 0.1 * rate / rate.max() * noise[: u.size]
+    assert "at fast inputs" in advice(u, y, slope=True, prior="none", holdout=0.0)
+    once = np.concatenate([np.linspace(0, 1, 21), np.linspace(1, 0, 21)[1:]])
+    sizes = np.repeat([0.2, 0.5, 1.0], 3 * once.size)
+    u = sizes * np.tile(once, 9)
+    y = u + 0.1 * sizes**2 * noise[: u.size]
+    assert "at large loops" in advice(u, y, slope=True, prior="none", holdout=0.0)
+
+
+@pytest.mark.parametrize("start", [None, "positive", "demagnetised"])
+def test_curves_that_begin_with_another_memory_are_named(start):
+    magnet = Preisach.from_density(np.linspace(-1, 1, 31), GaussianDensity(0.3, 0.3, 0.3))
+    turn = np.cos(np.linspace(0, 2 * np.pi, 60))
+    loops = [size * np.append(np.linspace(0, 1, 10), turn) for size in (0.3, 0.5, 0.7, 1.0)]
+    y = np.concatenate([magnet.simulate(loop, "demagnetised") for loop in loops])
+    y += 1e-3 * np.ptp(y) * np.random.default_rng(1000).normal(size=y.size)
+    labels = np.repeat(np.arange(len(loops)), loops[0].size)
+    found = identify(
+        Record(np.concatenate(loops), y, curves=labels, start_of_curve=start), Plane(15)
+    )
+    said = any('start_of_curve="demagnetised"' in text for text in found.advice)
+    assert said == (start != "demagnetised")

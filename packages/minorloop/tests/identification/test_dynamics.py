@@ -167,7 +167,7 @@ def test_finds_dead_time_and_a_resonance():
     np.testing.assert_allclose(np.abs(poles), omega, rtol=0.01)
     np.testing.assert_allclose(-poles.real / np.abs(poles), 0.1, rtol=0.1)
     assert "resonance" in str(found)
-    assert dict(found.rows)["damping ratio"].startswith("0.")
+    assert " Hz, damping ratio 0." in dict(found.summary())["resonance"]
 
 
 @pytest.mark.whole

@@ -5,7 +5,6 @@ from fixed_options import Plane, identify
 from minorloop.identification import Smooth
 from minorloop.identification.curves import Curves
 from minorloop.identification.jumps import find_jumps
-from minorloop.identification.scores import score_rows
 from minorloop.operators.relays import RelayModel
 from plane_records import a_plane
 
@@ -46,7 +45,7 @@ def test_a_fit_with_narrow_bands_predicts_other_inputs():
     errors = [np.sqrt(np.mean((one.predict(other) - wanted) ** 2)) for one in (found, smeared)]
     assert errors[0] < 0.2 * errors[1]
     assert smeared.jumps == ()
-    assert dict(score_rows(found))["jumps at"] == ", ".join(map(str, found.jumps))
+    assert dict(found.summary())["jumps at"] == ", ".join(map(str, found.jumps))
     assert found.posterior is None
 
 

@@ -99,7 +99,7 @@ def test_a_record_from_rest_with_gaps_is_enough():
     y = y + NOISE * np.random.default_rng(1003).normal(size=t.size)
     y[300:320] = np.nan
     found = identify(Record(u, y, t, skip=10), Vibration(start(np.full(7, 1.3))))
-    assert found.record.scored.sum() == t.size - 30
+    assert found.motion.scored.sum() == t.size - 30
     assert found.noise is None
     assert (np.abs(found.parameters - TRUE) < 4 * found.sd).all()
     assert found.error == pytest.approx(NOISE, rel=0.1)
@@ -111,7 +111,7 @@ def test_a_period_from_rest_is_left_out(turns):
     u, t = np.tile(multisine(1000), turns), np.arange(turns * PERIOD) / 750
     y = PLANT.simulate(t, u) + 1e-7 * np.random.default_rng(1001).normal(size=t.size)
     found = identify(Record(u, y, t), Vibration(PLANT, period=PERIOD))
-    assert found.record.unsettled == 1
+    assert found.motion.unsettled == 1
     assert found.advice[0].startswith("the first period differs from the later ones")
     assert (np.abs(found.parameters - TRUE) < 4 * found.sd).all()
     assert found.error < 1e-7

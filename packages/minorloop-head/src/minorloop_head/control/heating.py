@@ -13,7 +13,7 @@ from minorloop.arrays import FloatArray, Levels, as_levels, as_samples, as_whole
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import Plane, Smooth, excitation, identify
 from minorloop.identification.levels import adaptive_levels
-from minorloop.identification.result import Identification
+from minorloop.identification.plane_result import Identification
 from minorloop.lab.records import Record
 from minorloop.operators.memory import Start
 from minorloop.operators.plane import Relay

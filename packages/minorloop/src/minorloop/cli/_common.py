@@ -200,6 +200,7 @@ Noise = Annotated[float, number_option("Standard deviation of a twin's sensor, i
 Seed = Annotated[int, whole_option("Seed of a twin's noise.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Show all scores and advice.")]
 
 
 def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
@@ -310,11 +311,16 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: st
 
 def print_advice(sentences: Sequence[str]) -> None:
     """Print advice on stdout, one paragraph each."""
+    for sentence in sentences:
+        print_sentence(sentence, "! ")
+
+
+def print_sentence(sentence: str, mark: str = "") -> None:
+    """Print a sentence on stdout, behind a mark, in lines as wide as the terminal."""
     from rich.console import Console
     from rich.text import Text
 
-    for sentence in sentences:
-        Console().print(Text("! ", style="bold yellow") + Text(sentence))
+    Console().print(Text(mark, style="bold yellow") + Text(sentence))
 
 
 def print_warnings(sentences: Sequence[str]) -> None:

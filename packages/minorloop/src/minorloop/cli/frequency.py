@@ -96,9 +96,7 @@ def run(
     steps: list[Callable[[], None]] = [partial(_show, response, names, notes, as_json)]
     # Files first: the reader of the output may end.
     if report is not None:
-        from minorloop.report import frequency_report
-
-        draw = partial(frequency_report, response, file.name, names, [*notes, *response.advice])
+        draw = partial(response.report, file.name, names, [*notes, *response.advice])
         steps.insert(0, partial(_common.write_report, draw, report, force=force))
     if samples is not None:
         steps.insert(0, partial(_write_samples, measured, names, samples, force))

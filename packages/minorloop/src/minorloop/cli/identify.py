@@ -1,27 +1,26 @@
 """``minorloop identify``: a model from a CSV file."""
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
-from minorloop.cli._data_sheet import DataSheet, numbers_of, write_model
 from minorloop.cli._identification import (
+    OF_RECORD,
+    PRINTED,
     Data,
     Outputs,
-    check_units,
     identify,
-    of_plane,
-    of_vibration,
-    of_viscosity,
     refuse_others,
     rough_oscillator,
 )
 from minorloop.errors import ParameterError
+
+if TYPE_CHECKING:
+    from minorloop.identification.pipeline import Law
 
 NAME = "identify"
 EXAMPLE = (
@@ -30,8 +29,9 @@ EXAMPLE = (
 )
 DYNAMICS = ("none", "auto", "operator", "linear")
 _BETWEEN = ("band", "straight", "held")
-_OF_OSCILLATORS = ("oscillator", "period", "between")
+_OF_OSCILLATORS = (*OF_RECORD, "oscillator", "period", "between")
 _OF_CREEP = (
+    *OF_RECORD,
     *("creep", "rate", "levels", "spacing", "diagonal", "smoothness"),
     *("start", "curves", "start_of_curve"),
 )
@@ -176,15 +176,16 @@ def run(
     report: _Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
+    verbose: _common.Verbose = False,
 ) -> None:
     """Identify a hysteresis model from measured data, and say how far to trust it.
 
     If the model is not to be trusted, it is written with warnings, and the exit status is 1.
     """
+    outputs = Outputs(save, report, force, as_json, verbose)
     if from_loop is not None:
-        loop = numbers_of(from_loop)
-        sheet = DataSheet(loop, field, input or "input", output or "output")
-        write_model(context, sheet, save, force, as_json)
+        refuse_others(context, PRINTED, "--from-loop")
+        _from_loop(from_loop, field, (input or "input", output or "output"), outputs)
         return
     if file is None:
         raise ParameterError(
@@ -193,81 +194,71 @@ def run(
     _common.refuse_given({"field": field}, "is given without --from-loop")
     _common.check_outputs([save, report], inputs=[file], force=force)
     columns = {"input": input, "output": output, "time": time, "curves": curves}
-    data, outputs = Data(file, columns, rows), Outputs(save, report, force, as_json)
+    data = Data(file, columns, rows)
     strength = _common.number_or_auto("smoothness", smoothness, float)
+    of_record: dict[str, Any] = {"skip": skip}
     if oscillator is not None:
         refuse_others(context, _OF_OSCILLATORS, "--oscillator")
-        vibration = partial(_vibration, rough_oscillator(oscillator), period, between or "band")
-        done = identify(data, vibration, {"skip": skip}, "--oscillator")
-        outputs.finish(of_vibration(done.found, done.record), done)
+        from minorloop.identification.oscillator import Vibration
+
+        law: Law[Any] = Vibration(rough_oscillator(oscillator), period, between or "band")  # type: ignore[arg-type]
+        outputs.finish(*identify(data, law, of_record, timed="--oscillator"))
         return
     _common.refuse_given({"period": period, "between": between}, "is given without --oscillator")
-    of_record = {"start": start, "start_of_curve": start_of_curve, "skip": skip}
+    of_record |= {"start": start, "start_of_curve": start_of_curve}
     if creep != _common.NONE or rate:
         refuse_others(context, _OF_CREEP, "--creep or --rate")
+        from minorloop.identification import Smooth, Viscosity
+
         viscous: Any = True if rate else "auto" if creep == "auto" else False
-        kind = (levels, creep, viscous, diagonal or "reversible", spacing)
-        viscosity = partial(_viscosity, kind, strength)
-        done = identify(data, viscosity, of_record, "a fit with --creep or --rate")
-        outputs.finish(of_viscosity(done.found, done.record), done)
+        shape: Any = diagonal or "reversible"
+        law = Viscosity(levels or Viscosity.levels, creep, viscous, shape, spacing)  # type: ignore[arg-type]
+        timed = "a fit with --creep or --rate"
+        outputs.finish(*identify(data, law, of_record, Smooth(strength), timed=timed))
         return
     from minorloop.arrays import check_option
-
-    check_option("--dynamics", dynamics, DYNAMICS)
-    if sd not in (None, _common.NONE):
-        for name, used in (("noise", noise), ("dynamics", dynamics != _common.NONE)):
-            if used not in (None, False):
-                raise ParameterError(
-                    f"--sd cannot be combined with --{name}; leave one of them out"
-                )
-    options = {
-        "levels": levels,
-        "spacing": spacing,
-        "relay": relay,
-        "diagonal": diagonal,
-        "slope": slope,
-        "signed": signed,
-        "smoothness": strength,
-        "prior": prior,
-        "noise": noise,
-        "mean": mean,
-        "lag": _common.as_lag(lag),
-        "holdout": holdout,
-        **of_record,
-    }
-    data = replace(data, columns={**columns, "sd": sd, "groups": groups})
-    done = identify(data, partial(_plane, options, dynamics), {})
-    moving = None if dynamics == _common.NONE else done.found
-    static = done.found if moving is None else moving.static
-    outputs.finish(of_plane(static, done.record, moving, rank), done)
-
-
-def _plane(options: dict[str, Any], dynamics: str, record: Any, say: Any) -> Any:
-    """Identify a plane, with dynamics unless there are none."""
     from minorloop.identification import Dynamics
     from minorloop.identification.pipeline import Options
 
-    asked = Options.of(options)
-    if dynamics == _common.NONE:
-        return asked.identify(record, say)
-    if asked.law.lag not in ("auto", 0):
-        raise ParameterError("--dynamics finds the dead time itself; leave --lag out")
-    law = Dynamics(asked.law, dynamics)  # type: ignore[arg-type]
-    return law.identify(record.replace(**asked.of_record), asked.prior, asked.holdout)
+    check_option("--dynamics", dynamics, DYNAMICS)
+    for name, used in (("noise", noise), ("dynamics", dynamics != _common.NONE)):
+        if sd not in (None, _common.NONE) and used not in (None, False):
+            raise ParameterError(f"--sd cannot be combined with --{name}; leave one of them out")
+    asked = Options.of(
+        {
+            "levels": levels,
+            "spacing": spacing,
+            "relay": relay,
+            "diagonal": diagonal,
+            "slope": slope,
+            "signed": signed,
+            "smoothness": strength,
+            "prior": prior,
+            "noise": noise,
+            "mean": mean,
+            "lag": _common.as_lag(lag),
+        }
+    )
+    law = asked.law if dynamics == _common.NONE else Dynamics(asked.law, dynamics)  # type: ignore[arg-type]
+    data = replace(data, columns={**columns, "sd": sd, "groups": groups})
+    done = identify(data, law, {**of_record, **asked.of_record}, asked.prior, holdout)
+    if rank:
+        _ = getattr(done[0], "static", done[0]).rank  # shown where it was computed
+    outputs.finish(*done)
 
 
-def _viscosity(kind: Any, strength: Any, record: Any, say: Any) -> Any:
-    """Identify a law of time in the plane."""
-    from minorloop.identification import Smooth, Viscosity
+def _from_loop(
+    texts: tuple[str, str, str], field: float | None, names: tuple[str, str], outputs: Outputs
+) -> None:
+    """Make a model from the loop of a data sheet, write it and print what it is."""
+    try:
+        hc, br, bmax = (float(text) for text in texts)
+    except ValueError:
+        given = " ".join(texts)
+        raise ParameterError(f"--from-loop is {given!r}; give three numbers, HC BR BMAX") from None
+    from minorloop.identification.data_sheet import from_loop
 
-    levels, *others = kind
-    law = Viscosity(levels or Viscosity.levels, *others)
-    return law.identify(record, Smooth(strength), say=say)
-
-
-def _vibration(rough: Any, period: int | None, between: Any, record: Any, say: Any) -> Any:
-    """Identify an oscillator."""
-    from minorloop.identification.oscillator import Vibration
-
-    check_units(record)
-    return Vibration(rough, period, between).identify(record, say=say)
+    _common.check_outputs([outputs.save], force=outputs.force)
+    with _common.working("drawing ridges with this loop"):
+        found = from_loop(hc, br, bmax, field)
+    outputs.finish_sheet(found, *names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._identification import DISTRUSTED, Outputs
 
 NAME = "score"
 EXAMPLE = "minorloop score model.json other.csv --report score.html"
-_DISTRUSTED = 1
-"""Exit status where the model does not predict the record."""
 
 if TYPE_CHECKING:
     from minorloop.lab.records import Quantity
@@ -40,6 +40,7 @@ def run(
     report: _Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
+    verbose: _common.Verbose = False,
 ) -> None:
     """Say how near a model is to a record that it was not identified from.
 
@@ -47,9 +48,7 @@ def run(
     """
     _common.check_outputs([save, report], inputs=[model, file], force=force)
     from minorloop import modelfile, scoring
-    from minorloop.identification.scores import curve_table
     from minorloop.lab.store import is_store
-    from minorloop.report import score_report
 
     known = modelfile.read(model)
     named = not is_store(file)  # a store has one input and one output
@@ -68,25 +67,20 @@ def run(
         found = scoring.score(known, log, between=between)  # type: ignore[arg-type]
         if save is not None:
             _common.write_csv(save, _columns(found, log.time), force=force)
-        if report is not None:
-            now("drawing the report")
-            names = {"model": model.name, "source": file.name}
-            _common.write_report(lambda: score_report(found, **names), report, force=force)
+            if not as_json:
+                typer.echo(f"residuals written to {save}")
+    outputs = Outputs(save, report, force, as_json, verbose)
+    if report is not None:
+        outputs.write_report(partial(found.report, model.name, file.name), report)
     _common.print_warnings(known.warnings)
     if as_json:
         residual = {} if save is not None else {"residuals": found.error}
         _common.print_json({**found.figures, **residual})
     else:
-        _common.print_table(("", ""), found.rows, f"{model.name} on {file.name}")
-        if found.curve_accuracy:
-            _common.print_table(*curve_table(found.curve_accuracy))
-        _common.print_advice([*found.advice, *found.simulation.notes])
-        if save is not None:
-            typer.echo(f"residuals written to {save}")
-        if report is not None:
-            typer.echo(f"report written to {report}; open it in a browser")
+        notes = found.simulation.notes
+        outputs.show(found, f"{model.name} on {file.name}", notes=notes)
     if found.warnings:
-        raise typer.Exit(_DISTRUSTED)
+        raise typer.Exit(DISTRUSTED)
 
 
 def _columns(found: ModelScore, time: Quantity) -> dict[str, object]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,11 +17,11 @@ from minorloop.identification.residuals import amplitudes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from minorloop.identification.accuracy import CurveAccuracy
     from minorloop.identification.bands import Prediction
     from minorloop.identification.data_sheet import DataSheetModel
     from minorloop.identification.excitation import ExcitationReport
-    from minorloop.identification.result import Identification
+    from minorloop.identification.plane_result import Identification
+    from minorloop.identification.result import Fit
     from minorloop.scoring import ModelScore
 
 
@@ -48,7 +47,7 @@ def draw_identification(
     *,
     input_label: str = "input",
     output_label: str = "output",
-    time: FloatArray | None = None,
+    part: Literal["all", "curves"] = "all",
 ) -> Any:
     """Draw loop, plane and record, and the residual in time, by amplitude and by rate.
 
@@ -58,11 +57,12 @@ def draw_identification(
         The identification.
     input_label, output_label : str
         Name and unit of input and output.
-    time : (T,) array, optional
-        Time of each sample in seconds; that of the record if not given. Without it, samples are
-        counted.
+    part : {"all", "curves"}
+        All of this, or the errors of each curve.
     """
-    time = result.t if time is None else time
+    if part == "curves":
+        return _draw_curves(result)
+    time = result.t
     figure, axes = new_figure(3, 2, 11.5, 10.5, grid=False)
     figure.get_layout_engine().set(h_pad=0.1, w_pad=0.1)
     clock = np.arange(result.y.size, dtype=np.float64) if time is None else time
@@ -110,12 +110,18 @@ def _draw_loop(
 
 
 def draw_score(
-    result: ModelScore, *, input_label: str = "input", output_label: str = "output"
+    result: ModelScore,
+    *,
+    input_label: str = "input",
+    output_label: str = "output",
+    part: Literal["all", "curves"] = "all",
 ) -> Any:
     """Draw loop and record, measured and predicted, and the residual by the input and in time.
 
-    The labels are as of `draw_identification`.
+    Parameters are as of `draw_identification`.
     """
+    if part == "curves":
+        return _draw_curves(result)
     figure, axes = new_figure(2, 2, 8.0, 10.5)
     figure.get_layout_engine().set(h_pad=0.1, w_pad=0.1)
     t, begins = result.simulation.t, result.curves.begins[1:]
@@ -149,7 +155,7 @@ def draw_score(
 
 
 def loop_points(
-    result: Identification | ModelScore, outputs: FloatArray
+    result: Fit[Any] | ModelScore, outputs: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return inputs and outputs with NaN where nothing was measured, between curves and at leaps.
 
@@ -157,8 +163,8 @@ def loop_points(
 
     Parameters
     ----------
-    result : Identification
-        The identification.
+    result : Fit or ModelScore
+        What the outputs belong to.
     outputs : (T,) array
         The measured outputs, or those of the model.
     """
@@ -345,8 +351,9 @@ def _shade_held_out(axes: Axes, result: Identification, clock: FloatArray) -> No
         axes.legend(framealpha=0.9, loc="lower right")
 
 
-def draw_curves(curves: Sequence[CurveAccuracy]) -> Any:
+def _draw_curves(result: Identification | ModelScore) -> Any:
     """Draw the root-mean-square and the largest error of each curve."""
+    curves = result.curve_accuracy
     figure, axes = new_figure()
     number = np.arange(len(curves))
     axes.plot(number, [100 * one.accuracy.nrmse for one in curves], ".-", label="rms")

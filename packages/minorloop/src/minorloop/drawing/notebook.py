@@ -14,8 +14,6 @@ from minorloop.figures import plot
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from minorloop.identification.result import Identification
-
 Rows = list[tuple[str, str]]
 
 _RESOLUTION = 80
@@ -58,13 +56,6 @@ def _list(sentences: Sequence[str]) -> str:
 
 def _summary(result: Any) -> Rows:
     return [*result.summary()] if hasattr(result, "summary") else []
-
-
-def _identification(result: Identification) -> Rows:
-    from minorloop.identification.scores import score_rows
-
-    chosen = [("chosen", str(choice)) for choice in result.choices]
-    return [("model", repr(result.model)), *score_rows(result), *chosen]
 
 
 def _preisach(model: Any) -> Rows:
@@ -116,7 +107,6 @@ def _interval(ends: tuple[float, float]) -> str:
 
 
 _ROWS: dict[str, Callable[[Any], Rows]] = {
-    "Identification": _identification,
     "Preisach": _preisach,
     "RelayModel": _relays,
     "PrandtlIshlinskii": _plays,

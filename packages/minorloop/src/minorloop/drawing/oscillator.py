@@ -12,10 +12,13 @@ if TYPE_CHECKING:
     from minorloop.identification.oscillator_result import OscillatorIdentification
 
 
-def draw_oscillator_identification(found: OscillatorIdentification) -> Any:
-    """Draw displacement and residual against time, and the loops of the hysteretic force."""
+def draw_oscillator_identification(found: OscillatorIdentification, **labels: str) -> Any:
+    """Draw displacement and residual against time, and the loops of the hysteretic force.
+
+    Its axes are force and displacement, whatever the ``labels`` of input and output are.
+    """
     figure, (left, right) = new_figure(1, 2, height=3.8, width_ratios=[2, 1])
-    record = found.record
+    record = found.motion
     t = np.arange(record.y.size) * record.interval
     miss = 1e3 * found.minimum.residuals
     left.plot(t, 1e3 * record.y, color="0.6", lw=0.8, label="displacement")

@@ -6,9 +6,9 @@ from minorloop.identification.dynamic_result import DynamicIdentification
 from minorloop.identification.dynamics import Dynamics
 from minorloop.identification.fit import Plane
 from minorloop.identification.pipeline import identify
+from minorloop.identification.plane_result import Identification
 from minorloop.identification.reading import read
 from minorloop.identification.regularisation import Gaussian, Smooth
-from minorloop.identification.result import Identification
 
 __all__ = [
     "AfterEffectIdentification",

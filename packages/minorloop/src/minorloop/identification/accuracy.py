@@ -1,12 +1,21 @@
 """How near a model is to measured outputs, in the figures that different fields compare by."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
+from minorloop.identification.baseline import percent
 from minorloop.identification.curves import Curves
 from minorloop.identification.loops import closed_loops, loop_areas
+
+MOST_CURVES = 10
+"""Curves up to which each has a row; of more, those with the largest errors."""
+_CURVE_COLUMNS = ("curve", "samples", "error", "of its rms", "worst", "loop area", "left out")
+CurveTable: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]], str]
+"""Headings, rows and title of a table of curves."""
 
 
 @dataclass(frozen=True)
@@ -119,19 +128,42 @@ def by_curve(
     return tuple(found)
 
 
-def scores_of(fitted: Accuracy, held_out: Accuracy | None) -> dict[str, float | None]:
-    """Return the errors by name, as model files and ``--json`` have them.
-
-    All errors on held-out samples are None if none were held out.
-    """
-    return {
-        f"{name}_{part}": None if errors is None else getattr(errors, name)
-        for name in ("nrmse", "relative_rms", "worst", "loop_area")
-        for part, errors in (("train", fitted), ("holdout", held_out))
-    }
-
-
 def _rms(error: FloatArray | None, span: float) -> float | None:
     """Root-mean-square of the errors that are known, over a range; None if there are none."""
     known = np.zeros(0) if error is None else error[np.isfinite(error)]
     return float(np.sqrt(np.mean(known**2)) / (span or 1.0)) if known.size else None
+
+
+def worst_error(errors: Accuracy, sample: str = "") -> str:
+    """Return the largest error and its sample; what rounds to zero has no sign and no sample."""
+    return f"{errors.worst:+.1%}{sample}" if abs(errors.worst) >= 0.0005 else "0.0%"
+
+
+def curve_table(curves: Sequence[CurveAccuracy]) -> CurveTable:
+    """Return headings, rows and title of a table of errors on each curve or group.
+
+    Of more than ten curves, these are the ten with the largest errors, the largest first. The last
+    column is the error of a fit without the curve or its group, where there is one.
+    """
+    shown, columns = list(curves), len(_CURVE_COLUMNS)
+    if all(one.left_out is None for one in curves):
+        columns -= 1
+    which = "by curve"
+    if len(curves) > MOST_CURVES:
+        shown.sort(key=lambda one: -one.accuracy.nrmse)
+        which = f"the {MOST_CURVES} largest of {len(curves)} curves"
+    rows = [_curve_row(one)[:columns] for one in shown[:MOST_CURVES]]
+    return _CURVE_COLUMNS[:columns], rows, f"errors over the range of the record, {which}"
+
+
+def _curve_row(curve: CurveAccuracy) -> tuple[str, ...]:
+    errors = curve.accuracy
+    return (
+        curve.name,
+        f"{errors.samples}",
+        percent(errors.nrmse),
+        percent(errors.relative_rms),
+        worst_error(errors),
+        "-" if errors.loop_area is None else percent(errors.loop_area),
+        "-" if curve.left_out is None else percent(curve.left_out),
+    )

@@ -16,8 +16,8 @@ from minorloop.identification.advising import fault_warnings
 from minorloop.identification.bands import Prediction
 from minorloop.identification.design import MOST_HOLDS, design, next_input
 from minorloop.identification.fit import Plane
+from minorloop.identification.plane_result import Identification
 from minorloop.identification.regularisation import Gaussian, Prior
-from minorloop.identification.result import Identification
 from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory, Start
 

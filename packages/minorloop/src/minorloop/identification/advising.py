@@ -1,9 +1,9 @@
-"""Advice: what is weak about an identification, and what to do about it."""
+"""Rules of advice on a plane: what is weak about a fit, and what to do about it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -12,14 +12,13 @@ from minorloop.errors import are, counted
 from minorloop.identification import active_set
 from minorloop.identification.baseline import lateness, percent, polynomial_nrmse, rms
 from minorloop.identification.refinement import UNSETTLED
-from minorloop.identification.residual_advice import residual_advice
-from minorloop.identification.residuals import noise_in
+from minorloop.identification.residuals import PARTS, noise_in
 from minorloop.lab.codes import codes
 
-if TYPE_CHECKING:
-    from minorloop.identification.fitted import Fit
+Fit: TypeAlias = Any
+"""An `Identification`, which has these rules and so cannot be imported."""
 
-WELL_EXCITED = 0.5
+_WELL_EXCITED = 0.5
 """Share of excited cells below which a record does not identify the plane."""
 _OVERFIT = 2.0
 """Error on held-out over error on fitted data from which a model is called overfitted."""
@@ -41,6 +40,17 @@ _RARE = 10
 _WORST, _WRONG = 0.1, 0.05
 """Error, as a share of the range of the output, above which a model is not to be trusted; and the
 same for what is to be expected of it on other inputs, noise not counted."""
+_LEAST_DRIFT = 0.005
+"""Least drift or step that is reported, in ranges."""
+_ALIKE, _LEAST_ERROR = 0.8, 0.005
+"""Autocorrelation of a residual that is no noise; and its least size in ranges."""
+_UNEVEN = 2.5
+"""Ratio of the errors of parts that is reported."""
+_BEGIN, _TOGETHER = 10, 0.6
+"""The first rows of a curve are one in so many; and their mean error, over that of all rows, from
+which they are off together: without noise or misfit in common it is far below."""
+_CONSTANT = 1.5
+"""Ratio of amplitudes or rates below which they are all alike."""
 _FALLS = (
     "the output falls as the input rises, which weights that are not negative cannot describe: "
     "reverse the sign of the output (reduce --flip), or allow negative weights with signed=True "
@@ -48,157 +58,257 @@ _FALLS = (
 )
 
 
-def advice(result: Fit) -> Iterator[str]:
-    """Give sentences, most important first; none where nothing is weak."""
-    yield from warnings(result)
-    yield from _codes(result)
-    yield from _outliers(result)
-    yield from residual_advice(result)
-    yield from _lag(result)
-    yield from _excitation(result)
-    yield from _accuracy(result)
-    yield from _numerics(result)
+def _listed(samples: Sequence[int], values: Any) -> str:
+    """Return samples with their values as text, the first six of many."""
+    pairs = zip(samples[:_SHOWN], values, strict=False)
+    shown = ", ".join(f"sample {sample} ({value:.6g})" for sample, value in pairs)
+    more = len(samples) - _SHOWN
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
-def warnings(result: Fit) -> Iterator[str]:
-    """Give the part of the advice for which the model is not to be trusted."""
-    yield from (finding.text for finding in result.findings)
-    yield from _input_codes(result)
-    yield from _error_warnings(result)
+def _findings(fit: Fit) -> Iterator[str]:
+    yield from (finding.text for finding in fit.findings)
 
 
-def fault_warnings(result: Fit) -> Iterator[str]:
-    """Give the part of the advice about faults of actuator, sensor or sign."""
-    yield from (finding.text for finding in result.findings)
-    yield from _codes(result)
-    yield from _outliers(result)
-    if _falls(result):
-        yield _FALLS
-
-
-def _codes(result: Fit) -> Iterator[str]:
-    if not result.codes:
+def _codes(fit: Fit) -> Iterator[str]:
+    if not fit.codes:
         return
-    shown = [f"sample {code.sample} ({code.value:.6g})" for code in result.codes[:_SHOWN]]
-    more = len(result.codes) - len(shown)
-    listed = ", ".join(shown) + (f" and {more} more" if more else "")
-    one = len(result.codes) == 1
+    listed = _listed(*zip(*((code.sample, code.value) for code in fit.codes), strict=True))
+    one = len(fit.codes) == 1
     yield (
-        f"{'a reading is a code' if one else f'{len(result.codes)} readings are codes'} of the "
+        f"{'a reading is a code' if one else f'{len(fit.codes)} readings are codes'} of the "
         f"instrument and no measurement: {listed}; the model was fitted without "
         f"{'it' if one else 'them'}, as if the {'cell' if one else 'cells'} were empty. Check the "
         "range of the instrument and repeat"
     )
 
 
-def _input_codes(result: Fit) -> Iterator[str]:
+def _input_codes(fit: Fit) -> Iterator[str]:
     """Name sentinels among the inputs, which are not left out: memory depends on every input."""
-    found = codes(result.u)
-    if found and len(found) <= max(result.u.size // _RARE, 1):
-        shown = [f"sample {code.sample} ({code.value:.6g})" for code in found[:_SHOWN]]
-        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+    found = codes(fit.u)
+    if found and len(found) <= max(fit.u.size // _RARE, 1):
+        listed = _listed(*zip(*((code.sample, code.value) for code in found), strict=True))
         one = len(found) == 1
         yield (
             f"{'an input is a code' if one else f'{len(found)} inputs are codes'} of a logger, far "
-            f"from all others: {', '.join(shown)}{more}; give what was applied, or cut these rows"
+            f"from all others: {listed}; give what was applied, or cut these rows"
         )
 
 
-def _outliers(result: Fit) -> Iterator[str]:
-    for index in result.suspects:
+def _outliers(fit: Fit) -> Iterator[str]:
+    for index in fit.suspects:
         yield (
-            f"sample {index} (input {result.u[index]:.6g}, output {result.y[index]:.6g}) lies far "
+            f"sample {index} (input {fit.u[index]:.6g}, output {fit.y[index]:.6g}) lies far "
             "outside the band of a fit without it, and was left out; repeat it"
         )
 
 
-def _lag(result: Fit) -> Iterator[str]:
+def _residual(fit: Fit) -> Iterator[str]:
+    """Say what the residual shows."""
+    found = fit.residual
+    if found.startup is not None:
+        first = "the first row is" if found.startup.rows == 1 else None
+        first = first or f"the first {found.startup.rows} rows are"
+        yield (
+            f"{first} off by up to {found.startup.largest:.1%} of range and "
+            f"{'has' if found.startup.rows == 1 else 'have'} {found.startup.share:.0%} of the "
+            "squared error, a start-up that the model does not follow: let them set the memory "
+            f"without being fitted, skip={found.startup.rows} (--skip {found.startup.rows}), or "
+            "give the start state that the record has"
+        )
+    if samples := found.outliers:
+        one = len(samples) == 1
+        yield (
+            f"{counted(len(samples), 'reading')} {are(len(samples))} far from the model and from "
+            f"the readings around {'it' if one else 'them'}: "
+            f"{_listed(samples, fit.y[list(samples)])}; empty "
+            f"{'this cell, which then counts' if one else 'these cells, which then count'} as not "
+            "measured, and check the cable and the trigger of the sensor"
+        )
+    if found.step is not None and abs(found.step.size) > _LEAST_DRIFT:
+        yield (
+            f"from sample {found.step.sample} on the output is shifted by {found.step.size:+.2%} "
+            "of range: the sensor or its mount moved, or its zero was set anew; identify the rows "
+            "before and behind apart (--rows), or subtract the shift from the output"
+        )
+    if abs(found.drift) > _LEAST_DRIFT:
+        yield (
+            f"the output drifts by {abs(found.drift):.2%} of range along the record: let "
+            "actuator and sensor warm up and measure again, or subtract the drift from the output"
+        )
+    if fit.nrmse >= _LEAST_ERROR:
+        yield from _starts(fit)
+        yield from _uneven(fit)
+
+
+def _starts(fit: Fit) -> Iterator[str]:
+    """Say that the first rows of curves are off together, as where another memory came before."""
+    curves, start = fit.curves, fit.start
+    if curves.begins.size == 1 or not isinstance(start, str):
+        return
+    rows = np.flatnonzero(fit.fitted)
+    position = curves.positions(fit.u.size)
+    length = np.diff(np.append(curves.begins, fit.u.size))
+    first = rows[position[rows] * _BEGIN < np.repeat(length, length)[rows]]
+    if not first.size:
+        return
+    off = float((fit.prediction - fit.y)[first].mean()) / fit.span(fit.fitted)
+    if abs(off) >= max(_TOGETHER * fit.nrmse, _LEAST_ERROR):
+        others = [name for name in ("negative", "positive", "demagnetised") if name != start]
+        yield (
+            f"the first rows of the curves are off together, by {-off:+.2%} of range in the mean: "
+            f"the memory before them may not be {start!r}; try "
+            f'start_of_curve="{others[1]}" or "{others[0]}" (--start-of-curve)'
+        )
+
+
+def _uneven(fit: Fit) -> Iterator[str]:
+    """Say in which groups, at which amplitudes and at which rates the error is large."""
+    found = fit.residual
+    if found.groups is not None:
+        gain = found.groups.gain
+        gains = f" and gains of up to {gain:.1%}" if gain else ""
+        yield (
+            f"the {found.groups.groups} groups differ from one another, by offsets of up to "
+            f"{found.groups.offset:.2%} of range{gains}, which are {found.groups.share:.0%} of the "
+            "squared error: no option of one model removes it; identify each group by itself "
+            "(minorloop fleet identify), or correct the offset of the sensor"
+        )
+    for parts, small, large, todo in (
+        (
+            found.by_amplitude,
+            "small loops",
+            "large loops",
+            "measure more loops of that size, or use more levels",
+        ),
+        (
+            found.by_rate,
+            "slow inputs",
+            "fast inputs",
+            "measure at the rate that you will use"
+            + ("" if fit.searched else ', try lag="auto" (--lag auto)')
+            + ", or add linear dynamics",
+        ),
+    ):
+        if len(parts) < PARTS or parts[-1][0] <= _CONSTANT * parts[0][1]:
+            continue
+        first, last = parts[0][2], parts[-1][2]
+        if max(first, last) >= _UNEVEN * min(first, last):
+            where = large if last > first else small
+            yield (
+                f"the error is {max(first, last):.2%} of range at {where} and "
+                f"{min(first, last):.2%} at {large if where == small else small}: {todo}"
+            )
+    explained = found.groups or found.step or found.drift
+    if found.autocorrelation > _ALIKE and not explained:
+        yield (
+            f"neighbouring residuals are alike (autocorrelation {found.autocorrelation:.2f}), so "
+            f"they are an error of the model and no noise: {_remedy(fit)}"
+        )
+
+
+def _remedy(fit: Fit) -> str:
+    if any(choice.name == "structure" for choice in fit.choices):
+        more = (
+            "; Dynamics() (--time COLUMN --dynamics auto) shows whether rate or creep"
+            if fit.measured is None
+            else ""
+        )
+        return (
+            "the options that were compared do not remove it, so it may depend on the rate, creep "
+            f"or temperature{more}"
+        )
+    lag = "" if fit.searched else ' or lag="auto" (--lag auto)'
+    return f'other levels, slope="auto" (--slope){lag} may reduce it'
+
+
+def _lag(fit: Fit) -> Iterator[str]:
     """Say how many rows a lag leaves out at the beginnings of curves."""
-    if result.lag and result.curves.begins.size > 1:
-        known = result.curves.positions(result.u.size) >= result.lag
-        out, rows = np.count_nonzero(result.fitted & ~known), np.count_nonzero(result.fitted)
+    if fit.lag and fit.curves.begins.size > 1:
+        known = fit.curves.positions(fit.u.size) >= fit.lag
+        out, rows = np.count_nonzero(fit.fitted & ~known), np.count_nonzero(fit.fitted)
         if out:
             yield (
-                f"the lag of {counted(result.lag, 'sample')} leaves {out} of {rows} samples out, "
+                f"the lag of {counted(fit.lag, 'sample')} leaves {out} of {rows} samples out, "
                 "at the beginnings of curves, because the inputs before them are not known; lag=0 "
                 "(--lag 0) fits all"
             )
 
 
-def _excitation(result: Fit) -> Iterator[str]:
-    excited, cells = int(np.count_nonzero(result.excited)), result.matrix.spec.cells
-    few = result.samples < result.unknowns
-    if few and result.posterior is not None:
+def _excitation(fit: Fit) -> Iterator[str]:
+    excited, cells = int(np.count_nonzero(fit.excited)), fit.matrix.spec.cells
+    few = fit.samples < fit.unknowns
+    if few and fit.posterior is not None:
         yield (
-            f"{result.samples} samples for {result.unknowns} unknowns, {excited} of {cells} cells "
-            f"excited, and {_pattern(result)}: the prior determines the rest, and the bands show "
+            f"{fit.samples} samples for {fit.unknowns} unknowns, {excited} of {cells} cells "
+            f"excited, and {_pattern(fit)}: the prior determines the rest, and the bands show "
             "how accurately"
         )
-    elif excited < WELL_EXCITED * cells:
+    elif excited < _WELL_EXCITED * cells:
         yield (
             f"{excited} of {cells} cells of the plane are excited ({excited / cells:.0%}): "
-            f"{_pattern(result)}; weights elsewhere are guesses. Measure a decaying staircase "
+            f"{_pattern(fit)}; weights elsewhere are guesses. Measure a decaying staircase "
             "(minorloop plan decaying) or reversal curves, or use fewer levels"
         )
-    if few and result.posterior is None:
-        smooth = "set by the smoothness" if result.smoothness else "arbitrary: use fewer levels"
-        yield f"{result.samples} samples for {result.unknowns} unknowns: the rest is {smooth}"
-    low, high = result.model.levels[[0, -1]]
-    beyond = int(np.count_nonzero((result.u < low) | (result.u > high)))
+    if few and fit.posterior is None:
+        smooth = "set by the smoothness" if fit.smoothness else "arbitrary: use fewer levels"
+        yield f"{fit.samples} samples for {fit.unknowns} unknowns: the rest is {smooth}"
+    low, high = fit.model.levels[[0, -1]]
+    beyond = int(np.count_nonzero((fit.u < low) | (fit.u > high)))
     # With dynamics, the levels follow inputs that were filtered otherwise.
-    if beyond and result.measured is None:
+    if beyond and fit.measured is None:
         yield (
             f"{counted(beyond, 'input')} {are(beyond)} beyond the levels [{low:g}, {high:g}], "
             "where the relays are saturated; widen the levels"
         )
 
 
-def _pattern(result: Fit) -> str:
+def _pattern(fit: Fit) -> str:
     """Describe how the input covers the plane."""
-    moving = result.u[np.append(True, np.diff(result.u) != 0)]
+    moving = fit.u[np.append(True, np.diff(fit.u) != 0)]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(moving)))) + 1
-    levels = result.matrix.spec.levels
+    levels = fit.matrix.spec.levels
     ends = (moving[turns] <= levels[1]) | (moving[turns] >= levels[-2])
     if ends.all():
         return "the input follows one major loop, which does not show minor loops"
-    if result.samples <= turns.size + 2:
+    if fit.samples <= turns.size + 2:
         return "it was measured at its reversal points only"
     return "the input leaves parts of the plane untouched"
 
 
-def _accuracy(result: Fit) -> Iterator[str]:
-    held_out, base = result.holdout_accuracy, result.baseline_nrmse
-    span = result.span(result.fitted)
-    if held_out is None and result.groups_nrmse is not None:
-        if result.groups_nrmse > _OVERFIT * max(result.nrmse, _ROUNDING):
+def _accuracy(fit: Fit) -> Iterator[str]:
+    held_out, base = fit.holdout_accuracy, fit.baseline_nrmse
+    span = fit.span(fit.fitted)
+    if held_out is None and fit.groups_nrmse is not None:
+        if fit.groups_nrmse > _OVERFIT * max(fit.nrmse, _ROUNDING):
             yield (
-                f"the error on left-out groups ({percent(result.groups_nrmse)}) is more than twice "
-                f"that on fitted data ({percent(result.nrmse)}): the groups differ, or are too few "
-                f"for so many levels. {_of_another_group(result)}"
+                f"the error on left-out groups ({percent(fit.groups_nrmse)}) is more than twice "
+                f"that on fitted data ({percent(fit.nrmse)}): the groups differ, or are too few "
+                f"for so many levels. {_of_another_group(fit)}"
             )
     elif held_out is None:
         yield (
             "no data were held out, so the error on other inputs is unknown; pass holdout=0.3 "
             "(--holdout 0.3)"
         )
-    elif held_out.rmse > _OVERFIT * max(result.rmse, _ROUNDING * span):
+    elif held_out.rmse > _OVERFIT * max(fit.rmse, _ROUNDING * span):
         yield (
             f"error on held-out data ({percent(held_out.nrmse)} of its range, "
             f"{percent(held_out.rmse / span)} of the fitted range) is more than twice "
-            f"that on fitted data ({percent(result.nrmse)}): fit inputs similar to those you will "
+            f"that on fitted data ({percent(fit.nrmse)}): fit inputs similar to those you will "
             "apply, or use fewer levels"
         )
-    score, base = _scores_without_outliers(result)  # as where the polynomial is better
-    if base >= score > max(_NEARLY_AS_GOOD * base, _ROUNDING) and not _falls(result):
+    score, base = _scores_without_outliers(fit)  # as where the polynomial is better
+    if base >= score > max(_NEARLY_AS_GOOD * base, _ROUNDING) and not _falls(fit):
         yield (
             f"a polynomial of the delayed input is nearly as good ({percent(base)} against "
             f"{percent(score)}): this record has little hysteresis, or it is hidden by noise"
         )
 
 
-def _of_another_group(result: Fit) -> str:
+def _of_another_group(fit: Fit) -> str:
     """Say what the errors on left-out groups promise, which groups that are not alike do not."""
-    usual, worst = np.quantile(result.each_group_nrmse, [0.5, 1.0])
+    usual, worst = np.quantile(fit.each_group_nrmse, [0.5, 1.0])
     if worst <= _UNLIKE * usual:
         return "Expect that error for another group"
     return (
@@ -208,25 +318,25 @@ def _of_another_group(result: Fit) -> str:
     )
 
 
-def _error_warnings(result: Fit) -> Iterator[str]:
+def _errors(fit: Fit) -> Iterator[str]:
     """Give warnings about the errors of the model."""
-    score, base = _scores_without_outliers(result)
-    parts, expected = _parts(result), _expected(result)
-    errors = [rms((result.prediction - result.y)[rows]) for rows in parts.values()]
-    if expected > _WRONG or max(errors, default=0.0) > _WORST * _whole(result):
+    score, base = _scores_without_outliers(fit)
+    parts, expected = _parts(fit), _expected(fit)
+    errors = [rms((fit.prediction - fit.y)[rows]) for rows in parts.values()]
+    if expected > _WRONG or max(errors, default=0.0) > _WORST * _whole(fit):
         listed = [
-            f"on {which} data is {percent(error / result.span(rows))} of range"
+            f"on {which} data is {percent(error / fit.span(rows))} of range"
             for error, (which, rows) in zip(errors, parts.items(), strict=True)
         ]
-        without = "without the outliers, " if _has_outliers(result) else ""
+        without = "without the outliers, " if _has_outliers(fit) else ""
         more = f"; expect {expected:.0%} on other inputs, beyond noise" if expected > _WRONG else ""
         yield (
             f"{without}the error {' and '.join(listed)}{more}; the residual shows what the model "
             "cannot describe"
         )
-    if _falls(result):
+    if _falls(fit):
         yield _FALLS
-    elif _clockwise(result):
+    elif _clockwise(fit):
         yield (
             "loops run clockwise: the output turns before the input, which weights that are not "
             "negative cannot describe. If the columns of input and output are exchanged, exchange "
@@ -236,108 +346,122 @@ def _error_warnings(result: Fit) -> Iterator[str]:
         yield (
             f"a polynomial of the delayed input is better ({percent(base)} "
             f"against {percent(score)}): the hysteresis here is weak or rate-dependent; try "
-            f"{_untried(result)}"
+            f"{_untried(fit)}"
         )
 
 
-def _untried(result: Fit) -> str:
+def _untried(fit: Fit) -> str:
     """Name the options that were neither given nor compared."""
-    compared = {choice.name for choice in result.choices}
-    options = [] if result.searched else ['lag="auto" (--lag auto)']
-    if not result.matrix.spec.slope and "structure" not in compared:
+    compared = {choice.name for choice in fit.choices}
+    options = [] if fit.searched else ['lag="auto" (--lag auto)']
+    if not fit.matrix.spec.slope and "structure" not in compared:
         options.append("slope=True (--slope)")
     return " and ".join([*options, "for butterfly loops signed=True (--signed)"])
 
 
-def _known(result: Fit) -> BoolArray:
+def _known(fit: Fit) -> BoolArray:
     """(T,) measured rows that are no outliers."""
-    known = np.isfinite(result.y)
-    for finding in result.findings:
+    known: BoolArray = np.isfinite(fit.y)
+    for finding in fit.findings:
         if finding.kind == "outlier":
             known[list(finding.samples)] = False
     return known
 
 
-def _has_outliers(result: Fit) -> bool:
-    return any(finding.kind == "outlier" for finding in result.findings)
+def _has_outliers(fit: Fit) -> bool:
+    return any(finding.kind == "outlier" for finding in fit.findings)
 
 
-def _parts(result: Fit) -> dict[str, BoolArray]:
+def _parts(fit: Fit) -> dict[str, BoolArray]:
     """Fitted and held-out rows that are no outliers, where there are some."""
-    parts = {"fitted": result.fitted & _known(result), "held-out": result.held_out & _known(result)}
+    parts = {"fitted": fit.fitted & _known(fit), "held-out": fit.held_out & _known(fit)}
     return {name: rows for name, rows in parts.items() if rows.any()}
 
 
-def _whole(result: Fit) -> float:
+def _whole(fit: Fit) -> float:
     """Range of the output in fitted and held-out rows that are no outliers."""
-    return result.span((result.fitted | result.held_out) & _known(result))
+    return float(fit.span(fit.scored & _known(fit)))
 
 
-def _scores_without_outliers(result: Fit) -> tuple[float, float]:
+def _scores_without_outliers(fit: Fit) -> tuple[float, float]:
     """Error over the range and that of the polynomial, on held-out rows or else on fitted ones."""
-    scored = result.held_out if result.held_out.any() else result.fitted
-    known = _known(result)
+    scored = fit.held_out if fit.held_out.any() else fit.fitted
+    known = _known(fit)
     if not (scored & known).any():
         return 0.0, 0.0
     scored = scored & known
-    base = result.baseline_nrmse
-    if (result.held_out | result.fitted)[~known].any():
-        base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored, result.curves)
-    return rms((result.prediction - result.y)[scored]) / result.span(scored), base
+    base = fit.baseline_nrmse
+    if (fit.held_out | fit.fitted)[~known].any():
+        base = polynomial_nrmse(fit.u, fit.y, fit.fitted & known, scored, fit.curves)
+    return rms((fit.prediction - fit.y)[scored]) / fit.span(scored), base
 
 
-def _expected(result: Fit) -> float:
+def _expected(fit: Fit) -> float:
     """Error to expect on other inputs without noise, over the range of the output.
 
     The greatest of twice that on fitted data, four times that with a lag, that on held-out data,
     and that on held-out data over their own range, as far as it is more than twice the noise: a
     range may be small.
     """
-    parts, error = _parts(result), result.prediction - result.y
+    parts, error = _parts(fit), fit.prediction - fit.y
     square = {x: float(np.mean(error[parts[x]] ** 2)) for x in parts}
     fitted, held_out = square.get("fitted", 0.0), square.get("held-out", 0.0)
-    noise = noise_in(error[parts["fitted"]], result.y[parts["fitted"]]) ** 2 if fitted else 0.0
-    own = result.span(parts["held-out"]) if held_out else 1.0
-    more = _LATE if result.lag else _OVERFIT
+    noise = noise_in(error[parts["fitted"]], fit.y[parts["fitted"]]) ** 2 if fitted else 0.0
+    own = fit.span(parts["held-out"]) if held_out else 1.0
+    more = _LATE if fit.lag else _OVERFIT
     beyond = (
-        (more**2 * (fitted - noise), result.span(result.fitted)),
-        (held_out - noise, _whole(result)),
+        (more**2 * (fitted - noise), fit.span(fit.fitted)),
+        (held_out - noise, _whole(fit)),
         (held_out - _OVERFIT**2 * noise, own),
     )
     return max(float(np.sqrt(max(excess, 0.0))) / span for excess, span in beyond)
 
 
-def _falls(result: Fit) -> bool:
+def _falls(fit: Fit) -> bool:
     """Whether the output falls as the input rises, but no weight is negative."""
-    weights = result.model.weights
-    u, y = result.u[result.fitted], result.y[result.fitted]
+    weights = fit.model.weights
+    u, y = fit.u[fit.fitted], fit.y[fit.fitted]
     against = float(np.corrcoef(u, y)[0, 1]) < _FALLING if np.ptp(u) > 0 else False
     return against and bool((weights >= 0).all())
 
 
-def _clockwise(result: Fit) -> bool:
+def _clockwise(fit: Fit) -> bool:
     """Whether the output comes before the input, but no weight is negative."""
-    known = result.fitted & _known(result)
-    late = lateness(result.u, result.y, known, result.curves)
+    known = fit.fitted & _known(fit)
+    late = lateness(fit.u, fit.y, known, fit.curves)
     sure = late * np.sqrt(np.count_nonzero(known)) < _SURE
-    return late < _CLOCKWISE and bool(sure and (result.model.weights >= 0).all())
+    return late < _CLOCKWISE and bool(sure and (fit.model.weights >= 0).all())
 
 
-def _numerics(result: Fit) -> Iterator[str]:
-    if result.kkt > active_set.ACCEPTABLE:
+def _numerics(fit: Fit) -> Iterator[str]:
+    if fit.kkt > active_set.ACCEPTABLE:
         yield (
-            f"the fit did not converge: the solver stopped at an optimality of {result.kkt:.1e}, "
+            f"the fit did not converge: the solver stopped at an optimality of {fit.kkt:.1e}, "
             f"above {active_set.ACCEPTABLE:.0e}; this is the best solution it found. Use fewer "
             "levels or a positive smoothness"
         )
-    elif not result.converged:
+    elif not fit.converged:
         yield (
             "the fit did not converge: the record hardly determines some of the weights, and "
             f"other values reduce the squared error by more than {UNSETTLED:.0e}. Use "
             "fewer levels or a positive smoothness"
         )
-    if not result.model.monotone:
+    if not fit.model.monotone:
         yield (
             "the model is not monotone and cannot be inverted; if the output falls as the input "
             "rises, reverse its sign; otherwise signed=False gives a model that can be inverted"
         )
+
+
+WARNINGS = (_findings, _input_codes, _errors)
+"""Rules for which a model is not to be trusted; each gives sentences about a fit."""
+REMARKS = (_codes, _outliers, _residual, _lag, _excitation, _accuracy, _numerics)
+"""Other rules, most important first."""
+
+
+def fault_warnings(fit: Fit) -> Iterator[str]:
+    """Give the part of the advice about faults of actuator, sensor or sign."""
+    for rule in (_findings, _codes, _outliers):
+        yield from rule(fit)
+    if _falls(fit):
+        yield _FALLS

@@ -213,7 +213,7 @@ class Viscosity:
                 if one.error < _BETTER * best.error:
                     best = one
             say(f"fitting all rows with the law {best.law!r}")
-            return replace(search.result(best, tried), told=told)
+            return replace(search.result(best, tried), told=told, record=record)
 
 
 def _both(tried: Sequence[TriedLaw]) -> list[tuple[str, FloatArray]]:
@@ -538,6 +538,7 @@ class _Search:
             u=self.record.u,
             y=self.record.y,
             fitted=self.record.fitted,
+            held_out=np.zeros_like(self.record.fitted),
             left_out=self.record.left_out,
             curves=self.record.curves,
             groups=self.record.groups,

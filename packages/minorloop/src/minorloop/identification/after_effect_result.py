@@ -1,25 +1,25 @@
-"""Result of the identification of an operator with after-effect."""
+"""An operator with after-effect fitted to a record: its scores, advice and bands."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_waveform, writable
 from minorloop.errors import counted
-from minorloop.figures import Drawn
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.model_error import NORMAL_PARTS
-from minorloop.identification.preparation import NOTHING, RecordAdvice
+from minorloop.identification.result import Fit, Rule, ScoreRow, of_range
 from minorloop.operators import _after_effect_kernels as _kernels
 from minorloop.operators.after_effect import AfterEffect, State
 from minorloop.operators.inversion import Inversion, Unreachable
+from minorloop.report import Picture, Report
 
 _WIDTH = 0.06
 _BINS = 60
@@ -61,25 +61,83 @@ class Uncertain(Protocol):
         """Variance (T,) of the output along an input."""
 
 
-@dataclass(frozen=True, eq=False)
-class AfterEffectIdentification(Drawn):
+def _gaps(fit: AfterEffectIdentification) -> Iterator[str]:
+    """Name gaps of the times in which the input changes."""
+    moved = np.abs(np.diff(fit.u)) > _CHANGE * float(np.ptp(fit.u))
+    moved[fit.curves.begins[1:] - 1] = False
+    long = np.flatnonzero(isolated_long(np.diff(fit.t)) & moved)
+    if long.size:
+        row = int(long[0])
+        yield (
+            f"the input changes in {counted(long.size, 'gap')} of the times, first from "
+            f"{fit.u[row]:.4g} to {fit.u[row + 1]:.4g} between {fit.t[row]:.6g} and "
+            f"{fit.t[row + 1]:.6g} s; it counts as changed at the beginning of the gap, so give a "
+            "row where it really changed"
+        )
+
+
+def _next_holds(fit: AfterEffectIdentification) -> Iterator[str]:
+    """Say which holds to measure next."""
+    ratio = fit.left_out_error / fit.without_time if fit.without_time else 1.0
+    if fit.law == "none" or ratio > _CREEPS:
+        yield (
+            "time explains nothing in this record beyond the hysteresis; to see after-effect, "
+            "hold the input at a few reversals ten times as long as now"
+        )
+        return
+    longest, model = longest_hold(fit.t, fit.u, fit.curves), fit.model
+    likely = [one.settling for one, share in fit.settlings if share > _LIKELY]
+    least, most = (pick([model.settling, *likely]) for pick in (min, max))
+    if most > longest and not fit.law.startswith("viscous"):
+        seconds = f"{least:.3g} to {most:.3g}" if likely else f"{most:.3g}"
+        yield (
+            f"the effective input settles in {seconds} s, and no hold is longer than {longest:.3g} "
+            "s; for predictions beyond it, hold a few reversals that long"
+        )
+    if model.times.size and np.abs(model.creep[-1]).sum() > np.abs(model.creep[:-1]).sum():
+        yield (
+            f"most creep has the longest time constant, {model.times[-1]:.3g} s; hold longer to "
+            "separate it from drift"
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class AfterEffectIdentification(Fit[AfterEffect]):
     """An operator with after-effect identified from a record."""
 
-    model: AfterEffect
-    """The operator."""
+    HEADLINE: ClassVar[str] = (
+        "{output} against {input} and time: Preisach, {fit.model.plane.bands} bands"
+    )
+    CAPTION: ClassVar[str] = "Record, loop, residual, and laws compared."
+    SCORES: ClassVar[tuple[ScoreRow, ...]] = (
+        ScoreRow("law", "law", "law"),
+        ScoreRow("nrmse", "nrmse", "error on fitted data", of_range, kept=True),
+        ScoreRow("left_out_nrmse", "left_out_error", "error on rows left out", of_range, kept=True),
+        ScoreRow(
+            "left_out_nrmse_without_time", "without_time", "  without time", of_range, kept=True
+        ),
+        ScoreRow("settling", "model.settling"),
+        ScoreRow("", "_settling_text", "settling time"),
+        ScoreRow("field", "model.field"),
+        ScoreRow("", "_field_text", "fluctuation field"),
+        ScoreRow("times", "model.times"),
+        ScoreRow("creep", lambda fit: [float(one.sum()) for one in fit.model.creep]),
+        ScoreRow("laws", lambda fit: {one.law: one.error for one in fit.tried}),
+        ScoreRow("range", lambda fit: list(fit.model.range)),
+        ScoreRow("samples", lambda fit: int(fit.fitted.sum()), "samples fitted"),
+        ScoreRow("levels", "model.plane.bands"),
+    )
+    WARNINGS: ClassVar[tuple[Rule, ...]] = (_gaps,)
+    REMARKS: ClassVar[tuple[Rule, ...]] = (_next_holds,)
+
+    t: FloatArray
+    """Shape (T,). Time of each row in seconds."""
     law: str
     """The law of its change with time."""
     tried: tuple[TriedLaw, ...]
     """All laws that were compared."""
-    t: FloatArray
-    u: FloatArray
-    y: FloatArray
-    """Shape (T,). The record."""
-    fitted: BoolArray
     left_out: BoolArray
-    """Shape (T,). Rows that were fitted, and those of them that were left out to compare laws."""
-    curves: Curves
-    """Where the memory is reset."""
+    """Shape (T,). Fitted rows that were left out to compare laws."""
     without: AfterEffect
     """The operator fitted without the rows left out."""
     directions: tuple[tuple[AfterEffect, AfterEffect], ...] = ()
@@ -91,11 +149,6 @@ class AfterEffectIdentification(Drawn):
     """Shape (T,). Number of the run of each row."""
     weights: Uncertain | None = None
     """Uncertainty of the weights."""
-    lag: int = 0
-    lag_seconds: float = 0.0
-    """Lag of the output in rows and in seconds, for model files: none."""
-    told: RecordAdvice = NOTHING
-    """What was found in the record as it was read."""
 
     @cached_property
     def prediction(self) -> FloatArray:
@@ -103,10 +156,10 @@ class AfterEffectIdentification(Drawn):
         return along(self.model, self.t, self.u, self.curves)
 
     @property
-    def nrmse(self) -> float:
-        """Root-mean-square error of the fitted rows over the range of the output."""
-        error = (self.prediction - self.y)[self.fitted]
-        return float(np.sqrt(np.mean(error**2))) / self._range
+    def unknowns(self) -> int:
+        """Weights of the plane, and of its creep for each time constant."""
+        bands = self.model.plane.bands
+        return (1 + self.model.times.size) * bands * (bands + 1) // 2
 
     @property
     def left_out_error(self) -> float:
@@ -119,57 +172,43 @@ class AfterEffectIdentification(Drawn):
         return self.tried[0].error
 
     @property
-    def scores(self) -> Mapping[str, float | None]:
-        """Scores that a model file keeps."""
-        return {
-            "nrmse": self.nrmse,
-            "left_out_nrmse": self.left_out_error,
-            "left_out_nrmse_without_time": self.without_time,
-        }
+    def _settling_text(self) -> str:
+        return f"{self.model.settling:.4g} s" if self.model.field.size else ""
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Why the model is not to be trusted."""
-        moved = np.abs(np.diff(self.u)) > _CHANGE * float(np.ptp(self.u))
-        moved[self.curves.begins[1:] - 1] = False
-        long = np.flatnonzero(isolated_long(np.diff(self.t)) & moved)
-        if not long.size:
-            return ()
-        row = int(long[0])
+    def _field_text(self) -> str:
+        field = self.model.field
+        return f"{field.min():.4g} to {field.max():.4g}" if field.size else ""
+
+    def _further_rows(self) -> list[tuple[str, str]]:
+        model = self.model
+        whole = float(np.abs(model.settled.weights).sum()) or 1.0
+        creep = [
+            (f"creep, {time:.3g} s", f"{weights.sum() / whole:+.2%} of the weights")
+            for time, weights in zip(model.times, model.creep, strict=True)
+        ]
+        return creep + [
+            (f"law {one.law}", f"{one.error:.3%} on rows left out") for one in self.tried
+        ]
+
+    def _summary(self, source: str) -> str:
+        left, without = self.left_out_error, self.without_time
+        share = 1 - (left / without) ** 2 if without else 0.0
         return (
-            f"the input changes in {counted(long.size, 'gap')} of the times, first from "
-            f"{self.u[row]:.4g} to {self.u[row + 1]:.4g} between {self.t[row]:.6g} and "
-            f"{self.t[row + 1]:.6g} s; it "
-            "counts as changed at the beginning of the gap, so give a row where it really changed",
+            f"Identified from {int(self.fitted.sum())} rows of {source}. On rows that were left "
+            f"out, the error is {left:.3%} of the range, and {without:.3%} without time: time "
+            f"explains {max(share, 0.0):.0%} of what hysteresis leaves."
         )
 
-    @property
-    def advice(self) -> tuple[str, ...]:
-        """Warnings, and what to measure next."""
-        said = [*self.warnings, *self.told.notes]
-        ratio = self.left_out_error / self.without_time if self.without_time else 1.0
-        if self.law == "none" or ratio > _CREEPS:
-            said.append(
-                "time explains nothing in this record beyond the hysteresis; to see after-effect, "
-                "hold the input at a few reversals ten times as long as now"
-            )
-            return tuple(said)
-        longest = longest_hold(self.t, self.u, self.curves)
-        model = self.model
-        likely = [one.settling for one, share in self.settlings if share > _LIKELY]
-        least, most = (pick([model.settling, *likely]) for pick in (min, max))
-        if most > longest and not self.law.startswith("viscous"):
-            seconds = f"{least:.3g} to {most:.3g}" if likely else f"{most:.3g}"
-            said.append(
-                f"the effective input settles in {seconds} s, and no hold is longer than "
-                f"{longest:.3g} s; for predictions beyond it, hold a few reversals that long"
-            )
-        if model.times.size and np.abs(model.creep[-1]).sum() > np.abs(model.creep[:-1]).sum():
-            said.append(
-                f"most creep has the longest time constant, {model.times[-1]:.3g} s; hold longer "
-                "to separate it from drift"
-            )
-        return tuple(said)
+    def _add_to(self, report: Report, labels: Mapping[str, str], of: str = "") -> None:
+        super()._add_to(report, labels, of)
+        report.add(
+            "Model",
+            text="The loop of inputs that are held for long, and how the output settles in holds.",
+            pictures=[
+                Picture(self.model.plot(**labels), "Settled loop, and holds on the way down.")
+            ],
+        )
 
     def predict(
         self,
@@ -204,35 +243,6 @@ class AfterEffectIdentification(Drawn):
         return self.model.invert(
             t, targets, self.curves.start if start is None else start, unreachable
         )
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """What was found, for tables: names and values."""
-        rows = [
-            ("law", self.law),
-            ("error", f"{self.nrmse:.3%} of range"),
-            ("error on rows left out", f"{self.left_out_error:.3%}"),
-            ("  without time", f"{self.without_time:.3%}"),
-        ]
-        model = self.model
-        if model.field.size:
-            field = f"{model.field.min():.4g} to {model.field.max():.4g}"
-            rows.append(("fluctuation field", field))
-            rows.append(("settling time", f"{model.settling:.4g} s"))
-        whole = float(np.abs(model.settled.weights).sum()) or 1.0
-        for time, weights in zip(model.times, model.creep, strict=True):
-            rows.append((f"creep, {time:.3g} s", f"{weights.sum() / whole:+.2%} of the weights"))
-        for one in self.tried:
-            rows.append((f"law {one.law}", f"{one.error:.3%} on rows left out"))
-        return rows
-
-    def __str__(self) -> str:
-        text = [f"{name:<24} {value}" for name, value in self.rows]
-        return "\n".join([*text, *(f"advice: {said}" for said in self.advice)])
-
-    @property
-    def _range(self) -> float:
-        return float(np.ptp(self.y[self.fitted])) or 1.0
 
     def _deviation(self, t: FloatArray, u: FloatArray, curves: Curves) -> FloatArray:
         """Standard deviation (T,) of the output along an input."""

@@ -18,7 +18,7 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.cascade import filtered_inverse
 from minorloop.dynamics.creep import Creep, fit_creep
 from minorloop.identification.dynamic_parts import DynamicParts, DynamicRecord
-from minorloop.identification.result import Identification
+from minorloop.identification.plane_result import Identification
 from minorloop.operators.preisach import Preisach
 
 Static: TypeAlias = Callable[[FloatArray, FloatArray], Identification]

@@ -1,22 +1,33 @@
 """What the bands of a model follow from, beside the model: all that a model file keeps of a fit."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, IntArray
+from minorloop._modelschema import BandsPart, ErrorPart, reason, square
+from minorloop.arrays import FloatArray, IntArray, as_levels, frozen
+from minorloop.errors import ModelFileError, ParameterError
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.bands import BAND
 from minorloop.identification.curves import Curves
-from minorloop.identification.model_error import ModelError
-from minorloop.identification.posterior import Posterior
+from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.model_error import ModelError, Reach
+from minorloop.identification.posterior import DensePosterior, Posterior
+from minorloop.identification.prior import Hyperparameters
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Diagonal, Preisach
 
 _PIECES = 8
 """Pieces of a branch of the major loop of which the steepest counts: a jump is not a slope."""
-COARSE = 12
+_COARSE = 12
 """Bands of the plane of a posterior in a file: its deviations are those of 25 bands to a tenth."""
+_QUANTILES = 51
+"""Quantiles of the errors over their standard deviations that a file keeps: steps of 2 %."""
+_DIGITS = 6
+"""Significant digits of what bands follow from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +44,42 @@ class BandModel:
     """Whether the readings are of another group."""
     shown: float
     """Mean of `within_cells` on the fitted samples, whose errors contain it."""
+
+    def in_file(self) -> dict[str, Any]:
+        """Return what a model file keeps."""
+        posterior, error = self.posterior.coarse(_COARSE), self.error
+        spec = posterior.spec
+        return {
+            "levels": spec.levels.tolist(),
+            "offset": spec.offset,
+            "slope": spec.slope,
+            "factor": [_short(row[: i + 1]) for i, row in enumerate(posterior.factor)],
+            "unit": posterior.unit,
+            "samples": posterior.samples,
+            "discrepancy": posterior.hyperparameters.discrepancy,
+            "noise": self.noise,
+            "shown": self.shown,
+            "grouped": self.grouped,
+            "error": None if error is None else _error_in_file(error),
+        }
+
+    @classmethod
+    def of_file(cls, part: BandsPart, model: Preisach) -> BandModel:
+        """Return what bands follow from as a model file has it.
+
+        Raises a `ModelFileError` if the numbers contradict each other.
+        """
+        try:
+            spec = PlaneSpec(
+                as_levels(part.levels), model.relay, model.diagonal, part.offset, part.slope
+            )
+            h = Hyperparameters(discrepancy=part.discrepancy)
+            factor = square(part.factor, spec.unknowns, "factors")
+            posterior = DensePosterior(spec, h, part.unit, part.samples, 0.0, dense=factor)
+            error = None if part.error is None else _error(part.error)
+        except ValueError as wrong:
+            raise ModelFileError(f"the bands are not valid: {reason(wrong)}") from None
+        return cls(posterior, part.noise, error, part.grouped, part.shown)
 
     def deviation(
         self,
@@ -101,3 +148,36 @@ def beyond(model: Preisach, u: FloatArray) -> FloatArray:
         steepest = float(np.abs(np.diff(branches)).max()) * _PIECES / (high - low)
         overshoot *= steepest
     return overshoot
+
+
+def _error_in_file(error: ModelError) -> dict[str, Any]:
+    spec = error.reach.spec
+    reached = error.reach.distance[:-1] == 0
+    rows = np.split(reached, np.cumsum(np.arange(1, spec.bands)))
+    return {
+        "parts": error.parts,
+        "levels": spec.levels.tolist(),
+        "reached": ["".join("01"[one] for one in row.astype(int)) for row in rows],
+        "factors": _short(error.factors),
+        "scores": _short(np.quantile(error.scores, np.linspace(0, 1, _QUANTILES))),
+        "inputs": _short(error.inputs),
+        "variance": _short(error.variance),
+    }
+
+
+def _short(values: FloatArray) -> list[float]:
+    return [float(f"{value:.{_DIGITS}g}") for value in values.tolist()]
+
+
+def _error(part: ErrorPart) -> ModelError:
+    spec = PlaneSpec(as_levels(part.levels))
+    lengths = [len(row) for row in part.reached]
+    if lengths != list(range(1, spec.bands + 1)) or set("".join(part.reached)) - set("01"):
+        raise ParameterError("reached must have a text of 0 and 1 for each row up to the diagonal")
+    reached = np.flatnonzero([one == "1" for one in "".join(part.reached)])
+    numbers = {name: frozen(getattr(part, name)) for name in ("factors", "scores", "variance")}
+    if any((values < 0).any() for values in numbers.values()) or (
+        len(part.inputs) != len(part.variance) or (np.diff(part.inputs) <= 0).any()
+    ):
+        raise ParameterError("variances must be >= 0, one for each input, and inputs increase")
+    return ModelError(part.parts, Reach.of(spec, reached), inputs=frozen(part.inputs), **numbers)

@@ -13,15 +13,15 @@ be square.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, overload
+from typing import Any, ClassVar, Final, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Levels, Samples, as_finite, as_levels
 from minorloop.errors import ParameterError
-from minorloop.figures import Drawn
 from minorloop.identification.bands import BAND, Prediction, as_probability
+from minorloop.identification.result import Scored, ScoreRow
 from minorloop.identification.ridge import KINDS, Kind, Ridge
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
@@ -60,9 +60,22 @@ _ROUNDING = 1e-6
 search ended at a jump, where the remanence cannot be met."""
 
 
-@dataclass(frozen=True, eq=False)
-class DataSheetModel(Drawn):
+@dataclass(frozen=True, eq=False, repr=False)
+class DataSheetModel(Scored):
     """A model of a material of which only the major loop is known."""
+
+    SCORES: ClassVar[tuple[ScoreRow, ...]] = (
+        ScoreRow("coercivity", "coercivity", "coercivity", "{:.6g}", kept=True),
+        ScoreRow("remanence", "remanence", "remanence", "{:.6g}", kept=True),
+        ScoreRow("saturation", "saturation", "saturation", "{:.6g}", kept=True),
+        ScoreRow("field", "field", "at an input of", "{:.6g}", kept=True),
+        ScoreRow(
+            "band_half_width", "half_width", "90 % band, mean half width", "{:.3g}", kept=True
+        ),
+        ScoreRow("", "worst_half_width", "its half width at worst", "{:.3g}"),
+        ScoreRow("ridges", lambda found: len(found.ridges), "ridges with this loop"),
+        ScoreRow("range", lambda found: list(found.model.range)),
+    )
 
     model: Preisach
     """Mean of the planes; it has the given loop."""
@@ -85,15 +98,9 @@ class DataSheetModel(Drawn):
         return 0.0
 
     @property
-    def scores(self) -> dict[str, float | None]:
-        """The given loop and the mean width of the bands, which a model file keeps."""
-        return {
-            "coercivity": self.coercivity,
-            "remanence": self.remanence,
-            "saturation": self.saturation,
-            "field": self.field,
-            "band_half_width": self.half_width,
-        }
+    def figures(self) -> dict[str, Any]:
+        """All scores and warnings by name, as ``--json`` prints them; they are the advice."""
+        return {name: value for name, value in super().figures.items() if name != "advice"}
 
     @cached_property
     def half_width(self) -> float:
@@ -111,7 +118,7 @@ class DataSheetModel(Drawn):
         loops = np.concatenate([self.loop(amplitude) for amplitude in sorted(amplitudes)])
         return self.predict(loops, bands=BAND).half_width
 
-    @property
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What a file of this model says: it has no bands."""
         mean, worst = self.half_width / self.saturation, self.worst_half_width / self.saturation
@@ -170,22 +177,6 @@ class DataSheetModel(Drawn):
             off = replace(self.model, weights=weights).simulate(u, start) - y
             square += (off / self.saturation) ** 2 / len(self.ridges)
         return np.asarray(self.saturation * np.sqrt(square))
-
-    def summary(self) -> list[tuple[str, str]]:
-        """Return the rows of a table, label and value."""
-        return [
-            ("coercivity", f"{self.coercivity:.6g}"),
-            ("remanence", f"{self.remanence:.6g}"),
-            ("saturation", f"{self.saturation:.6g} at {self.field:.6g}"),
-            ("ridges with this loop", f"{len(self.ridges)}"),
-            (
-                "90 % band, half width",
-                f"{self.half_width:.3g} on average, {self.worst_half_width:.3g} at worst",
-            ),
-        ]
-
-    def __str__(self) -> str:
-        return "\n".join(f"{name:<24} {value}" for name, value in self.summary())
 
 
 def from_loop(

@@ -34,7 +34,7 @@ from minorloop.operators.preisach import Diagonal
 from minorloop.threads import one_thread
 
 if TYPE_CHECKING:
-    from minorloop.identification.result import Identification
+    from minorloop.identification.plane_result import Identification
 
 CANDIDATES = 21
 """Candidates for the next input, evenly over the allowed range."""

@@ -1,27 +1,34 @@
-"""Result of the identification of an operator with dynamics."""
+"""An operator with dynamics fitted to a record: its scores and advice."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import FloatArray
 from minorloop.dynamics.cascade import Cascade, CascadeInversion
 from minorloop.errors import counted
-from minorloop.figures import Drawn
-from minorloop.identification.accuracy import Accuracy, accuracy, scores_of
 from minorloop.identification.baseline import percent
-from minorloop.identification.preparation import NOTHING, RecordAdvice
-from minorloop.identification.result import Identification
-from minorloop.identification.scores import accuracy_rows
+from minorloop.identification.plane_result import Identification
+from minorloop.identification.result import ERRORS, MORE_ERRORS, Fit, Rule, ScoreRow
+from minorloop.modelfile import plain
 from minorloop.operators.inversion import Unreachable
 from minorloop.operators.memory import Start
+from minorloop.report import Report, Table
 
 _SHORT = 3.0
 """Time constants that a record must be long."""
+_OF_OPERATOR = (
+    *("samples fitted", "samples held out", "rows skipped", "unknowns", "free parameters"),
+    *("effective parameters", "rank", "cells excited", "optimality (KKT)"),
+    "standard deviation predicted",
+)
+"""Scores of the operator that are shown beside dynamics."""
 
 
 @dataclass(frozen=True)
@@ -60,91 +67,190 @@ class TriedDynamics:
         return f"{self.what}, dead time {self.dead_time:.3g} s: {error}"
 
 
-@dataclass(frozen=True, eq=False)
-class DynamicIdentification(Drawn):
+def _times(fit: DynamicIdentification) -> Iterator[str]:
+    """Say which time constants the record does not determine."""
+    times, interval, seconds = fit.times, float(fit.t[1] - fit.t[0]), float(fit.t[-1])
+    if times.size and times[-1] < interval:
+        yield (
+            f"the fastest time constant is {times[-1]:.3g} s and the sampling interval "
+            f"{interval:.3g} s; sample faster to know it"
+        )
+    if times.size and _SHORT * times[0] > seconds:
+        yield (
+            f"the slowest time constant is {times[0]:.3g} s and the record {seconds:.3g} s "
+            "long; record three time constants at least"
+        )
+
+
+def _startup(fit: DynamicIdentification) -> Iterator[str]:
+    """Say what to do about first rows that the other rows do not predict."""
+    if fit.startup and fit.startup_fitted:
+        yield (
+            f"the first {fit.startup} rows move the output as no later row does, so nothing "
+            "shows whether the memory was known before them: if the actuator was not moved "
+            "over its whole range and back before the record, leave them out with "
+            f"skip={fit.startup} (--skip {fit.startup}); or record large loops twice"
+        )
+    elif fit.startup:
+        yield (
+            f"the first {fit.startup} rows are not fitted: with them the other rows fit "
+            "worse, so the record seems to begin with another memory than the model assumes, "
+            "such as that of an actuator that rested for long; move it over its whole range "
+            "and back before the record, or give the start state that it has (--start)"
+        )
+
+
+def _structure(fit: DynamicIdentification) -> Iterator[str]:
+    """Say whether the structure is sure, and needed."""
+    near = [one for one in fit.tried if one.near]
+    if near:
+        yield (
+            f"the structure of the dynamics is too close to call: {near[0].what} and "
+            f"{fit.best.what} are equally good on left-out pieces of the record; record "
+            "faster or larger reversals, or give the order that the physics has, such as "
+            'first="operator" (--dynamics operator)'
+        )
+    if not fit.dynamic:
+        yield "with dead time, poles or creep the model is no better than with the operator alone"
+
+
+def _compared(one: TriedDynamics) -> str:
+    near = ", as good" if one.near else ""
+    return f"{one.what}: {percent(one.error)} of range on left-out pieces{near}"
+
+
+def _of_static(score: ScoreRow) -> ScoreRow:
+    """Return a score of the operator as one of the whole fit."""
+    label = score.label if score.label in _OF_OPERATOR else ""
+    name = "" if score.name in ("chosen", *(one.name for one in _ERRORS)) else score.name
+    return replace(
+        score, value=lambda fit: score.of(fit.static), label=label, name=name, kept=False
+    )
+
+
+def _figures(fit: DynamicIdentification) -> dict[str, Any]:
+    """Dynamics as ``--json`` prints them."""
+    model = fit.model
+    return {
+        "first": model.first,
+        "ahead": None if model.ahead is None else plain(model.ahead),
+        "numerator": model.linear.numerator,
+        "denominator": model.linear.denominator,
+        "dead_time": model.linear.delay,
+        "time_constants": model.linear.time_constants,
+        "creep": None if model.creep is None else plain(model.creep),
+        "tried": [asdict(one) for one in fit.tried],
+    }
+
+
+_ERRORS = (*ERRORS, *MORE_ERRORS)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class DynamicIdentification(Fit[Cascade]):
     """An operator with dead time, linear dynamics and creep, identified from a record."""
 
-    model: Cascade
-    """The model. Its linear part has DC gain 1, and so has its creep."""
+    HEADLINE: ClassVar[str] = (
+        "{output} against {input}: Preisach, {fit.static.model.bands} bands, with dynamics"
+    )
+    CAPTION: ClassVar[str] = (
+        "The record with the model, held-out samples shaded; the operator alone, which is the "
+        "output for slow inputs; the residual; the unit step response of the dynamics."
+    )
+    SCORES: ClassVar[tuple[ScoreRow, ...]] = (
+        *ERRORS,
+        ScoreRow("", "_order", "order"),
+        ScoreRow("", "_times_text", "time constants"),
+        ScoreRow("", lambda fit: fit.model.linear.delay or None, "dead time", "{:.4g} s", "none"),
+        *MORE_ERRORS,
+        ScoreRow("", "resonance", "resonance", "{0[0]:.4g} Hz, damping ratio {0[1]:.3g}"),
+        ScoreRow("", "_creep_text", "creep"),
+        ScoreRow("", "best", "chosen", _compared),
+        ScoreRow("", "runner_up", "runner-up", _compared),
+        ScoreRow("dynamics", _figures),
+        ScoreRow("chosen", lambda fit: list(fit.chosen)),
+        *map(_of_static, Identification.SCORES),
+    )
+    WARNINGS: ClassVar[tuple[Rule, ...]] = (lambda fit: iter(fit.static.warnings),)
+    REMARKS: ClassVar[tuple[Rule, ...]] = (
+        lambda fit: iter(fit.static.advice),
+        *(_times, _startup, _structure),
+    )
+
+    t: FloatArray
+    """Shape (T,). Time of each row in seconds."""
     static: Identification
     """The operator, with what it alone would have given plus the residual of the model, and the
     measured outputs, over whose range its errors are given."""
-    t: FloatArray
-    u: FloatArray
-    y: FloatArray
-    """Shape (T,). The record; y is NaN where nothing was measured."""
-    fitted: BoolArray
-    held_out: BoolArray
-    """Shape (T,). Samples that were fitted, and samples that were held out."""
     tried: tuple[TriedDynamics, ...]
     """Dynamics that were compared."""
     startup: int = 0
     """Number of first rows that the other rows do not predict; 0 if there are none."""
     startup_fitted: bool = True
     """Whether these are fitted all the same, because they make the model of the others no worse."""
-    told: RecordAdvice = NOTHING
-    """What was found in the record as it was read."""
 
     @cached_property
     def prediction(self) -> FloatArray:
         """(T,) outputs of the model along the record."""
         return self.predict(self.t, self.u)
 
-    @cached_property
-    def accuracy(self) -> Accuracy:
-        """Errors on the fitted samples."""
-        return accuracy(self.u, self.y, self.prediction, self.fitted, self.static.curves)
-
-    @cached_property
-    def holdout_accuracy(self) -> Accuracy | None:
-        """Errors on the samples held out; None if none were."""
-        if not self.held_out.any():
-            return None
-        return accuracy(self.u, self.y, self.prediction, self.held_out, self.static.curves)
-
     @property
-    def nrmse(self) -> float:
-        """Error on the fitted samples, over their range."""
-        return self.accuracy.nrmse
-
-    @property
-    def holdout_nrmse(self) -> float | None:
-        """Error on the samples held out, over their range; None if none were."""
-        return None if self.holdout_accuracy is None else self.holdout_accuracy.nrmse
-
-    @property
-    def lag(self) -> int:
-        """0: dead time is a part of the model."""
-        return 0
-
-    @property
-    def lag_seconds(self) -> float:
-        """0, as `lag`."""
-        return 0.0
-
-    @property
-    def scores(self) -> dict[str, float | None]:
-        """Scores that a model file keeps; those on held-out samples are None if there are none."""
-        return scores_of(self.accuracy, self.holdout_accuracy)
+    def unknowns(self) -> int:
+        """Weights of the operator, and its offset and slope where fitted."""
+        return self.static.unknowns
 
     @property
     def dynamic(self) -> bool:
         """Whether there are dead time, poles or creep."""
         delay = self.model.linear.delay
-        return self._times.size > 0 or delay > 0 or self.model.creep is not None
+        return self.times.size > 0 or delay > 0 or self.model.creep is not None
 
     @property
-    def _times(self) -> FloatArray:
-        """Time constants before and behind the operator, slowest first."""
+    def times(self) -> FloatArray:
+        """Time constants before and behind the operator in seconds, slowest first."""
         parts = [part for part in (self.model.ahead, self.model.linear) if part is not None]
         return np.sort(np.concatenate([part.time_constants for part in parts]))[::-1]
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """What was chosen and not given: columns of the record and options, one sentence each."""
+        return (*self.of_record.chosen, *self.static.chosen)
+
+    @property
+    def details(self) -> tuple[str, ...]:
+        """Lines that are printed behind the scores."""
+        return (*(f"tried {one}" for one in self.tried), *super().details)
+
+    @property
+    def best(self) -> TriedDynamics:
+        """The dynamics that were chosen."""
+        return next(one for one in self.tried if one.chosen)
+
+    @property
+    def runner_up(self) -> TriedDynamics | None:
+        """The best of the structures that do not contain the chosen one; None without one.
+
+        One that contains it, with more poles, is always nearly as good.
+        """
+        chosen = self.best.structure
+        others = [
+            one
+            for one in self.tried
+            if any(a < b for a, b in zip(one.structure, chosen, strict=True))
+        ]
+        return min(others, key=lambda one: one.error, default=None)
+
+    @property
+    def saved(self) -> Fit[Any]:
+        """The operator alone if there are no dynamics."""
+        return self if self.dynamic else self.static
 
     def predict(self, t: npt.ArrayLike, u: npt.ArrayLike) -> FloatArray:
         """Predict the outputs for another input, as `Result.predict`.
 
         u[k] is applied from the sample before; the first has been applied for long.
         """
-        return self.model.simulate(t, u, self.static.start)
+        return self.model.simulate(t, u, self.curves.start)
 
     def invert(
         self,
@@ -164,134 +270,68 @@ class DynamicIdentification(Drawn):
         return self.model.invert(
             t,
             targets,
-            self.static.start if start is None else start,
+            self.curves.start if start is None else start,
             before=before,
             filter_time=filter_time,
             unreachable=unreachable,
             between="held",
         )
 
-    @cached_property
-    def advice(self) -> tuple[str, ...]:
-        """Sentences about what is weak and what to do; empty if nothing is weak."""
-        texts = list(self.static.advice)
-        times = self._times
-        interval, seconds = float(self.t[1] - self.t[0]), float(self.t[-1])
-        if times.size and times[-1] < interval:
-            texts.append(
-                f"the fastest time constant is {times[-1]:.3g} s and the sampling interval "
-                f"{interval:.3g} s; sample faster to know it"
-            )
-        if times.size and _SHORT * times[0] > seconds:
-            texts.append(
-                f"the slowest time constant is {times[0]:.3g} s and the record {seconds:.3g} s "
-                "long; record three time constants at least"
-            )
-        if self.startup and self.startup_fitted:
-            texts.append(
-                f"the first {self.startup} rows move the output as no later row does, so nothing "
-                "shows whether the memory was known before them: if the actuator was not moved "
-                "over its whole range and back before the record, leave them out with "
-                f"skip={self.startup} (--skip {self.startup}); or record large loops twice"
-            )
-        elif self.startup:
-            texts.append(
-                f"the first {self.startup} rows are not fitted: with them the other rows fit "
-                "worse, so the record seems to begin with another memory than the model assumes, "
-                "such as that of an actuator that rested for long; move it over its whole range "
-                "and back before the record, or give the start state that it has (--start)"
-            )
-        near = [one for one in self.tried if one.near]
-        if near:
-            texts.append(
-                f"the structure of the dynamics is too close to call: {near[0].what} and "
-                f"{self._chosen.what} are equally good on left-out pieces of the record; record "
-                "faster or larger reversals, or give the order that the physics has, such as "
-                'first="operator" (--dynamics operator)'
-            )
-        if not self.dynamic:
-            texts.append(
-                "with dead time, poles or creep the model is no better than with the operator alone"
-            )
-        static = self.static
-        samples = bool(static.findings or static.codes or static.suspects)
-        return self.told.with_model(self.warnings, texts, samples=samples)
+    @property
+    def _names_samples(self) -> bool:
+        return self.static._names_samples
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """The part of the advice that says why the model is not to be trusted."""
-        return (*self.told.warnings, *self.static.warnings)
-
-    @property
-    def chosen(self) -> tuple[str, ...]:
-        """What was chosen and not given: columns of the record and options, one sentence each."""
-        return (*self.told.chosen, *self.static.chosen)
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """Rows of a table, label and value: errors, then dynamics."""
-        linear, creep, held = self.model.linear, self.model.creep, self.holdout_nrmse
-        order = "dynamics, then operator"
-        sides = [("time constants", linear)]
+    def _order(self) -> str:
         if self.model.ahead is not None:
-            order = "dynamics, operator, dynamics"
-            sides = [("time constants before", self.model.ahead), ("time constants behind", linear)]
-        elif self.model.first == "operator":
-            order = "operator, then dynamics"
-        rows = [
-            ("error on fitted data", f"{percent(self.nrmse)} of range"),
-            ("error on held-out data", "-" if held is None else f"{percent(held)} of range"),
-            *accuracy_rows(self.accuracy, self.holdout_accuracy),
-            ("order", order),
-            *self._runner_up(),
-            *((name, _seconds(part.time_constants)) for name, part in sides),
-            ("dead time", f"{linear.delay:.4g} s" if linear.delay else "none"),
-        ]
-        poles = np.concatenate([part.poles for _, part in sides])
+            return "dynamics, operator, dynamics"
+        operator = self.model.first == "operator"
+        return "operator, then dynamics" if operator else "dynamics, then operator"
+
+    @property
+    def _times_text(self) -> str:
+        behind = _seconds(self.model.linear.time_constants)
+        if self.model.ahead is None:
+            return behind
+        return f"before: {_seconds(self.model.ahead.time_constants)}; behind: {behind}"
+
+    @property
+    def resonance(self) -> tuple[float, float] | None:
+        """Frequency in Hz and damping ratio of the first oscillation; None if there is none."""
+        parts = [part.poles for part in (self.model.ahead, self.model.linear) if part is not None]
+        poles = np.concatenate(parts)
         oscillating = poles[poles.imag > 0]
-        if oscillating.size:
-            size = abs(oscillating[0])
-            rows.append(("resonance", f"{size / (2 * np.pi):.4g} Hz"))
-            rows.append(("damping ratio", f"{-oscillating[0].real / size:.3g}"))
-        if creep is not None:
-            used = creep.times[creep.strengths > 0][[0, -1]]
-            within = " to ".join(dict.fromkeys(f"{time:.3g} s" for time in used))
-            rows.append(("creep", f"{creep.strengths.sum():.1%} of the output, within {within}"))
-        return rows
-
-    def _runner_up(self) -> list[tuple[str, str]]:
-        """Return rows on the choice and its runner-up; none where no other was tried."""
-        other = self.runner_up
-        if other is None:
-            return []
-        chosen = self._chosen
-        return [
-            ("chosen", f"{chosen.what}: {percent(chosen.error)} of range on left-out pieces"),
-            ("runner-up", f"{other.what}: {percent(other.error)}{', as good' * other.near}"),
-        ]
+        if not oscillating.size:
+            return None
+        size = abs(oscillating[0])
+        return float(size / (2 * np.pi)), float(-oscillating[0].real / size)
 
     @property
-    def _chosen(self) -> TriedDynamics:
-        return next(one for one in self.tried if one.chosen)
+    def _creep_text(self) -> str:
+        creep = self.model.creep
+        if creep is None:
+            return ""
+        used = creep.times[creep.strengths > 0][[0, -1]]
+        within = " to ".join(dict.fromkeys(f"{time:.3g} s" for time in used))
+        return f"{creep.strengths.sum():.1%} of the output, within {within}"
 
-    @property
-    def runner_up(self) -> TriedDynamics | None:
-        """The best of the structures that do not contain the chosen one; None without one.
+    def _summary(self, source: str) -> str:
+        held = self.holdout_nrmse
+        held_out = "" if held is None else f", {percent(held, 2)} on held-out data"
+        return (
+            f"A Preisach model of {self.static.model.bands} bands with dynamics, identified from "
+            f"{source}: {percent(self.nrmse, 2)} of range on fitted data{held_out}."
+        )
 
-        One that contains it, with more poles, is always nearly as good.
-        """
-        chosen = self._chosen.structure
-        others = [
-            one
-            for one in self.tried
-            if any(a < b for a, b in zip(one.structure, chosen, strict=True))
-        ]
-        return min(others, key=lambda one: one.error, default=None)
-
-    def __str__(self) -> str:
-        lines = [f"{name:<24} {value}" for name, value in self.rows]
-        tried = [f"tried: {one}" for one in self.tried]
-        return "\n".join([*lines, *tried, *(f"advice: {text}" for text in self.advice)])
+    def _add_to(self, report: Report, labels: Mapping[str, str], of: str = "") -> None:
+        super()._add_to(report, labels, of)
+        compared = [(one.what, f"{one.dead_time:.3g}", percent(one.error)) for one in self.tried]
+        report.add(
+            "Dynamics that were compared",
+            text=f"Chosen: {self.best.what}.",
+            table=Table(("", "dead time [s]", "error, of range"), compared),
+        )
+        self.static._add_to(report, labels, ": the operator, without dynamics")
 
 
 def _seconds(times: FloatArray) -> str:

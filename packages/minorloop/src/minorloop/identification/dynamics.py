@@ -24,9 +24,9 @@ from minorloop.identification.dynamic_parts import DynamicRecord
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 from minorloop.identification.dynamic_search import better, near, search, simplest, with_creep
 from minorloop.identification.fit import Plane, Say, silent
+from minorloop.identification.plane_result import Identification
 from minorloop.identification.preparation import NOTHING, moving_samples
 from minorloop.identification.regularisation import Gaussian, Prior, Smooth
-from minorloop.identification.result import Identification
 from minorloop.lab.records import Record
 from minorloop.threads import one_thread
 
@@ -121,15 +121,18 @@ class Dynamics:
         order: First | None = None if first == "auto" else first
         count = None if poles == "auto" else int(poles)
         with one_thread():
+            say("comparing dynamics")
             later = short.without(startup)
             tried = search(later, order, count, MOST_POLES, static)
             best = simplest(tried)
             if creep:
+                say("comparing creep")
                 crept = with_creep(later, tried, best, static, creep is True)
                 best = simplest(crept) if crept else best
                 tried = [*tried, *crept]
             spoilt, unlike = _startup(short, best, static) if startup else (False, False)
             skipped = startup if spoilt else 0
+            say("fitting operator and dynamics in turns")
             parts = moving.without(skipped), short.without(skipped)
             found, operator = _refined(*parts, best, plane, prior)
         cascade = found.dynamics.cascade(found.operator)
@@ -141,10 +144,12 @@ class Dynamics:
             y=moving.y,
             fitted=found.record.fitted,
             held_out=moving.held_out,
+            curves=operator.curves,
             tried=tuple(_summary(one, best) for one in tried),
             startup=startup if spoilt or unlike else 0,
             startup_fitted=not spoilt,
             told=told,
+            record=record,
         )
 
 

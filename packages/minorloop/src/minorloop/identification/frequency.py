@@ -19,6 +19,7 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.figures import Drawn
 from minorloop.identification.rational import ComplexArray, RationalFit, fit_response
 from minorloop.operators.operator import Operator
+from minorloop.report import Picture, Report, Table
 
 if TYPE_CHECKING:
     from minorloop.lab.records import Record
@@ -202,6 +203,46 @@ class FrequencyResponse(Drawn):
             ``order`` and ``zeros`` of `fit_response`.
         """
         return fit_response(self.frequencies, self._after, **options)
+
+    def report(self, source: str, names: tuple[str, str], notes: Sequence[str] = ()) -> Report:
+        """Return a report: a Bode plot and a table.
+
+        Parameters
+        ----------
+        source : str
+            Name of the store or log.
+        names : (str, str)
+            Name and unit of input and output, such as ``voltage [V]``.
+        notes : sequence of str
+            Advice.
+        """
+        several = self.after is not None and self.amplitudes.size > 1
+        spread = f" {self.gain_spread()}." if several else ""
+        report = Report(
+            f"Frequency response of {names[1]} to {names[0]}",
+            f"{source}: gain and phase of the fundamental component at {self.frequencies.size} "
+            f"frequencies and {self.amplitudes.size} amplitudes.{spread}".replace(". g", ". G"),
+        )
+        caption = "Gain and phase from input to output"
+        if self.after is not None:
+            caption += ", and from the output of the model to that of the actuator"
+        report.add("Bode plot", pictures=[Picture(self.plot(), f"{caption}.")], notes=notes)
+        kinds = [self.plant] if self.after is None else [self.plant, self.after]
+        polar = [part(gains) for gains in kinds for part in (decibels, degrees)]
+        rows = [
+            (
+                f"{frequency:.4g}",
+                f"{amplitude:.4g}",
+                *(f"{values[i, j]:.3f}" for values in polar),
+                f"{self.distortion[i, j]:.2%}",
+            )
+            for j, frequency in enumerate(self.frequencies)
+            for i, amplitude in enumerate(self.amplitudes)
+        ]
+        after = ("after, dB", "phase, deg") if self.after is not None else ()
+        columns = ("Hz", "amplitude", "gain, dB", "phase, deg", *after, "distortion")
+        report.add("Gains", table=Table(columns, rows))
+        return report
 
     @property
     def advice(self) -> tuple[str, ...]:

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, as_pair, as_times, as_whole, check_option
 from minorloop.dynamics.oscillator import Oscillator
 from minorloop.dynamics.sampling import Interpolation, Stage, checked_stages, even_interval
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import ParameterError, RecordError, SignalError
+from minorloop.identification.curves import Curves
 from minorloop.identification.fit import Say, silent
 from minorloop.identification.levenberg_marquardt import Minimum
 from minorloop.identification.mean_period import mean_period
@@ -92,6 +93,8 @@ class Vibration:
         ------
         SignalError
             If the record is too short, not even, or without motion, or the start is unstable.
+        RecordError
+            If a unit is not of the SI: mass and damping would not be either.
         ParameterError
             If an option is out of its range, or a name of ``fixed`` is unknown.
         """
@@ -99,18 +102,24 @@ class Vibration:
             raise ParameterError(
                 "a vibrating structure has neither prior nor holdout; leave them out"
             )
+        for quantity, unit in ((record.input, "N"), (record.output, "m")):
+            if quantity.unit not in ("", unit):
+                raise RecordError(
+                    f"{quantity.name} is in {quantity.unit}; an oscillator is identified from "
+                    f"forces in N and displacements in m, so convert the column to {unit}"
+                )
         used = record.cut()
         rows = (used.t, used.u, used.y)
         known = _record(*rows, self.period, self.between, self.substeps, self.stages, used.skip)
         with one_thread():
             if isinstance(self.rough, Oscillator):
-                return _from_start(known, self.rough, self.fixed)
+                return replace(_from_start(known, self.rough, self.fixed), record=record)
             check_option("rough", self.rough, ("unknown",))
             if len(self.fixed):
                 raise ParameterError(
                     "fixed is given without rough parameters; give an Oscillator as rough"
                 )
-            return _unknown(known)
+            return replace(_unknown(known, say), record=record)
 
 
 def _record(
@@ -192,7 +201,7 @@ def _from_start(
     return _result(record, *found, free)
 
 
-def _unknown(record: OscillatorRecord) -> OscillatorIdentification:
+def _unknown(record: OscillatorRecord, say: Say) -> OscillatorIdentification:
     """Find the slopes of an unknown law, on finer and finer levels."""
     linear = _linear_start(record)
     reach = float(np.abs(record.filled).max())
@@ -209,6 +218,7 @@ def _unknown(record: OscillatorRecord) -> OscillatorIdentification:
     for count in _LEVELS:
         if model is None or _too_many(record, model, count):
             break
+        say(f"fitting {count} levels of an unknown law")
         model = _with_levels(model, record, count)
         near = record.coarse() if count <= _COARSE else record
         found = fit(near, model, _all_free(model), steps=_TRIAL_STEPS, gain=_TRIAL_GAIN)
@@ -296,4 +306,16 @@ def _result(
     free: BoolArray,
     tried: tuple[TriedLevels, ...] = (),
 ) -> OscillatorIdentification:
-    return OscillatorIdentification(model, record, found, free, tried)
+    return OscillatorIdentification(
+        model=model,
+        t=np.arange(record.y.size, dtype=np.float64) * record.interval,
+        u=record.u,
+        y=record.y,
+        fitted=record.scored,
+        held_out=np.zeros_like(record.scored),
+        curves=Curves.whole("negative"),
+        motion=record,
+        minimum=found,
+        free=free,
+        tried=tried,
+    )

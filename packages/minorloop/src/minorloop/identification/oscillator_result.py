@@ -1,19 +1,21 @@
-"""Result of the identification of an oscillator with hysteresis."""
+"""An oscillator with hysteresis fitted to a record: its scores and advice."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.dynamics.oscillator import Oscillator
-from minorloop.figures import Drawn
 from minorloop.identification.levenberg_marquardt import Minimum
 from minorloop.identification.mean_period import larger_beginning
 from minorloop.identification.output_error import correlation_time
+from minorloop.identification.result import Fit, Rule, ScoreRow, of_range
 from minorloop.identification.simulation_error import (
     OscillatorRecord,
     parameter_names,
@@ -52,24 +54,100 @@ class TriedLevels:
         return cls(levels, float(np.sqrt(square)), float(criterion))
 
 
-@dataclass(frozen=True, eq=False)
-class OscillatorIdentification(Drawn):
-    """An oscillator with hysteresis, identified from a record."""
+def _search(fit: OscillatorIdentification) -> Iterator[str]:
+    if not fit.converged:
+        yield (
+            f"the search has not converged after {fit.minimum.steps} steps; give a nearer start, "
+            "or fix parameters that the record does not determine"
+        )
 
-    model: Oscillator
-    """The model."""
-    record: OscillatorRecord
-    """What was fitted; of a periodic record, its mean period."""
+
+def _beginning(fit: OscillatorIdentification) -> Iterator[str]:
+    """Say what to know about a record that does not begin as it goes on."""
+    ratio = larger_beginning(fit.minimum.residuals)
+    if left := fit.motion.unsettled:
+        first = "first period differs" if left == 1 else f"first {left} periods differ"
+        yield (
+            f"the {first} from the later ones more than these from each other, as a motion "
+            f"does that has not settled; {'it is' if left == 1 else 'they are'} left out"
+        )
+    elif not fit.motion.periodic and ratio and fit.share >= _SMALL:
+        yield (
+            f"the error is {ratio:.2g} times as large at the beginning of the record as later, as "
+            "where the structure moved before; begin at rest, give a period if the record "
+            "repeats, or leave the beginning out of the error with skip (--skip)"
+        )
+
+
+def _accuracy(fit: OscillatorIdentification) -> Iterator[str]:
+    """Say what the law lacks, and which parameters the record does not determine."""
+    beyond = fit.error / fit.noise if fit.noise and fit.share > _INTEGRATED else 0.0
+    if beyond > _BEYOND_NOISE:
+        yield (
+            f"the error is {beyond:.2g} times the noise of the record, so the "
+            "model lacks something; try start='unknown', or a stiffness of higher degree"
+        )
+    share = fit.sd / np.maximum(np.abs(fit.parameters), np.finfo(float).tiny)
+    loose = [name for name, one in zip(fit.names, share, strict=True) if one > _UNCERTAIN]
+    if loose and not fit.tried:
+        yield (
+            f"the record does not determine {', '.join(loose)}; excite larger amplitudes and "
+            "more frequencies, or fix them"
+        )
+
+
+def _by_name(attribute: str) -> Callable[[Any], dict[str, float]]:
+    """Return a function of a fit: one number for each parameter, by its name."""
+    return lambda fit: dict(zip(fit.names, getattr(fit, attribute).tolist(), strict=True))
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class OscillatorIdentification(Fit[Oscillator]):
+    """An oscillator with hysteresis, identified from a record; of a periodic one its mean period.
+
+    Times begin at 0, and displacements are in m.
+    """
+
+    HEADLINE: ClassVar[str] = "{output} of an oscillator with hysteresis, driven by {input}"
+    CAPTION: ClassVar[str] = "Displacement, what the model misses, and its loops."
+    SCORES: ClassVar[tuple[ScoreRow, ...]] = (
+        ScoreRow("rms_error", "error", "simulation error, rms", "{:.3g} m", kept=True),
+        ScoreRow("nrmse", "nrmse", "the same over the range", of_range, kept=True),
+        ScoreRow("noise", "noise", "noise of the record", "{:.3g} m", "not known"),
+        ScoreRow("", "unknowns", "parameters"),
+        ScoreRow("samples", lambda fit: int(fit.fitted.sum()), "samples fitted"),
+        ScoreRow("parameters", _by_name("parameters")),
+        ScoreRow("standard_deviations", _by_name("sd")),
+        ScoreRow("levels", lambda fit: {str(one.levels): one.error for one in fit.tried}),
+        ScoreRow("converged", "converged"),
+    )
+    WARNINGS: ClassVar[tuple[Rule, ...]] = (_search,)
+    REMARKS: ClassVar[tuple[Rule, ...]] = (_beginning, _accuracy)
+
+    motion: OscillatorRecord
+    """What was fitted."""
     minimum: Minimum
     """How the search ended."""
     free: BoolArray
     """Shape (P,). Parameters that were fitted."""
     tried: tuple[TriedLevels, ...] = ()
     """Numbers of levels that were compared for an unknown law."""
-    lag: int = 0
-    lag_seconds: float = 0.0
-    """``lag`` and ``lag_seconds``: lag of the output in rows and in seconds, for model files: none.
-    """
+
+    @property
+    def unknowns(self) -> int:
+        """Parameters that were fitted."""
+        return int(self.free.sum())
+
+    @property
+    def prediction(self) -> FloatArray:
+        """(T,) displacements of the model; NaN where none counts."""
+        y = np.full(self.y.size, np.nan)
+        y[self.fitted] = self.y[self.fitted] + self.minimum.residuals
+        return y
+
+    def predict(self, t: npt.ArrayLike, u: npt.ArrayLike) -> FloatArray:
+        """Predict the displacements for another force from rest, as `Oscillator.simulate`."""
+        return self.model.simulate(t, u, between=self.motion.between)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -108,90 +186,34 @@ class OscillatorIdentification(Drawn):
         return float(np.sqrt(np.mean(self.minimum.residuals**2)))
 
     @property
-    def noise(self) -> float | None:
-        """Standard deviation of the mean period; None if the record does not repeat."""
-        return self.record.noise
+    def nrmse(self) -> float:
+        """The same over the range of the displacements."""
+        return self.error / self.span(self.fitted)
 
     @property
-    def scores(self) -> Mapping[str, float | None]:
-        """Scores that a model file keeps; the error over the range, and in m."""
-        known = self.record.y[self.record.scored]
-        return {"nrmse": self.error / float(np.ptp(known)), "rms_error": self.error}
+    def share(self) -> float:
+        """The same over the standard deviation of the displacements."""
+        return self.error / float(np.std(self.y[self.fitted]))
+
+    @property
+    def noise(self) -> float | None:
+        """Standard deviation of the mean period; None if the record does not repeat."""
+        return self.motion.noise
 
     @property
     def converged(self) -> bool:
         """Whether the search ended at a minimum."""
         return self.minimum.converged
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Why the model is not to be trusted."""
-        if self.converged:
-            return ()
-        return (
-            f"the search has not converged after {self.minimum.steps} steps; give a nearer start, "
-            "or fix parameters that the record does not determine",
-        )
-
-    @property
-    def advice(self) -> tuple[str, ...]:
-        """What to know about this model, and what to do."""
-        texts = [*self.warnings, *self._of_the_beginning()]
-        beyond = self.error / self.noise if self.noise and self._share > _INTEGRATED else 0.0
-        if beyond > _BEYOND_NOISE:
-            texts.append(
-                f"the error is {beyond:.2g} times the noise of the record, so the "
-                "model lacks something; try start='unknown', or a stiffness of higher degree"
-            )
-        share = self.sd / np.maximum(np.abs(self.parameters), np.finfo(float).tiny)
-        loose = [name for name, one in zip(self.names, share, strict=True) if one > _UNCERTAIN]
-        if loose and not self.tried:
-            texts.append(
-                f"the record does not determine {', '.join(loose)}; excite larger amplitudes and "
-                "more frequencies, or fix them"
-            )
-        return tuple(texts)
-
-    @property
-    def _share(self) -> float:
-        """Error over the standard deviation of the displacement."""
-        return self.error / float(np.std(self.record.y[self.record.scored]))
-
-    def _of_the_beginning(self) -> list[str]:
-        """Return what to know about a record that does not begin as it goes on."""
-        if left := self.record.unsettled:
-            first = "first period differs" if left == 1 else f"first {left} periods differ"
-            return [
-                f"the {first} from the later ones more than these from each other, as a motion "
-                f"does that has not settled; {'it is' if left == 1 else 'they are'} left out"
-            ]
-        ratio = larger_beginning(self.minimum.residuals)
-        if self.record.periodic or not ratio or self._share < _SMALL:
-            return []
-        return [
-            f"the error is {ratio:.2g} times as large at the beginning of the record as later, as "
-            "where the structure moved before; begin at rest, give a period if the record "
-            "repeats, or leave the beginning out of the error with skip (--skip)"
-        ]
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """Rows of a table, label and value."""
-        noise = "not known" if self.noise is None else f"{self.noise:.3g} m"
-        rows = [
-            ("simulation error, rms", f"{self.error:.3g} m"),
-            ("noise of the record", noise),
-            ("parameters", f"{int(self.free.sum())}"),
-        ]
-        if self.tried:
-            rows += [(f"{one.levels} levels", f"{one.error:.3g} m") for one in self.tried]
-            shown = 2 + self.model.stiffness.size
-        else:
-            shown = self.free.size
+    def _further_rows(self) -> list[tuple[str, str]]:
+        rows = [(f"{one.levels} levels", f"{one.error:.3g} m") for one in self.tried]
+        shown = 2 + self.model.stiffness.size if self.tried else self.free.size
         for name, value, sd in list(zip(self.names, self.parameters, self.sd, strict=True))[:shown]:
             rows.append((name, f"{value:.6g} +- {sd:.2g}" if sd else f"{value:.6g} (fixed)"))
         return rows
 
-    def __str__(self) -> str:
-        lines = [f"{name:<24} {value}" for name, value in self.rows]
-        return "\n".join([*lines, *(f"advice: {text}" for text in self.advice)])
+    def _summary(self, source: str) -> str:
+        return (
+            f"Identified from {self.u.size} rows of {source} by the error of the simulation, which "
+            f"is {self.error:.3g} m rms, {self.nrmse:.3%} of the range."
+        )

@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from minorloop.errors import ParameterError
 from minorloop.identification.fit import Plane, Say, silent
+from minorloop.identification.plane_result import Identification
 from minorloop.identification.record_checks import checked_record
 from minorloop.identification.regularisation import Gaussian, Prior, Smooth, prior_of
-from minorloop.identification.result import Identification
 from minorloop.lab.records import Record
 
 Found = TypeVar("Found", covariant=True)

@@ -109,7 +109,7 @@ def fit_prepared(
         told = replace(told, warnings=(*((raw,) if raw else ()), *told.warnings))
     t = even.cut().t if even.timed else None
     interval = None if record.check is None else record.check.interval
-    return replace(result, t=t, delay=delay, told=told, interval=interval)
+    return replace(result, t=t, delay=delay, told=told, interval=interval, record=record)
 
 
 def moving_samples(record: Record) -> tuple[Record, RecordAdvice]:

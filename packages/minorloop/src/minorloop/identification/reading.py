@@ -11,9 +11,9 @@ from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike
 from minorloop.identification.adaptive import Adaptive
 from minorloop.identification.fit import Plane
+from minorloop.identification.plane_result import Identification
 from minorloop.identification.preparation import RecordAdvice
 from minorloop.identification.regularisation import Prior
-from minorloop.identification.result import Identification
 from minorloop.lab.logs import AUTO, Named, read_log
 from minorloop.lab.records import Record
 from minorloop.lab.store import Point, Setup, Store, is_store
@@ -142,4 +142,4 @@ def _identify_run(
     found = chooser.findings(u, y)
     new = tuple(text for text in found.warnings if text not in result.advice)
     told = RecordAdvice(notes=record.origin.notes, warnings=new, left_out=found.outliers)
-    return replace(result, t=record.t, told=told)
+    return replace(result, t=record.t, told=told, record=record)

@@ -1,137 +1,435 @@
-"""Result of an identification: the model, its errors and advice."""
+"""What every identification returns: a model, how good it is, and what to do about it.
+
+A law fills a subclass of `Fit` with two tables: its scores, and its rules of advice. Terminal,
+``--json``, model files, reports, notebooks, the lab page and fleets read these tables.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import overload
+from math import isfinite
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray, Samples
+from minorloop import modelfile
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.errors import ParameterError, counted
 from minorloop.figures import Drawn
-from minorloop.identification import advising
-from minorloop.identification.band_model import BandModel, within_cells
-from minorloop.identification.bands import BAND, Prediction, as_probability
-from minorloop.identification.baseline import delayed
-from minorloop.identification.curves import Curves, as_curves
-from minorloop.identification.fitted import Fit
-from minorloop.identification.rough_model import few
-from minorloop.identification.scores import score_rows
-from minorloop.operators.inversion import Inversion, Unreachable, as_signal
-from minorloop.operators.memory import Start
+from minorloop.files import PathLike
+from minorloop.identification.accuracy import (
+    Accuracy,
+    CurveAccuracy,
+    accuracy,
+    curve_table,
+    worst_error,
+)
+from minorloop.identification.baseline import percent
+from minorloop.identification.curves import Curves
+from minorloop.identification.preparation import NOTHING, RecordAdvice
+from minorloop.operators.preisach import Preisach
+from minorloop.report import Picture, Report, Table
+
+if TYPE_CHECKING:
+    from minorloop.lab.records import Record
+
+M = TypeVar("M", covariant=True)
+FIRST = 5
+"""Scores that the terminal shows without -v, the first ones of the table."""
+_OF_REPR = 3
+"""The same of the representation, which has five lines."""
 
 
-@dataclass(frozen=True, eq=False)
-class Identification(Fit, Drawn):
-    """A model identified from a record.
+Rule: TypeAlias = Callable[[Any], Iterator[str]]
+"""A rule of advice: gives sentences about a fit, what is weak and what to do; none otherwise."""
 
-    It has the fields and scores of a `Fit`, predicts, inverts, and gives advice.
-    """
 
-    @overload
-    def predict(self, u: npt.ArrayLike, bands: None = None) -> Samples: ...
+@dataclass(frozen=True)
+class ScoreRow:
+    """One score of a kind of fits."""
 
-    @overload
-    def predict(self, u: npt.ArrayLike, bands: float) -> Prediction: ...
+    name: str
+    """Key in ``--json``; empty for a score that is shown only."""
+    value: str | Callable[[Any], Any]
+    """Attribute of the fit, or a function of the fit."""
+    label: str = ""
+    """Name in tables; empty for a score that is not shown."""
+    text: str | Callable[[Any], str] = "{}"
+    """Format of the value, or a function of it."""
+    absent: str = ""
+    """Text in place of None; a score without one is not shown then."""
+    kept: bool = False
+    """Whether a model file keeps it."""
+    slow: bool = False
+    """Whether it takes seconds, so that only reports, ``--json`` and ``-v`` show it."""
 
-    def predict(
-        self, u: npt.ArrayLike, bands: float | None = None, curves: npt.ArrayLike | None = None
-    ) -> Samples | Prediction:
-        """Predict the outputs, lag included, for an input sampled as the record was.
+    def of(self, fit: object) -> Any:
+        """Return the value of a fit."""
+        return attrgetter(self.value)(fit) if isinstance(self.value, str) else self.value(fit)
 
-        Parameters and errors are those of `Result.predict`. Where the record has three groups or
-        more, the bands are of another group.
-        """
-        if bands is None and curves is None:
-            return delayed(self.model.simulate(u, self.start), self.lag)
-        inputs = as_signal(u, name="u")
-        parts = as_curves(curves, inputs.size, self.start, None)
-        y = parts.simulate(self.model, inputs, self.lag)
-        if bands is None:
-            return y
-        probability = as_probability(bands)
-        sd = self._deviation(inputs, parts, np.arange(inputs.size), probability)
-        beyond = 0.0
-        if self.model_error is not None:
-            driven, places = parts.driven(inputs, self.model.levels, self.lag)
-            wanted = np.isin(np.arange(driven.size), places)
-            beyond = self.model_error.beyond(driven, wanted, self.start)
-        return Prediction(inputs, y, sd, probability, self._noise, beyond)
+    def row(self, fit: object) -> list[tuple[str, str]]:
+        """Return label and text; nothing where there is nothing to show."""
+        value = self.of(fit)
+        text = self.absent
+        if value is not None:
+            text = self.text.format(value) if isinstance(self.text, str) else self.text(value)
+        return [(self.label, text)] if text else []
 
-    def invert(
-        self,
-        targets: npt.ArrayLike,
-        start: Start | None = None,
-        unreachable: Unreachable = "raise",
-    ) -> Inversion:
-        """Invert targets, and predict the standard deviation of readings, as `Result.invert`."""
-        begin = self.start if start is None else start
-        found = replace(self.model.invert(targets, begin, unreachable), warnings=self.warnings)
-        samples = np.arange(found.u.size)
-        return replace(found, sd=self._deviation(found.u, Curves.whole(begin), samples, lag=0))
 
-    def deviation(self, samples: npt.ArrayLike) -> FloatArray:
-        """Standard deviation of predicted readings along the record, sensor noise included.
+def of_range(share: float) -> str:
+    """Return an error over the range of the output as text."""
+    return f"{percent(share)} of range"
 
-        Parameters
-        ----------
-        samples : (M,) array_like of int
-            Which samples, in increasing order.
 
-        Returns
-        -------
-        (M,) array
-        """
-        return self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))
+def _of_rms(errors: Accuracy) -> str:
+    return f"{percent(errors.relative_rms)} of rms"
+
+
+def _of_loops(errors: Accuracy) -> str:
+    if errors.loop_area is None:
+        return ""
+    return f"{percent(errors.loop_area)} off, {counted(errors.loops, 'loop')}"
+
+
+def _of_worst(errors: Accuracy) -> str:
+    return worst_error(errors, f", sample {errors.worst_sample}")
+
+
+def if_finite(value: float) -> str:
+    """Return a correlation as text; nothing where it is not known."""
+    return f"{value:.2f}" if isfinite(value) else ""
+
+
+def _error(part: str, name: str) -> Callable[[Any], Any]:
+    """Return a function of a fit: one of its errors, None where nothing was held out."""
+    return lambda fit: getattr(getattr(fit, part), name, None)
+
+
+ERRORS = (
+    ScoreRow("nrmse_train", "nrmse", "error on fitted data", of_range, kept=True),
+    ScoreRow("nrmse_holdout", "holdout_nrmse", "error on held-out data", of_range, "-", kept=True),
+)
+"""The first errors of fits of which a part may be held out."""
+ACCURACY_TEXTS = (("relative rms", _of_rms), ("loop area", _of_loops), ("worst error", _of_worst))
+"""Labels, and functions of an `Accuracy` that return texts."""
+MORE_ERRORS = tuple(
+    score
+    for name, (label, text) in zip(
+        ("relative_rms", "loop_area", "worst"), ACCURACY_TEXTS, strict=True
+    )
+    for part, errors, where in (
+        ("train", "accuracy", ""),
+        ("holdout", "holdout_accuracy", ", held out"),
+    )
+    for score in (
+        ScoreRow(f"{name}_{part}", _error(errors, name), kept=True),
+        ScoreRow("", errors, f"{label}{where}", text),
+    )
+)
+"""The other errors of such fits."""
+
+
+class Scored(Drawn):
+    """A result with a table of scores and rules of advice."""
+
+    SCORES: ClassVar[tuple[ScoreRow, ...]] = ()
+    """The table of scores, most important first."""
+    WARNINGS: ClassVar[tuple[Rule, ...]] = ()
+    """The rules for which the model is not to be trusted."""
+    REMARKS: ClassVar[tuple[Rule, ...]] = ()
+    """The other rules of advice, most important first."""
 
     @property
-    def _noise(self) -> float:
-        """Standard deviation of the sensor, as far as it is told from other errors."""
-        if self.grouped:
-            return 0.0
-        return self.uncertainty.hyperparameters.noise * self.uncertainty.unit
+    def scores(self) -> dict[str, float | None]:
+        """Scores that a model file keeps; those on held-out samples are None if there are none."""
+        return {score.name: score.of(self) for score in self.SCORES if score.kept}
 
-    def _deviation(
-        self,
-        u: FloatArray,
-        curves: Curves,
-        samples: IntArray,
-        probability: float = BAND,
-        lag: int | None = None,
-    ) -> FloatArray:
-        """Standard deviation of readings at some samples of an input, in increasing order."""
-        late = self.lag if lag is None else lag
-        return self.band_model.deviation(self.model, u, curves, samples, probability, late)
+    @property
+    def figures(self) -> dict[str, Any]:
+        """All scores, advice and warnings by name, as ``--json`` prints them."""
+        said = {"advice": list(self.advice), "warnings": list(self.warnings)}
+        return {**{score.name: score.of(self) for score in self.SCORES if score.name}, **said}
 
-    @cached_property
-    def band_model(self) -> BandModel:
-        """What the bands follow from, beside the model."""
-        inputs, places = self.curves.driven(self.u, self.model.levels, self.lag)
-        within = within_cells(self.model, inputs, self.curves.start)[places[self.fitted]]
-        shown = float(within.mean())
-        return BandModel(self.uncertainty, self._noise, self.model_error, self.grouped, shown)
+    def summary(self, *, slow: bool = False) -> list[tuple[str, str]]:
+        """Return the scores as text, label and value; with ``slow`` those that take seconds too."""
+        shown = [one for one in self.SCORES if one.label and (slow or not one.slow)]
+        return [row for score in shown for row in score.row(self)] + self._further_rows()
 
-    @cached_property
-    def band_sd(self) -> float:
-        """Mean standard deviation of up to 800 predicted readings."""
-        samples = np.flatnonzero(self.fitted) if self.grouped else np.arange(self.u.size)
-        return float(self._deviation(self.u, self.curves, few(samples)).mean())
+    def _further_rows(self) -> list[tuple[str, str]]:
+        """Rows of the table of which there are as many as the model has parts."""
+        return []
+
+    @property
+    def details(self) -> tuple[str, ...]:
+        """Lines that are printed behind the scores."""
+        return ()
+
+    @property
+    def curve_accuracy(self) -> tuple[CurveAccuracy, ...]:
+        """Errors on each curve whose memory is reset; empty for a record of one curve."""
+        return ()
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Reasons not to trust the model, part of the advice; empty where there are none."""
-        return (*self.of_record.warnings, *advising.warnings(self))
+        return tuple(_sentences(self.WARNINGS, self))
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """What is weak and what to do about it; empty where nothing is weak."""
-        samples = bool(self.findings or self.codes or self.suspects)
-        return self.of_record.with_model(self.warnings, [*advising.advice(self)], samples=samples)
+        """What is weak and what to do about it, warnings first; empty where nothing is weak."""
+        return (*self.warnings, *_sentences(self.REMARKS, self))
+
+    @property
+    def verdict(self) -> str:
+        """How far to trust the model, in one sentence."""
+        if self.warnings:
+            return f"not to be trusted: {self.warnings[0]}"
+        if self.advice:
+            return f"{counted(len(self.advice), 'remark')}, first: {self.advice[0]}"
+        return "nothing is weak"
+
+    @property
+    def _name(self) -> str:
+        return type(self).__name__
+
+    def __repr__(self) -> str:
+        rows = [*self.summary()[:_OF_REPR], ("verdict", self.verdict)]
+        return "\n".join([self._name, *_lines(rows)])
 
     def __str__(self) -> str:
-        rows = [("model", repr(self.model)), *score_rows(self)]
-        lines = [f"{name:<24} {value}" for name, value in rows]
-        lines += [f"chosen {text}" for text in self.chosen]
-        return "\n".join(lines + [f"advice: {text}" for text in self.advice])
+        said = (f"advice: {text}" for text in self.advice)
+        return "\n".join([self._name, *_lines(self.summary()), *self.details, *said])
+
+
+def _sentences(rules: Sequence[Rule], fit: object) -> Iterator[str]:
+    for rule in rules:
+        yield from rule(fit)
+
+
+def _lines(rows: Sequence[tuple[str, str]]) -> list[str]:
+    return [f"{name:<24} {value}" for name, value in rows]
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Fit(Scored, Generic[M]):
+    """A model identified from a record, with its errors and advice."""
+
+    HEADLINE: ClassVar[str] = "{output} against {input}"
+    """Title of reports and tables; ``fit`` and the names ``input`` and ``output`` are filled in."""
+    CAPTION: ClassVar[str] = ""
+    """What the figure shows."""
+
+    model: M
+    """The model."""
+    u: FloatArray
+    y: FloatArray
+    """``u`` and ``y``: shape (T,). The record; y is NaN where nothing was measured."""
+    fitted: BoolArray
+    """Shape (T,). Samples that the model was fitted to."""
+    held_out: BoolArray
+    """Shape (T,). Samples at the end of the record that were not fitted but scored."""
+    curves: Curves
+    """Where the memory is reset, and the memory there."""
+    t: FloatArray | None = None
+    """Shape (T,). Time of each row in seconds, where it is known."""
+    measured: FloatArray | None = None
+    """Shape (T,). Outputs with dynamics, over whose range errors are given; ``y`` if None."""
+    lag: int = 0
+    """Samples by which the output follows the model, beyond its dynamics."""
+    told: RecordAdvice | None = NOTHING
+    """What was found in the record as it was read; None for arrays."""
+    record: Record | None = None
+    """The record as it was given, with the names of its columns; None for arrays."""
+
+    @property
+    def lag_seconds(self) -> float:
+        """Lag in seconds; 0 where the sampling interval is not known."""
+        return 0.0
+
+    @property
+    def lag_of_model(self) -> int:
+        """Lag in whole rows, also where it was given in seconds; for model files."""
+        return self.lag
+
+    @property
+    def of_record(self) -> RecordAdvice:
+        """What was found in the record, also where it was given as arrays."""
+        return self.told or NOTHING
+
+    @property
+    def _name(self) -> str:
+        return f"{type(self).__name__} of a {type(self.model).__name__}"
+
+    @property
+    def plane(self) -> Preisach:
+        """The Preisach plane: the model, or its outputs for slow inputs.
+
+        Raises a `ParameterError` if the model has none.
+        """
+        known = self.saved.model
+        for model in (known, getattr(known, "operator", None), getattr(known, "settled", None)):
+            if isinstance(model, Preisach):
+                return model
+        raise ParameterError(f"a {type(known).__name__} has no Preisach plane")
+
+    @property
+    def unknowns(self) -> int:
+        """Numbers that were fitted, zero or not."""
+        raise NotImplementedError
+
+    @property
+    def prediction(self) -> FloatArray:
+        """(T,) outputs of the model along the record."""
+        raise NotImplementedError
+
+    def span(self, rows: BoolArray) -> float:
+        """Return the range of the measured outputs in some rows, which errors are over.
+
+        Parameters
+        ----------
+        rows : (T,) array of bool
+            These rows.
+        """
+        outputs = self.y if self.measured is None else self.measured
+        return float(np.ptp(outputs[rows])) or 1.0
+
+    @property
+    def scored(self) -> BoolArray:
+        """(T,) samples whose errors are known: fitted ones, and those held out."""
+        return self.fitted | self.held_out
+
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """Errors on the fitted samples."""
+        return self._accuracy(self.fitted)
+
+    @cached_property
+    def holdout_accuracy(self) -> Accuracy | None:
+        """Errors on the samples held out; None if none were."""
+        return self._accuracy(self.held_out) if self.held_out.any() else None
+
+    def _accuracy(self, rows: BoolArray) -> Accuracy:
+        return accuracy(self.u, self.y, self.prediction, rows, self.curves, self.span(rows))
+
+    @property
+    def rmse(self) -> float:
+        """Root-mean-square error on the fitted samples, in the unit of the output."""
+        return self.accuracy.rmse
+
+    @property
+    def nrmse(self) -> float:
+        """`rmse` over the range of the fitted output."""
+        return self.accuracy.nrmse
+
+    @property
+    def holdout_nrmse(self) -> float | None:
+        """Error on the samples held out, over their range; None if none were."""
+        return None if self.holdout_accuracy is None else self.holdout_accuracy.nrmse
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """What was chosen and not given: columns of the record and options, one sentence each."""
+        return self.of_record.chosen
+
+    @property
+    def details(self) -> tuple[str, ...]:
+        """Lines that are printed behind the scores."""
+        return tuple(f"chosen {text}" for text in self.chosen)
+
+    @property
+    def saved(self) -> Fit[Any]:
+        """The fit whose model a file keeps."""
+        return self
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons not to trust the model, part of the advice; empty where there are none."""
+        return (*self.of_record.warnings, *_sentences(self.WARNINGS, self))
+
+    @cached_property
+    def advice(self) -> tuple[str, ...]:
+        """What is weak and what to do about it, warnings first; empty where nothing is weak."""
+        rest = [*_sentences(self.REMARKS, self)]
+        return self.of_record.with_model(self.warnings, rest, samples=self._names_samples)
+
+    @property
+    def _names_samples(self) -> bool:
+        """Whether sentences of the advice count samples."""
+        return False
+
+    def save(self, path: PathLike, *, force: bool = False, **options: Any) -> None:
+        """Write the model with its lag, scores and warnings to a file, as `minorloop.save`.
+
+        Parameters
+        ----------
+        path, force
+            As of `minorloop.save`.
+        **options
+            Other options of it; names of input and output are those of the record if not given.
+        """
+        names = {}
+        if self.record is not None:
+            names = {"input": self.record.input, "output": self.record.output}
+        given = {"warnings": self.warnings, **names, **options}
+        modelfile.save(self.saved, path, force=force, **given)
+
+    def headline(self, input: str = "input", output: str = "output") -> str:
+        """Return what was identified, in a few words."""
+        return self.HEADLINE.format(fit=self, input=input, output=output)
+
+    def report(
+        self, source: str = "the record", input_label: str = "", output_label: str = ""
+    ) -> Report:
+        """Return an HTML report on the model and its quality.
+
+        Parameters
+        ----------
+        source : str
+            Name of the record.
+        input_label, output_label : str
+            Name and unit of input and output, such as ``voltage [V]``; those of the record if not
+            given.
+        """
+        labels = [
+            given or ("" if self.record is None else str(getattr(self.record, name))) or name
+            for name, given in (("input", input_label), ("output", output_label))
+        ]
+        report = Report(self.headline(*labels), self._summary(source))
+        # A dollar in a label does not begin a formula.
+        shown = [label.replace("$", r"\$") for label in labels]
+        self._add_to(report, dict(zip(("input_label", "output_label"), shown, strict=True)))
+        return report
+
+    def _summary(self, source: str) -> str:
+        """Method and errors in a sentence or two, for a report."""
+        raise NotImplementedError
+
+    def _add_to(self, report: Report, labels: Mapping[str, str], of: str = "") -> None:
+        """Add the sections of a report; headings end with ``of``."""
+        report.add(
+            f"How good it is{of}",
+            text=[f"Chosen {one}." for one in self.chosen],
+            table=Table(("", ""), self.summary(slow=True)),
+            pictures=[Picture(self.plot(**labels), self.CAPTION)],
+            notes=self.advice,
+        )
+        if self.curve_accuracy:
+            add_curves(report, self)
+
+
+def add_curves(report: Report, of: Any) -> None:
+    """Add a section on the errors by curve of a fit or a score, with a figure for many curves."""
+    columns, rows, title = curve_table(of.curve_accuracy)
+    pictures: Sequence[Picture] = ()
+    if len(rows) < len(of.curve_accuracy):
+        caption = "Root-mean-square and largest error of each curve, in the order of the record."
+        pictures = [Picture(of.plot(part="curves"), caption)]
+    report.add(
+        "Curve by curve",
+        text=f"{title[0].upper()}{title[1:]}.",
+        table=Table(columns, rows),
+        pictures=pictures,
+    )

@@ -18,23 +18,14 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop import modelfile, report
+from minorloop import modelfile
 from minorloop.drawing.identification import loop_points
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import table_text, write_atomically
-from minorloop.identification import (
-    AfterEffectIdentification,
-    DynamicIdentification,
-    Dynamics,
-    Identification,
-    Plane,
-    Viscosity,
-    identify,
-    read,
-)
+from minorloop.identification import Dynamics, Plane, Viscosity, identify, read
 from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
 from minorloop.identification.pipeline import Options
-from minorloop.identification.scores import OF_OPERATOR, score_rows
+from minorloop.identification.result import Fit
 from minorloop.lab.bounds import Bounds
 from minorloop.lab.columns import read_each
 from minorloop.lab.headers import split_header
@@ -153,54 +144,29 @@ def identify_file(
         if dynamics != "none":
             raise ParameterError("dynamics cannot be combined with creep or rate; choose one")
         yield {"stage": f"comparing laws of time on {measured} rows"}
-        law = Viscosity(
+        found: Fit[Any] = Viscosity(
             count,
             creep,  # type: ignore[arg-type]
             True if rate else AUTO if creep == AUTO else False,
             "uniform" if asked.law.diagonal == "uniform" else "reversible",
             asked.law.spacing,
-        )
-        found = law.identify(log)
-        _save(found, log, name)
-        yield {"result": _shown_in_time(found, log, perf_counter() - began)}
-        yield {"stage": "drawing the report"}
-        report.after_effect_report(found, **_labels(log, name)).write(REPORT, force=True)
-        yield {"report": True}
-        return
-    cells = count * (count + 1) // 2
-    yield {"stage": f"fitting {cells} cells to {measured} of {log.y[log.part].size} rows"}
-    dynamic = None
-    if dynamics != "none":
-        moving = Dynamics(replace(asked.law, lag=AUTO))
-        dynamic = moving.identify(log.replace(start_of_curve=None), asked.prior, asked.holdout)
-    result = dynamic.static if dynamic else asked.identify(log)
+        ).identify(log)
+    else:
+        cells = count * (count + 1) // 2
+        yield {"stage": f"fitting {cells} cells to {measured} of {log.y[log.part].size} rows"}
+        if dynamics == "none":
+            found = asked.identify(log)
+        else:
+            moving = Dynamics(replace(asked.law, lag=AUTO))
+            log = log.replace(start_of_curve=None)
+            found = moving.identify(log, asked.prior, asked.holdout)
     seconds = perf_counter() - began
     yield {"stage": "scoring"}
-    _save(dynamic if dynamic and dynamic.dynamic else result, log, name)
-    yield {"result": _shown(result, log, seconds, dynamic)}
+    found.save(MODEL, provenance=modelfile.Provenance.of(Path(name)), force=True)
+    yield {"result": _shown(found, log, seconds)}
     yield {"stage": "drawing the report"}
-    report.identification_report(
-        result, dynamic=dynamic, time=result.t, **_labels(log, name)
-    ).write(REPORT, force=True)
+    found.report(name).write(REPORT, force=True)
     yield {"report": True}
-
-
-def _save(found: modelfile.Identified, log: Record, source: str) -> None:
-    """Write the model file of an identification."""
-    modelfile.save(
-        found,
-        MODEL,
-        provenance=modelfile.Provenance.of(Path(source)),
-        input=log.input,
-        output=log.output,
-        force=True,
-    )
-
-
-def _labels(log: Record, source: str) -> dict[str, str]:
-    """Return what a report is about."""
-    names = {"input_label": str(log.input), "output_label": str(log.output)}
-    return {"source": source, **names}
 
 
 def move(folder: str, memory: list[float] | None, u: float) -> Reports:
@@ -229,33 +195,24 @@ def invert(folder: str, targets: list[float], start: str) -> Reports:
     }
 
 
-def _shown(
-    result: Identification,
-    log: Record,
-    seconds: float,
-    dynamic: DynamicIdentification | None = None,
-) -> dict[str, Any]:
+def _shown(found: Fit[Any], log: Record, seconds: float) -> dict[str, Any]:
     """Return what the page shows of a result.
 
     Lines of the loop are interrupted at null. In ``rows`` are times where they are known, and
     ``held`` is the first of them that was held out. With dynamics, the loop is that of the operator
     and the others are of the whole model.
     """
-    shown = _few(result.u.size, _SHOWN)
-    model, whole = result.model, dynamic or result
-    rows = score_rows(result)
-    if dynamic:
-        rows = [*dynamic.rows, *(row for row in rows if row[0] in OF_OPERATOR)]
-    (u, y), (_, fit) = (loop_points(result, each) for each in (result.y, result.prediction))
+    shown, plane = _few(found.u.size, _SHOWN), found.plane
+    static = getattr(found, "static", found)
+    (u, y), (_, fit) = (loop_points(static, each) for each in (static.y, static.prediction))
     drawn = _few(u.size, _SHOWN)
-    t = dynamic.t if dynamic else result.t
-    x = np.arange(result.u.size, dtype=np.float64) if t is None else t
+    x = np.arange(found.u.size, dtype=np.float64) if found.t is None else found.t
     return {
         "input": str(log.input),
         "output": str(log.output),
-        "u": _listed(whole.u[shown]),
-        "y": _listed(whole.y[shown]),
-        "fit": _listed(whole.prediction[shown]),
+        "u": _listed(found.u[shown]),
+        "y": _listed(found.y[shown]),
+        "fit": _listed(found.prediction[shown]),
         "loop": {
             "u": _listed(u[drawn]),
             "y": _listed(y[drawn]),
@@ -263,55 +220,21 @@ def _shown(
             "joined": drawn.size == u.size,
         },
         "rows": x[shown].tolist(),
-        "clock": "row" if t is None else str(log.time),
-        "held": float(x[np.argmax(result.held_out)]) if result.held_out.any() else None,
-        "levels": model.levels.tolist(),
-        "weights": [_listed(row[: k + 1]) for k, row in enumerate(model.weights)],
-        "range": list(model.range),
-        "scores": {
-            "fit": whole.nrmse,
-            "holdout": whole.holdout_nrmse,
-            "polynomial": result.baseline_nrmse,
-            "lag": result.lag,
-            "samples": result.samples,
-            "unknowns": result.unknowns,
-            "excited": result.excited_fraction,
-            "seconds": seconds,
-        },
-        "table": rows,
-        "choices": list(map(on_page, whole.chosen)),
-        "advice": list(map(on_page, whole.advice)),
-        "warnings": list(map(on_page, whole.warnings)),
-    }
-
-
-def _shown_in_time(found: AfterEffectIdentification, log: Record, seconds: float) -> dict[str, Any]:
-    """Return what the page shows of a model with time in the plane, with its settled weights."""
-    shown, settled = _few(found.u.size, _SHOWN), found.model.settled
-    y = np.where(found.fitted, found.y, np.nan)[shown]
-    u, fit = _listed(found.u[shown]), _listed(found.prediction[shown])
-    return {
-        "input": str(log.input),
-        "output": str(log.output),
-        "u": u,
-        "y": _listed(y),
-        "fit": fit,
-        "loop": {"u": u, "y": _listed(y), "fit": fit, "joined": shown.size == found.u.size},
-        "rows": found.t[shown].tolist(),
-        "clock": str(log.time),
-        "held": None,
-        "levels": settled.levels.tolist(),
-        "weights": [_listed(row[: k + 1]) for k, row in enumerate(settled.weights)],
-        "range": list(found.model.range),
+        "clock": "row" if found.t is None else str(log.time),
+        "held": float(x[np.argmax(found.held_out)]) if found.held_out.any() else None,
+        "levels": plane.levels.tolist(),
+        "weights": [_listed(row[: k + 1]) for k, row in enumerate(plane.weights)],
+        "range": list(plane.range),
         "scores": {
             "fit": found.nrmse,
-            "lag": 0,
+            "holdout": found.holdout_nrmse,
+            "lag": found.lag,
             "samples": int(found.fitted.sum()),
-            "unknowns": (1 + found.model.times.size) * settled.bands * (settled.bands + 1) // 2,
+            "unknowns": found.unknowns,
             "seconds": seconds,
         },
-        "table": found.rows,
-        "choices": list(map(on_page, found.told.chosen)),
+        "table": found.summary(),
+        "choices": list(map(on_page, found.chosen)),
         "advice": list(map(on_page, found.advice)),
         "warnings": list(map(on_page, found.warnings)),
     }

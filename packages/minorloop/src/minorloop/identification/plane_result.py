@@ -1,0 +1,472 @@
+"""A plane fitted to a record: the scores, advice and bands of a Preisach model."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import ClassVar, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, IntArray, Samples
+from minorloop.errors import counted
+from minorloop.identification import advising, diagnosis, residuals
+from minorloop.identification.accuracy import CurveAccuracy, by_curve
+from minorloop.identification.band_model import BandModel, within_cells
+from minorloop.identification.bands import BAND, PER_DEVIATION, Prediction, as_probability
+from minorloop.identification.baseline import delayed, nrmse, percent, polynomial_nrmse
+from minorloop.identification.choosing import Choice
+from minorloop.identification.curves import Curves, as_curves
+from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.identification.fitting import Regression
+from minorloop.identification.jumps import Jump
+from minorloop.identification.leave_out import FEWEST_GROUPS, folds
+from minorloop.identification.model_error import FEWEST, ModelError, contiguous_parts, learn
+from minorloop.identification.plain_posterior import plain_posterior
+from minorloop.identification.posterior import Posterior
+from minorloop.identification.preparation import RecordAdvice
+from minorloop.identification.residuals import ResidualSummary
+from minorloop.identification.result import (
+    ERRORS,
+    MORE_ERRORS,
+    Fit,
+    Rule,
+    ScoreRow,
+    if_finite,
+    of_range,
+)
+from minorloop.identification.ridge import Ridge
+from minorloop.identification.rough_model import Basis, RecordFault, few, one_of_each
+from minorloop.identification.screening import record_faults
+from minorloop.lab.codes import Code
+from minorloop.lab.holds import looks_like_raw_log
+from minorloop.operators.inversion import Inversion, Unreachable, as_signal
+from minorloop.operators.memory import Start
+from minorloop.operators.preisach import Preisach
+
+_MOST_RANKED = 3000
+"""Unknowns up to which the rank is computed unasked. 3000 take 40 s, and the time grows with their
+cube."""
+_MOST_SCORED = 2000
+"""Readings whose bands are computed: the share of 90 % within them is then known to 0.7 %."""
+
+
+def _holds(numbers: tuple[int, ...]) -> str:
+    return ", ".join(f"hold {number + 1}" for number in numbers)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Identification(Fit[Preisach]):
+    """A Preisach model identified from a record."""
+
+    HEADLINE: ClassVar[str] = "{output} against {input}: Preisach, {fit.model.bands} bands"
+    CAPTION: ClassVar[str] = (
+        "Measured loop with the model; density on the Preisach plane, cells that the record does "
+        "not excite in grey unless there is a prior; the record in time, with held-out samples "
+        "shaded; the residual in time, with the band in which 90 % of the readings should lie; its "
+        "size by the amplitude and by the rate of the input."
+    )
+    WARNINGS: ClassVar[tuple[Rule, ...]] = advising.WARNINGS
+    REMARKS: ClassVar[tuple[Rule, ...]] = advising.REMARKS
+    SCORES: ClassVar[tuple[ScoreRow, ...]] = (
+        *ERRORS,
+        ScoreRow("nrmse_groups", "groups_nrmse", "error on left-out groups", of_range),
+        ScoreRow(
+            "baseline_nrmse", "baseline_nrmse", "best delayed polynomial", of_range, kept=True
+        ),
+        ScoreRow("", "_lag_text", "lag"),
+        ScoreRow("samples", "samples", "samples fitted"),
+        *MORE_ERRORS,
+        ScoreRow("rmse_train", "rmse", "rms error on fitted data", "{:.4g}"),
+        ScoreRow("baseline_nrmse_holdout", "_baseline_held_out"),
+        ScoreRow("lag_samples", "lag_of_model"),
+        ScoreRow("lag_s", lambda fit: fit.lag_seconds or None),
+        ScoreRow("held_out", lambda fit: int(fit.held_out.sum())),
+        ScoreRow("", lambda fit: int(fit.held_out.sum()) or None, "samples held out"),
+        ScoreRow("skipped", "skipped"),
+        ScoreRow("", lambda fit: fit.skipped or None, "rows skipped"),
+        ScoreRow("left_out", lambda fit: list(fit.of_record.left_out)),
+        ScoreRow("", lambda fit: fit.of_record.left_out, "outliers left out", _holds),
+        ScoreRow("jumps", lambda fit: [asdict(one) for one in fit.jumps]),
+        ScoreRow("", "jumps", "jumps at", lambda jumps: ", ".join(map(str, jumps))),
+        ScoreRow("ridge", lambda fit: None if fit.ridge is None else asdict(fit.ridge)),
+        ScoreRow("", "ridge", "mean of the prior", "{.kind} ridge"),
+        ScoreRow("prior", lambda fit: "none" if fit.posterior is None else "gaussian"),
+        ScoreRow("smoothness", "smoothness"),
+        ScoreRow("", lambda fit: None if fit.posterior else fit.smoothness, "smoothness", "{:g}"),
+        ScoreRow("unknowns", "unknowns", "unknowns"),
+        ScoreRow("free_parameters", "free_parameters", "free parameters", kept=True),
+        ScoreRow(
+            "effective_parameters",
+            "effective_parameters",
+            "effective parameters",
+            "{:.1f}",
+            kept=True,
+        ),
+        ScoreRow("rank", "_known_rank", "rank", absent="not computed, see --rank", slow=True),
+        ScoreRow("condition", lambda fit: fit.condition if fit._known_rank is not None else None),
+        ScoreRow("levels", "model.bands"),
+        ScoreRow("range", lambda fit: list(fit.model.range)),
+        ScoreRow("excited_fraction", "excited_fraction", "cells excited", "{:.0%}"),
+        ScoreRow("kkt", "kkt", kept=True),
+        ScoreRow("", "_optimality", "optimality (KKT)"),
+        ScoreRow("residual", lambda fit: asdict(fit.residual)),
+        ScoreRow("", "residual.startup", "start-up", lambda one: counted(one.rows, "row")),
+        ScoreRow("", "residual.autocorrelation", "residual autocorrelation", if_finite),
+        ScoreRow("band_sd", "band_sd", "standard deviation predicted", "{:.3g}", slow=True),
+        ScoreRow("", "_coverage", "within 90 % bands", "{0[0]:.0%} of {0[1]} readings", slow=True),
+        ScoreRow("", "_coverage", "half width of these, mean", "{0[2]:.4g}", slow=True),
+        ScoreRow("curves", lambda fit: [asdict(one) for one in fit.curve_accuracy]),
+        ScoreRow("choices", lambda fit: [asdict(one) for one in fit.choices]),
+        ScoreRow("chosen", lambda fit: list(fit.chosen)),
+        ScoreRow("codes", lambda fit: [code.sample for code in fit.codes]),
+        ScoreRow("suspects", lambda fit: list(fit.suspects)),
+        ScoreRow("sd", "of_record.sd"),
+    )
+
+    smoothness: float
+    """Strength that was used."""
+    kkt: float
+    """Largest violation of the optimality conditions, relative to the norm of the output."""
+    regression: Regression
+    """Regressors and outputs of the fitted samples."""
+    posterior: Posterior | None = None
+    """Posterior distribution of the unknowns; None without the prior."""
+    suspects: tuple[int, ...] = ()
+    """Samples far outside the band of a fit without them; they were left out."""
+    codes: tuple[Code, ...] = ()
+    """Readings that are overload codes or sentinels, and count as not measured."""
+    searched: bool = False
+    """Whether the lag was searched."""
+    converged: bool = True
+    """Whether the solver reached the optimum; `advice` says so where it did not."""
+    left_out: FloatArray | None = None
+    """Shape (T,). Output of each fitted row, predicted by a fit without its group; None without
+    groups."""
+    groups: IntArray | None = None
+    """Shape (T,). Number of the group of each row; None without groups."""
+    interval: float | None = None
+    """Sampling interval in seconds, where it is known."""
+    skipped: int = 0
+    """Rows that set the memory and were not fitted."""
+    choices: tuple[Choice, ...] = ()
+    """Options that were compared by the error on left-out parts."""
+    jumps: tuple[Jump, ...] = ()
+    """Thresholds at which the output jumps, which have narrow bands."""
+    ridge: Ridge | None = None
+    """Mean of the prior; None if it is zero."""
+    delay: float | None = None
+    """Seconds by which the outputs were moved before the fit, where the lag was given so."""
+    told: RecordAdvice | None = None
+    """What was found in the record as it was read; None for arrays."""
+
+    @property
+    def matrix(self) -> DesignMatrix:
+        """Regressors of the fitted samples."""
+        return self.regression.matrix
+
+    @cached_property
+    def uncertainty(self) -> Posterior:
+        """Distribution of the unknowns that the bands are from; `plain_posterior` without prior."""
+        if self.posterior is not None:
+            return self.posterior
+        determined = 0.0 if self.smoothness else float(self.free_parameters)
+        x = self.matrix.spec.unknowns_of(self.model)
+        return plain_posterior(self.regression, x, determined)
+
+    @property
+    def grouped(self) -> bool:
+        """Whether bands are for another group: the record has three or more."""
+        return self.groups is not None and np.unique(self.groups[self.fitted]).size >= FEWEST_GROUPS
+
+    @cached_property
+    def model_error(self) -> ModelError | None:
+        """Error beyond the posterior, from parts left out; None for fewer than 50 samples."""
+        regression, rows = self.regression, self.regression.rows
+        known, model = self.uncertainty, self.model
+        if self.grouped and self.groups is not None and self.left_out is not None:
+            part, errors = folds(self.groups, rows)[rows], (self.left_out - self.y)[rows]
+            return learn(regression, known, model, part, errors, np.unique(self.groups[rows]).size)
+        if rows.size < FEWEST:
+            return None
+        return learn(regression, known, model, contiguous_parts(rows.size))
+
+    @property
+    def start(self) -> Start:
+        """Memory before the first sample, and before each curve."""
+        return self.curves.start
+
+    @property
+    def lag_seconds(self) -> float:
+        """Lag in seconds; 0 where the sampling interval is not known."""
+        return self.lag * (self.interval or 0.0) if self.delay is None else self.delay
+
+    @property
+    def lag_of_model(self) -> int:
+        """Lag in whole rows, also where it was given in seconds; for model files."""
+        delay = self.delay if self.interval else None
+        return self.lag if delay is None else round(delay / (self.interval or 1.0))
+
+    @cached_property
+    def of_record(self) -> RecordAdvice:
+        """What was found in the record, also where it was given as arrays."""
+        if self.told is not None:
+            return self.told
+        raw = looks_like_raw_log(None, self.u, self.y)
+        return RecordAdvice(warnings=(raw,) if raw else ())
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """What was chosen and not given: columns of the record and options, one sentence each."""
+        return (*self.of_record.chosen, *map(str, self.choices))
+
+    @cached_property
+    def prediction(self) -> FloatArray:
+        """(T,) outputs of the model along the record."""
+        return self.curves.simulate(self.model, self.u, self.lag)
+
+    @cached_property
+    def curve_accuracy(self) -> tuple[CurveAccuracy, ...]:
+        """Errors on each curve whose memory is reset; empty for a record of one curve."""
+        if self.curves.begins.size == 1:
+            return ()
+        return by_curve(self.u, self.y, self.prediction, self.scored, self.curves, self.left_out)
+
+    @cached_property
+    def groups_nrmse(self) -> float | None:
+        """Error on groups left out, over the range of the output; None without groups."""
+        if self.left_out is None:
+            return None
+        known = np.isfinite(self.left_out)
+        return nrmse((self.left_out - self.y)[known], self.y[known])
+
+    @cached_property
+    def each_group_nrmse(self) -> FloatArray:
+        """(G,) error on each group left out, over the range of the output; empty without groups."""
+        if self.left_out is None or self.groups is None:
+            return np.zeros(0)
+        square = (self.left_out - self.y) ** 2
+        known = np.isfinite(square)
+        count, total = (np.bincount(self.groups[known], w) for w in (None, square[known]))
+        return np.sqrt(total[count > 0] / count[count > 0]) / self.span(known)
+
+    @cached_property
+    def baseline_nrmse(self) -> float:
+        """Error of the best delayed polynomial, on the held-out samples where there are any."""
+        scored = self.held_out if self.held_out.any() else self.fitted
+        return polynomial_nrmse(self.u, self.y, self.fitted, scored, self.curves)
+
+    @property
+    def free_parameters(self) -> int:
+        """Weights that are not zero, and offset and slope where fitted.
+
+        Without prior and smoothness, they are as many as the data determine (Meyer and Woodroofe,
+        On the degrees of freedom in shape-restricted regression, Annals of Statistics 28, 2000);
+        otherwise the data determine fewer: `effective_parameters`.
+        """
+        spec = self.matrix.spec
+        return int(np.count_nonzero(self.model.weights)) + spec.offset + spec.slope
+
+    @property
+    def effective_parameters(self) -> float | None:
+        """Trace of the matrix from measured to fitted outputs; None without the prior.
+
+        It is the number of unknowns that the data determine (MacKay, Bayesian interpolation, Neural
+        Computation 4, 1992, section 4), without sign constraints, at most `free_parameters`.
+        """
+        if self.posterior is None:
+            return None
+        return min(self.posterior.determined, float(self.free_parameters))
+
+    @property
+    def unknowns(self) -> int:
+        """Weights, and offset and slope where fitted."""
+        return self.matrix.spec.unknowns
+
+    @property
+    def samples(self) -> int:
+        """Samples that the model was fitted to."""
+        return self.matrix.measurements
+
+    @property
+    def rank(self) -> int:
+        """Number of independent unknowns that the fitted samples determine."""
+        return self._rank_and_condition[0]
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the design matrix with unit columns, within its rank."""
+        return self._rank_and_condition[1]
+
+    @property
+    def excited(self) -> BoolArray:
+        """(L, L) cells of the plane that the fitted samples excite."""
+        return self.matrix.excited
+
+    @property
+    def excited_fraction(self) -> float:
+        """Share of the cells that are excited."""
+        return float(np.count_nonzero(self.excited)) / self.matrix.spec.cells
+
+    @cached_property
+    def findings(self) -> tuple[RecordFault, ...]:
+        """Faults of the fitted record: outliers, stuck and clipped stretches, and a lag."""
+        y = self.y
+        if self.suspects:
+            y = y.copy()
+            y[list(self.suspects)] = np.nan
+        return record_faults(self.u, y, self.curves, self.lag, searched=self.searched)
+
+    @cached_property
+    def residual(self) -> ResidualSummary:
+        """What the residual on the fitted samples shows."""
+        used = self.fitted.copy()
+        for fault in self.findings:
+            if fault.kind == "outlier":
+                used[list(fault.samples)] = False
+        if not used.any():
+            used = self.fitted
+        span = self.span(used)
+        applied = self.curves.delayed(self.u, self.lag)
+        error = (self.prediction - self.y) / span
+        basis = Basis.of(applied, self.curves, int(np.count_nonzero(used)))
+        return residuals.summary(applied, error, used, self.y / span, basis.rows, self.groups)
+
+    @cached_property
+    def _rank_and_condition(self) -> tuple[int, float]:
+        return diagnosis.rank_and_condition(self.matrix)
+
+    @overload
+    def predict(self, u: npt.ArrayLike, bands: None = None) -> Samples: ...
+
+    @overload
+    def predict(self, u: npt.ArrayLike, bands: float) -> Prediction: ...
+
+    def predict(
+        self, u: npt.ArrayLike, bands: float | None = None, curves: npt.ArrayLike | None = None
+    ) -> Samples | Prediction:
+        """Predict the outputs, lag included, for an input sampled as the record was.
+
+        Parameters and errors are those of `Result.predict`. Where the record has three groups or
+        more, the bands are of another group.
+        """
+        if bands is None and curves is None:
+            return delayed(self.model.simulate(u, self.start), self.lag)
+        inputs = as_signal(u, name="u")
+        parts = as_curves(curves, inputs.size, self.start, None)
+        y = parts.simulate(self.model, inputs, self.lag)
+        if bands is None:
+            return y
+        probability = as_probability(bands)
+        sd = self._deviation(inputs, parts, np.arange(inputs.size), probability)
+        beyond = 0.0
+        if self.model_error is not None:
+            driven, places = parts.driven(inputs, self.model.levels, self.lag)
+            wanted = np.isin(np.arange(driven.size), places)
+            beyond = self.model_error.beyond(driven, wanted, self.start)
+        return Prediction(inputs, y, sd, probability, self._noise, beyond)
+
+    def invert(
+        self,
+        targets: npt.ArrayLike,
+        start: Start | None = None,
+        unreachable: Unreachable = "raise",
+    ) -> Inversion:
+        """Invert targets, and predict the standard deviation of readings, as `Result.invert`."""
+        begin = self.start if start is None else start
+        found = replace(self.model.invert(targets, begin, unreachable), warnings=self.warnings)
+        samples = np.arange(found.u.size)
+        return replace(found, sd=self._deviation(found.u, Curves.whole(begin), samples, lag=0))
+
+    def deviation(self, samples: npt.ArrayLike) -> FloatArray:
+        """Standard deviation of predicted readings along the record, sensor noise included.
+
+        Parameters
+        ----------
+        samples : (M,) array_like of int
+            Which samples, in increasing order.
+
+        Returns
+        -------
+        (M,) array
+        """
+        return self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))
+
+    @property
+    def _noise(self) -> float:
+        """Standard deviation of the sensor, as far as it is told from other errors."""
+        if self.grouped:
+            return 0.0
+        return self.uncertainty.hyperparameters.noise * self.uncertainty.unit
+
+    def _deviation(
+        self,
+        u: FloatArray,
+        curves: Curves,
+        samples: IntArray,
+        probability: float = BAND,
+        lag: int | None = None,
+    ) -> FloatArray:
+        """Standard deviation of readings at some samples of an input, in increasing order."""
+        late = self.lag if lag is None else lag
+        return self.band_model.deviation(self.model, u, curves, samples, probability, late)
+
+    @cached_property
+    def band_model(self) -> BandModel:
+        """What the bands follow from, beside the model."""
+        inputs, places = self.curves.driven(self.u, self.model.levels, self.lag)
+        within = within_cells(self.model, inputs, self.curves.start)[places[self.fitted]]
+        shown = float(within.mean())
+        return BandModel(self.uncertainty, self._noise, self.model_error, self.grouped, shown)
+
+    @cached_property
+    def band_sd(self) -> float:
+        """Mean standard deviation of up to 800 predicted readings."""
+        samples = np.flatnonzero(self.fitted) if self.grouped else np.arange(self.u.size)
+        return float(self._deviation(self.u, self.curves, few(samples)).mean())
+
+    @property
+    def _names_samples(self) -> bool:
+        return bool(self.findings or self.codes or self.suspects)
+
+    @property
+    def _lag_text(self) -> str:
+        seconds = f", {self.lag_seconds:.4g} s" if self.lag_seconds else ""
+        return f"{counted(self.lag_of_model, 'sample')}{seconds}"
+
+    @property
+    def _baseline_held_out(self) -> float | None:
+        return None if self.holdout_accuracy is None else self.baseline_nrmse
+
+    @property
+    def _known_rank(self) -> int | None:
+        """The rank, if it is known or quickly computed."""
+        known = "_rank_and_condition" in self.__dict__ or self.unknowns <= _MOST_RANKED
+        return self.rank if known else None
+
+    @property
+    def _optimality(self) -> str:
+        return f"{self.kkt:.1e}{'' if self.converged else ', not converged'}"
+
+    @cached_property
+    def _coverage(self) -> tuple[float, str, float]:
+        """Share of readings within their 90 % bands, of which they are, and the mean half width."""
+        held = self.held_out.any()
+        scored = np.flatnonzero(self.held_out if held else self.fitted)
+        scored = scored[one_of_each(scored.size, _MOST_SCORED)]
+        reach = PER_DEVIATION * self.deviation(scored)
+        inside = float(np.mean(np.abs((self.prediction - self.y)[scored]) <= reach))
+        return inside, "held-out" if held else "fitted", float(reach.mean())
+
+    def _summary(self, source: str) -> str:
+        held = self.holdout_nrmse
+        score = "nothing was held out"
+        if held is not None:
+            score = f"{percent(held, 2)} of range on held-out data"
+        return (
+            f"A Preisach model of {self.model.bands} bands, identified from {source}: "
+            f"{percent(self.nrmse, 2)} of range on the {self.samples} samples it was fitted to, "
+            f"{score}; the best polynomial of the delayed input reaches "
+            f"{percent(self.baseline_nrmse, 2)}."
+        )
