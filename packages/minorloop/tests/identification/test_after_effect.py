@@ -5,9 +5,8 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import Viscosity, identify
 from minorloop.identification.after_effect import (
     Constants,
-    State,
+    Design,
     TimedRecord,
-    rows_of,
 )
 from minorloop.identification.after_effect_result import along
 from minorloop.identification.curves import as_curves
@@ -173,7 +172,7 @@ def test_rows_of_the_design_matrix_are_the_operator(diagonal, field, settling):
     record = TimedRecord(t, u, u, np.ones(t.size, dtype=bool), curves)
     spec = PlaneSpec(LEVELS, "unipolar", diagonal)
     constants = Constants(model.field, settling, model.times)
-    rows = rows_of(spec, record, constants, 0, t.size, State(spec, record, constants))
+    ((_, rows),) = Design(spec, record, constants).blocks()
     weights = np.array([plane.weights, *creep])
     found = weights if settling else np.cumsum(weights, axis=0)
     unknowns = np.append(np.concatenate([pack(one) for one in found]), plane.offset)

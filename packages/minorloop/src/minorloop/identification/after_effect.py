@@ -6,10 +6,10 @@ searched; for given constants the weights are a least-squares problem with bound
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -296,52 +296,41 @@ class Constants:
     times: FloatArray
 
 
-def rows_of(
-    spec: PlaneSpec, record: TimedRecord, constants: Constants, first: int, last: int, state: Any
-) -> FloatArray:
-    """Rows of the design matrix, of a block that follows the one before."""
-    planes = 1 + constants.times.size
-    out = np.empty((last - first, planes * spec.cells + 1))
-    part = slice(first, last)
-    state.count = _kernels.fill(
-        writable(spec.levels),
-        writable(state.marks),
-        spec.diagonal == "uniform",
-        state.x[part],
-        state.targets[part],
-        record.u[part],
-        record.intervals[part],
-        constants.settling,
-        writable(constants.times),
-        record.begins[part],
-        state.reset,
-        state.extrema,
-        state.count,
-        state.late,
-        out,
-    )
-    out[:, -1] = 1.0
-    return out
-
-
-class State:
-    """State of the rows of a design matrix between blocks."""
+class Design:
+    """Rows of the design matrix of a record, of the unknowns of all planes and the offset."""
 
     def __init__(self, spec: PlaneSpec, record: TimedRecord, constants: Constants) -> None:
-        levels = spec.levels
-        blank = Preisach(levels, np.zeros((spec.bands, spec.bands)))
+        self.spec, self.record, self.constants = spec, record, constants
+        blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)))
         reset = np.array(blank.memory(record.curves.start).extrema)
-        self.extrema = np.empty(reset.size + record.u.size + 2)
-        self.count = 0
-        self.late = np.zeros((1 + constants.times.size, spec.cells))
-        self.marks, self.reset, self.x, self.targets = levels, reset, record.u, record.u
+        self._marks, self._reset = spec.levels, reset
+        self._x = self._targets = record.u
         if constants.settling > 0:
-            self.marks = np.concatenate([[0.0], np.cumsum(np.diff(levels) / constants.field)])
-            self.reset = np.interp(reset, levels, self.marks)
-            self.targets = np.interp(record.u, levels, self.marks)
-            self.x = self.targets.copy()
+            steps = np.diff(spec.levels) / constants.field
+            self._marks = np.concatenate([[0.0], np.cumsum(steps)])
+            self._reset = np.interp(reset, spec.levels, self._marks)
+            self._targets = np.interp(record.u, spec.levels, self._marks)
+            self._x = self._targets.copy()
             lost = -np.expm1(-record.intervals / constants.settling)
-            _kernels.follow(self.marks, lost, record.begins, float(self.reset[-1]), self.x)
+            start = float(self._reset[-1])
+            _kernels.follow(self._marks, lost, record.begins, start, self._x)
+
+    def blocks(self) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the rows block by block, and where each is in the record."""
+        record, constants, cells = self.record, self.constants, self.spec.cells
+        planes = 1 + constants.times.size
+        extrema, count = np.empty(self._reset.size + record.u.size + 2), 0
+        late = np.zeros((planes, cells))
+        tables = writable(self.spec.levels), writable(self._marks), self.spec.diagonal == "uniform"
+        law = constants.settling, writable(constants.times)
+        for first in range(0, record.u.size, _BLOCK):
+            part = slice(first, min(first + _BLOCK, record.u.size))
+            out = np.empty((part.stop - first, planes * cells + 1))
+            inputs = self._x[part], self._targets[part], record.u[part], record.intervals[part]
+            memory = record.begins[part], self._reset, extrema, count, late
+            count = _kernels.fill(*tables, *inputs, *law, *memory, out)
+            out[:, -1] = 1.0
+            yield part, out
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,11 +349,8 @@ class Weights:
         """Variance (T,) of the output along an input."""
         everywhere = np.ones(t.size, dtype=np.bool_)
         record = TimedRecord(t, writable(u), u, everywhere, curves)
-        state, parts = State(self.spec, record, self.constants), []
-        for first in range(0, t.size, _BLOCK):
-            last = min(first + _BLOCK, t.size)
-            rows = rows_of(self.spec, record, self.constants, first, last, state)
-            parts.append(((rows[:, self.free] @ self.root.T) ** 2).sum(axis=1))
+        blocks = Design(self.spec, record, self.constants).blocks()
+        parts = [((rows[:, self.free] @ self.root.T) ** 2).sum(axis=1) for _, rows in blocks]
         return np.concatenate(parts)
 
 
@@ -435,20 +421,17 @@ class _Search:
         from scipy.linalg.blas import dsyrk
 
         record = self.record
-        state = State(self.spec, record, constants)
         size = (1 + constants.times.size) * self.spec.cells + 1
         masks = self.kept, record.left_out
         grams = [np.zeros((size, size), order="F") for _ in masks]
         rights = [np.zeros(size) for _ in masks]
         y = (record.y - self.centre) / self.unit
-        for first in range(0, y.size, _BLOCK):
-            last = min(first + _BLOCK, y.size)
-            block = rows_of(self.spec, record, constants, first, last, state)
+        for part, block in Design(self.spec, record, constants).blocks():
             for used, gram, right in zip(masks, grams, rights, strict=True):
-                picked = used[first:last]
+                picked = used[part]
                 a = block[picked]
                 dsyrk(1.0, a.T, beta=1.0, c=gram, overwrite_c=1)
-                right += a.T @ y[first:last][picked]
+                right += a.T @ y[part][picked]
         kept, left_out = (
             Normal(gram.T + np.tril(gram.T, -1).T, right, float(y[used] @ y[used]), int(used.sum()))
             for used, gram, right in zip(masks, grams, rights, strict=True)
@@ -548,6 +531,15 @@ class _Search:
             settlings=self.settlings(best, x),
         )
 
+    def refit(
+        self, best: TriedLaw, numbers: FloatArray, guess: FloatArray
+    ) -> tuple[float, FloatArray]:
+        """Error of a fit of all rows with other constants of a law, and its unknowns."""
+        kept, left_out = self.normal(self.constants(best.law, numbers))
+        whole = kept + left_out
+        found = self.solve(whole, best.smoothness, guess)
+        return whole.error(found), found
+
     def weights(self, best: TriedLaw, whole: Normal, x: FloatArray) -> Weights:
         """Uncertainty of the unknowns that are not at their bound."""
         free = x > 0
@@ -581,22 +573,18 @@ class _Search:
         count = best.numbers.size
         if not count:
             return ()
-        guess = x
 
-        def fitted(numbers: FloatArray) -> tuple[float, FloatArray]:
-            kept, left_out = self.normal(self.constants(best.law, numbers))
-            whole = kept + left_out
-            found = self.solve(whole, best.smoothness, guess)
-            return float(np.log(max(whole.error(found), _NOISELESS))), found
+        def cost(numbers: FloatArray) -> float:
+            return float(np.log(max(self.refit(best, numbers, x)[0], _NOISELESS)))
 
-        middle = fitted(best.numbers)[0]
+        middle = cost(best.numbers)
         shifts = _CURVED * np.eye(count)
-        ahead = np.array([fitted(best.numbers + shift)[0] for shift in shifts])
-        behind = np.array([fitted(best.numbers - shift)[0] for shift in shifts])
+        ahead = np.array([cost(best.numbers + shift) for shift in shifts])
+        behind = np.array([cost(best.numbers - shift) for shift in shifts])
         curvature = np.diag((ahead + behind - 2 * middle) / _CURVED**2)
         for i in range(count):
             for j in range(i):
-                both = fitted(best.numbers + shifts[i] + shifts[j])[0]
+                both = cost(best.numbers + shifts[i] + shifts[j])
                 curvature[i, j] = (both - ahead[i] - ahead[j] + middle) / _CURVED**2
                 curvature[j, i] = curvature[i, j]
         model = self.model(best, best.numbers, x)
@@ -606,7 +594,7 @@ class _Search:
         pairs = []
         for axis, length in zip(axes.T, sd, strict=True):
             ends = [best.numbers - length * axis, best.numbers + length * axis]
-            down, up = (self.model(best, end, fitted(end)[1]) for end in ends)
+            down, up = (self.model(best, end, self.refit(best, end, x)[1]) for end in ends)
             pairs.append((down, up))
         return tuple(pairs)
 
@@ -629,10 +617,8 @@ class _Search:
         last, field = [x], np.eye(best.numbers.size)[1]
 
         def error(numbers: FloatArray) -> float:
-            kept, left_out = self.normal(self.constants(best.law, numbers))
-            whole = kept + left_out
-            last[:] = [self.solve(whole, best.smoothness, last[0])]
-            return whole.error(last[0])
+            size, last[0] = self.refit(best, numbers, last[0])
+            return size
 
         for factor in (1 / _FACTOR, _FACTOR):
             numbers, likely = best.numbers.copy(), 1.0
