@@ -3,7 +3,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from minorloop.twins import bouc_wen
-from minorloop.twins._bouc_wen_kernels import newmark
+from minorloop.twins._kernels import newmark
 
 
 def test_its_displacements_are_those_of_a_general_integrator():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from minorloop.twins._stage_kernels import creeping_resonance, hysteretic
+from minorloop.twins._kernels import creeping_resonance, hysteretic
 from minorloop.twins.stage import RATE, TRAVEL, Stage
 
 

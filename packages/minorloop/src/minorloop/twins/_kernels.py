@@ -1,9 +1,9 @@
 """Compiled physics of the twins: arrays in, arrays out.
 
-Each ``*_run`` integrates a plant over steps of lengths ``h`` (N,) with inputs ``u`` (N,) at their
-ends and coupling gains ``gain`` (N,). It changes ``state`` and returns the outputs (N,). The method
-is implicit Euler: an explicit update of the pinning terms is unstable, because one step of the
-input is many times their memory.
+Each ``*_run`` integrates a strip or a fibre over steps of lengths ``h`` (N,) with inputs ``u`` (N,)
+at their ends and coupling gains ``gain`` (N,). It changes ``state`` and returns the outputs (N,).
+The method is implicit Euler: an explicit update of the pinning terms is unstable, because one step
+of the input is many times their memory.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ ITERATIONS = 200
 """Most iterations of the guarded Newton method, so that it always ends."""
 TOLERANCE = 1e-15
 """Of a root, as a share of its range: rounding."""
+ROUNDING = 1e-13
+"""Relative change of the rates of an oscillator at which Newton's method ends."""
 
 
 @njit(cache=True, nogil=True)
@@ -133,4 +135,93 @@ def relaxing(gaps, x, gain, tau):
     for n in range(1, x.size):
         keep = math.exp(-gaps[n - 1] / tau)
         out[n] = keep * out[n - 1] + gain * (x[n] - x[n - 1]) * tau / gaps[n - 1] * (1.0 - keep)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def newmark(force, h, mass, damping, stiffness, alpha, beta, gamma, delta, exponent):
+    """Return the displacement (T,) for a force (T,), from rest.
+
+    Acceleration and rate of the hysteretic force z are the unknowns of each step. Displacement and
+    velocity follow by the constants (1/2, 1/4), z by the trapezoidal rule.
+    """
+    half, quarter = h / 2, h * h / 4
+    y, v, z, rate = 0.0, 0.0, 0.0, 0.0
+    a = force[0] / mass
+    out = np.empty_like(force)
+    out[0] = y
+    for t in range(1, force.size):
+        y_free, v_free, z_free = y + h * v + quarter * a, v + half * a, z + half * rate
+        for _ in range(ITERATIONS):
+            y, v, z = y_free + quarter * a, v_free + half * a, z_free + half * rate
+            size, up = abs(z), 1.0 if v > 0 else -1.0
+            sign = 1.0 if z > 0 else -1.0
+            power = size**exponent
+            steep = exponent * size ** (exponent - 1) if size > 0 else 0.0
+            pull = beta * (gamma * up * sign + delta)
+            rest_force = mass * a + damping * v + stiffness * y + z - force[t]
+            rest_rate = rate - v * (alpha - pull * power)
+            # Both equations, linear in the changes of the two rates.
+            by_a = mass + damping * half + stiffness * quarter
+            rate_by_a = -half * (alpha - pull * power)
+            rate_by_rate = 1.0 + half * v * pull * steep * sign
+            det = by_a * rate_by_rate - half * rate_by_a
+            da = (rest_force * rate_by_rate - half * rest_rate) / det
+            dr = (by_a * rest_rate - rate_by_a * rest_force) / det
+            a -= da
+            rate -= dr
+            if abs(da) <= ROUNDING * (1 + abs(a)) and abs(dr) <= ROUNDING * (1 + abs(rate)):
+                break
+        y, v, z = y_free + quarter * a, v_free + half * a, z_free + half * rate
+        out[t] = y
+    return out
+
+
+@njit(cache=True, nogil=True)
+def hysteretic(u, radii, weights, strength, rate):
+    """Plays at rest at the first input, less pinning potentials: (T,) for inputs u (T,)."""
+    play = u[0] + radii
+    chi = np.zeros(strength.size)
+    out = np.empty(u.size)
+    for k in range(u.size):
+        total = 0.0
+        for i in range(radii.size):
+            play[i] = min(max(play[i], u[k] - radii[i]), u[k] + radii[i])
+            total += weights[i] * play[i]
+        change = u[k] - u[k - 1] if k > 0 else 0.0
+        way = 1.0 if change >= 0 else -1.0
+        for i in range(chi.size):
+            # Armstrong and Frederick's law, which is that of Bouc and Wen with delta = 0, exactly.
+            limit = strength[i] * way
+            chi[i] = limit + (chi[i] - limit) * math.exp(-rate[i] * abs(change))
+            total -= chi[i]
+        out[k] = total
+    return out
+
+
+@njit(cache=True, nogil=True)
+def creeping_resonance(w, interval, substeps, omega, damping, times, shares):
+    """Positions (T,) of a platform pushed to w (T,) plus its creep, at rest at 0 before.
+
+    The push is constant over a substep, so that each is exact.
+    """
+    h = interval / substeps
+    swing = omega * math.sqrt(1.0 - damping * damping)
+    left = math.exp(-damping * omega * h)
+    cosine, sine = math.cos(swing * h), math.sin(swing * h)
+    lean = damping * omega / swing
+    keep = np.exp(-h / times)
+    creep = np.zeros(times.size)
+    x, v = 0.0, 0.0
+    out = np.empty(w.size)
+    for k in range(w.size):
+        for _ in range(substeps):
+            push = w[k]
+            for i in range(times.size):
+                creep[i] = w[k] + (creep[i] - w[k]) * keep[i]
+                push += shares[i] * creep[i]
+            off = x - push
+            x = push + left * (off * (cosine + lean * sine) + v * sine / swing)
+            v = left * (v * (cosine - lean * sine) - off * omega * omega / swing * sine)
+        out[k] = x
     return out

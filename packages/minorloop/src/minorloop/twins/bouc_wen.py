@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.twins import _bouc_wen_kernels
+from minorloop.twins import _kernels
 
 RATE = 750.0
 """Samples a second of the records."""
@@ -134,7 +134,7 @@ def _settled(rng: np.random.Generator, periods: int) -> tuple[FloatArray, FloatA
 
 def _integrated(force: FloatArray) -> FloatArray:
     step = 1 / (RATE * int(np.prod(STAGES)))
-    return np.asarray(_bouc_wen_kernels.newmark(force, step, *PARAMETERS.values()))
+    return np.asarray(_kernels.newmark(force, step, *PARAMETERS.values()))
 
 
 def _times(u: FloatArray) -> FloatArray:

@@ -26,16 +26,6 @@ _NOMINAL = {
     "release_1": 14.0,
     "release_2": 3.0,
 }
-_LINEAR = (
-    "potential",
-    "width",
-    "doping_time",
-    "undoping_time",
-    "diffusion_time",
-    "creep_time",
-    "creep",
-    "stretch",
-)
 
 
 class Fibre(SimulatedActuator):
@@ -71,18 +61,13 @@ class Fibre(SimulatedActuator):
     inputs = (Channel("voltage", "V", 0.2, 0.65),)
     outputs = (Channel("length change", "um"),)
     _nominal = _NOMINAL
+    _equations = 8
+    _integrate = staticmethod(_kernels.fibre_run)
     _default_tick = 1.0
     _rest = (0.05, 0.05, 0.0, 0.0, 0.0)
     _rest_input = 0.2
     _first_step = 0.05
     _longest_step = 1.0
-
-    def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
-        linear = tuple(self._parameters[name] for name in _LINEAR)
-        strength = prefixed(self._parameters, "pinning")
-        release = prefixed(self._parameters, "release")
-        out: FloatArray = _kernels.fibre_run(self._state, linear, strength, release, u, h, gain)
-        return out
 
     def _bounds(self, clock: float) -> tuple[FloatArray, FloatArray]:
         own, pinning = self._parameters, prefixed(self._parameters, "pinning")

@@ -35,17 +35,6 @@ _NOMINAL = {
     "sensing_gain": 0.25,  # mV m
     "sensing_time": 4.0,  # s
 }
-_LINEAR = (
-    "charging_time",
-    "saturation",
-    "relaxation_time",
-    "drag",
-    "bending",
-    "asymmetry",
-    "set",
-    "creep_time",
-    "creep",
-)
 
 
 class Ipmc(SimulatedActuator):
@@ -81,6 +70,8 @@ class Ipmc(SimulatedActuator):
     inputs = (Channel("voltage", "V", -1.2, 1.2),)
     outputs = (Channel("curvature", "1/m"),)
     _nominal = _NOMINAL
+    _equations = 9
+    _integrate = staticmethod(_kernels.ipmc_run)
     _default_tick = 0.1
     _rest = (0.0,) * 6
     _rest_input = 0.0
@@ -113,13 +104,6 @@ class Ipmc(SimulatedActuator):
         gain, tau = self._parameters["sensing_gain"], self._parameters["sensing_time"]
         v = _kernels.relaxing(np.diff(times), bending, gain, tau)
         return Record(bending, v, times, "curvature [1/m]", "voltage [mV]")
-
-    def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
-        linear = tuple(self._parameters[name] for name in _LINEAR)
-        strength = prefixed(self._parameters, "pinning")
-        release = prefixed(self._parameters, "release")
-        out: FloatArray = _kernels.ipmc_run(self._state, linear, strength, release, u, h, gain)
-        return out
 
     def _bounds(self, clock: float) -> tuple[FloatArray, FloatArray]:
         own, pinning = self._parameters, prefixed(self._parameters, "pinning")

@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -205,6 +206,10 @@ class SimulatedActuator(SimulatedPlant):
     """
 
     _nominal: dict[str, float]
+    _equations: int
+    """How many of these, the first ones, are those of the equations without the pinning."""
+    _integrate: Callable[..., FloatArray]
+    """Compiled loop, as `minorloop.twins._kernels` describes it."""
     _default_tick: float
     _rest: tuple[float, ...]
     _rest_input: float
@@ -246,10 +251,6 @@ class SimulatedActuator(SimulatedPlant):
     def safe(self) -> None:
         """Apply the resting input; this takes no time and is not sampled."""
         self._switch(self._rest_input)
-
-    @abstractmethod
-    def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
-        """Integrate over steps ``h`` with inputs ``u`` at their ends; return the outputs."""
 
     @abstractmethod
     def _bounds(self, clock: float) -> tuple[FloatArray, FloatArray]:
@@ -320,7 +321,9 @@ class SimulatedActuator(SimulatedPlant):
             u = (before[:, None] + (u - before)[:, None] * share).ravel()
             h = np.repeat(h / n, n)
         clock = self._clock + np.cumsum(h)
-        y = self._run(u, h, self._gain(clock))
+        linear = tuple(self._parameters.values())[: self._equations]
+        pinning = (prefixed(self._parameters, name) for name in ("pinning", "release"))
+        y = self._integrate(self._state, linear, *pinning, u, h, self._gain(clock))
         self._clock = float(clock[-1])
         return y[n - 1 :: n]
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.twins import _stage_kernels as _kernels
+from minorloop.twins import _kernels
 
 RATE = 10_000.0
 """Samples a second."""
