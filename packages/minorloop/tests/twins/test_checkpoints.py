@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
+from minorloop.twins.fibre import Fibre
 from minorloop.twins.ipmc import Ipmc
 
 
@@ -27,18 +26,17 @@ def test_refuses_a_checkpoint_of_another_or_a_damaged_one(change, complaint):
     twin = Ipmc()
     with pytest.raises(ParameterError, match=complaint):
         twin.restore(twin.checkpoint() | change)
+
+
+def test_refuses_what_is_no_checkpoint():
+    twin = Ipmc()
     with pytest.raises(ParameterError, match="twin None"):
         twin.restore({})
+    for index, value in ((0, 1.0), (0, 0.0), (1, -0.1), (2, 0.2), (3, 1.0)):
+        wrong = Fibre().checkpoint()
+        wrong["state"][index] = value
+        with pytest.raises(ParameterError, match=rf"damaged: state \[{index}\]"):
+            Fibre().restore(wrong)
     for nothing in (None, [], 3):
         with pytest.raises(ParameterError, match="give a dict from checkpoint"):
             twin.restore(nothing)
-
-
-@given(st.lists(st.floats(-1.2, 1.2), min_size=1, max_size=12), st.sampled_from([-0.5, 0.0, 3.0]))
-def test_every_state_of_a_strip_is_restored(voltages, drift):
-    twin = Ipmc(3, drift=drift)
-    for voltage in voltages:
-        twin.apply(voltage, 100.0, 100.0)
-        kept = twin.checkpoint()
-        twin.restore(kept)
-        assert twin.checkpoint() == kept

@@ -1,11 +1,6 @@
-import json
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
 from minorloop.twins.fibre import Fibre
 
 HOLD = 300.0
@@ -67,44 +62,3 @@ def test_excursions_are_not_wiped_out():
     later = settled([0.5, 0.55])[-1] - settled([0.5, 0.25, 0.5, 0.55])[-1]
     assert abs(around[-1] - straight[-1]) / 180 > 0.01
     assert abs(later) / 180 > 0.003
-
-
-def test_a_waveform_begins_at_the_present_output():
-    twin = Fibre()
-    now = twin.apply(0.5, 30.0, 30.0).y[-1]
-    record = twin.drive([0.0, 60.0], [0.5, 0.4])
-    assert record.y[0] == pytest.approx(now, rel=1e-12)
-    np.testing.assert_allclose(record.t, [30.0, 90.0])
-
-
-def test_a_restored_fibre_repeats_exactly():
-    twin = Fibre(specimen=3, noise=1.0, seed=5)
-    twin.apply(0.5, 100.0, 7.0)
-    kept = json.loads(json.dumps(twin.checkpoint()))
-    first = twin.apply(0.3, 100.0, 7.0)
-    other = Fibre(specimen=3, noise=1.0, seed=5)
-    other.restore(kept)
-    np.testing.assert_array_equal(other.apply(0.3, 100.0, 7.0).y, first.y)
-
-
-@given(st.lists(st.floats(0.2, 0.65), min_size=1, max_size=12), st.integers(0, 20))
-def test_every_state_of_a_fibre_is_restored(voltages, specimen):
-    twin = Fibre(specimen)
-    for voltage in voltages:
-        twin.apply(voltage, 300.0, 300.0)
-        kept = twin.checkpoint()
-        twin.restore(kept)
-        assert twin.checkpoint() == kept
-
-
-@pytest.mark.parametrize(("index", "value"), [(0, 1.0), (0, 0.0), (1, -0.1), (2, 0.2), (3, 1.0)])
-def test_refuses_an_impossible_state_of_a_fibre(index, value):
-    wrong = Fibre().checkpoint()
-    wrong["state"][index] = value
-    with pytest.raises(ParameterError, match=rf"damaged: state \[{index}\]"):
-        Fibre().restore(wrong)
-
-
-def test_drift_changes_the_gain_per_hour():
-    ratio = settled([0.5] * 9, drift=0.1)[-1] / settled([0.5] * 9)[-1]
-    assert ratio == pytest.approx(1.1, abs=0.001)

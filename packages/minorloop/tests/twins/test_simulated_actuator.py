@@ -2,12 +2,14 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, SignalError
 from minorloop.lab.actuator import Actuator
+from minorloop.twins.fibre import Fibre
 from minorloop.twins.ipmc import Ipmc
+from minorloop.twins.ipmc_laser import IpmcLaser
 
 HOLD = 200.0
 
@@ -66,19 +68,6 @@ def test_exchange_equals_a_hold_of_one_tick():
     assert isinstance(loop, Actuator)
 
 
-@given(st.integers(0, 30), st.integers(1, 30), st.integers(0, 5))
-def test_a_restored_twin_repeats_exactly(before, after, seed):
-    twin = Ipmc(specimen=2, noise=0.1, seed=seed, drift=0.2)
-    for k in range(before):
-        twin.exchange(np.sin(k))
-    kept = json.loads(json.dumps(twin.checkpoint()))
-    first = [twin.exchange(np.cos(k)) for k in range(after)]
-    other = Ipmc(specimen=2, noise=0.1, seed=seed, drift=0.2)
-    for again in (twin, other):
-        again.restore(kept)
-        assert [again.exchange(np.cos(k)) for k in range(after)] == first
-
-
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=6))
 def test_noise_depends_on_the_seed_and_the_sample_number_alone(pieces):
     clean = Ipmc()
@@ -98,15 +87,6 @@ def test_noise_is_gaussian_and_independent():
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.03
 
 
-def test_reset_returns_to_the_start():
-    twin = Ipmc(noise=0.1)
-    first = twin.apply(1.0, 10.0, 1.0)
-    twin.reset()
-    again = twin.apply(1.0, 10.0, 1.0)
-    np.testing.assert_array_equal(again.y, first.y)
-    np.testing.assert_array_equal(again.t, first.t)
-
-
 def test_specimens_differ_by_up_to_a_tenth_and_repeat():
     nominal = Ipmc()._parameters
     for specimen in range(20):
@@ -118,65 +98,66 @@ def test_specimens_differ_by_up_to_a_tenth_and_repeat():
     assert settled([1.2], specimen=1)[0] != settled([1.2], specimen=2)[0]
 
 
-def test_a_waveform_begins_at_the_present_output():
-    twin = Ipmc(specimen=1, drift=0.5)
-    now = twin.apply(1.0, 1000.0, 1000.0).y[-1]
-    assert twin.drive([0.0, 1.0], [-1.0, -1.0]).y[0] == pytest.approx(now, rel=1e-12)
+TWINS = pytest.mark.parametrize("kind", [Ipmc, IpmcLaser, Fibre])
+HOLDS = st.lists(st.floats(0.2, 0.65), min_size=1, max_size=12)
 
 
-def test_drift_changes_the_gain_per_hour():
-    steady, drifting = (
-        settled([0.9] * 19, drift=drift) - Ipmc()._parameters["set"] for drift in (0.0, -0.05)
-    )
-    ratio = drifting[-1] / steady[-1]
-    assert ratio == pytest.approx(0.95 ** (19 * HOLD / 3600), abs=0.003)
+@TWINS
+@given(before=HOLDS, after=HOLDS, specimen=st.integers(0, 20), drift=st.sampled_from([-0.5, 3.0]))
+@settings(max_examples=30)
+def test_a_twin_restored_at_any_cut_repeats_exactly(kind, before, after, specimen, drift):
+    twin, other = (kind(specimen, 0.1, 5, drift=drift) for _ in range(2))
+    for u in before:
+        twin.apply(u, 300.0, 300.0)
+    kept = json.loads(json.dumps(twin.checkpoint()))
+    first = [twin.exchange(u) for u in after]
+    for again in (twin, other):
+        again.restore(kept)
+        assert again.checkpoint() == kept
+        assert [again.exchange(u) for u in after] == first
+    twin.reset()
+    assert twin.checkpoint() == kind(specimen, 0.1, 5, drift=drift).checkpoint()
 
 
-@pytest.mark.parametrize(
-    ("duration", "interval", "complaint"),
-    [
-        (0.0, 1.0, "duration is 0.0; give a positive"),
-        (-1.0, 1.0, "duration is -1.0"),
-        (np.inf, 1.0, "duration is inf"),
-        (1.0, 0.0, "sample_interval is 0.0"),
-        (1.0, 1e-12, "samples, more than"),
-        (1e15, 1e15, "steps, more than"),
-    ],
-)
-def test_refuses_wrong_times(duration, interval, complaint):
-    with pytest.raises(ParameterError, match=complaint):
-        Ipmc().apply(0.0, duration, interval)
+@TWINS
+def test_a_waveform_begins_at_the_present_output(kind):
+    twin = kind(specimen=1, drift=0.5)
+    now = twin.apply(0.5, 30.0, 30.0).y[-1]
+    record = twin.drive([0.0, 60.0], [0.5, 0.4])
+    assert record.y[0] == pytest.approx(now, rel=1e-12)
+    np.testing.assert_allclose(record.t, [30.0, 90.0])
 
 
-@pytest.mark.parametrize(
-    ("t", "u", "complaint"),
-    [
-        ([0, 1], [0.0], r"u has shape \(1,\) and t \(2,\)"),
-        ([0], [0.0], "T at least 2"),
-        ([0, 1, 1], [0.0, 0, 0], "does not increase at index 2"),
-        ([0, np.nan], [0.0, 0.0], "t is nan"),
-    ],
-)
-def test_refuses_wrong_waveforms(t, u, complaint):
-    with pytest.raises(SignalError, match=complaint):
-        Ipmc().drive(t, u)
-    with pytest.raises(SignalError, match=complaint):
-        Ipmc().sense(t, u)
+@pytest.mark.parametrize(("kind", "rest"), [(Ipmc, 0.35), (Fibre, 0.0)])
+def test_drift_changes_the_gain_per_hour(kind, rest):
+    steady, drifting = kind(), kind(drift=0.1)
+    y = [twin.apply(0.5, 3600.0, 3600.0).y[-1] - rest for twin in (steady, drifting)]
+    assert y[1] / y[0] == pytest.approx(1.1, abs=0.003)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"specimen": -1},
-        {"specimen": 1.5},
-        {"seed": True},
-        {"noise": -0.1},
-        {"noise": np.nan},
-        {"tick": 0.0},
-        {"drift": -1.0},
-        {"substeps": 0},
-    ],
-)
-def test_refuses_options_out_of_range(options):
-    with pytest.raises(ParameterError, match=next(iter(options))):
-        Ipmc(**options)
+REFUSED = [
+    (ParameterError, "duration is 0.0; give a positive", lambda: Ipmc().apply(0.0, 0.0, 1.0)),
+    (ParameterError, "duration is -1.0", lambda: Ipmc().apply(0.0, -1.0, 1.0)),
+    (ParameterError, "duration is inf", lambda: Ipmc().apply(0.0, np.inf, 1.0)),
+    (ParameterError, "sample_interval is 0.0", lambda: Ipmc().apply(0.0, 1.0, 0.0)),
+    (ParameterError, "samples, more than", lambda: Ipmc().apply(0.0, 1.0, 1e-12)),
+    (ParameterError, "steps, more than", lambda: Ipmc().apply(0.0, 1e15, 1e15)),
+    (SignalError, r"u has shape \(1,\) and t \(2,\)", lambda: Ipmc().drive([0, 1], [0.0])),
+    (SignalError, "T at least 2", lambda: Ipmc().drive([0], [0.0])),
+    (SignalError, "does not increase at index 2", lambda: Ipmc().drive([0, 1, 1], [0.0, 0, 0])),
+    (SignalError, "t is nan", lambda: Ipmc().sense([0, np.nan], [0.0, 0.0])),
+    (ParameterError, "specimen", lambda: Ipmc(specimen=-1)),
+    (ParameterError, "specimen", lambda: Ipmc(specimen=1.5)),
+    (ParameterError, "seed", lambda: Ipmc(seed=True)),
+    (ParameterError, "noise", lambda: Ipmc(noise=-0.1)),
+    (ParameterError, "noise", lambda: Ipmc(noise=np.nan)),
+    (ParameterError, "tick", lambda: Ipmc(tick=0.0)),
+    (ParameterError, "drift", lambda: Ipmc(drift=-1.0)),
+    (ParameterError, "substeps", lambda: Ipmc(substeps=0)),
+]
+
+
+@pytest.mark.parametrize(("error", "words", "make"), REFUSED)
+def test_says_what_is_wrong(error, words, make):
+    with pytest.raises(error, match=words):
+        make()
