@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.errors import ParameterError
 from minorloop.identification.adaptive import (
     REPEATS,
     VALIDATION,
@@ -157,19 +156,3 @@ def test_findings_of_a_run_are_reported(reads, says):
 def test_hours_include_validation_and_repetitions_and_holds_do_not():
     assert design_holds(12, None, 200.0) == 12
     assert design_holds(None, 1.0, 200.0) == 18 - VALIDATION - REPEATS
-
-
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (lambda: Adaptive(0.0, 1.0, holds=2), "holds is 2"),
-        (lambda: Adaptive(0.0, 1.0, least_gain=1.5), "least_gain is 1.5"),
-        (lambda: design_holds(None, 0.5, 200.0), r"give 0\.556 h or more"),
-        (lambda: design_holds(None, 1.0, 0.0), "hold is 0"),
-        (lambda: design_holds(5, 1.0, 200.0), "one of them"),
-        (lambda: design_holds(None, None, 200.0), "one of them"),
-    ],
-)
-def test_refuses(make, says):
-    with pytest.raises(ParameterError, match=says):
-        make()

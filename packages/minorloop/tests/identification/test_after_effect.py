@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import SignalError
 from minorloop.identification import Viscosity, identify
 from minorloop.identification.after_effect import (
     Constants,
@@ -179,26 +179,10 @@ def test_rows_of_the_design_matrix_are_the_operator(diagonal, field, settling):
     np.testing.assert_allclose(rows @ unknowns, along(model, t, u, curves), rtol=0, atol=1e-12)
 
 
-def test_one_rate_is_refused_with_what_to_measure():
-    u = np.tile([-1.0, -0.5, 0.0, 0.5, 1.0, 0.5, 0.0, -0.5], 10)
-    with pytest.raises(SignalError, match="one rate; record the same loops ten times as fast"):
-        identify(Record(u, u, np.arange(80.0)), Viscosity(4, rate=True))
-
-
 def test_a_spectrum_without_holds_is_refused():
     u = np.sin(np.arange(200.0))
     with pytest.raises(SignalError, match="so that no creep is seen; record holds"):
         identify(Record(u, u, np.arange(200.0)), Viscosity(4, creep="spectrum"))
-
-
-def test_bad_times_and_options_are_refused():
-    t, u = holds(1008, 6)
-    with pytest.raises(SignalError, match="t does not increase at index 3"):
-        identify(Record(u, u, np.where(np.arange(60) == 3, t[2], t)), Viscosity())
-    with pytest.raises(ParameterError, match="creep is 'slow'"):
-        identify(Record(u, u, t), Viscosity(creep="slow"))
-    with pytest.raises(ParameterError, match="give fewer levels"):
-        identify(Record(u, u, t), Viscosity(100, creep="spectrum", times=[1.0, 2.0]))
 
 
 def test_a_change_within_a_gap_is_a_warning():

@@ -4,10 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError, SignalError
-from minorloop.identification.arx import arx, step_response
-from minorloop.identification.linear_fit import TriedEquation
-from minorloop.identification.output_error import Coefficients, Structure
+from minorloop.identification.arx import arx
 
 LAGS = Linear.lags(27.0, 6.0)
 
@@ -91,41 +88,3 @@ def test_a_reading_at_the_beginning_is_one_sample_of_dead_time():
     fit = arx(t, np.append(u[1:], u[-1]), y, reading="begin")
     np.testing.assert_allclose(fit.model.time_constants, [27.0, 6.0], rtol=1e-5)
     assert fit.model.delay == 0
-
-
-def candidate(kind, free_run, bic, na=1):
-    found = Coefficients(np.zeros(na), np.ones(1), 1)
-    return TriedEquation(Structure(na, 1, 1), found, kind, bic, free_run, free_run)
-
-
-def test_refuses_what_it_cannot_fit():
-    t, u, y = step()
-    with pytest.raises(SignalError, match="lower highest_order"):
-        arx(t[290:310], u[290:310], y[290:310])
-    with pytest.raises(SignalError, match="nothing to identify"):
-        arx(t, u, np.ones(t.size))
-    with pytest.raises(SignalError, match="no step moves the output"):
-        step_response(t, u, np.ones(t.size))
-    with pytest.raises(ParameterError, match="give both at one interval"):
-        arx(t, u, y, second=(2 * t, u, y))
-    with pytest.raises(SignalError, match="no stable difference equation"):
-        arx(t, u, np.where(t < 301, 0.0, 1.02 ** np.minimum(t - 300, 600)))
-
-
-@pytest.mark.parametrize("scale", [1e307, 1e-307])
-@pytest.mark.parametrize("which", [1, 2])
-@pytest.mark.parametrize("function", [arx, step_response])
-def test_refuses_numbers_whose_squares_are_none(function, which, scale):
-    record = list(step())
-    record[which] = scale * (record[which] / np.abs(record[which]).max())
-    with pytest.raises(SignalError, match=r"put reaches 1e[+-]307.*; scale it to"):
-        function(*record)
-
-
-@pytest.mark.parametrize(
-    "options", [{"highest_order": 0}, {"highest_order": 5}, {"longest_dead_time": -1},
-                {"highest_order": True}, {"longest_dead_time": 1.5}],
-)  # fmt: skip
-def test_refuses_options_out_of_range(options):
-    with pytest.raises(ParameterError, match="give a whole number"):
-        arx(*step(), **options)

@@ -3,7 +3,7 @@ import pytest
 
 from fixed_options import Plane, identify
 from minorloop.errors import ParameterError
-from minorloop.identification import Gaussian, Smooth
+from minorloop.identification import Gaussian
 from minorloop.identification.design import design, next_input
 from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.identification.likelihood import regressors
@@ -63,42 +63,6 @@ def test_what_is_expected_of_a_hold_comes_true(fit):
 def test_stops_where_the_next_hold_gains_too_little():
     few = design(LEVELS, 100, least_gain=0.05)
     assert 3 <= few.size < 40
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"holds": 2}, "holds is 2; give a whole number from 3 to 1000"),
-        ({"holds": 5, "step": 0.0}, "step is 0"),
-        ({"holds": 5, "low": 0.7, "high": 0.6}, "no input is allowed"),
-        ({"holds": 5, "least_gain": 1.0}, "least_gain is 1.0"),
-    ],
-)
-def test_refuses_impossible_budgets(options, says):
-    with pytest.raises(ParameterError, match=says):
-        design(LEVELS, **options)
-
-
-def test_needs_the_prior():
-    plain = identify(U, MODEL.simulate(U), Plane(LEVELS), prior=Smooth())
-    with pytest.raises(ParameterError, match="needs the prior"):
-        next_input(plain, NOW)
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"step": "a"}, "step is 'a'"),
-        ({"memory": [0.0, 1.0]}, "memory is a list"),
-        ({"identification": Preisach(np.linspace(0, 1, 3), np.eye(2))}, "that is a Preisach"),
-    ],
-)
-def test_next_input_refuses_what_it_cannot_use(change, says):
-    u = np.linspace(0, 1, 5) ** 2
-    fit = identify(u, u, Plane(4), prior=Gaussian())
-    given = {"identification": fit, "memory": Memory.after(u, low=0.0, high=1.0), **change}
-    with pytest.raises(ParameterError, match=says):
-        next_input(**given)
 
 
 def test_a_plane_too_fine_for_dense_matrices_is_refused(fit, monkeypatch):

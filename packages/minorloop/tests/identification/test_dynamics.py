@@ -6,7 +6,6 @@ import pytest
 import minorloop as ml
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError, SignalError
 
 RATE = 1000.0
 RADII = np.linspace(0, 40, 81)
@@ -203,29 +202,3 @@ def test_finds_creep():
     assert found.model.creep.dc_gain == pytest.approx(1)
     assert found.nrmse < 5e-3
     assert "creep  " in str(found)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"plane": ml.Plane(lag=3)}, "lag cannot be combined with dynamics"),
-        ({"poles": 4}, 'poles is 4; give "auto" or 0 to 3'),
-        ({"first": "both"}, "first is 'both'"),
-        ({"creep": "some"}, "creep is 'some'"),
-    ],
-)
-def test_refuses_options(options, message):
-    u = sweeps()[:500]
-    with pytest.raises(ParameterError, match=message):
-        ml.identify(ml.Record(u, u, time_of(u)), ml.Dynamics(**options))
-
-
-def test_refuses_records():
-    u = sweeps()[:500]
-    t = time_of(u)
-    with pytest.raises(ParameterError, match=r"groups .* cannot be combined"):
-        ml.identify(ml.Record(u, u, t, groups=np.zeros(500)), ml.Dynamics())
-    y = np.full(500, np.nan)
-    y[::10] = u[::10]
-    with pytest.raises(SignalError, match="50 outputs are fitted, and dynamics need 100"):
-        ml.identify(ml.Record(u, y, t), ml.Dynamics())

@@ -1,11 +1,9 @@
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.frequency import (
     Preamble,
     describing_function,
@@ -108,55 +106,6 @@ def test_advice_names_a_plant_that_has_not_settled():
     )
     assert "increase the settling time" in found.advice[0]
     assert "advice" in str(found)
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"periods": 1}, "periods is 1; give a whole number of at least 2"),
-        ({"samples": 39}, "at least 40"),
-        ({"samples": 100.0}, "at least 40"),
-        ({"frequencies": [0.0]}, "frequency is .* give positive"),
-    ],
-)
-def test_refuses_options_out_of_range(options, why):
-    with pytest.raises(ParameterError, match=why):
-        measured(PLANE, **options)
-
-
-def test_refuses_what_makes_no_sense():
-    with pytest.raises(ParameterError, match="give a time >= 0"):
-        frequency_response(driving(PLANE), [1.0], [0.5], preamble=PREAMBLE, settling=-1.0)
-    with pytest.raises(ParameterError, match="give a positive time"):
-        Preamble(0.0, 0.0)
-    with pytest.raises(ParameterError, match="amplitude"):
-        describing_function(PLANE, 0.0)
-    found = measured(PLANE, frequencies=[1.0])
-    with pytest.raises(ParameterError, match="no frequency from 2 to 3 Hz"):
-        found.gain_spread(2, 3)
-    with pytest.raises(ParameterError, match="there was no operator"):
-        found.fit()
-
-
-def test_refuses_records_that_do_not_fit():
-    def short(t, u):
-        return Record(u[:-400], u[:-400], t[:-400])
-
-    def gap(t, u):
-        return Record(u, np.where(t > t[-9], np.nan, u), t)
-
-    def pair(t, u):
-        return Record(np.array([u, u]), u, t, inputs=("a", "b"))
-
-    for drive, why in (
-        (short, "without gaps are needed"),
-        (gap, "gaps"),
-        (pair, "several channels"),
-    ):
-        with pytest.raises(SignalError, match=why):
-            frequency_response(drive, [1.0], [0.5], preamble=PREAMBLE, settling=1.0)
-    with pytest.raises(SignalError, match="does not"):
-        measured(PLANE, RelayModel([2.0, 3.0], [[0.0, 0.0], [1.0, 0.0]]), frequencies=[1.0])
 
 
 def test_prints_and_draws():

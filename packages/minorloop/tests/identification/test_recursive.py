@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.errors import ParameterError
 from minorloop.identification import excitation
 from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.identification.recursive import Recursive
@@ -101,20 +100,3 @@ def test_the_state_before_is_left_alone():
 def test_begins_at_a_model():
     recursion, model = Recursive(LEVELS), a_model()
     assert recursion.model(recursion.begin(model=model)) == model
-    with pytest.raises(ParameterError, match="other levels"):
-        recursion.begin(model=Preisach(LEVELS + 1, model.weights))
-
-
-@pytest.mark.parametrize(
-    "options", [{"forgetting": 0.0}, {"forgetting": 1.1}, {"prior": 0.0}, {"sweeps": 0}]
-)
-def test_refuses_options_out_of_range(options):
-    with pytest.raises(ParameterError, match="give"):
-        Recursive(LEVELS, **options)
-
-
-@pytest.mark.parametrize("sample", [(np.nan, 0.0), (0.0, np.inf)])
-def test_refuses_samples_that_are_no_numbers(sample):
-    recursion = Recursive(LEVELS)
-    with pytest.raises(ParameterError, match="finite"):
-        recursion.update(recursion.begin(), *sample)

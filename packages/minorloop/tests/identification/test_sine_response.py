@@ -3,7 +3,7 @@ import pytest
 
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import SignalError
 from minorloop.identification.sine_response import (
     SinePeriods,
     logged_periods,
@@ -116,25 +116,3 @@ def test_different_offsets_are_noted(sines):
 def test_a_preamble_that_does_not_saturate_is_noted():
     assert list(unsaturated(PLANE, [-1.0, 1.3])) == []
     assert "preamble of -0.8 does not saturate" in next(unsaturated(PLANE, [-1.0, -0.8]))
-
-
-T = np.arange(400) / 100.0
-U = np.sin(2 * np.pi * T)
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "says"),
-    [
-        ({"frequency": np.zeros(400)}, SignalError, "no row with a positive frequency"),
-        ({"frequency": np.full(400, 0.3)}, SignalError, "lasts 1.2 periods and 2 whole ones"),
-        ({"frequency": np.full(400, 10.0)}, SignalError, "10 samples in a period; give at least"),
-        ({"y": np.r_[U[:-1], np.nan]}, SignalError, "has gaps in its last 2 periods"),
-        ({"frequency": np.ones(9)}, SignalError, "differ in length"),
-        ({"periods": 1}, ParameterError, "periods is 1"),
-        ({"held": np.full(400, 2.0)}, SignalError, "held must have one row for each time, 1 where"),
-    ],
-)
-def test_logs_that_cannot_be_used_are_refused(change, error, says):
-    log = {"t": T, "u": U, "y": U, "frequency": np.ones(400)} | change
-    with pytest.raises(error, match=says):
-        logged_periods(**log)

@@ -1,0 +1,213 @@
+"""What the estimators refuse, and the words in which they say so."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.oscillator import Oscillator
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification import Dynamics, Gaussian, Plane, Smooth, Viscosity, identify
+from minorloop.identification.adaptive import Adaptive, design_holds
+from minorloop.identification.arx import arx, step_response
+from minorloop.identification.design import design, next_input
+from minorloop.identification.frequency import Preamble, describing_function, frequency_response
+from minorloop.identification.oscillator import Vibration
+from minorloop.identification.rational import fit_response
+from minorloop.identification.recursive import Recursive
+from minorloop.identification.sine_response import logged_periods
+from minorloop.lab.records import Record
+from minorloop.operators.differential import BoucWen
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
+
+GRID = np.linspace(0, 1, 11)
+PLANE = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(0, 1, (8, 8))))
+STILL = RelayModel([2.0, 3.0], [[0.0, 0.0], [1.0, 0.0]])
+NOW = Memory.after([0.0, 0.85, 0.3], low=0, high=1)
+
+T = np.arange(1.0, 901)
+STEP = np.where(T <= 300, 0.40, 0.45)
+RISE = Linear.lags(27.0, 6.0).simulate(T, STEP, before=0.40)
+GROWS = np.where(T < 301, 0.0, 1.02 ** np.minimum(T - 300, 600))
+HERTZ = np.geomspace(0.005, 2, 12)
+LAG = Linear.lags(0.5).response(HERTZ)
+
+LOG = np.arange(400) / 100.0
+SINE = np.sin(2 * np.pi * LOG)
+
+
+def log(**change):
+    return logged_periods(**{"t": LOG, "u": SINE, "y": SINE, "frequency": np.ones(400)} | change)
+
+
+def response(drive=None, frequencies=(1.0,), operator=None, settling=1.0, **options):
+    def plant(t, u):
+        y = Cascade(PLANE, Linear.lags(0.1)).simulate(t, u, between="straight")
+        return Record(u, y, 5.0 + t)
+
+    measured = (drive or plant, frequencies, [0.5])
+    options |= {"preamble": Preamble(-1.0, 10.0), "settling": settling, "operator": operator}
+    return frequency_response(*measured, **options)
+
+
+@cache
+def chosen(prior):
+    u = np.linspace(0, 1, 5) ** 2
+    return identify(u, u, Plane(4), prior=prior)
+
+
+def in_time(change=None, **law):
+    t = np.cumsum(np.repeat([0.1, 1.0], 30))
+    u = np.repeat(np.random.default_rng(1008).uniform(-1, 1, 6), 10)
+    return identify(Record(u, u, t if change is None else change(t)), Viscosity(**law))
+
+
+def even(y=None, groups=None, **law):
+    u = 50 - 50 * np.cos(np.arange(500) / 40)
+    record = Record(u, u if y is None else y(u), np.arange(500) / 1000, groups=groups)
+    return identify(record, Dynamics(**law))
+
+
+MOVES = np.arange(2048) / 750
+FORCE = 50 * np.sin(2 * np.pi * np.arange(2048) * 16 / 512) + 20 * np.sin(np.arange(2048) / 11)
+PERIODIC = np.tile(FORCE[:512], 4)
+SWINGS = 1e-4 * PERIODIC + 1e-3 * np.roll(PERIODIC, 3)
+PLANT = Oscillator(2.0, 10.0, 5e4, BoucWen(5e4, 800.0, 900.0))
+RELAYS = Oscillator(2.0, 10.0, 5e4, Preisach([-1e-3, 0, 1e-3], np.tri(2)))
+UNSTABLE = Oscillator(2.0, -1e5, 5e4, BoucWen(5e4, 800.0, 900.0))
+
+
+def moved(rough=PLANT, y=SWINGS, t=MOVES, rows=2048, skip=0, **law):
+    record = Record(PERIODIC[:rows], y[:rows], t[:rows], skip=skip)
+    return identify(record, Vibration(rough, **law))
+
+
+def gapped(y):
+    return np.where(np.arange(y.size) % 10 == 0, y, np.nan)
+
+
+def steady(t):
+    return np.arange(t.size)
+
+
+def late(t):
+    return np.where(np.arange(t.size) == 3, t[2], t)
+
+
+TOO_LARGE = [
+    (SignalError, r"put reaches 1e[+-]307.*; scale it to", lambda f=f, u=u, y=y: f(T, u, y))
+    for f in (arx, step_response)
+    for scale in (1e307, 1e-307)
+    for u, y in ((scale * STEP / 0.45, RISE), (STEP, scale * RISE / RISE.max()))
+]
+REFUSED = [
+    (SignalError, "lower highest_order", lambda: arx(T[290:310], STEP[290:310], RISE[290:310])),
+    (SignalError, "nothing to identify", lambda: arx(T, STEP, np.ones(T.size))),
+    (SignalError, "no step moves the output", lambda: step_response(T, STEP, np.ones(T.size))),
+    (ParameterError, "at one interval", lambda: arx(T, STEP, RISE, second=(2 * T, STEP, RISE))),
+    (SignalError, "no stable difference equation", lambda: arx(T, STEP, GROWS)),
+    *TOO_LARGE,
+    (ParameterError, "a whole number", lambda: arx(T, STEP, RISE, highest_order=0)),
+    (ParameterError, "a whole number", lambda: arx(T, STEP, RISE, highest_order=5)),
+    (ParameterError, "a whole number", lambda: arx(T, STEP, RISE, highest_order=True)),
+    (ParameterError, "a whole number", lambda: arx(T, STEP, RISE, longest_dead_time=-1)),
+    (ParameterError, "a whole number", lambda: arx(T, STEP, RISE, longest_dead_time=1.5)),
+    (ParameterError, "1 to 4", lambda: fit_response(HERTZ, LAG, order=5)),
+    (ParameterError, '"auto"', lambda: fit_response(HERTZ, LAG, order="best")),
+    (ParameterError, "poles, 2", lambda: fit_response(HERTZ, LAG, order=2, zeros=3)),
+    (ParameterError, "0 to the number of poles", lambda: fit_response(HERTZ, LAG, zeros=-1)),
+    (SignalError, "shape", lambda: fit_response([1.0, 2.0], [1.0])),
+    (SignalError, "positive", lambda: fit_response([0.0, 2.0], [1.0, 1.0])),
+    (SignalError, "leave its frequency out", lambda: fit_response([1.0, 2.0], [1.0, 0.0])),
+    (SignalError, "leave its frequency out", lambda: fit_response([1.0, 2.0], [1.0, np.nan])),
+    (SignalError, "2 frequencies for 3 poles", lambda: fit_response([1, 2], [1, 0.5], order=3)),
+    (SignalError, "gain reaches .*; scale it to below", lambda: fit_response(HERTZ, 1e307 * LAG)),
+    (SignalError, "gain reaches .* only", lambda: fit_response(HERTZ, 1e-307 * LAG)),
+    (SignalError, "from 1e-15 to 1e", lambda: fit_response(1e307 * HERTZ, LAG)),
+    (SignalError, "give positive ones", lambda: fit_response(1e-307 * HERTZ, LAG)),
+    (ParameterError, "give", lambda: Recursive(GRID, forgetting=0.0)),
+    (ParameterError, "give", lambda: Recursive(GRID, forgetting=1.1)),
+    (ParameterError, "give", lambda: Recursive(GRID, prior=0.0)),
+    (ParameterError, "give", lambda: Recursive(GRID, sweeps=0)),
+    (ParameterError, "finite", lambda: Recursive(GRID).run(Recursive(GRID).begin(), np.nan, 0.0)),
+    (ParameterError, "finite", lambda: Recursive(GRID).run(Recursive(GRID).begin(), 0.0, np.inf)),
+    (ParameterError, "other levels", lambda: Recursive(GRID).begin(model=PLANE)),
+    (ParameterError, "periods is 1; give a whole number of at", lambda: response(periods=1)),
+    (ParameterError, "at least 40", lambda: response(samples=39)),
+    (ParameterError, "at least 40", lambda: response(samples=100.0)),
+    (ParameterError, "frequency is .* give positive", lambda: response(frequencies=[0.0])),
+    (ParameterError, "give a time >= 0", lambda: response(settling=-1.0)),
+    (ParameterError, "give a positive time", lambda: Preamble(0.0, 0.0)),
+    (ParameterError, "amplitude", lambda: describing_function(PLANE, 0.0)),
+    (ParameterError, "no frequency from 2 to 3 Hz", lambda: response().gain_spread(2, 3)),
+    (ParameterError, "there was no operator", lambda: response().fit()),
+    (SignalError, "needed", lambda: response(lambda t, u: Record(u[:-400], u[:-400], t[:-400]))),
+    (SignalError, "1 gap", lambda: response(lambda t, u: Record(u, np.append(u[1:], np.nan), t))),
+    (
+        SignalError,
+        "several channels",
+        lambda: response(lambda t, u: Record(np.array([u, u]), u, t, inputs=("a", "b"))),
+    ),
+    (SignalError, "does not", lambda: response(operator=STILL)),
+    (SignalError, "no row with a positive frequency", lambda: log(frequency=np.zeros(400))),
+    (SignalError, "1.2 periods and 2 whole ones", lambda: log(frequency=np.full(400, 0.3))),
+    (SignalError, "10 samples in a period; give", lambda: log(frequency=np.full(400, 10.0))),
+    (SignalError, "gaps in its last 2 periods", lambda: log(y=np.append(SINE[:-1], np.nan))),
+    (SignalError, "differ in length", lambda: log(frequency=np.ones(9))),
+    (ParameterError, "periods is 1", lambda: log(periods=1)),
+    (SignalError, "held must have one row for each", lambda: log(held=np.full(400, 2.0))),
+    (ParameterError, "holds is 2", lambda: Adaptive(0.0, 1.0, holds=2)),
+    (ParameterError, "least_gain is 1.5", lambda: Adaptive(0.0, 1.0, least_gain=1.5)),
+    (ParameterError, r"give 0\.556 h or more", lambda: design_holds(None, 0.5, 200.0)),
+    (ParameterError, "hold is 0", lambda: design_holds(None, 1.0, 0.0)),
+    (ParameterError, "one of them", lambda: design_holds(5, 1.0, 200.0)),
+    (ParameterError, "one of them", lambda: design_holds(None, None, 200.0)),
+    (ParameterError, "holds is 2; give a whole number from 3 to 1000", lambda: design(GRID, 2)),
+    (ParameterError, "step is 0", lambda: design(GRID, 5, step=0.0)),
+    (ParameterError, "no input is allowed", lambda: design(GRID, 5, low=0.7, high=0.6)),
+    (ParameterError, "least_gain is 1.0", lambda: design(GRID, 5, least_gain=1.0)),
+    (ParameterError, "step is 'a'", lambda: next_input(chosen(Gaussian()), NOW, step="a")),
+    (ParameterError, "memory is a list", lambda: next_input(chosen(Gaussian()), [0.0, 1.0])),
+    (ParameterError, "that is a Preisach", lambda: next_input(PLANE, NOW)),
+    (ParameterError, "needs the prior", lambda: next_input(chosen(Smooth()), NOW)),
+    (
+        SignalError,
+        "ten times as fast",
+        lambda: in_time(lambda t: np.arange(t.size), levels=4, rate=True),
+    ),
+    (SignalError, "t does not increase at index 3", lambda: in_time(late)),
+    (ParameterError, "creep is 'slow'", lambda: in_time(creep="slow")),
+    (
+        ParameterError,
+        "give fewer levels",
+        lambda: in_time(levels=100, creep="spectrum", times=[1.0, 2.0]),
+    ),
+    (ParameterError, "lag cannot be combined with dynamics", lambda: even(plane=Plane(lag=3))),
+    (ParameterError, 'poles is 4; give "auto" or 0 to 3', lambda: even(poles=4)),
+    (ParameterError, "first is 'both'", lambda: even(first="both")),
+    (ParameterError, "creep is 'some'", lambda: even(creep="some")),
+    (ParameterError, r"groups .* cannot be combined", lambda: even(groups=np.zeros(500))),
+    (SignalError, "50 outputs are fitted, and dynamics need 100", lambda: even(gapped)),
+    (SignalError, "not a whole number of periods of 500", lambda: moved(period=500)),
+    (SignalError, "the force differs between periods of 256", lambda: moved(period=256)),
+    (SignalError, "is constant", lambda: moved(y=np.zeros(2048), period=512)),
+    (SignalError, "no sample counts: skip is 2048, and the last", lambda: moved(skip=2048)),
+    (SignalError, "512 is measured", lambda: moved(y=np.full(2048, np.nan), period=512)),
+    (SignalError, "evenly spaced", lambda: moved(t=np.where(MOVES > 1, MOVES + 0.1, MOVES))),
+    (SignalError, "20 samples count for 7 parameters", lambda: moved(rows=20)),
+    (ParameterError, "'weight'; give names out of mass", lambda: moved(fixed=["weight"])),
+    (ParameterError, "without rough parameters", lambda: moved("unknown", fixed=["mass"])),
+    (ParameterError, "whose weights are not fitted", lambda: moved(RELAYS, period=512)),
+    (ParameterError, "rough is 'best'", lambda: moved("best")),
+    (SignalError, "even tied to the record", lambda: moved(UNSTABLE, period=512)),
+]
+
+
+@pytest.mark.parametrize(("error", "words", "make"), REFUSED)
+def test_says_what_is_wrong(error, words, make):
+    with pytest.raises(error, match=words):
+        make()
